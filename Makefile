@@ -1,0 +1,62 @@
+# Abbe: `make demo` runs the main job, `make test` the tests; each sets itself up from nothing.
+SHELL := /bin/bash
+VENV := .venv
+BIN := $(VENV)/bin
+PYTHON ?= python3
+DEBIAN := mbpoll socat chromium fonts-dejavu-core linuxcnc-uspace
+SOURCES := compcore drivers daemon tests benchmarks examples
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint types fast bench docs clean
+
+help: ## Show what there is
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*##/\t/' | expand -t 10
+
+demo: $(VENV)/.runtime ## See a coordinate measuring machine become ten times more accurate
+	@$(BIN)/abbe demo
+
+test: $(VENV)/.dev $(VENV)/.debian lint types ## Run all checks and tests
+	$(BIN)/pytest
+
+fast: $(VENV)/.dev ## The tests that need no other process
+	$(BIN)/pytest -m "not integration" -q
+
+lint: $(VENV)/.dev ## ruff, and the direction of imports
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports
+
+types: $(VENV)/.dev ## mypy --strict
+	$(BIN)/mypy
+
+bench: $(VENV)/.dev ## Measure speed side by side with other libraries; writes docs/performance.md
+	@for script in cycle compensator campaign fit tables; do \
+	  echo "== benchmarks/$$script.py"; $(BIN)/python benchmarks/$$script.py || exit 1; done
+
+clean: ## Remove everything that the other targets made
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis demo-out
+
+$(BIN)/python:
+	@command -v $(PYTHON) >/dev/null || { echo "Abbe needs Python 3.11 or later; $(PYTHON) was not found."; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	  || { echo "Abbe needs Python 3.11 or later; $(PYTHON) is older. Try: make PYTHON=python3.11 …"; exit 1; }
+	@echo "Setting up Python packages in $(VENV) (once, about a minute) …"
+	@$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.runtime: pyproject.toml | $(BIN)/python
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	@touch $@
+
+$(VENV)/.dev: pyproject.toml | $(BIN)/python
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@ $(VENV)/.runtime
+
+# Unrelated clients and a browser for the integration tests: Debian packages.
+$(VENV)/.debian: Makefile | $(BIN)/python
+	@missing=; for package in $(DEBIAN); do \
+	  dpkg-query -W -f='$${Status}' $$package 2>/dev/null | grep -q 'ok installed' || missing="$$missing $$package"; done; \
+	if [ -n "$$missing" ]; then \
+	  echo "Installing Debian packages for the tests:$$missing"; \
+	  run=; [ "$$(id -u)" = 0 ] || run=sudo; \
+	  $$run apt-get update -qq && DEBIAN_FRONTEND=noninteractive $$run apt-get install -y -qq --no-install-recommends $$missing >/dev/null; fi
+	@touch $@
