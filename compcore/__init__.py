@@ -1,0 +1,1 @@
+"""compcore: the mathematics of machine accuracy; no clocks, no threads, no network."""

@@ -1,0 +1,1 @@
+"""The pieces of `compcore.campaign_file`: header, metadata, rows, joining, writing."""

@@ -1,0 +1,1 @@
+"""Vendors' conventions: how a controller applies a compensation map, and finding out which."""

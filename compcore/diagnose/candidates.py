@@ -1,0 +1,102 @@
+"""Candidates: every effect that the catalogue proposes for a machine and a campaign."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import product
+
+import numpy as np
+
+from compcore.campaign import Campaign
+from compcore.diagnose.evidence import cost_of
+from compcore.effects.base import Effect
+from compcore.effects.registry import effect_kinds
+from compcore.errors import InputError
+from compcore.machine import Machine
+from compcore.model import Model
+from compcore.revise import identity
+from compcore.survey import Survey
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An effect to be tried.
+
+    Attributes
+    ----------
+    effect
+        The effect.
+    cost
+        What makes it less likely before any data are seen (`evidence.cost_of`).
+    choices
+        Non-linear parameters to try, one mapping each; one empty mapping where there are none.
+    refines
+        Index of the model's term that it would replace by one with more detail, or None.
+    """
+
+    effect: Effect
+    cost: float
+    choices: tuple[Mapping[str, float], ...] = field(default=({},))
+    refines: int | None = None
+
+    @property
+    def nonlinear_count(self) -> int:
+        """Number of non-linear parameters chosen from the data."""
+        return len(self.choices[0])
+
+
+def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
+    """All instances that the effects enumerate, less what the model has, plus more detail."""
+    machine = model.machine
+    survey = campaign.survey()
+    present = {identity(effect) for effect in model.effects}
+    found: list[Candidate] = []
+    seen: set[str] = set()
+    for cls in effect_kinds().values():
+        for effect in cls.candidates(machine, survey):
+            if identity(effect) in present or effect.spec in seen:
+                continue
+            try:
+                effect.check(machine)
+            except InputError:
+                continue
+            seen.add(effect.spec)
+            found.append(
+                Candidate(
+                    effect,
+                    cost_of(effect, machine, len(campaign.setups)),
+                    tuple(_choices(effect, machine, survey)),
+                )
+            )
+    found += list(_refinements(model, campaign))
+    return found
+
+
+def _refinements(model: Model, campaign: Campaign) -> Iterator[Candidate]:
+    """Splines and polynomials of the model with twice the coefficients."""
+    machine = model.machine
+    for i, effect in enumerate(model.effects):
+        shape = getattr(effect, "shape", None)
+        match = re.fullmatch(r"(spline|polynomial):(\d+)", shape or "")
+        axis = getattr(effect, "axis", None)
+        if match is None or axis is None or axis not in campaign.conditions.positions:
+            continue
+        distinct = len(np.unique(campaign.conditions.position(axis)))
+        order = int(match[2])
+        finer = min(2 * order, distinct, 20 if match[1] == "polynomial" else 200)
+        if finer <= order:
+            continue
+        refined = effect.model_copy(update={"shape": f"{match[1]}:{finer}"})
+        yield Candidate(refined, cost_of(refined, machine, 1), refines=i)
+
+
+def _choices(effect: Effect, machine: Machine, survey: Survey) -> Iterator[Mapping[str, float]]:
+    """Every combination of the values at which a search for non-linear parameters begins."""
+    parameters = effect.search(machine, survey)
+    if not parameters:
+        yield {}
+        return
+    for values in product(*(p.starts for p in parameters)):
+        yield dict(zip((p.name for p in parameters), map(float, values), strict=True))

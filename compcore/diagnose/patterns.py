@@ -1,0 +1,240 @@
+"""Patterns: structure in residuals that is in no catalogue, described by what it depends on.
+
+A pattern is a product of recorded quantities, a smooth surface over two of them, or an oscillation,
+on one error motion. Patterns compete with the catalogue's effects under the same exact test; they
+describe, they do not explain. Where a short product of recorded quantities suffices, it is offered
+as a ready ``formula`` effect, marked as empirical.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, combinations_with_replacement
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import ArrayLike, NDArray
+
+from compcore.conditions import Conditions
+from compcore.effects.base import ABOUT, FUNCTIONAL_POINT, Channel
+from compcore.machine import Machine, own_component
+from compcore.structure import is_rotary
+
+F64 = NDArray[np.float64]
+
+SURFACE_DEGREE = 4
+_PERIODS_PER_OCTAVE = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Variable:
+    """A recorded quantity as patterns use it.
+
+    Attributes
+    ----------
+    name
+        As formulas name it: ``X``, ``T_amb``, ``t``, ``X_dir``.
+    value
+        Shape (n,), scaled to about −1 … 1.
+    centre, scale
+        ``value = (recorded − centre) / scale``, in the recorded unit.
+    unit
+        Unit inside the code, for people.
+    family
+        ``position``, ``signal``, ``time`` or ``direction``.
+    """
+
+    name: str
+    value: F64
+    centre: float
+    scale: float
+    unit: str
+    family: str
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """One candidate description of structure.
+
+    Attributes
+    ----------
+    depends_on
+        Names of the recorded quantities.
+    form
+        In words: 'product', 'smooth function', 'oscillation with a period of …'.
+    channel
+        The error motion on which it acts.
+    basis
+        Shape (n, k), unit-free.
+    terms
+        Formula terms, one per column; empty where no short formula says it.
+    """
+
+    depends_on: tuple[str, ...]
+    form: str
+    channel: Channel
+    basis: F64
+    terms: tuple[str, ...] = ()
+
+
+def variables(machine: Machine, conditions: Conditions) -> list[Variable]:
+    """The recorded quantities that varied: positions, signals, time, approach directions."""
+    found: list[Variable] = []
+
+    def add(name: str, value: F64, unit: str, family: str) -> None:
+        low, high = float(value.min()), float(value.max())
+        if high > low:
+            centre, scale = 0.5 * (low + high), 0.5 * (high - low)
+            found.append(Variable(name, (value - centre) / scale, centre, scale, unit, family))
+
+    for axis in machine.structure.axes:
+        unit = "rad" if machine.axis(axis).rotary else "mm"
+        add(axis, conditions.position(axis), unit, "position")
+    for name, value in conditions.signals.items():
+        declared = machine.signals.get(name)
+        add(name, value, declared.unit if declared else "", "signal")
+    add("t", conditions.time, "s", "time")
+    for axis in machine.structure.axes:
+        direction = conditions.direction(axis)
+        if (direction > 0).any() and (direction < 0).any():
+            found.append(Variable(f"{axis}_dir", direction, 0.0, 1.0, "", "direction"))
+    return found
+
+
+def channels(machine: Machine) -> list[Channel]:
+    """Error motions on which patterns are tried: the point itself, and every axis's tilts."""
+    points = [Channel(FUNCTIONAL_POINT, c) for c in ("X", "Y", "Z")]
+    tilts = [Channel(a, ABOUT[c]) for a in machine.structure.axes for c in ("X", "Y", "Z")]
+    return points + tilts
+
+
+def lever_axes(machine: Machine, channel: Channel) -> tuple[str, ...]:
+    """Axes whose position is in the lever of a tilt, so that what is seen depends on them too."""
+    if not channel.rotation:
+        return ()
+    order = machine.structure.axes
+    at = order.index(channel.place)
+    on_workpiece = channel.place in machine.structure.workpiece_side
+    behind = order[at if on_workpiece else at + 1 :]
+    along = {"A": "X", "B": "Y", "C": "Z"}[channel.component]
+    return tuple(a for a in behind if not is_rotary(a) and own_component(a) != along)
+
+
+def products(
+    quantities: Sequence[Variable], on: Sequence[Channel], order: int = 3
+) -> Iterator[Pattern]:
+    """Products of up to `order` recorded quantities, each pair or triple of different families.
+
+    A quantity may be squared; a direction and a signal stand once.
+    """
+    for count in range(1, order + 1):
+        for chosen in combinations_with_replacement(quantities, count):
+            names = [v.name for v in chosen]
+            squared = {v.name for v in chosen if names.count(v.name) > 1}
+            if any(v.name in squared and v.family not in ("position", "time") for v in chosen):
+                continue
+            if sum(v.family == "signal" for v in chosen) > 1 or (
+                sum(v.family in ("signal", "time") for v in chosen) > 1
+            ):
+                continue
+            basis = np.prod([v.value for v in chosen], axis=0)[:, None]
+            term = "*".join(_scaled(v) for v in chosen)
+            depends = tuple(dict.fromkeys(names))
+            for channel in on:
+                yield Pattern(depends, _product_form(depends, squared), channel, basis, (term,))
+
+
+def surfaces(
+    quantities: Sequence[Variable], on: Sequence[Channel], degree: int = SURFACE_DEGREE
+) -> Iterator[Pattern]:
+    """Smooth functions of one quantity, and of each pair with a position in it."""
+    smooth = [v for v in quantities if v.family != "direction"]
+    for v in smooth:
+        basis = _f64(chebyshev.chebvander(v.value, 2 * degree)[:, 1:])
+        for channel in on:
+            yield Pattern((v.name,), f"smooth function of {v.name}", channel, basis)
+    for a, b in combinations(smooth, 2):
+        if a.family != "position":
+            continue
+        one = chebyshev.chebvander(a.value, degree)
+        two = chebyshev.chebvander(b.value, degree)
+        basis = _f64(one[:, 1:, None] * two[:, None, 1:]).reshape(len(a.value), -1)
+        for channel in on:
+            yield Pattern(
+                (a.name, b.name), f"smooth function of {a.name} and {b.name}", channel, basis
+            )
+    for v in (q for q in quantities if q.family == "direction"):
+        for w in (q for q in smooth if q.family in ("position", "signal")):
+            basis = _f64(v.value[:, None] * chebyshev.chebvander(w.value, degree))
+            for channel in on:
+                yield Pattern(
+                    (w.name, v.name),
+                    f"smooth function of {w.name}, of opposite sign in the two directions",
+                    channel,
+                    basis,
+                )
+
+
+def oscillations(
+    quantities: Sequence[Variable], on: Sequence[Channel], shortest: Mapping[str, float]
+) -> Iterator[Pattern]:
+    """Sine and cosine in time and along each axis, over a grid of periods.
+
+    `shortest` gives, for each quantity by name, the shortest period worth trying, in its unit.
+    """
+    for v in quantities:
+        if v.family not in ("time", "position") or v.name not in shortest:
+            continue
+        span = 2.0 * v.scale
+        for period in period_grid(shortest[v.name], 0.8 * span, span):
+            phase = 2.0 * np.pi * (v.value * v.scale + v.centre) / period
+            basis = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+            for channel in on:
+                yield oscillation(v, period, channel, basis)
+
+
+def oscillation(v: Variable, period: float, channel: Channel, basis: F64 | None = None) -> Pattern:
+    """One oscillation of a period, in the unit of the quantity."""
+    if basis is None:
+        phase = 2.0 * np.pi * (v.value * v.scale + v.centre) / period
+        basis = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    argument = f"2*pi*{v.name}/{period:.6g}"
+    return Pattern(
+        (v.name,),
+        f"oscillation in {v.name} with a period of {_readable(period, v.unit)}",
+        channel,
+        basis,
+        (f"cos({argument})", f"sin({argument})"),
+    )
+
+
+def period_grid(shortest: float, longest: float, span: float) -> F64:
+    """Periods whose frequencies lie a quarter of the resolution ``1/span`` apart."""
+    if not 0.0 < shortest < longest:
+        return np.zeros(0)
+    step = 0.25 / span
+    return np.asarray(1.0 / np.arange(1.0 / longest, 1.0 / shortest, step))
+
+
+def _readable(period: float, unit: str) -> str:
+    if unit == "s" and period >= 120.0:
+        return f"{period / 60.0:.3g} min"
+    return f"{period:.3g} {unit}"
+
+
+def _f64(values: ArrayLike) -> F64:
+    return np.asarray(values, dtype=np.float64)
+
+
+def _scaled(v: Variable) -> str:
+    if v.family == "direction":
+        return v.name
+    if v.centre == 0.0:
+        return f"({v.name}/{v.scale:.6g})"
+    return f"(({v.name} - {v.centre:.6g})/{v.scale:.6g})"
+
+
+def _product_form(names: Sequence[str], squared: set[str]) -> str:
+    parts = [f"{n}²" if n in squared else n for n in names]
+    return "proportional to " + parts[0] if len(parts) == 1 else "product of " + " and ".join(parts)

@@ -1,0 +1,184 @@
+"""Structure: is anything left in the residuals, and what does it depend on?"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compcore.design_matrix import Problem
+from compcore.diagnose.evidence import CONVINCING, Evidence, weigh
+from compcore.diagnose.patterns import (
+    Pattern,
+    Variable,
+    channels,
+    lever_axes,
+    oscillation,
+    oscillations,
+    products,
+    surfaces,
+    variables,
+)
+from compcore.diagnose.screening import Bank, Basis, Trial, screen
+from compcore.diagnose.search import MATERIAL, SIGNIFICANT
+
+F64 = NDArray[np.float64]
+
+EMPIRICAL = 12.0
+"""Cost of a description that names no cause, in units of evidence."""
+
+TILT = 6.0
+"""Further cost of one on an axis's tilt: seen through levers, it depends on more than it says."""
+
+_MANY_ROWS = 20_000
+
+_KEPT = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """A pattern that the residuals show.
+
+    Attributes
+    ----------
+    pattern
+        What it depends on and how.
+    columns
+        Weighted columns, shape (n, k).
+    evidence
+        How strong it is.
+    drop
+        Fall of χ² if it were added.
+    depends_on
+        Recorded quantities, those of the levers of a tilt included.
+    """
+
+    pattern: Pattern
+    columns: F64
+    evidence: Evidence
+    drop: float
+    depends_on: tuple[str, ...]
+
+    def established(self, n: int) -> bool:
+        """Whether the data establish that the structure is there, for n observations."""
+        e = self.evidence
+        return e.value > CONVINCING and e.f_drop > MATERIAL * n and e.log_p < SIGNIFICANT
+
+
+class Patterns:
+    """All patterns for a campaign, to be tested against what a model leaves, again and again.
+
+    Parameters
+    ----------
+    problem, theta
+        The model and campaign, and where base points and tools stand.
+    fitted
+        The basis of the fitted model.
+    """
+
+    def __init__(self, problem: Problem, theta: F64, fitted: Basis) -> None:
+        campaign = problem.campaign
+        machine = self._machine = problem.model.machine
+        self._quantities = variables(machine, campaign.conditions)
+        on = channels(machine)
+        observation = problem.observation(theta)
+        self._seen = {c: observation.seen(c) * problem.weight for c in on}
+        order = 3 if campaign.n <= _MANY_ROWS else 2
+        shortest = _shortest(self._quantities)
+        self._families = [
+            list(products(self._quantities, on, order)),
+            list(surfaces(self._quantities, on[:3])),
+            list(oscillations(self._quantities, on[:3], shortest)),
+        ]
+        self._banks = [Bank(fitted, partial(self._trials, f)) for f in self._families]
+
+    def _trials(self, family: Sequence[Pattern]) -> Iterator[Trial]:
+        for key, pattern in enumerate(family):
+            yield key, {}, partial(self.columns, pattern)
+
+    def columns(self, pattern: Pattern) -> F64:
+        """Weighted columns of a pattern, shape (n, k)."""
+        return np.asarray(self._seen[pattern.channel][:, None] * pattern.basis)
+
+    def strongest(self, basis: Basis, most: int = 5) -> list[Structure]:
+        """The strongest patterns in the residuals, strongest first, no two nearly the same."""
+        found: list[Structure] = []
+        for family, bank in zip(self._families, self._banks, strict=True):
+            screened = [s for s in bank.screen(basis) if s.rank]
+            screened.sort(key=lambda s: -_value(basis, s.drop, s.rank))
+            found += [self._weighed(basis, family[s.key], len(family)) for s in screened[:_KEPT]]
+        found.sort(key=lambda s: -s.evidence.value)
+        return _distinct(basis, found, most)
+
+    def established(self, basis: Basis) -> list[Structure]:
+        """The strongest patterns that the data establish."""
+        return [s for s in self.strongest(basis) if s.established(basis.n)]
+
+    def _weighed(self, basis: Basis, pattern: Pattern, tests: int) -> Structure:
+        refined = 0
+        if pattern.form.startswith("oscillation"):
+            pattern, refined = self._refined_period(basis, pattern), 1
+        columns = self.columns(pattern)
+        (s,) = screen(basis, [(0, {}, lambda: columns)])
+        cost = EMPIRICAL + (TILT if pattern.channel.rotation else 0.0)
+        evidence = weigh(basis, s, tests, cost, refined)
+        levers = lever_axes(self._machine, pattern.channel)
+        depends = tuple(dict.fromkeys((*pattern.depends_on, *levers)))
+        return Structure(pattern, columns, evidence, s.drop, depends)
+
+    def _refined_period(self, basis: Basis, pattern: Pattern) -> Pattern:
+        """The same oscillation with its period moved to the best place nearby."""
+        (name,) = pattern.depends_on
+        v = next(q for q in self._quantities if q.name == name)
+        frequency = 1.0 / _period_of(pattern)
+        step = 0.25 / (2.0 * v.scale)
+        trials = [
+            oscillation(v, 1.0 / (frequency + part * step), pattern.channel)
+            for part in np.linspace(-1.0, 1.0, 21)
+        ]
+        drops = screen(basis, self._trials(trials))
+        return trials[max(drops, key=lambda s: s.drop).key]
+
+
+def _value(basis: Basis, drop: float, rank: int) -> float:
+    left = max(basis.chi2 - drop, 1e-12 * basis.chi2)
+    return basis.dof * math.log(basis.chi2 / left) - rank * math.log(basis.n)
+
+
+def _period_of(pattern: Pattern) -> float:
+    return float(pattern.terms[0].rsplit("/", 1)[1].rstrip(")"))
+
+
+def _shortest(quantities: Sequence[Variable]) -> dict[str, float]:
+    """Shortest periods worth trying: a few rows long in time, two steps in position."""
+    out: dict[str, float] = {}
+    for v in quantities:
+        distinct = np.unique(v.value * v.scale)
+        steps = np.diff(distinct)
+        steps = steps[steps > 1e-9]
+        if not len(steps):
+            continue
+        span = 2.0 * v.scale
+        finest = 4.0 * float(np.median(steps)) if v.family == "time" else 2.0 * float(steps.min())
+        out[v.name] = max(finest, span / 250.0)
+    return out
+
+
+def _distinct(basis: Basis, found: Sequence[Structure], most: int) -> list[Structure]:
+    """The strongest first; one that says little beyond those already taken is left out."""
+    taken: list[Structure] = []
+    current = basis
+    for s in found:
+        if len(taken) == most:
+            break
+        if taken:
+            (again,) = screen(current, [(0, {}, lambda s=s: s.columns)])  # type: ignore[misc]
+            if again.drop < 0.3 * s.drop:
+                continue
+        taken.append(s)
+        current = current.extended(s.columns)
+    return taken

@@ -1,0 +1,294 @@
+"""What an effect is: one physical cause of error, one class, used by everything.
+
+An effect says which error motions it moves (`Channel`), with which basis functions of the recorded
+conditions (`Motion`), and which parameters multiply them (`Parameter`). Prediction, fit, diagnosis,
+tables and the live path all read the same `motions`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
+
+from compcore.channel import (
+    ABOUT,
+    FUNCTIONAL_POINT,
+    INSTRUMENT,
+    SPINDLE,
+    WORKPIECE,
+    AxisLetter,
+    Channel,
+    Component,
+)
+from compcore.conditions import Conditions
+from compcore.errors import InputError
+from compcore.machine import Machine
+
+if TYPE_CHECKING:
+    from compcore.survey import Survey
+
+F64 = NDArray[np.float64]
+Scope = Literal["machine", "workpiece", "instrument"]
+
+__all__ = [
+    "ABOUT",
+    "FUNCTIONAL_POINT",
+    "INSTRUMENT",
+    "SPINDLE",
+    "WORKPIECE",
+    "AxisLetter",
+    "Channel",
+    "Component",
+    "Effect",
+    "FittedEffect",
+    "Motion",
+    "NonlinearParameter",
+    "Parameter",
+    "Scope",
+]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """What an effect does to one error motion.
+
+    The error motion is ``columns @ p[first : first + k]`` with p the effect's linear parameters.
+
+    Attributes
+    ----------
+    channel
+        The error motion.
+    columns
+        Shape (n, k): basis functions on the conditions, unit of the channel per unit of parameter.
+    first
+        Index of the effect's linear parameter that the first column belongs to.
+    """
+
+    channel: Channel
+    columns: F64
+    first: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A linear parameter of an effect.
+
+    Attributes
+    ----------
+    name, unit, description
+        Unit inside the code (mm, rad, 1/K, rad/K, …).
+    plausible
+        Range of a sound machine, in `unit`; a fitted value outside it is doubted.
+    """
+
+    name: str
+    unit: str
+    plausible: tuple[float, float]
+    description: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class NonlinearParameter:
+    """A parameter on which the columns themselves depend: a time constant, a period, a moment.
+
+    Attributes
+    ----------
+    bounds
+        Least and greatest value that the fit may try, in `unit`.
+    starts
+        Values at which to begin, in `unit`: dense enough that one of them lies in the valley of the
+        best value. Look at the cost on all of them and refine from the best few.
+    plausible
+        Range of a sound machine, in `unit`.
+    smooth
+        Whether the columns change smoothly with it. Where not (the moment of a step), derivatives
+        say nothing and only a search finds it.
+    """
+
+    name: str
+    unit: str
+    bounds: tuple[float, float]
+    starts: tuple[float, ...]
+    plausible: tuple[float, float]
+    description: str = ""
+    smooth: bool = True
+
+
+class FittedEffect(Protocol):
+    """An effect with values, as `compcore.model.Term` is one."""
+
+    @property
+    def effect(self) -> Effect:
+        """The effect."""
+
+    def coefficients(self, machine: Machine) -> F64:
+        """Its linear parameters in the order of its columns, shape (p,)."""
+
+    def nonlinear(self, machine: Machine) -> Mapping[str, float]:
+        """Its non-linear parameters by name."""
+
+
+class Effect(BaseModel, ABC):
+    """One physical cause of error at one place of the machine.
+
+    The fields of a subclass are its where-keys (formats.md: axis, direction, about, signals, …) as
+    they stand in a model file; an unknown key is an error. The docstring of a subclass is its page
+    in the catalogue.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+
+    kind: ClassVar[str]
+    scope: ClassVar[Scope] = "machine"
+    carries: ClassVar[bool] = False
+    """Whether what it shares with other effects is best told as this one: a squareness, a scale."""
+    reads_tool: ClassVar[bool] = False
+    """Whether the columns depend on the tool's offset (levers not counted)."""
+    reads_model: ClassVar[bool] = False
+    """Whether the columns follow from the model's other effects (`motions_among`)."""
+
+    @abstractmethod
+    def linear(self, machine: Machine) -> tuple[Parameter, ...]:
+        """The linear parameters, in the order of the columns."""
+
+    @abstractmethod
+    def motions(
+        self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
+    ) -> tuple[Motion, ...]:
+        """The error motions on n rows of conditions, for given non-linear parameters."""
+
+    def nonlinear(self, machine: Machine) -> tuple[NonlinearParameter, ...]:
+        """The non-linear parameters that are to be fitted; empty when there are none."""
+        return ()
+
+    def search(self, machine: Machine, survey: Survey) -> tuple[NonlinearParameter, ...]:
+        """As `nonlinear`, with bounds and starts narrowed to what a campaign can show."""
+        return self.nonlinear(machine)
+
+    def motions_among(
+        self,
+        machine: Machine,
+        conditions: Conditions,
+        nonlinear: Mapping[str, float],
+        model: Sequence[FittedEffect],
+    ) -> tuple[Motion, ...]:
+        """As `motions`, for an effect that acts through the other effects of a model.
+
+        Parameters
+        ----------
+        model
+            The model's terms with their present values; those that are not fitted left out. Only
+            effects with `reads_model` look at them.
+        """
+        return self.motions(machine, conditions, nonlinear)
+
+    def amend(self, conditions: Conditions, coefficients: F64) -> Conditions:
+        """The recorded conditions as, by this effect, they truly were.
+
+        Only an effect that corrects a *reading* (a thermometer's offset) changes anything. Every
+        prediction, of campaigns and live, starts from the amended conditions.
+        """
+        return conditions
+
+    def check(self, machine: Machine) -> None:
+        """Refuse a machine on which this effect makes no sense.
+
+        Raises
+        ------
+        InputError
+            Naming the key, what it says and what the machine has.
+        """
+        for key in ("axis", "by"):
+            axis = getattr(self, key, None)
+            if isinstance(axis, str):
+                machine.axis(axis, key)
+        for signal in self.signals_needed():
+            if signal not in machine.signals:
+                raise InputError(
+                    "the machine has no such signal",
+                    field="signal" if hasattr(self, "signal") else "signals",
+                    found=signal,
+                    expected="one of " + (", ".join(machine.signals) or "none declared"),
+                )
+
+    def signals_needed(self) -> tuple[str, ...]:
+        """Names of the recorded signals that this effect reads."""
+        names = list(getattr(self, "signals", None) or ())
+        if single := getattr(self, "signal", None):
+            names.append(single)
+        return tuple(names)
+
+    def positions_used(self, machine: Machine) -> tuple[str, ...]:
+        """Axes on whose position the columns depend (levers not counted)."""
+        axis = getattr(self, "axis", None)
+        return (axis,) if isinstance(axis, str) else ()
+
+    def directions_used(self) -> tuple[str, ...]:
+        """Axes on whose approach direction the columns depend."""
+        return ()
+
+    def fast_signals(self) -> tuple[str, ...]:
+        """Signals that change as fast as positions (feed), of those in `signals_needed`."""
+        return ()
+
+    def kinks(self, machine: Machine) -> dict[str, tuple[float, ...]]:
+        """Axis → positions (mm or rad) where the slope of a column may jump."""
+        return {}
+
+    def repeats(self, machine: Machine, nonlinear: Mapping[str, float]) -> dict[str, float]:
+        """Axis → length (mm or rad) after which all columns repeat, anywhere in its travel."""
+        return {}
+
+    def kinks_move(self, machine: Machine) -> bool:
+        """Whether slopes jump at positions that move with signals, time or other axes' positions.
+
+        No table can stand for such an effect; the live path follows it point by point.
+        """
+        return False
+
+    @classmethod
+    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[Self]:
+        """Instances of this kind worth trying on a machine, physically plausible ones first."""
+        return ()
+
+    def where(self) -> dict[str, Any]:
+        """The where-keys that are set, as a model file holds them."""
+        keys = self.model_dump(exclude_defaults=True, mode="json")
+        return {key: keys[key] for key in sorted(keys, key=_rank)}
+
+    @property
+    def spec(self) -> str:
+        """What ``abbe add MODEL`` takes to add this effect; also its name for people.
+
+        >>> from compcore.effects import Straightness
+        >>> Straightness(axis="X", direction="Y", shape="spline:8").spec
+        'straightness axis=X direction=Y shape=spline:8'
+        """
+        parts = [self.kind]
+        for key, value in self.where().items():
+            parts.append(f"{key}={_typed(value)}")
+        return " ".join(parts)
+
+
+_ORDER = ("axis", "axes", "direction", "about", "channel", "error", "by", "signal", "signals")
+
+
+def _rank(key: str) -> int:
+    return _ORDER.index(key) if key in _ORDER else len(_ORDER)
+
+
+def _typed(value: object) -> str:
+    """A value as one types it on a command line."""
+    if isinstance(value, list):
+        return ",".join(map(_typed, value))
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float) and value.is_integer():
+        return str(int(value))
+    return str(value)

@@ -1,0 +1,163 @@
+"""The registry: effect kinds by name, built in and from plugin packages.
+
+A plugin package names its effect classes under the entry-point group ``abbe.effects``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from importlib import import_module
+from importlib.metadata import entry_points
+from types import ModuleType
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+
+from compcore.effects.base import Effect
+from compcore.errors import InputError
+
+EFFECT_GROUP = "abbe.effects"
+
+FAMILIES: dict[str, str] = {
+    "linear_axes": "Geometry of linear axes",
+    "periodic": "Geometry of linear axes",
+    "reversal": "Geometry of linear axes",
+    "local": "Geometry of linear axes",
+    "rotary_axes": "Rotary axes and spindle",
+    "elastic": "Elastic, not rigid",
+    "thermal": "Thermal",
+    "thermal_angles": "Thermal",
+    "events": "Over time",
+    "dynamic": "Dynamic",
+    "workpiece": "Workpiece",
+    "laser": "Instrument",
+    "instrument": "Instrument",
+    "setup": "Instrument",
+    "formula": "Formula",
+}
+"""Module of `compcore.effects` → the catalogue's chapter, in the catalogue's order."""
+
+COMMON: dict[str, str] = {
+    "positioning": "linear_axes",
+    "straightness": "linear_axes",
+    "angular": "linear_axes",
+    "squareness": "linear_axes",
+    "scale_expansion": "thermal",
+}
+"""Kinds that nearly every model holds → their module: found without importing the catalogue."""
+
+_BUILT_IN: dict[str, type[Effect]] = {}
+
+E = TypeVar("E", bound=type[Effect])
+
+
+def register(cls: E) -> E:
+    """Class decorator: put an effect kind of Abbe's own into the registry.
+
+    Raises
+    ------
+    ValueError
+        When two classes claim one kind.
+    """
+    if cls.kind in _BUILT_IN:
+        raise ValueError(f"effect kind {cls.kind!r} is registered twice")
+    _BUILT_IN[cls.kind] = cls
+    return cls
+
+
+@cache
+def load_families() -> dict[str, ModuleType]:
+    """Import every family of Abbe's own effects: module name → module."""
+    return {name: import_module(f"compcore.effects.{name}") for name in FAMILIES}
+
+
+@cache
+def _plugins() -> dict[str, type[Effect]]:
+    found: dict[str, type[Effect]] = {}
+    for entry in entry_points(group=EFFECT_GROUP):
+        try:
+            cls = entry.load()
+        except Exception as error:  # noqa: BLE001 - whatever a stranger's package raises
+            raise InputError(
+                f"plugin {entry.value} cannot be loaded ({type(error).__name__}: {error})",
+                field=entry.name,
+            ) from None
+        if not (isinstance(cls, type) and issubclass(cls, Effect)):
+            raise InputError(
+                f"plugin {entry.value} is not an effect",
+                field=entry.name,
+                expected="a subclass of compcore.effects.Effect",
+            )
+        if cls.kind in _BUILT_IN or cls.kind in found:
+            taken = "a built-in kind" if cls.kind in _BUILT_IN else "another plugin's kind"
+            raise InputError(f"plugin {entry.value} claims {taken}", field=cls.kind)
+        found[cls.kind] = cls
+    return found
+
+
+def effect_kinds() -> dict[str, type[Effect]]:
+    """All kinds: built-in ones in catalogue order, then plugins'."""
+    load_families()
+    order = list(FAMILIES)
+    kinds = sorted(_BUILT_IN, key=lambda kind: order.index(_module(_BUILT_IN[kind])))
+    return {**{kind: _BUILT_IN[kind] for kind in kinds}, **_plugins()}
+
+
+def _module(cls: type[Effect]) -> str:
+    return cls.__module__.rpartition(".")[2]
+
+
+def chapter(cls: type[Effect]) -> str:
+    """The catalogue's chapter in which an effect stands; plugins have one of their own."""
+    return FAMILIES[_module(cls)] if cls.kind in _BUILT_IN else "From plugin packages"
+
+
+def effect_class(kind: str) -> type[Effect]:
+    """An effect class by its kind.
+
+    Raises
+    ------
+    InputError
+        When there is none; lists those that exist.
+    """
+    if kind in COMMON:
+        import_module(f"compcore.effects.{COMMON[kind]}")
+    if kind in _BUILT_IN:
+        return _BUILT_IN[kind]
+    kinds = effect_kinds()
+    if kind not in kinds:
+        raise InputError(
+            "unknown kind of effect",
+            field="kind",
+            found=kind,
+            expected="one of " + ", ".join(kinds),
+        )
+    return kinds[kind]
+
+
+def make_effect(kind: str, keys: Mapping[str, Any]) -> Effect:
+    """An effect from its kind and where-keys as a model file or a command line gives them.
+
+    Raises
+    ------
+    InputError
+        For an unknown kind, an unknown or missing key, a value out of range.
+    """
+    cls = effect_class(kind)
+    try:
+        return cls(**keys)
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = str(first["loc"][0]) if first["loc"] else kind
+        allowed = ", ".join(cls.model_fields)
+        if first["type"] == "extra_forbidden":
+            raise InputError(
+                f"{kind} has no such key", field=field, expected=f"one of {allowed}"
+            ) from None
+        if first["type"] == "missing":
+            raise InputError(f"{kind} needs this key", field=field) from None
+        cause = first.get("ctx", {}).get("error")
+        if isinstance(cause, InputError):
+            raise cause.at(field=field) from None
+        raise InputError(f"{kind}: {first['msg']}", field=field, found=first["input"]) from None

@@ -1,0 +1,134 @@
+"""What effects need of recorded signals: their excess over the reference, their lag, their rank."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from itertools import combinations
+
+from compcore.conditions import Conditions
+from compcore.effects.base import F64, Effect, NonlinearParameter
+from compcore.effects.keys import Tau
+from compcore.machine import Machine, Signal
+from compcore.survey import Survey
+
+_SPANS = {
+    "degC": 10.0,
+    "K": 10.0,
+    "rpm": 1e4,
+    "kg": 1000.0,
+    "N": 1e4,
+    "kN": 10.0,
+    "mm/min": 1e4,
+    "m/min": 10.0,
+    "mm/s": 200.0,
+    "hPa": 50.0,
+    "mbar": 50.0,
+    "Pa": 5e3,
+    "kPa": 5.0,
+    "bar": 5.0,
+    "%": 50.0,
+    "A": 20.0,
+    "W": 1e4,
+    "kW": 10.0,
+    "V": 10.0,
+}
+
+
+def span(signal: Signal) -> float:
+    """A large but common change of such a signal, in its own unit."""
+    return _SPANS.get(signal.unit, 1.0)
+
+
+def per(unit: str, signal: Signal) -> str:
+    """The unit of a coefficient that turns a signal into `unit`.
+
+    >>> per("mm", Signal("T", "degC")), per("mm", Signal("F", "mm/min"))
+    ('mm/K', 'mm/(mm/min)')
+    """
+    name = "K" if signal.temperature else signal.unit
+    return f"{unit}/({name})" if "/" in name else f"{unit}/{name}"
+
+
+def excess(machine: Machine, conditions: Conditions, name: str, tau: float | None) -> F64:
+    """A signal's excess, shape (n,): T − T0 of a temperature, any other signal as it is.
+
+    Behind a first-order lag of time constant `tau` (s) unless None.
+    """
+    value = conditions.signal(name) if tau is None else conditions.lag(name, tau)
+    return value - machine.reference_temperature if machine.signals[name].temperature else value
+
+
+def recorded(machine: Machine, survey: Survey, *, temperature: bool | None = None) -> list[Signal]:
+    """The machine's signals that a campaign recorded and that varied; temperatures, or others."""
+    return [
+        s
+        for s in machine.signals.values()
+        if s.name in survey.signals and temperature in (None, s.temperature)
+    ]
+
+
+def by_sense(signals: Iterable[Signal], roles: tuple[str, ...], axis: str = "") -> list[Signal]:
+    """Signals with the roles that make physical sense first, those that sit on the axis before."""
+    return sorted(
+        signals,
+        key=lambda s: (s.role not in roles, bool(axis) and s.axis != axis),
+    )
+
+
+def pairs_by_sense(signals: Iterable[Signal], axis: str) -> list[tuple[Signal, Signal]]:
+    """Every pair once; two sensors of one body first, then of the structure, then all others."""
+
+    def rank(pair: tuple[Signal, Signal]) -> tuple[bool, bool, bool]:
+        one, two = pair
+        structure = one.role == two.role == "structure"
+        return (not structure, one.axis != two.axis, axis not in (one.axis, two.axis))
+
+    return sorted(combinations(signals, 2), key=rank)
+
+
+LAGGING = ("ambient", "coolant", "spindle", "speed", "load", "screw", "other")
+"""Roles of signals that a body follows late: they are not measured on that body itself."""
+
+
+def lag_parameter(duration: float = 20_000.0) -> NonlinearParameter:
+    """The time constant of a first-order lag (s), to be fitted.
+
+    `duration`: how long the campaign ran, s. A lag much longer than that cannot be told from a
+    drift.
+    """
+    longest = max(3.0 * duration, 600.0)
+    starts, tau = [], 30.0
+    while tau < longest:
+        starts.append(tau)
+        tau *= 1.8
+    return NonlinearParameter(
+        "tau",
+        "s",
+        bounds=(5.0, longest),
+        starts=tuple(starts),
+        plausible=(30.0, 5e4),
+        description="time constant of the body that follows the signal",
+    )
+
+
+class LaggedEffect(Effect):
+    """An effect whose signals may stand behind a first-order lag.
+
+    ``tau`` absent: the signals as they are; a number: that time constant (s); ``fit``: fitted.
+    """
+
+    tau: Tau = None
+
+    def nonlinear(self, machine: Machine) -> tuple[NonlinearParameter, ...]:
+        """The time constant where it is to be fitted."""
+        return (lag_parameter(),) if self.tau == "fit" else ()
+
+    def search(self, machine: Machine, survey: Survey) -> tuple[NonlinearParameter, ...]:
+        """Time constants that the campaign is long enough to show."""
+        if self.tau != "fit":
+            return ()
+        return (lag_parameter(survey.duration) if survey.duration > 0.0 else lag_parameter(),)
+
+    def lag(self, nonlinear: Mapping[str, float]) -> float | None:
+        """The time constant in force, s; None for no lag."""
+        return nonlinear["tau"] if self.tau == "fit" else self.tau

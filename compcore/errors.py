@@ -1,0 +1,95 @@
+"""The errors that Abbe tells its users; one line each, with what to mend.
+
+::
+
+    AbbeError                 anything that could not be done; exit status 1, no traceback
+    ├── InputError            a file, a row, a field is wrong (also a ValueError)
+    ├── NotContractionError   a correction cannot be inverted: the model is not a contraction
+    └── FitError              the measurements cannot determine what was asked for
+"""
+
+from __future__ import annotations
+
+from os import PathLike
+from typing import Any
+
+
+class AbbeError(Exception):
+    """Anything that Abbe could not do, said in one message to a user."""
+
+
+class InputError(AbbeError, ValueError):
+    """Bad input, named as precisely as it is known.
+
+    Parameters
+    ----------
+    problem
+        What is wrong, in a few words.
+    file, line, field
+        Where: path, line number (from 1), column or key.
+    found, expected
+        What stands there and what should.
+
+    Examples
+    --------
+    >>> str(InputError("not a number", file="a.csv", line=7, field="value", found="abc",
+    ...                expected="a number in µm"))
+    "a.csv, line 7, field 'value': not a number: found 'abc', expected a number in µm"
+    """
+
+    def __init__(
+        self,
+        problem: str,
+        *,
+        file: str | PathLike[str] | None = None,
+        line: int | None = None,
+        field: str | None = None,
+        found: Any = None,
+        expected: str | None = None,
+    ) -> None:
+        self.problem = problem
+        self.file = None if file is None else str(file)
+        self.line = line
+        self.field = field
+        self.found = found
+        self.expected = expected
+        super().__init__(problem)
+
+    def __str__(self) -> str:
+        where = [self.file] if self.file else []
+        if self.line is not None:
+            where.append(f"line {self.line}")
+        if self.field is not None:
+            where.append(f"field {self.field!r}")
+        text = f"{', '.join(where)}: {self.problem}" if where else self.problem
+        told = []
+        if self.found is not None:
+            told.append(f"found {self.found!r}")
+        if self.expected is not None:
+            told.append(f"expected {self.expected}")
+        return f"{text}: {', '.join(told)}" if told else text
+
+    def at(
+        self,
+        *,
+        file: str | PathLike[str] | None = None,
+        line: int | None = None,
+        field: str | None = None,
+    ) -> InputError:
+        """The same error with the place filled in where it was not yet known."""
+        return InputError(
+            self.problem,
+            file=self.file if self.file is not None else file,
+            line=self.line if self.line is not None else line,
+            field=self.field if self.field is not None else field,
+            found=self.found,
+            expected=self.expected,
+        )
+
+
+class NotContractionError(AbbeError):
+    """The error field changes too fast with position for the correction to be inverted."""
+
+
+class FitError(AbbeError):
+    """The measurements cannot determine what was asked for."""

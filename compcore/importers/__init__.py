@@ -1,0 +1,9 @@
+"""Other measuring systems' files to campaigns; each says the sign it assumed.
+
+==============  ==================================================================
+`iso230_table`  tables of runs and directions as ISO 230-2 prints them (CSV)
+`rtl`           Renishaw laser measurements (``.rtl``, ``.rta``)
+`ballbar`       circular tests with a ball bar (CSV)
+`map_rows`      a compensation map, as the measurements it would have come from
+==============  ==================================================================
+"""

@@ -1,0 +1,93 @@
+"""First-order lag of a recorded signal: how a body follows the air or the sensor before it.
+
+``τ·dy/dt = T − y``. Between samples the input is taken as straight, for which the solution is exact
+at any spacing, so recorded campaigns and the live path (`LagState`) give the same numbers. The
+initial state is equilibrium with the first sample: ``y(t_0) = T(t_0)``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+
+_SPAN = 200.0
+"""Greatest exponent inside one vectorised block; e^200 is far from overflow."""
+
+
+def first_order_lag(time: F64, value: F64, tau: float) -> F64:
+    """The lagged signal at each row.
+
+    Parameters
+    ----------
+    time, value
+        Shape (n,), s and the signal's unit; rows in any order, rows of one time alike.
+    tau
+        Time constant, s, > 0.
+
+    Returns
+    -------
+    Shape (n,), in the rows' own order.
+    """
+    t, index, inverse = np.unique(time, return_index=True, return_inverse=True)
+    x = np.asarray(value, dtype=np.float64)[index]
+    dt = np.diff(t)
+    decay = np.exp(-dt / tau)
+    slope_tau = np.diff(x) / dt * tau
+    gain = x[1:] - slope_tau - (x[:-1] - slope_tau) * decay
+    y = np.empty_like(x)
+    y[0] = x[0]
+    steps = dt / tau
+    elapsed = np.concatenate([[0.0], np.cumsum(steps)])
+    i = 0
+    while i < len(dt):
+        # the recursion y_k = d_k y_{k-1} + g_k, summed in closed form over a block in which
+        # the exponentials stay finite; a step longer than that stands alone
+        j = int(np.searchsorted(elapsed, elapsed[i] + _SPAN, side="right")) - 1
+        if j <= i:
+            y[i + 1] = decay[i] * y[i] + gain[i]
+            i += 1
+            continue
+        grow = np.exp(elapsed[i + 1 : j + 1] - elapsed[i])
+        y[i + 1 : j + 1] = (y[i] + np.cumsum(gain[i:j] * grow)) / grow
+        i = j
+    return y[inverse.reshape(-1)]
+
+
+@dataclass(slots=True)
+class LagState:
+    """The same lag, one sample at a time, for the live path.
+
+    Attributes
+    ----------
+    tau
+        Time constant, s.
+    time, value, state
+        Time (s) and value of the last sample, and the lagged value; NaN before the first sample.
+    """
+
+    tau: float
+    time: float = math.nan
+    value: float = math.nan
+    state: float = math.nan
+
+    def step(self, time: float, value: float) -> float:
+        """Take a sample in and return the lagged value; a time not after the last changes nothing.
+
+        `time` in s, on the same clock as before.
+        """
+        if math.isnan(self.state):
+            self.time, self.value, self.state = time, value, value
+            return value
+        dt = time - self.time
+        if dt > 0.0:
+            decay = math.exp(-dt / self.tau)
+            slope_tau = (value - self.value) / dt * self.tau
+            gain = value - slope_tau - (self.value - slope_tau) * decay
+            self.state = decay * self.state + gain
+            self.time, self.value = time, value
+        return self.state

@@ -1,0 +1,46 @@
+"""A symmetric matrix as text that a TOML file can hold: exact, and a quarter of the digits."""
+
+from __future__ import annotations
+
+import base64
+import zlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compcore.errors import InputError
+
+F64 = NDArray[np.float64]
+
+
+def pack_symmetric(matrix: F64) -> str:
+    """The upper triangle, row by row, as little-endian float64, deflated, in base 64.
+
+    `matrix` has shape (p, p).
+    """
+    upper = matrix[np.triu_indices(matrix.shape[0])].astype("<f8")
+    return base64.b64encode(zlib.compress(upper.tobytes(), 6)).decode("ascii")
+
+
+def unpack_symmetric(text: str, size: int) -> F64:
+    """The reverse of `pack_symmetric`, shape (size, size).
+
+    Raises
+    ------
+    InputError
+        When the text is damaged or belongs to another number of parameters.
+    """
+    try:
+        upper = np.frombuffer(zlib.decompress(base64.b64decode(text, validate=True)), "<f8")
+    except (ValueError, zlib.error):
+        raise InputError("the packed covariance is damaged", field="fit.covariance") from None
+    if upper.shape != (size * (size + 1) // 2,):
+        raise InputError(
+            "the covariance does not belong to these parameters",
+            field="fit.covariance",
+            found=f"{upper.size} numbers",
+            expected=f"{size * (size + 1) // 2} for {size} parameters",
+        )
+    matrix = np.zeros((size, size))
+    matrix[np.triu_indices(size)] = upper
+    return np.asarray(matrix + np.triu(matrix, 1).T)

@@ -1,0 +1,70 @@
+"""Survey: what a campaign recorded and varied, so that effects can propose themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True)
+class SetupSurvey:
+    """What one set-up saw.
+
+    Attributes
+    ----------
+    kinds
+        What its rows measure: ``displacement``, ``rotation``, ``distance``, ``base_distance``.
+    rows
+        Number of rows.
+    duration
+        From its first to its last row, s.
+    along, across
+        Travel of the linear axes along the measured direction, and greatest distance across it
+        from the first row, mm.
+    free
+        What its placing leaves unknown.
+    """
+
+    kinds: frozenset[str]
+    rows: int
+    duration: float = 0.0
+    along: float = 0.0
+    across: float = 0.0
+    free: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What there is to see in one or more campaigns.
+
+    Attributes
+    ----------
+    moving
+        Axes that stood at more than one position.
+    reversing
+        Axes with rows from both approach directions.
+    signals
+        Recorded signals that varied → (least, greatest), in the signal's unit.
+    setups
+        Set-up names in order of appearance.
+    bases
+        Base points of distances.
+    duration
+        From the first to the last row, s (the longest campaign's).
+    rotations
+        Whether any row measures an angle.
+    tool_varies
+        Whether more than one tool offset was used.
+    setup_details
+        Set-up name → what it saw.
+    """
+
+    moving: frozenset[str] = frozenset()
+    reversing: frozenset[str] = frozenset()
+    signals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    setups: tuple[str, ...] = ()
+    bases: tuple[str, ...] = ()
+    duration: float = 0.0
+    rotations: bool = False
+    tool_varies: bool = False
+    setup_details: Mapping[str, SetupSurvey] = field(default_factory=dict)

@@ -1,0 +1,39 @@
+"""How much the predicted error changes anywhere from one slow state to another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from compcore.folding.slow import SlowState
+from compcore.model import Model
+from compcore.tables.field import ErrorField
+from compcore.tables.volume import Volume
+
+_POINTS = 610
+
+
+@dataclass(frozen=True)
+class Change:
+    """The largest change of the predicted error.
+
+    Attributes
+    ----------
+    largest
+        Length of the change of the error vector where it is greatest, mm.
+    where
+        Axis → that position, mm or rad.
+    """
+
+    largest: float
+    where: dict[str, float]
+
+
+def predicted_change(model: Model, volume: Volume, before: SlowState, after: SlowState) -> Change:
+    """The largest change of a model's error over a volume between two slow states."""
+    where = volume.spread(model.machine.structure.axes, _POINTS)
+    change = ErrorField(model, after)(where) - ErrorField(model, before)(where)
+    length = np.linalg.norm(change, axis=1)
+    worst = int(length.argmax())
+    return Change(float(length[worst]), {a: float(p[worst]) for a, p in where.items()})

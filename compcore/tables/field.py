@@ -1,0 +1,186 @@
+"""The model's error at stated temperatures and tool, at the positions where tables look it up."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compcore.channel import Channel
+from compcore.conditions import Conditions
+from compcore.errors import InputError, NotContractionError
+from compcore.folding.slow import SlowState
+from compcore.kinematics import Chain, exact, first_order
+from compcore.model import Model
+from compcore.tables.table import Table
+
+F64 = NDArray[np.float64]
+Lookup = Literal["indicated", "command"]
+"""Where a table is read: at the position that the scale shows, or at the one that is wanted."""
+
+_SETTLED = 1e-6
+"""mm: what another round may still change for a command to count as found."""
+_ROUNDS = 50
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorField:
+    """A model's error at one slow state (temperatures, tool, …), as a function of positions.
+
+    Attributes
+    ----------
+    model
+        The model; its fitted effects count.
+    state
+        Temperatures and other signals, lags, time, tool; lags that are not given are in
+        equilibrium with their signal.
+    lookup
+        ``indicated``: the error at the positions themselves, for a CMM's reading or a correction of
+        the actual value. ``command``: the error that the machine will have when it stands at these
+        positions in truth; it is then commanded to ``c`` with ``c + error(c) = position``.
+    """
+
+    model: Model
+    state: SlowState
+    lookup: Lookup = "indicated"
+
+    def conditions(
+        self, positions: Mapping[str, F64], directions: Mapping[str, F64] | None = None
+    ) -> Conditions:
+        """The state at n rows of positions (mm or rad) and directions, each (n,)."""
+        return self.state.conditions(positions, directions or {})
+
+    def __call__(
+        self, positions: Mapping[str, F64], directions: Mapping[str, F64] | None = None
+    ) -> F64:
+        """The error as moves of X, Y and Z, (n, 3), mm.
+
+        Raises
+        ------
+        NotContractionError
+            When the error changes too fast with position for a command to be found.
+        """
+        here = self.conditions(positions, directions)
+        error = self._at(here)
+        if self.lookup == "indicated":
+            return error
+        moved = np.abs(error).max(initial=0.0)
+        for _ in range(_ROUNDS):
+            offset = {axis: -error[:, k] for k, axis in enumerate("XYZ")}
+            before, error = error, self._at(here.moved(offset))
+            last, moved = moved, np.abs(error - before).max(initial=0.0)
+            # every round shrinks the change by the same factor or more
+            if moved * moved <= _SETTLED * last:
+                return error
+        raise NotContractionError(
+            "no command reaches some positions: the error changes by more than a millimetre per "
+            "millimetre of travel; look for a wrong unit"
+        )
+
+    def _at(self, conditions: Conditions) -> F64:
+        found = self.model.axis_error(conditions)
+        return np.stack([found[axis] for axis in "XYZ"], axis=1)
+
+    def motions(
+        self, positions: Mapping[str, F64], directions: Mapping[str, F64] | None = None
+    ) -> dict[Channel, F64]:
+        """The error motions at the same places as the error, each (n,), mm or rad."""
+        here = self.conditions(positions, directions)
+        if self.lookup == "command":
+            error = self(positions, directions)
+            here = here.moved({axis: -error[:, k] for k, axis in enumerate("XYZ")})
+        return self.model.error_motions(here)
+
+    def removed(
+        self,
+        tables: Iterable[Table],
+        positions: Mapping[str, F64],
+        directions: Mapping[str, F64] | None = None,
+    ) -> F64:
+        """The error that tables stand for, as moves of X, Y and Z, (n, 3), mm.
+
+        Error motions go through the machine's levers as the model composes them.
+        """
+        conditions = self.conditions(positions, directions)
+        total = np.zeros((conditions.n, 3))
+        motions: dict[Channel, F64] = {}
+        for table in tables:
+            value = table.value(conditions)
+            if not table.direct:
+                motions[table.output] = motions.get(table.output, 0.0) + value
+            elif not table.output.rotation:
+                total[:, "XYZ".index(table.output.component)] += value
+        return total + self.composed(motions, conditions) if motions else total
+
+    def composed(self, motions: Mapping[Channel, F64], conditions: Conditions) -> F64:
+        """Moves of X, Y, Z by error motions, as the model composes them, (n, 3), mm."""
+        chain = Chain(self.model.machine, conditions)
+        compose = exact if self.model.composition == "exact" else first_order
+        moved = compose(chain, motions)[0]
+        return np.asarray(np.linalg.solve(chain.axis_moves(), moved[:, :, None])[:, :, 0])
+
+    def reversing(self) -> tuple[str, ...]:
+        """Axes on whose approach direction the error depends, in the structure's order."""
+        used: set[str] = set()
+        for term in self.model.terms:
+            if term.fitted and term.effect.scope != "instrument":
+                used.update(term.effect.directions_used())
+        return tuple(a for a in self.model.machine.structure.axes if a in used)
+
+    def kinks(self, axis: str) -> F64:
+        """Positions inside the travel where some effect's slope may jump, (k,), mm or rad."""
+        machine = self.model.machine
+        found: set[float] = set()
+        for term in self.model.terms:
+            if term.fitted and term.effect.scope != "instrument":
+                found.update(term.effect.kinks(machine).get(axis, ()))
+        low, high = machine.axis(axis).travel
+        return np.array(sorted(p for p in found if low < p < high))
+
+
+def table_state(
+    model: Model,
+    signals: Mapping[str, float],
+    *,
+    tool: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    time: float = 0.0,
+    spindle_angle: float | None = None,
+) -> SlowState:
+    """The state at which tables are made; all signals that the model reads must be stated.
+
+    Parameters
+    ----------
+    signals
+        Name → value in the signal's own unit.
+    tool
+        Tool or probe offset, mm.
+    time
+        s since the model's time zero, for drifts and events.
+    spindle_angle
+        Angle of the spindle in brackets, rad.
+
+    Raises
+    ------
+    InputError
+        For a signal that the machine does not have, or one that is missing.
+    """
+    known = model.machine.signals
+    for name in signals:
+        if name not in known:
+            raise InputError(
+                "the model's machine has no such signal",
+                field=name,
+                expected="one of " + (", ".join(known) or "none"),
+            )
+    missing = [name for name in model.signals_needed() if name not in signals]
+    if missing:
+        told = ", ".join(f"{n} ({known[n].unit})" if n in known else n for n in missing)
+        raise InputError(
+            "a table holds at stated conditions, and the model reads signals that are not stated",
+            field=missing[0],
+            expected=f"values of {told}",
+        )
+    return SlowState(time=time, signals=dict(signals), tool=tool, spindle_angle=spindle_angle)

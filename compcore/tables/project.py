@@ -1,0 +1,371 @@
+"""The best tables that a controller can hold: those that leave least of the error in the volume."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compcore.channel import Channel
+from compcore.errors import InputError
+from compcore.machine import own_component
+from compcore.structure import is_rotary
+from compcore.tables.capability import Capability, Holds
+from compcore.tables.curve import Curve, fit_tables
+from compcore.tables.field import ErrorField
+from compcore.tables.grid import spatial_grid
+from compcore.tables.marginal import Marginal, fine_positions, marginal
+from compcore.tables.motions import LETTERS, axis_motions
+from compcore.tables.plane import plane_tables
+from compcore.tables.table import Sign, Table, move
+from compcore.tables.volume import Volume
+
+F64 = NDArray[np.float64]
+
+TOLERANCE = 1e-4
+"""mm: interpolation error at the functional point that points need not better."""
+_POINTS = 987
+_GRID_POINTS = 11
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Tables for a controller.
+
+    Attributes
+    ----------
+    tables
+        Errors, in whole steps of what the controller stores.
+    notes
+        Where its limits were felt.
+    """
+
+    tables: tuple[Table, ...]
+    notes: tuple[str, ...] = ()
+
+
+def project(
+    field: ErrorField,
+    volume: Volume,
+    capability: Capability,
+    *,
+    points: int | None = None,
+    tolerance: float = TOLERANCE,
+    present: Sequence[Table] = (),
+) -> Projection:
+    """The tables of a controller that leave least of a field over a volume, in the mean square.
+
+    Parameters
+    ----------
+    field
+        The error that is to be compensated.
+    volume
+        Where it counts. Tables reach over the whole travel of their own axis.
+    capability
+        What the controller can hold.
+    points
+        Most points of a table (a grid: along each axis); None: as many as it takes.
+    tolerance
+        Interpolation error at the functional point that is small enough, mm; with `points` given,
+        all of them are used.
+    present
+        Tables that are active in the controller while the field was measured: the new ones are
+        added to them.
+
+    Raises
+    ------
+    InputError
+        When `points` is more than the controller can hold, or a table is present that it cannot
+        hold.
+    """
+    present = [t.as_sign(Sign.ERROR) for t in present]
+    job = _Job(field, volume, _with_points(capability, points), present)
+    job.tolerance = tolerance if points is None else 0.0
+    if (grid := job.capability.form("grid")) is not None:
+        return job.grid(grid, points)
+    if (motions := job.capability.form("motions")) is not None:
+        return job.motions(motions)
+    return job.moves()
+
+
+def _with_points(capability: Capability, points: int | None) -> Capability:
+    if points is None:
+        return capability
+    most = max(h.points for h in capability.holds)
+    if not 2 <= points <= most:
+        raise InputError("too many points, or too few", field="points", found=points,
+                         expected=f"2 to {most}")  # fmt: skip
+    holds = tuple(replace(h, points=min(points, h.points)) for h in capability.holds)
+    return replace(capability, holds=holds)
+
+
+class _Job:
+    def __init__(
+        self,
+        field: ErrorField,
+        volume: Volume,
+        capability: Capability,
+        present: Sequence[Table],
+    ) -> None:
+        self.field, self.volume, self.capability = field, volume, capability
+        self.machine = field.model.machine
+        self.axes = self.machine.structure.axes
+        self.present = list(present)
+        self.tolerance = 0.0
+        self.notes: list[str] = []
+        self.reversing = field.reversing()
+
+    # -- moves of the axes themselves -----------------------------------------------------------
+
+    def moves(self) -> Projection:
+        """Axis, cross, product and plane tables."""
+        turns = self._rotary_positioning()
+        mean, marginals = self._marginals(turns)
+        curves = [*turns]
+        planes = [h for h in self.capability.holds if h.form == "plane"]
+        chosen: list[Curve] = []
+        for holds in self.capability.holds:
+            if holds.form in ("axis", "cross"):
+                chosen += self._axis_curves(holds, marginals)
+            elif holds.form == "product":
+                chosen += self._product_curves(holds, marginals)
+        chosen = self._most(chosen, len(turns))
+        self._give_constant(chosen, mean)
+        tables, notes = fit_tables(
+            self._with_present([*curves, *chosen]), self.capability, self.tolerance
+        )
+        self.notes += notes
+        made = list(tables)
+        for holds in planes:
+            found, notes = plane_tables(
+                self.field, self.volume, holds, made, self.tolerance, self.present
+            )
+            made += found
+            self.notes += notes
+        return self._done(made)
+
+    def _rotary_positioning(self) -> list[Curve]:
+        """Rotary axes corrected by their own angle: their positioning error motion itself."""
+        found: list[Curve] = []
+        own = [h for h in self.capability.holds if h.form == "axis"]
+        for axis in self.machine.structure.rotary:
+            holds = next((h for h in own if _may(h, axis, axis)), None)
+            if holds is None:
+                continue
+            channel = Channel(axis, LETTERS["XYZABC".index(own_component(axis))])
+
+            def turning(
+                where: Mapping[str, F64],
+                facing: Mapping[str, F64],
+                channel: Channel = channel,
+            ) -> F64:
+                n = len(where[channel.place])
+                value = self.field.motions(where, facing).get(channel, np.zeros(n))
+                return np.broadcast_to(value, (n,))[:, None]
+
+            part = marginal(
+                turning, self.machine, self.volume, axis, self._fine(axis),
+                reverses=axis in self.reversing,
+            )  # fmt: skip
+            found.append(
+                Curve(holds, channel, axis, part.positions, part.mean[:, :, 0], self._reach(axis))
+            )
+        return found
+
+    def _reach(self, axis: str) -> float:
+        """The longest lever of a turn of an axis in the volume, mm: sum of half the travels."""
+        linear = self.machine.structure.linear
+        tool = float(np.linalg.norm(self.field.state.tool))
+        return tool + sum(2.0 * self.volume.half(a) for a in linear if a != axis)
+
+    def _marginals(self, turns: Sequence[Curve]) -> tuple[F64, dict[str, Marginal]]:
+        turned = [c.table() for c in turns]
+
+        def left(where: Mapping[str, F64], facing: Mapping[str, F64]) -> F64:
+            error = self.field(where, facing)
+            return error - self.field.removed(turned, where, facing) if turned else error
+
+        where = self.volume.spread(self.axes, _POINTS)
+        mean = left(where, {}).mean(axis=0)
+        looked_up = dict.fromkeys(
+            a
+            for h in self.capability.holds
+            if h.form in ("axis", "cross", "product")
+            for a in (h.inputs or self.axes)
+            if a in self.axes
+        )
+        return mean, {
+            axis: marginal(
+                left, self.machine, self.volume, axis, self._fine(axis),
+                reverses=axis in self.reversing,
+            )
+            for axis in looked_up
+        }  # fmt: skip
+
+    def _fine(self, axis: str) -> F64:
+        more = [n for t in self.present for a, ns in zip(t.inputs, t.nodes, strict=True)
+                if a == axis for n in ns]  # fmt: skip
+        return fine_positions(self.field, axis, more)
+
+    def _axis_curves(self, holds: Holds, marginals: Mapping[str, Marginal]) -> list[Curve]:
+        found = []
+        for k, output in enumerate("XYZ"):
+            mine = []
+            for axis, part in marginals.items():
+                same = axis == output
+                if same == (holds.form == "axis") and _may(holds, axis, output):
+                    values = part.mean[:, :, k]
+                    inside = self._inside(part)
+                    centred = values - values[:, inside].mean()
+                    mine.append(Curve(holds, move(output), axis, part.positions, centred))
+            if holds.per_output is not None and len(mine) > holds.per_output:
+                mine.sort(key=lambda c: -float(c.values.std()))
+                left_out = [c.table().name for c in mine[holds.per_output :]]
+                self.notes.append("the controller has no table for " + ", ".join(left_out))
+                mine = mine[: holds.per_output]
+            found += mine
+        return found
+
+    def _inside(self, part: Marginal) -> NDArray[np.bool_]:
+        low, high = self.volume.ranges[part.axis]
+        return (part.positions >= low) & (part.positions <= high)
+
+    def _product_curves(self, holds: Holds, marginals: Mapping[str, Marginal]) -> list[Curve]:
+        """Parts that grow evenly with another axis's position; what two have in common once."""
+        found = []
+        for k, output in enumerate("XYZ"):
+            taken: set[frozenset[str]] = set()
+            for axis, part in marginals.items():
+                for lever, slope in part.slope.items():
+                    if not _may(holds, axis, output) or is_rotary(lever):
+                        continue
+                    inside = self._inside(part)
+                    values = slope[:, :, k]
+                    values = values - values[:, inside].mean()
+                    pair = frozenset((axis, lever))
+                    if pair in taken:
+                        # the twisted plane, both axes' product, is in the first of the two
+                        offset = part.positions - self.volume.middle(axis)
+                        even = values.mean(axis=0)[inside] @ offset[inside]
+                        values = values - even / (offset[inside] @ offset[inside]) * offset
+                    taken.add(pair)
+                    found.append(
+                        Curve(
+                            holds, move(output), axis, part.positions, values,
+                            self.volume.half(lever), (lever, self.volume.middle(lever)),
+                        )
+                    )  # fmt: skip
+        return found
+
+    def _most(self, curves: list[Curve], taken: int) -> list[Curve]:
+        """As many tables as the controller has beside those taken, those that do most first."""
+        by_effect = sorted(curves, key=lambda c: -float((c.values * c.reach).std()))
+        kept: list[Curve] = []
+        for curve in by_effect:
+            same = sum(k.output == curve.output for k in kept)
+            per_output, most = self.capability.per_output, self.capability.most_tables
+            if (per_output is None or same < per_output) and (
+                most is None or len(kept) + taken < most
+            ):
+                kept.append(curve)
+        if len(kept) < len(curves):
+            left_out = [c.table().name for c in curves if not any(c is k for k in kept)]
+            self.notes.append("the controller has no table for " + ", ".join(left_out))
+        return [c for c in curves if any(c is k for k in kept)]
+
+    def _give_constant(self, curves: list[Curve], mean: F64) -> None:
+        """The mean over the volume goes into an axis's own table, or the first that moves it."""
+        for k, output in enumerate("XYZ"):
+            mine = [c for c in curves if c.output == move(output) and c.lever is None]
+            mine.sort(key=lambda c: c.axis != output)
+            if mine:
+                i = next(i for i, c in enumerate(curves) if c is mine[0])
+                curves[i] = replace(mine[0], values=mine[0].values + mean[k])
+
+    # -- tables of a controller that knows levers -------------------------------------------------
+
+    def motions(self, holds: Holds) -> Projection:
+        """Six tables an axis."""
+        axes = [a for a in self.axes if _may(holds, a, a)]
+        found = axis_motions(self.field, self.volume, {a: self._fine(a) for a in axes})
+        curves = [
+            Curve(
+                holds,
+                Channel(axis, letter),
+                axis,
+                found[axis].positions,
+                found[axis].values[:, :, k],
+                self._reach("") if letter in "ABC" else 1.0,
+            )
+            for axis in axes
+            for k, letter in enumerate(LETTERS)
+        ]
+        tables, notes = fit_tables(self._with_present(curves), self.capability, self.tolerance)
+        self.notes += notes
+        return self._done(tables)
+
+    # -- spatial grids ----------------------------------------------------------------------------
+
+    def grid(self, holds: Holds, points: int | None) -> Projection:
+        """A grid over X, Y, Z, and one over the rotary axes where there are two or one."""
+        count = min(points or _GRID_POINTS, holds.points)
+        made: list[Table] = []
+        for axes in (tuple("XYZ"), self.machine.structure.rotary[:3]):
+            if not axes:
+                continue
+            nodes = {a: self._grid_nodes(holds, a, count) for a in axes}
+            made += spatial_grid(self.field.model, self.field.state, nodes)
+        rounded = [_rounded(t, holds) for t in self._sum(made)]
+        return self._done(rounded)
+
+    def _grid_nodes(self, holds: Holds, axis: str, count: int) -> F64:
+        nodes = np.linspace(*self.volume.ranges[axis], count)
+        unit = holds.spacing_of(axis).unit
+        return np.asarray(np.rint(nodes / unit) * unit) if unit > 0.0 else nodes
+
+    # -- what is in the controller already --------------------------------------------------------
+
+    def _with_present(self, curves: Iterable[Curve]) -> list[Curve]:
+        total = []
+        for curve in curves:
+            for table in list(self.present):
+                if table.same_number(curve.table()):
+                    curve = curve.plus(table)
+                    self.present.remove(table)
+            total.append(curve)
+        return total
+
+    def _sum(self, made: Sequence[Table]) -> list[Table]:
+        total = []
+        for table in made:
+            for held in list(self.present):
+                if held.same_number(table):
+                    table = table.plus(held)
+                    self.present.remove(held)
+            total.append(table)
+        return total
+
+    def _done(self, tables: Sequence[Table]) -> Projection:
+        if self.present:
+            raise InputError(
+                "a table that is in the controller has no counterpart among those to be written",
+                field="on",
+                found=", ".join(t.name for t in self.present),
+                expected=", ".join(t.name for t in tables),
+            )
+        return Projection(tuple(tables), tuple(self.notes))
+
+
+def _may(holds: Holds, axis: str, output: str) -> bool:
+    return (holds.inputs is None or axis in holds.inputs) and (
+        holds.outputs is None or output in holds.outputs
+    )
+
+
+def _rounded(table: Table, holds: Holds) -> Table:
+    step = holds.step(table.output.rotation)
+    if step <= 0.0:
+        return table
+    return replace(table, forward=np.rint(table.forward / step) * step)

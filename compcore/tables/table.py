@@ -1,0 +1,240 @@
+"""One table as controllers hold it: nodes, values, sign; linear between nodes, ends held."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compcore.channel import FUNCTIONAL_POINT, Channel, Component
+from compcore.conditions import Conditions
+from compcore.structure import is_rotary
+
+F64 = NDArray[np.float64]
+
+
+class Sign(StrEnum):
+    """Which of the two a number is (ISO/TR 16907, 3.14)."""
+
+    ERROR = "error"
+    """actual − indicated"""
+    COMPENSATION = "compensation"
+    """−error: what is to be added to a command"""
+
+    @property
+    def factor(self) -> float:
+        """What an error is multiplied by: 1 or −1."""
+        return 1.0 if self is Sign.ERROR else -1.0
+
+
+def move(axis: str) -> Channel:
+    """A table's output that is a move of X, Y or Z (a turn of A, B, C at the functional point)."""
+    component: Component = axis  # type: ignore[assignment]
+    return Channel(FUNCTIONAL_POINT, component)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Table:
+    """One number as a piecewise linear function of one to three axes' positions.
+
+    Attributes
+    ----------
+    output
+        What the number is. At `FUNCTIONAL_POINT`: a move of the axis X, Y or Z itself (or, A B C, a
+        turn of the functional orientation). At an axis: that axis's error motion, which the
+        controller carries to the functional point through its own levers.
+    inputs
+        Axes whose positions are looked up, one for each dimension.
+    nodes
+        Positions, strictly increasing, one array for each input, mm (rotary: rad).
+    forward
+        Values on the way up of ``inputs[0]``, mm or rad, shape (len(nodes[0]), …).
+    backward
+        Values on its way down; None: the same.
+    sign
+        Whether the values are errors or compensations.
+    lever
+        (axis, origin): the number is multiplied by that axis's position minus the origin (mm), its
+        unit is then that of `output` per mm.
+    """
+
+    output: Channel
+    inputs: tuple[str, ...]
+    nodes: tuple[F64, ...]
+    forward: F64
+    backward: F64 | None = None
+    sign: Sign = Sign.ERROR
+    lever: tuple[str, float] | None = None
+
+    def __post_init__(self) -> None:
+        shape = tuple(len(n) for n in self.nodes)
+        if len(self.inputs) != len(self.nodes) or self.forward.shape != shape:
+            raise ValueError(f"{self.name}: values {self.forward.shape} on nodes {shape}")
+        if self.backward is not None and self.backward.shape != shape:
+            raise ValueError(f"{self.name}: backward values {self.backward.shape} on nodes {shape}")
+        for axis, nodes in zip(self.inputs, self.nodes, strict=True):
+            if not len(nodes) or not (np.diff(nodes) > 0.0).all():
+                raise ValueError(f"{self.name}: nodes of {axis} do not increase")
+
+    @property
+    def name(self) -> str:
+        """ISO 230-1 name: E_YX for a Y error that depends on X, E_X(X,Y) where on both.
+
+        >>> import numpy as np
+        >>> Table(move("Y"), ("X",), (np.zeros(1),), np.zeros(1)).name
+        'E_YX'
+        """
+        component, place = self.output.component, self.output.place
+        inside = ",".join(self.inputs)
+        if place != FUNCTIONAL_POINT:
+            text = f"E_{component}{place}"
+            return text if self.inputs == (place,) else f"{text}({inside})"
+        text = f"E_{component}{inside}" if len(self.inputs) == 1 else f"E_{component}({inside})"
+        return text if self.lever is None else f"{text}·{self.lever[0]}"
+
+    @property
+    def direct(self) -> bool:
+        """Whether the number moves an axis itself, without levers."""
+        return self.output.place == FUNCTIONAL_POINT
+
+    @property
+    def directional(self) -> bool:
+        """Whether the two directions differ."""
+        return self.backward is not None
+
+    @property
+    def downward(self) -> F64:
+        """The values on the way down, whether they differ or not."""
+        return self.forward if self.backward is None else self.backward
+
+    def as_sign(self, sign: Sign) -> Table:
+        """The same table as errors, or as compensations."""
+        if sign is self.sign:
+            return self
+        return replace(self.scaled(-1.0), sign=sign)
+
+    def scaled(self, factor: float) -> Table:
+        """Every value multiplied by a factor."""
+        backward = None if self.backward is None else self.backward * factor
+        return replace(self, forward=self.forward * factor, backward=backward)
+
+    def at(self, *positions: F64, upward: bool = True) -> F64:
+        """Values at positions (n,) of each input, in its sign; the lever not applied."""
+        values = self.forward if upward else self.downward
+        return interpolate(self.nodes, values, positions)
+
+    def value(self, conditions: Conditions) -> F64:
+        """The error that the table stands for at n rows, mm or rad, the lever applied.
+
+        Where the direction is not known, the mean of the two.
+        """
+        positions = [conditions.position(axis) for axis in self.inputs]
+        values = self.at(*positions)
+        if self.backward is not None:
+            down = self.at(*positions, upward=False)
+            direction = conditions.direction(self.inputs[0])
+            weight = 0.5 * (1.0 + np.sign(direction))
+            values = weight * values + (1.0 - weight) * down
+        if self.lever is not None:
+            axis, origin = self.lever
+            values = values * (conditions.position(axis) - origin)
+        return values * self.sign.factor
+
+    def on(self, *nodes: F64) -> Table:
+        """The same table read at other nodes; exact where they include the present ones."""
+        mesh = np.meshgrid(*nodes, indexing="ij")
+        flat = [m.reshape(-1) for m in mesh]
+        shape = mesh[0].shape
+        backward = None
+        if self.backward is not None:
+            backward = self.at(*flat, upward=False).reshape(shape)
+        return replace(
+            self, nodes=tuple(nodes), forward=self.at(*flat).reshape(shape), backward=backward
+        )
+
+    def plus(self, other: Table) -> Table:
+        """The sum of two tables of the same number, in this one's sign, on the nodes of both.
+
+        Raises
+        ------
+        ValueError
+            When they are not tables of the same number.
+        """
+        if not self.same_number(other):
+            raise ValueError(f"{self.name} and {other.name} cannot be added")
+        both = zip(self.nodes, other.nodes, strict=True)
+        union = [np.union1d(a, b) for a, b in both]
+        mine, theirs = self.on(*union), other.as_sign(self.sign).on(*union)
+        backward = None
+        if mine.directional or theirs.directional:
+            backward = mine.downward + theirs.downward
+        return replace(mine, forward=mine.forward + theirs.forward, backward=backward)
+
+    def same_number(self, other: Table) -> bool:
+        """Whether two tables hold the same number as a function of the same axes."""
+        return (self.output, self.inputs, self.lever) == (other.output, other.inputs, other.lever)
+
+    def difference(self, other: Table) -> float:
+        """Largest difference between two tables of the same number, anywhere, mm or rad."""
+        change = self.plus(other.as_sign(self.sign).scaled(-1.0))
+        return float(max(np.abs(change.forward).max(), np.abs(change.downward).max()))
+
+    def largest(self) -> float:
+        """The largest value, mm or rad."""
+        return float(max(np.abs(self.forward).max(), np.abs(self.downward).max()))
+
+
+def interpolate(nodes: Sequence[F64], values: F64, positions: Sequence[F64]) -> F64:
+    """Multilinear interpolation at n positions, (n,) for each dimension; the ends are held."""
+    if len(nodes) == 1:
+        return np.interp(positions[0], nodes[0], values)
+    left, part = [], []
+    for grid, position in zip(nodes, positions, strict=True):
+        held = np.clip(position, grid[0], grid[-1])
+        index = np.clip(np.searchsorted(grid, held, side="right") - 1, 0, max(len(grid) - 2, 0))
+        span = grid[np.minimum(index + 1, len(grid) - 1)] - grid[index]
+        left.append(index)
+        part.append((held - grid[index]) / np.where(span > 0.0, span, 1.0))
+    total = np.zeros(len(positions[0]))
+    for corner in itertools.product((0, 1), repeat=len(nodes)):
+        weight = np.ones(len(total))
+        at = []
+        for k, (i, w) in enumerate(zip(left, part, strict=True)):
+            weight = weight * (w if corner[k] else 1.0 - w)
+            at.append(np.minimum(i + corner[k], values.shape[k] - 1))
+        total += weight * values[tuple(at)]
+    return total
+
+
+def tables_of(tables: Iterable[Table], axis: str) -> tuple[Table, ...]:
+    """Those tables that look up an axis first, in order."""
+    return tuple(t for t in tables if t.inputs[0] == axis)
+
+
+def unit_of_position(axis: str) -> tuple[str, float]:
+    """Unit in which files and screens give an axis's positions, and the factor to it.
+
+    >>> unit_of_position("X")
+    ('mm', 1.0)
+    """
+    return ("deg", 180.0 / np.pi) if is_rotary(axis) else ("mm", 1.0)
+
+
+def superposed(new: Iterable[Table], present: Iterable[Table]) -> tuple[Table, ...]:
+    """New tables added to those that a controller holds already (ISO/TR 16907, 10).
+
+    Tables of a number that only one of the two holds are taken as they are, as errors.
+    """
+    total = [t.as_sign(Sign.ERROR) for t in present]
+    for table in new:
+        for i, held in enumerate(total):
+            if held.same_number(table):
+                total[i] = held.plus(table)
+                break
+        else:
+            total.append(table.as_sign(Sign.ERROR))
+    return tuple(total)

@@ -1,0 +1,88 @@
+"""Units at the edges: what a file may say, and its factor to the units inside the code.
+
+Inside: mm, rad, °C (differences in K), s. A unit that is not in the table is an error, never a
+factor of one.
+"""
+
+from __future__ import annotations
+
+import math
+
+from compcore.errors import InputError
+
+_DEG = math.pi / 180.0
+
+FACTORS: dict[str, tuple[str, float]] = {
+    # spelling: (unit inside the code, factor)
+    "1": ("1", 1.0),
+    "mm": ("mm", 1.0),
+    "um": ("mm", 1e-3),
+    "µm": ("mm", 1e-3),
+    "nm": ("mm", 1e-6),
+    "m": ("mm", 1e3),
+    "rad": ("rad", 1.0),
+    "mrad": ("rad", 1e-3),
+    "urad": ("rad", 1e-6),
+    "µrad": ("rad", 1e-6),
+    "mm/m": ("rad", 1e-3),
+    "um/m": ("rad", 1e-6),
+    "deg": ("rad", _DEG),
+    "arcsec": ("rad", _DEG / 3600.0),
+    "mm/mm": ("1", 1.0),
+    "ppm": ("1", 1e-6),
+    "1/K": ("1/K", 1.0),
+    "ppm/K": ("1/K", 1e-6),
+    "s": ("s", 1.0),
+    "min": ("s", 60.0),
+    "h": ("s", 3600.0),
+}
+"""Spelling → (unit inside the code, factor that the number is multiplied by)."""
+
+
+def to_internal(value: float, unit: str, expected: str) -> float:
+    """A number with its unit as written in a file → the number in `expected`.
+
+    Compound units that the table does not list (``rad/K``, ``mm/kg``) pass when both are spelled
+    alike; a leading length or angle, and a time below, may differ in size (``um/K`` for ``mm/K``,
+    ``um/h`` for ``mm/s``).
+
+    Raises
+    ------
+    InputError
+        When the unit is unknown or of another kind.
+    """
+    if unit == expected:
+        return value
+    base, _, per = unit.partition("/")
+    want, _, want_per = expected.partition("/")
+    if unit in FACTORS and FACTORS[unit][0] == expected:
+        return value * FACTORS[unit][1]
+    if base in FACTORS and FACTORS[base][0] == want:
+        if per == want_per:
+            return value * FACTORS[base][1]
+        if want_per == "s" and per in FACTORS and FACTORS[per][0] == "s":
+            return value * FACTORS[base][1] / FACTORS[per][1]
+    raise InputError("wrong unit", field="unit", found=unit, expected=f"{expected!r} or a multiple")
+
+
+def display(unit: str) -> tuple[str, float]:
+    """The unit in which people read a quantity, and the factor from the unit inside the code.
+
+    >>> display("mm")
+    ('µm', 1000.0)
+    >>> display("rad/K")
+    ('µrad/K', 1000000.0)
+    """
+    if unit == "1":
+        return "ppm", 1e6
+    if unit == "1/K":
+        return "ppm/K", 1e6
+    base, slash, per = unit.partition("/")
+    slow = 1.0
+    if per == "s":
+        per, slow = "h", 3600.0  # machines drift by the hour
+    if base == "mm":
+        return "µm" + slash + per, 1e3 * slow
+    if base == "rad":
+        return "µrad" + slash + per, 1e6 * slow
+    return unit, 1.0

@@ -1,0 +1,82 @@
+"""Effects from outside: what a broken or greedy plugin package costs, and whom."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from compcore.effects import registry
+from compcore.errors import InputError
+
+GOOD = """
+from compcore.effects import Drift
+
+class Thing(Drift):
+    kind = "creep"
+"""
+
+
+@pytest.fixture
+def plugin(tmp_path, monkeypatch):
+    """Install a module under entry points of this environment, as pip would have left it."""
+
+    def install(code: str, names: tuple[str, ...] = ("thing",)) -> None:
+        (tmp_path / "strange_effect.py").write_text(code + "\n")
+        info = tmp_path / "strange_effect-1.0.dist-info"
+        info.mkdir()
+        head = "Metadata-Version: 2.1\nName: strange-effect\nVersion: 1.0\n"
+        (info / "METADATA").write_text(head)
+        lines = [f"{name} = strange_effect:Thing" for name in names]
+        (info / "entry_points.txt").write_text("\n".join(["[abbe.effects]", *lines, ""]))
+        monkeypatch.syspath_prepend(str(tmp_path))
+        registry._plugins.cache_clear()
+
+    yield install
+    sys.modules.pop("strange_effect", None)
+    monkeypatch.undo()
+    registry._plugins.cache_clear()
+
+
+def test_a_plugin_s_effect_is_one_like_the_others(plugin):
+    plugin(GOOD)
+    assert list(registry.effect_kinds())[-1] == "creep"
+    effect = registry.make_effect("creep", {"direction": "X"})
+    assert effect.spec == "creep direction=X"
+    assert registry.chapter(type(effect)) == "From plugin packages"
+
+
+def test_without_it_the_kind_is_unknown():
+    with pytest.raises(InputError, match=r"unknown kind of effect: found 'creep', expected one of"):
+        registry.make_effect("creep", {"direction": "X"})
+
+
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        ("import nowhere_at_all", "cannot be loaded (ModuleNotFoundError: No module"),
+        ("raise RuntimeError('no licence')", "cannot be loaded (RuntimeError: no licence)"),
+        ("", "cannot be loaded (AttributeError"),
+        ("Thing = 3", "is not an effect"),
+        ("class Thing: kind = 'creep'", "is not an effect"),
+        (GOOD.replace("creep", "backlash"), "claims a built-in kind"),
+    ],
+)
+def test_a_broken_plugin_is_named_and_spares_the_built_in_effects(plugin, code, said):
+    plugin(code)
+    assert registry.make_effect("backlash", {"axis": "X"}).spec == "backlash axis=X"
+    with pytest.raises(InputError) as caught:
+        registry.effect_kinds()
+    assert said in str(caught.value)
+    assert "strange_effect:Thing" in str(caught.value)
+
+
+def test_two_plugins_cannot_claim_one_kind(plugin):
+    plugin(GOOD, names=("thing", "other"))
+    with pytest.raises(InputError, match="claims another plugin's kind"):
+        registry.effect_kinds()
+
+
+def test_two_built_in_effects_cannot_either():
+    with pytest.raises(ValueError, match="'backlash' is registered twice"):
+        registry.register(registry.effect_class("backlash"))
