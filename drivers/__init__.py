@@ -1,0 +1,1 @@
+"""drivers: the outside world, one plugin each; knows compcore's types, never the daemon."""

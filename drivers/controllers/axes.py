@@ -1,0 +1,59 @@
+"""What dialects share about axes: units of positions, numbers, what a table's value moves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compcore.channel import Channel, Component
+from compcore.machine import Machine, own_component
+from compcore.structure import is_rotary
+from compcore.tables.table import Table, move
+
+F64 = NDArray[np.float64]
+
+DEGREE = math.pi / 180.0
+"""rad"""
+
+
+def position_unit(axis: str) -> float:
+    """A millimetre, or for a rotary axis a degree, in mm or rad."""
+    return DEGREE if is_rotary(axis) else 1.0
+
+
+def axis_numbers(machine: Machine, given: Mapping[str, int], first: int = 1) -> dict[str, int]:
+    """Axis → number: as given, or X, Y, Z and then the others as the structure lists them.
+
+    >>> from compcore.machine import Axis
+    >>> from compcore.structure import Structure
+    >>> structure = Structure.parse("w C' b Y X Z t")
+    >>> machine = Machine("", structure, {a: Axis(a, (0.0, 1.0)) for a in structure.axes})
+    >>> axis_numbers(machine, {})
+    {'X': 1, 'Y': 2, 'Z': 3, 'C': 4}
+    """
+    axes = machine.structure.axes
+    if given:
+        for axis in given:
+            machine.axis(axis, "axes")
+        return dict(given)
+    order = [a for a in "XYZ" if a in axes] + [a for a in axes if a not in "XYZ"]
+    return {axis: i for i, axis in enumerate(order, start=first)}
+
+
+def moved_axis(table: Table) -> str:
+    """The axis that a table of moves corrects."""
+    return table.output.component if table.direct else table.output.place
+
+
+def output_of(axis: str) -> Channel:
+    """The output of a table that corrects an axis itself: a move, or its own turn."""
+    component: Component = own_component(axis)  # type: ignore[assignment]
+    return Channel(axis, component) if is_rotary(axis) else move(component)
+
+
+def equidistant(start: float, step: float, count: int) -> F64:
+    """Positions from a start at one distance, (count,)."""
+    return np.asarray(start + step * np.arange(count), dtype=np.float64)

@@ -1,0 +1,82 @@
+"""Numbers in the files of controllers: written without surprises, read with the place of errors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compcore.errors import InputError
+
+F64 = NDArray[np.float64]
+
+
+def fixed(value: float, decimals: int) -> str:
+    """A number with so many decimals, zero never negative.
+
+    >>> fixed(-0.00001, 3), fixed(12.5, 1)
+    ('0.000', '12.5')
+    """
+    text = f"{value:.{decimals}f}"
+    return text[1:] if text.startswith("-") and not text.strip("-0.") else text
+
+
+def whole(value: float, step: float, what: str) -> int:
+    """A value as a number of steps.
+
+    Raises
+    ------
+    ValueError
+        When it is not one: tables come here in whole steps.
+    """
+    count = value / step
+    if abs(count - round(count)) > 1e-4:
+        raise ValueError(f"{what}: {value!r} is not a whole number of {step!r}")
+    return round(count)
+
+
+def number(text: str, file: str, line: int, what: str) -> float:
+    """A finite number.
+
+    Raises
+    ------
+    InputError
+        With the place.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(
+            "not a number", file=file, line=line, field=what, found=text, expected="a number"
+        )
+    return value
+
+
+def numbered_lines(text: str) -> Iterator[tuple[int, str]]:
+    """Lines with their numbers, from 1, without line ends and blanks around."""
+    for i, line in enumerate(text.splitlines(), start=1):
+        yield i, line.strip()
+
+
+def increasing(positions: Sequence[float], file: str, line: int, what: str) -> F64:
+    """Positions of a table.
+
+    Raises
+    ------
+    InputError
+        When there are none, or they do not increase.
+    """
+    found = np.array(positions, dtype=np.float64)
+    if not len(found) or (np.diff(found) <= 0.0).any():
+        raise InputError(
+            "positions do not increase" if len(found) else "no points",
+            file=file,
+            line=line,
+            field=what,
+            expected="one point or more, each beyond the one before",
+        )
+    return found

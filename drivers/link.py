@@ -1,0 +1,239 @@
+"""The link contract: what every connection to a device must do, and how links are found.
+
+A link is one physical bus (a TCP connection, a serial port, a CAN interface) with one owner.
+It turns named channels of its configuration into `Sample` objects and back. A link plugin is
+one class registered under the entry-point group ``abbe.links``; ``CONTRIBUTING.md`` shows
+one in a page.
+
+Errors form one tree::
+
+    LinkError                      anything a link says
+    ├── LinkConfigError            the configuration cannot work; raised before anything opens
+    ├── LinkDownError              no connection (also a ConnectionError)
+    ├── LinkTimeoutError           the device did not answer in time (also a TimeoutError)
+    ├── LinkProtocolError          the device answered, and the answer is wrong or foreign
+    └── WriteNotVerifiedError      read-back after a write differs from what was written
+"""
+
+from __future__ import annotations
+
+import enum
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from typing import Any, ClassVar, NamedTuple
+
+from pydantic import BaseModel, ConfigDict
+
+LINK_GROUP = "abbe.links"
+
+
+class LinkError(Exception):
+    """Root of all link errors; the message says what, which device, and how to mend it."""
+
+
+class LinkConfigError(LinkError, ValueError):
+    """The configuration cannot work, e.g. two channels overlap with different types."""
+
+
+class LinkDownError(LinkError, ConnectionError):
+    """There is no connection, e.g. the server was stopped or the cable pulled."""
+
+
+class LinkTimeoutError(LinkError, TimeoutError):
+    """The device did not answer in time, e.g. a unit on a shared bus is switched off."""
+
+
+class LinkProtocolError(LinkError):
+    """The device answered, and the answer is wrong or belongs to another request."""
+
+
+class WriteNotVerifiedError(LinkError):
+    """The read-back after a write differs from what was written."""
+
+
+class Quality(enum.Enum):
+    """Whether a sample may be used. Zero is a value; "unavailable" is a quality."""
+
+    GOOD = "good"
+    BAD = "bad"
+    """The device answered, but not with this value (exception, illegal content)."""
+    UNAVAILABLE = "unavailable"
+    """No answer: link down, time-out, unit quarantined."""
+
+
+class Sample(NamedTuple):
+    """One reading of one channel. A tuple, because a live cycle makes some dozens of them.
+
+    Attributes
+    ----------
+    value
+        The channel's number in the unit that its configuration names; NaN when not `good`.
+    time
+        `time.monotonic()` in s at which the answer arrived; for a bad sample, of the attempt.
+    quality
+        Whether `value` may be used.
+    reason
+        For people: empty when good, else what went wrong.
+    """
+
+    value: float
+    time: float
+    quality: Quality = Quality.GOOD
+    reason: str = ""
+
+    @property
+    def good(self) -> bool:
+        """Whether the value may be used."""
+        return self.quality is Quality.GOOD
+
+    def age(self, now: float | None = None) -> float:
+        """Seconds since the sample was taken, on the monotonic clock."""
+        return (time.monotonic() if now is None else now) - self.time
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelInfo:
+    """What the configuration says of one channel, for checks before anything opens and for people.
+
+    Attributes
+    ----------
+    unit
+        Unit of the channel's values; empty when the configuration does not name it.
+    writable
+        Whether `Link.write` takes it.
+    every
+        s between two reads of the device; 0: at every call of `Link.read`.
+    """
+
+    unit: str = ""
+    writable: bool = False
+    every: float = 0.0
+
+
+class LinkState(enum.Enum):
+    """What a link is doing, for the live screen and the status register."""
+
+    CLOSED = "closed"
+    CONNECTING = "connecting"
+    UP = "up"
+    DEGRADED = "degraded"
+    """Connected, but at least one unit or block does not answer."""
+    DOWN = "down"
+    """Lost; reconnecting with back-off."""
+
+
+@dataclass(slots=True)
+class LinkStatus:
+    """A link's visible health; kept up to date by the link, read by anybody.
+
+    Times are in s; `round_trip` is that of the last request answered.
+    """
+
+    state: LinkState = LinkState.CLOSED
+    since: float = field(default_factory=time.monotonic)
+    detail: str = ""
+    round_trip: float = float("nan")
+    requests: int = 0
+    failures: int = 0
+    reconnects: int = 0
+    quarantined: dict[str, str] = field(default_factory=dict)
+    """Unit → why it is left alone for now."""
+
+    def become(self, state: LinkState, detail: str = "") -> bool:
+        """Enter a state; True when it is a change (so that it is logged once)."""
+        changed = state is not self.state
+        if changed:
+            self.state = state
+            self.since = time.monotonic()
+        self.detail = detail
+        return changed
+
+
+class LinkConfig(BaseModel):
+    """Base of every link's configuration section; unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Link(ABC):
+    """One owner of one physical bus.
+
+    A link never blocks the event loop, bounds every wait, reconnects by itself, and hands back a
+    `Sample` for every channel asked for: an outage shows as quality, not as an exception.
+    """
+
+    Config: ClassVar[type[LinkConfig]]
+    """The pydantic class that checks this link's section of the configuration."""
+
+    status: LinkStatus
+
+    def __init__(self, name: str, config: LinkConfig) -> None:
+        self.name = name
+        self.config = config
+        self.status = LinkStatus()
+
+    @property
+    @abstractmethod
+    def channels(self) -> Mapping[str, str]:
+        """Channel name → one line for people: where it sits and how it is decoded."""
+
+    def info(self, channel: str) -> ChannelInfo:
+        """What the configuration says of one of `channels`; a link that knows more overrides it."""
+        return ChannelInfo(writable=channel in self.channels)
+
+    @abstractmethod
+    async def open(self) -> None:
+        """Start the link; return once it is up or retrying in the background.
+
+        Raises
+        ------
+        LinkConfigError
+            When the configuration can never work. An unreachable device is not an error here.
+        """
+
+    @abstractmethod
+    async def read(self, channels: Sequence[str]) -> dict[str, Sample]:
+        """Read a batch of channels in as few requests as possible.
+
+        Every channel asked for is in the answer; what could not be read has a bad quality.
+        """
+
+    @abstractmethod
+    async def write(self, values: Mapping[str, float]) -> None:
+        """Write channels; returns when the device acknowledged (and verified, where configured).
+
+        Raises
+        ------
+        LinkError
+            When any value was not written; the message says which.
+        """
+
+    @abstractmethod
+    async def close(self) -> None:
+        """End the link and all its tasks; safe to call twice."""
+
+
+def available_links() -> dict[str, str]:
+    """Names of all installed link plugins → where each lives (``module:Class``)."""
+    return {ep.name: ep.value for ep in sorted(entry_points(group=LINK_GROUP))}
+
+
+def link_class(driver: str) -> type[Link]:
+    """Load a link plugin by its name.
+
+    Raises
+    ------
+    LinkConfigError
+        When there is none of that name, or it is not a `Link`; lists those that exist.
+    """
+    found = [ep for ep in entry_points(group=LINK_GROUP) if ep.name == driver]
+    if not found:
+        known = ", ".join(available_links()) or "none"
+        raise LinkConfigError(f"no link driver {driver!r}; installed: {known}")
+    cls: Any = found[0].load()
+    if not (isinstance(cls, type) and issubclass(cls, Link)):
+        raise LinkConfigError(f"link driver {driver!r} ({found[0].value}) is not a Link class")
+    return cls

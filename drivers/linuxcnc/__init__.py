@@ -1,0 +1,1 @@
+"""A running LinuxCNC: `link.LinuxCncLink`, entry point ``abbe.links: linuxcnc``."""

@@ -1,0 +1,360 @@
+"""Between Abbe and a running LinuxCNC: run by the system's Python, line JSON on its pipes.
+
+LinuxCNC's modules ``linuxcnc`` and ``hal`` belong to the system's Python (Debian: /usr/bin/python3)
+and not to a virtual environment. So this file is run there, in a process of its own; it imports
+nothing else that is not in the standard library, and nothing of Abbe.
+
+Started with one argument, a JSON object: ``offsets`` (axis letter → ``scale``, its step, and
+``max``, both in mm or degrees), ``lease``, ``ramp``, ``servo_silence`` (s). Says ``{"ready": …}``
+or ``{"error": …}`` first; then one answer for each line:
+
+``{"read": ["joint.0.pos-fb", "no"]}``
+    ``{"values": [50.0, null], "why": {"no": "pin not found"}}``
+``{"set": {"x": 0.0123}}``
+    ``{"set": {"x": {"request": …, "applied": …}}, "limited": false, "why": ""}``
+
+An external offset is moved by *changes* of ``axis.L.eoffset-counts`` and zeroed by LinuxCNC at
+machine-on; what the offset really is, ``eoffset-request`` tells. So counts are set relative to a
+pair (counts, request) that was seen, and the pair is taken anew when the two no longer agree.
+
+When Abbe sets nothing for ``lease`` s, or is gone, the offsets are taken back to zero within
+``ramp`` s. When the servo thread stands still for ``servo_silence`` s (LinuxCNC was killed), this
+process ends.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import sys
+import time
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+HAL_KEY = 0x48414C32
+"""Of HAL's shared memory (hal_priv.h). Attaching to what is not there would create it."""
+ANSWER_TIME = 0.02
+"""s in which the servo thread takes up changed counts: twenty of its usual periods."""
+NAP = 0.02
+
+
+class GoneError(Exception):
+    """LinuxCNC is not running, or no longer; the message says how that shows."""
+
+
+def running() -> bool:
+    """Whether HAL's shared memory exists and somebody is attached to it."""
+    rows = [line.split() for line in Path("/proc/sysvipc/shm").read_text().splitlines()]
+    key, attached = rows[0].index("key"), rows[0].index("nattch")
+    return any(int(row[key]) & 0xFFFFFFFF == HAL_KEY and int(row[attached]) > 0 for row in rows[1:])
+
+
+class Offset:
+    """The external offset of one axis.
+
+    Parameters
+    ----------
+    hal
+        LinuxCNC's module.
+    axis
+        Letter, lower case.
+    scale
+        Step: mm (degrees) per count.
+    largest
+        Most that is ever asked for, mm (degrees).
+    units
+        Machine units per mm (degree).
+    """
+
+    def __init__(self, hal: Any, axis: str, scale: float, largest: float, units: float) -> None:
+        self._hal = hal
+        self._pin = "axis." + axis + ".eoffset"
+        self.step = scale
+        self._largest = largest
+        self._changed_at = 0.0
+        self.wanted = 0.0
+        self._get = hal.get_value
+        self._units = units
+        hal.set_p(self._pin + "-scale", repr(scale * units))
+        hal.set_p(self._pin + "-enable", "1")
+        self._base = (self._get(self._pin + "-counts"), self.request)
+        self.wanted = self.request
+
+    @property
+    def request(self) -> float:
+        """What LinuxCNC takes the offset to be, mm (degrees)."""
+        return float(self._get(self._pin + "-request")) / self._units
+
+    @property
+    def applied(self) -> float:
+        """How much of it is applied: on its way, or held back by a soft limit."""
+        return float(self._get(self._pin)) / self._units
+
+    def want(self, offset: float) -> None:
+        """Ask for an offset."""
+        if not abs(offset) <= self._largest:
+            raise ValueError(
+                f"{self._pin}: {offset:g} is beyond the largest allowed, {self._largest:g}"
+            )
+        self.wanted = offset
+        self._rebase_if_moved()
+        counts, request = self._base
+        new = counts + round((offset - request) / self.step)
+        if new != self._get(self._pin + "-counts"):
+            self._hal.set_p(self._pin + "-counts", str(new))
+            self._changed_at = time.monotonic()
+
+    @property
+    def settled(self) -> bool:
+        """Whether LinuxCNC took up what is wanted."""
+        return abs(self.request - self.wanted) <= 0.6 * self.step
+
+    @property
+    def missing(self) -> float:
+        """How far what is applied is from what is wanted."""
+        return abs(self.applied - self.wanted)
+
+    def _rebase_if_moved(self) -> None:
+        """Take the pair anew when something else moved the offset (machine-on, clear)."""
+        if time.monotonic() - self._changed_at < ANSWER_TIME:
+            return  # the servo thread may not have taken up the last counts
+        counts, request = self._base
+        now = self._get(self._pin + "-counts")
+        expected = request + (now - counts) * self.step
+        if abs(self.request - expected) > 0.5 * self.step:
+            self._base = (now, self.request)
+
+
+class Bridge:
+    """All that is done for Abbe.
+
+    Parameters
+    ----------
+    settings
+        As in the module's description.
+    out
+        File descriptor to answer on.
+    """
+
+    def __init__(self, settings: dict[str, Any], out: int) -> None:
+        self._settings = settings
+        self._out = out
+        self._lease_ends: float | None = None
+        self._ramp: tuple[float, dict[str, float]] | None = None
+        self._ending = False
+        self._beat = (0.0, time.monotonic())
+        self._offsets: dict[str, Offset] = {}
+
+    def say(self, **facts: Any) -> None:
+        """Write one line."""
+        try:
+            os.write(self._out, json.dumps(facts).encode() + b"\n")
+        except BrokenPipeError:
+            self._ending = True
+
+    def attach(self) -> None:
+        """Become part of HAL."""
+        if not running():
+            raise GoneError("LinuxCNC is not running")
+        import hal
+        import linuxcnc
+
+        status = linuxcnc.stat()
+        try:
+            status.poll()
+        except linuxcnc.error as error:
+            raise GoneError(f"LinuxCNC is not running ({error})") from None
+        if not status.ini_filename:
+            raise GoneError("LinuxCNC is starting")
+        self._component = hal.component(f"abbe-{os.getpid()}")
+        self._component.ready()
+        if not hal.component_exists("motmod"):
+            raise GoneError("LinuxCNC is starting: no motion module yet")
+        self._hal = hal
+        ini = linuxcnc.ini(status.ini_filename)
+        ratios = {
+            axis: float(ini.find("AXIS_" + axis.upper(), "OFFSET_AV_RATIO") or 0.0)
+            for axis in self._settings["offsets"]
+        }
+        off = [axis for axis, ratio in ratios.items() if not ratio > 0.0]
+        if off:
+            raise ValueError(
+                f"[AXIS_{off[0].upper()}] of {status.ini_filename} has no OFFSET_AV_RATIO: "
+                "LinuxCNC takes no external offset there"
+            )
+        # A LinuxCNC that was killed leaves its memory behind, in which nothing moves any more.
+        deadline = time.monotonic() + self._settings["servo_silence"]
+        first = self._period()
+        while self._period() == first:
+            if time.monotonic() > deadline:
+                raise GoneError("LinuxCNC's servo thread stands still (was it killed?)")
+            time.sleep(0.002)
+        self._offsets = {
+            axis: Offset(
+                hal,
+                axis,
+                part["scale"],
+                part["max"],
+                1.0 if axis in "abc" else status.linear_units,
+            )
+            for axis, part in self._settings["offsets"].items()
+        }
+        self.say(
+            ready={
+                "ini": status.ini_filename,
+                "units_per_mm": status.linear_units,
+                "ratios": ratios,
+            }
+        )
+
+    def _period(self) -> float:
+        return float(self._hal.get_value("motion.servo.last-period"))
+
+    def read(self, names: list[str]) -> dict[str, Any]:
+        """Values of pins or signals, and why some cannot be read."""
+        get = self._hal.get_value
+        values: list[float | None] = []
+        why = {}
+        for name in names:
+            try:
+                values.append(float(get(name)))
+            except RuntimeError as error:
+                values.append(None)
+                why[name] = str(error)
+        return {"values": values, "why": why}
+
+    def set(self, wanted: dict[str, float]) -> dict[str, Any]:
+        """Move offsets and see whether LinuxCNC takes them up."""
+        try:
+            for axis, offset in wanted.items():
+                self._offsets[axis].want(offset)
+        except ValueError as error:
+            return {"failed": str(error)}
+        self._ramp = None
+        self._lease_ends = time.monotonic() + self._settings["lease"]
+        offsets = [self._offsets[axis] for axis in wanted]
+        deadline = time.monotonic() + ANSWER_TIME
+        while not all(offset.settled for offset in offsets) and time.monotonic() < deadline:
+            time.sleep(0.0003)
+        get = self._hal.get_value
+        why = ""
+        if not all(offset.settled for offset in offsets):
+            if not get("motion.motion-enabled"):
+                why = "the machine is off"
+            elif not get("motion.is-all-homed"):
+                why = "the machine is not homed"
+            else:
+                why = "LinuxCNC does not take it up (in joint mode?)"
+        return {
+            "set": {
+                axis: {
+                    "request": self._offsets[axis].request,
+                    "applied": self._offsets[axis].applied,
+                }
+                for axis in wanted
+            },
+            "limited": self._held_back(offsets),
+            "why": why,
+        }
+
+    def _held_back(self, offsets: list[Offset]) -> bool:
+        """Whether a soft limit holds an offset back: LinuxCNC says so, and it does not move."""
+        if not self._hal.get_value("motion.eoffset-limited"):
+            return False
+        before = [offset.missing for offset in offsets]
+        time.sleep(ANSWER_TIME)
+        after = [offset.missing for offset in offsets]
+        return any(
+            now >= then > offset.step
+            for offset, then, now in zip(offsets, before, after)  # noqa: B905 - any Python 3
+        )
+
+    def serve(self) -> None:
+        """Answer until the input ends and the offsets are back at zero, or LinuxCNC is gone."""
+        held = b""
+        while True:
+            moving = self._ramp is not None or self._ending
+            ready = not self._ending and select.select([0], [], [], 0.002 if moving else NAP)[0]
+            if self._ending:
+                time.sleep(0.002)
+            if ready:
+                data = os.read(0, 65536)
+                if not data:
+                    self._ending = True
+                *lines, held = (held + data).split(b"\n")
+                for line in lines:
+                    self._answer(json.loads(line))
+            self._watch()
+            if self._release() and self._ending:
+                return
+
+    def _answer(self, order: dict[str, Any]) -> None:
+        if "read" in order:
+            self.say(**self.read(order["read"]))
+        else:
+            self.say(**self.set(order["set"]))
+
+    def _watch(self) -> None:
+        """Raise when the servo thread stands still."""
+        now = time.monotonic()
+        last, since = self._beat
+        period = self._period()
+        if period != last:
+            self._beat = (period, now)
+        elif now - since > self._settings["servo_silence"]:
+            raise GoneError("LinuxCNC's servo thread stands still")
+
+    def _release(self) -> bool:
+        """Take the offsets back when nobody answers for them; whether they are at zero."""
+        now = time.monotonic()
+        over = self._lease_ends is not None and now > self._lease_ends
+        if not (over or self._ending) or self._lease_ends is None:
+            return True
+        if self._ramp is None:
+            self._ramp = (now, {axis: o.wanted for axis, o in self._offsets.items()})
+        began, start = self._ramp
+        share = max(0.0, 1.0 - (now - began) / self._settings["ramp"])
+        for axis, offset in self._offsets.items():
+            offset.want(start[axis] * share)
+        if share > 0.0:
+            return False
+        if all(offset.settled for offset in self._offsets.values()):
+            self._lease_ends = self._ramp = None
+            return True
+        # Not taken up: the machine is off, where an offset has no meaning.
+        if now - began > self._settings["ramp"] + 10 * ANSWER_TIME:
+            self._lease_ends = self._ramp = None
+            return True
+        return False
+
+
+def main() -> int:
+    """Serve; the exit status: 0 Abbe ended it, 1 LinuxCNC is gone, 2 bad settings."""
+    # LinuxCNC's libraries print to standard output; the answers get a pipe of their own.
+    out = os.dup(1)
+    os.dup2(2, 1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    bridge = Bridge(json.loads(sys.argv[1]), out)
+
+    def ended(_number: int, _frame: FrameType | None) -> None:
+        raise GoneError("LinuxCNC ended")
+
+    # LinuxCNC sends it to all parts of HAL when it ends.
+    signal.signal(signal.SIGTERM, ended)
+    try:
+        bridge.attach()
+        bridge.serve()
+    except GoneError as gone:
+        bridge.say(error=str(gone))
+        return 1
+    except (ValueError, ImportError, RuntimeError) as error:
+        bridge.say(error=str(error))
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,256 @@
+"""The LinuxCNC link: HAL pins read, live corrections written as external offsets.
+
+LinuxCNC runs on the same computer; a bridge process (`drivers.linuxcnc.bridge`) of the system's
+Python is part of its HAL and ends with it.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, ClassVar
+
+from drivers.link import (
+    ChannelInfo,
+    Link,
+    LinkConfig,
+    LinkConfigError,
+    LinkDownError,
+    LinkError,
+    LinkProtocolError,
+    LinkTimeoutError,
+    Quality,
+    Sample,
+    WriteNotVerifiedError,
+)
+from drivers.linuxcnc.config import STATE_BITS, LinuxCncConfig
+from drivers.linuxcnc.process import BridgeProcess
+from drivers.reconnect import Keeper
+from drivers.turns import Turns
+
+logger = logging.getLogger("abbe.drivers.linuxcnc")
+
+_NAN = float("nan")
+_ROTARY = "ABC"
+
+
+class LinuxCncLink(Link):
+    """A running LinuxCNC.
+
+    Parameters
+    ----------
+    name
+        The link's name in the configuration.
+    config
+        Its section.
+    """
+
+    Config: ClassVar[type[LinkConfig]] = LinuxCncConfig
+
+    def __init__(self, name: str, config: LinuxCncConfig) -> None:
+        super().__init__(name, config)
+        self._config = config
+        self._keeper = Keeper(
+            f"link {name} (LinuxCNC)",
+            config,
+            self.status,
+            self._connect,
+            self._disconnect,
+            logger,
+        )
+        self._turns = Turns(self._keeper, config.max_waiting)
+        self._bridge: BridgeProcess | None = None
+        self._units_per_mm = 1.0
+        self._pins = {name: self._pins_of(name) for name in config.channels}
+
+    @property
+    def channels(self) -> Mapping[str, str]:
+        """Channel name → pin, or axis whose offset it is, for people."""
+        return {name: self._describe(name) for name in self._config.channels}
+
+    def info(self, channel: str) -> ChannelInfo:
+        """Unit, and whether it is written."""
+        section = self._config.channels[channel]
+        if section.offset is not None:
+            return ChannelInfo("deg" if section.offset in _ROTARY else "mm", writable=True)
+        return ChannelInfo(section.unit)
+
+    async def open(self) -> None:
+        """Attach to LinuxCNC, or begin to wait for it to be started."""
+        await self._keeper.open()
+
+    async def close(self) -> None:
+        """Detach; offsets that are not zero are taken back first."""
+        await self._keeper.close()
+        bridge, self._bridge = self._bridge, None
+        if bridge is not None:
+            await bridge.close()
+
+    async def read(self, channels: Sequence[str]) -> dict[str, Sample]:
+        """Read pins, all in one request.
+
+        Raises
+        ------
+        LinkConfigError
+            When a name is not in the configuration.
+        """
+        self._check_known(channels)
+        pins = list(dict.fromkeys(pin for name in channels for pin in self._pins[name]))
+        try:
+            async with self._turns:
+                said = await self._ask({"read": pins})
+        except LinkError as error:
+            lost = Sample(_NAN, time.monotonic(), Quality.UNAVAILABLE, str(error))
+            return dict.fromkeys(channels, lost)
+        now = time.monotonic()
+        values = dict(zip(pins, said["values"], strict=True))
+        return {name: self._sample(name, values, said["why"], now) for name in channels}
+
+    async def write(self, values: Mapping[str, float]) -> None:
+        """Set external offsets, mm (degrees); returns when LinuxCNC has taken them up.
+
+        It moves there with its own share of speed and acceleration (``OFFSET_AV_RATIO``), which may
+        take longer; reading the channel tells what is applied.
+
+        Raises
+        ------
+        LinkError
+            When a channel is no offset, or a value is beyond its ``max``: nothing was written.
+        WriteNotVerifiedError
+            When LinuxCNC did not take an offset up (off, not homed), or holds it back at a soft
+            limit; says how much is applied.
+        LinkDownError, LinkTimeoutError
+            When LinuxCNC, or the bridge, is gone.
+        """
+        if not values:
+            return
+        self._check_known(values)
+        orders: dict[str, float] = {}
+        for name, value in values.items():
+            section = self._config.channels[name]
+            if section.offset is None or section.max is None:
+                raise LinkError(f"link {self.name}: nothing written; {name} is no offset")
+            if not abs(value) <= section.max:
+                raise LinkError(
+                    f"link {self.name}: nothing written; {name}: {value:g} is beyond max = "
+                    f"{section.max:g}"
+                )
+            orders[section.offset.lower()] = float(value)
+        try:
+            async with self._turns:
+                said = await self._ask({"set": orders})
+        except LinkError as error:
+            raise type(error)(
+                f"link {self.name}: not written: {', '.join(values)}: {error}"
+            ) from error
+        self._verify(values, said)
+
+    def _verify(self, values: Mapping[str, float], said: Mapping[str, Any]) -> None:
+        wrong = []
+        for name, value in values.items():
+            section = self._config.channels[name]
+            now = said["set"][str(section.offset).lower()]
+            request, applied = now["request"], now["applied"]
+            if abs(request - value) > section.resolution:
+                wrong.append(f"{name}: wrote {value:g}, LinuxCNC has {request:g}: {said['why']}")
+            elif said["limited"] and abs(applied - value) > section.resolution:
+                wrong.append(f"{name}: wrote {value:g}, a soft limit lets {applied:g} through")
+        if wrong:
+            raise WriteNotVerifiedError(f"link {self.name}: {'; '.join(wrong)}")
+
+    async def _ask(self, order: dict[str, Any]) -> dict[str, Any]:
+        bridge, status = self._bridge, self.status
+        if bridge is None:
+            raise self._keeper.down_error()
+        status.requests += 1
+        began = time.monotonic()
+        try:
+            said = await bridge.ask(order, self._config.timeout)
+        except LinkProtocolError:
+            status.failures += 1
+            raise
+        except (LinkTimeoutError, LinkDownError) as error:
+            status.failures += 1
+            self._keeper.lost(str(error))
+            raise
+        status.round_trip = time.monotonic() - began
+        return said
+
+    def _pins_of(self, name: str) -> tuple[str, ...]:
+        section = self._config.channels[name]
+        if section.word is not None:
+            return tuple(STATE_BITS)
+        if section.offset is not None:
+            return (f"axis.{section.offset.lower()}.eoffset",)
+        return (str(section.pin),)
+
+    def _sample(
+        self, name: str, values: Mapping[str, float], why: Mapping[str, str], now: float
+    ) -> Sample:
+        for pin in self._pins[name]:
+            if pin in why:
+                return Sample(_NAN, now, Quality.BAD, f"{pin}: {why[pin]}")
+        value = self._value(name, values)
+        if value - value != 0.0:
+            return Sample(_NAN, now, Quality.BAD, f"{self._pins[name][0]} is {value}")
+        return Sample(value, now)
+
+    def _value(self, name: str, values: Mapping[str, float]) -> float:
+        section = self._config.channels[name]
+        if section.word is not None:
+            return float(sum(bool(values[pin]) << bit for pin, bit in STATE_BITS.items()))
+        (pin,) = self._pins[name]
+        if section.offset is not None:
+            rotary = section.offset in _ROTARY
+            return values[pin] if rotary else values[pin] / self._units_per_mm
+        return values[pin] * section.scale
+
+    async def _connect(self) -> None:
+        """Start a bridge once the last one has ended."""
+        bridge, self._bridge = self._bridge, None
+        if bridge is not None:
+            await bridge.close()
+        config = self._config
+        settings = {
+            "offsets": {
+                str(section.offset).lower(): {"scale": section.resolution, "max": section.max}
+                for section in config.channels.values()
+                if section.offset is not None
+            },
+            "lease": config.lease,
+            "ramp": config.ramp,
+            "servo_silence": config.servo_silence,
+        }
+        self._bridge = BridgeProcess(config.python, settings, self._keeper.lost)
+        ready = await self._bridge.start()
+        self._units_per_mm = float(ready["units_per_mm"])
+        logger.info("link %s: LinuxCNC runs %s", self.name, ready["ini"])
+
+    def _disconnect(self) -> None:
+        if self._bridge is not None:
+            self._bridge.abandon()
+
+    def _check_known(self, names: Iterable[str]) -> None:
+        unknown = [name for name in names if name not in self._config.channels]
+        if unknown:
+            raise LinkConfigError(
+                f"link {self.name} has no channel {', '.join(map(repr, unknown))}; "
+                f"there are: {', '.join(self._config.channels)}"
+            )
+
+    def _describe(self, name: str) -> str:
+        section = self._config.channels[name]
+        if section.word is not None:
+            return "state word: on 0, homed 1, in position 2, offset active 3, limited 4"
+        if section.offset is not None:
+            return (
+                f"external offset of axis {section.offset}, at most ±{section.max:g}, "
+                f"in steps of {section.resolution:g}"
+            )
+        parts = [f"pin {section.pin}"]
+        if section.scale != 1.0:
+            parts.append(f"× {section.scale:g}")
+        if section.unit:
+            parts.append(f"in {section.unit}")
+        return ", ".join(parts)

@@ -1,0 +1,407 @@
+"""The wall around pymodbus: one connection, one request at a time, every answer checked.
+
+The only file of the drivers that imports pymodbus, besides the simulated server; it is written
+for the pinned version and reaches into its transaction context where the public interface has no
+way to do what is needed. What pymodbus 3.16.1 does by itself, and what is done about it here:
+
+- Its RTU client takes any frame of the right unit for the answer: a reply that comes late is
+  handed to the next request, a wrong position without an error. `StrictRtuFramer` lets through
+  only a frame that can answer the request in flight; `drivers.modbus.units` has the other half.
+- On TCP it accepts transaction id 0 for any request, and it drops the first half of a late reply
+  that arrives in two pieces, so that the second half is parsed as a header. `StrictTcpFramer`
+  refuses id 0; a connection with half a frame in its buffer is closed.
+- It checks neither the function code nor the number of registers of an answer, nor the echo of
+  a write. `ModbusClient` does.
+- It raises some errors and returns others. `ModbusClient` raises, and only `LinkError`.
+- Its defaults (time-out 3 s, 3 retries, reconnecting up to 300 s apart, a dead connection
+  dropped after eight failed calls) block for seconds to minutes. All are set here; retries and
+  reconnecting are `drivers.modbus.bus`'s.
+- It lets a request wait for its time-out when the connection is lost meanwhile. Here it fails
+  at once.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import termios
+import time
+from collections.abc import Callable, Sequence
+
+from pymodbus import FramerType
+from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
+from pymodbus.exceptions import ModbusIOException
+from pymodbus.framer import FramerRTU, FramerSocket
+from pymodbus.pdu import DecodePDU, ModbusPDU
+from pymodbus.pdu.bit_message import (
+    ReadCoilsRequest,
+    ReadDiscreteInputsRequest,
+    WriteMultipleCoilsRequest,
+    WriteSingleCoilRequest,
+)
+from pymodbus.pdu.register_message import (
+    ReadHoldingRegistersRequest,
+    ReadInputRegistersRequest,
+    WriteMultipleRegistersRequest,
+    WriteSingleRegisterRequest,
+)
+
+from drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError
+from drivers.modbus.config import ModbusConfig, Table
+from drivers.modbus.plan import Span, signature
+
+_Client = AsyncModbusTcpClient | AsyncModbusSerialClient
+
+_READ: dict[Table, Callable[..., ModbusPDU]] = {
+    "coil": ReadCoilsRequest,
+    "discrete": ReadDiscreteInputsRequest,
+    "holding": ReadHoldingRegistersRequest,
+    "input": ReadInputRegistersRequest,
+}
+
+_NEVER = 1 << 30
+_CONNECT_TIMEOUT = 1.0
+"""Least time in s for a TCP connection; nobody waits for it but the first `connect`."""
+_RTU_EXTRA = 13
+"""Characters of a request and its answer beside function code and data: two units, two CRCs, two
+silences of 3.5 characters."""
+
+_MEANINGS = {
+    1: "illegal function",
+    2: "illegal data address",
+    3: "illegal data value",
+    4: "device failure",
+    5: "acknowledged, not done yet",
+    6: "device busy",
+    8: "memory parity error",
+    10: "gateway path unavailable",
+    11: "gateway target does not answer",
+}
+_GATEWAY_CODES = (10, 11)
+
+# pymodbus logs every lost request at error level; here an outage is logged once, by the bus.
+# Whoever wants its frames sets this logger's level before importing.
+_pymodbus_logger = logging.getLogger("pymodbus.logging")
+if _pymodbus_logger.level == logging.NOTSET:
+    _pymodbus_logger.setLevel(logging.CRITICAL)
+
+
+class RefusedError(LinkProtocolError):
+    """The device answered with a Modbus exception, e.g. illegal data address.
+
+    Attributes
+    ----------
+    code
+        The exception code (MODBUS Application Protocol V1.1b3, 7).
+    """
+
+    def __init__(self, message: str, code: int) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class GatewayError(LinkTimeoutError):
+    """A gateway answered in place of a unit that does not."""
+
+
+class _Answer(ModbusPDU):
+    """The answer to a read, kept as bytes, where pymodbus makes a list of numbers of it."""
+
+    rtu_byte_count_pos = 2
+    payload = b""
+
+    def decode(self, data: bytes) -> None:
+        """Take the bytes behind the byte count; none where the two differ."""
+        self.payload = data[1:] if data[0] == len(data) - 1 else b""
+
+
+class _CoilAnswer(_Answer):
+    function_code = 1
+
+
+class _DiscreteAnswer(_Answer):
+    function_code = 2
+
+
+class _HoldingAnswer(_Answer):
+    function_code = 3
+
+
+class _InputAnswer(_Answer):
+    function_code = 4
+
+
+class StrictRtuFramer(FramerRTU):
+    """Finds the one frame that can answer the request in flight, and is deaf to all others.
+
+    A Modbus RTU frame does not say which request it answers. What it does say is compared here:
+    unit, function, and the number of bytes (of a read) or the address and the count (of a write).
+    The frame is found behind and between foreign bytes, too.
+    """
+
+    MAX_SIZE = 1024
+    """Bytes kept: a foreign frame (256) in front of the answer must not push it out."""
+
+    def __init__(self, decoder: DecodePDU) -> None:
+        super().__init__(decoder)
+        self._wanted: tuple[tuple[bytes, int], ...] = ()
+
+    def expect(self, unit: int, answer: bytes, size: int) -> None:
+        """Name the answer: how it begins (function code first), its size without unit and CRC."""
+        refusal = bytes((unit, answer[0] | 0x80))
+        self._wanted = ((bytes((unit,)) + answer, size + 1), (refusal, 3))
+
+    def decode(self, data: bytes) -> tuple[int, int, int, bytes]:
+        """Bytes used, unit, 0, and the frame without unit and CRC; all 0 and empty: not yet."""
+        for head, size in self._wanted:
+            at = data.find(head)
+            while at >= 0 and at + size + 2 <= len(data):
+                end = at + size
+                if self.check_CRC(data[at:end], int.from_bytes(data[end : end + 2], "big")):
+                    return end + 2, head[0], 0, data[at + 1 : end]
+                at = data.find(head, at + 1)
+        return 0, 0, 0, self.EMPTY
+
+
+class StrictTcpFramer(FramerSocket):
+    """Refuses transaction id 0, which pymodbus takes for the answer to anything."""
+
+    def decode(self, data: bytes) -> tuple[int, int, int, bytes]:
+        """As the base class, with transaction id −1, which no request has, in place of 0."""
+        used, unit, transaction, frame = super().decode(data)
+        return used, unit, transaction or -1, frame
+
+    def handleFrame(
+        self, data: bytes, exp_devid: int, exp_tid: int
+    ) -> tuple[int, ModbusPDU | None]:
+        """As the base class, but an undecodable answer is no answer and no error in asyncio."""
+        try:
+            return super().handleFrame(data, exp_devid, exp_tid)
+        except ModbusIOException:
+            return len(data), None
+
+
+class ModbusClient:
+    """One connection to one bus.
+
+    Parameters
+    ----------
+    config
+        The link's section.
+    on_lost
+        Called with the reason when the connection is lost, whether or not a request is in flight;
+        not when it is closed by `close`.
+    """
+
+    def __init__(self, config: ModbusConfig, on_lost: Callable[[str], None]) -> None:
+        self._config = config
+        self._on_lost = on_lost
+        self._pymodbus: _Client | None = None
+        self._rtu_framer: StrictRtuFramer | None = None
+        self._answer: asyncio.Future[ModbusPDU] | None = None
+        self.answered_at = time.monotonic()
+        """`time.monotonic()` in s of the last frame received or given up."""
+        self.round_trip = float("nan")
+        """s from sending the last request to its answer."""
+
+    async def connect(self) -> None:
+        """Open the connection, an old one is closed.
+
+        Raises
+        ------
+        LinkDownError
+            With the operating system's reason.
+        """
+        self.close()
+        config = self._config
+        client: _Client
+        if config.transport == "tcp":
+            client = AsyncModbusTcpClient(
+                str(config.host),
+                port=int(config.port),
+                timeout=config.timeout,
+                retries=0,
+                reconnect_delay=0,
+                trace_connect=self._on_connect,
+            )
+            client.ctx.framer = StrictTcpFramer(_decoder())
+        else:
+            client = AsyncModbusSerialClient(
+                str(config.port),
+                framer=FramerType.RTU,
+                baudrate=config.baudrate,
+                bytesize=config.bytesize,
+                parity=config.parity,
+                stopbits=config.stopbits,
+                handle_local_echo=config.local_echo,
+                timeout=config.timeout,
+                retries=0,
+                reconnect_delay=0,
+                trace_connect=self._on_connect,
+            )
+            self._rtu_framer = StrictRtuFramer(_decoder())
+            client.ctx.framer = self._rtu_framer
+            client.ctx.max_buffer_size = StrictRtuFramer.MAX_SIZE
+        client.set_max_no_responses(_NEVER)
+        try:
+            # pymodbus's connect() does this, and keeps the reason of a failure to itself.
+            client.ctx.transport, _ = await asyncio.wait_for(
+                client.ctx.call_create(), max(config.timeout, _CONNECT_TIMEOUT)
+            )
+        except TimeoutError as exc:
+            raise LinkDownError(f"{config.where} accepts no connection") from exc
+        except (OSError, ValueError, termios.error) as exc:
+            raise LinkDownError(f"cannot open {config.where}: {exc}") from exc
+        self._pymodbus = client
+
+    def close(self) -> None:
+        """Close the connection; a request in flight fails at once."""
+        client, self._pymodbus = self._pymodbus, None
+        if client is not None:
+            client.close()
+            self._fail_request()
+
+    async def read(self, span: Span) -> bytes:
+        """Read registers (two bytes each, high byte first) or bits (eight to a byte, low first).
+
+        Raises
+        ------
+        LinkDownError, LinkTimeoutError, LinkProtocolError
+            As in `drivers.link`; `GatewayError` and `RefusedError` among them.
+        """
+        request = _READ[span.table](address=span.address, count=span.count, dev_id=span.unit)
+        head = signature(span)
+        answer = await self._execute(request, span, head, 2 + head[1])
+        payload: bytes = answer.payload if isinstance(answer, _Answer) else b""
+        if len(payload) != head[1]:
+            raise LinkProtocolError(
+                f"{span}: {len(payload)} bytes came in answer, {head[1]} were asked"
+            )
+        return payload
+
+    async def write(self, span: Span, values: Sequence[int]) -> None:
+        """Write registers (holding) or bits (coil); one goes by function 6 or 5, more by 16 or 15.
+
+        Raises
+        ------
+        LinkDownError, LinkTimeoutError, LinkProtocolError
+            As in `read`. After a `LinkTimeoutError` it is unknown whether the device took it.
+        """
+        request: ModbusPDU
+        at, unit = span.address, span.unit
+        if span.table == "coil":
+            bits = [bool(value) for value in values]
+            request = (
+                WriteSingleCoilRequest(address=at, bits=bits, dev_id=unit)
+                if span.count == 1
+                else WriteMultipleCoilsRequest(address=at, bits=bits, dev_id=unit)
+            )
+        elif span.count == 1:
+            request = WriteSingleRegisterRequest(address=at, registers=values, dev_id=unit)
+        else:
+            request = WriteMultipleRegistersRequest(address=at, registers=values, dev_id=unit)
+        reply = await self._execute(request, span, signature(span, write=True), 5)
+        if span.count > 1:
+            told, expected = (reply.address, reply.count), (at, span.count)
+        elif span.table == "coil":
+            told, expected = (reply.address, int(reply.bits[0])), (at, int(values[0]))
+        else:
+            told, expected = (reply.address, reply.registers[0]), (at, values[0])
+        if told != expected:
+            raise LinkProtocolError(f"write {span}: confirmed {told}, expected {expected}")
+
+    async def _execute(self, request: ModbusPDU, span: Span, head: bytes, size: int) -> ModbusPDU:
+        config = self._config
+        limit = config.timeout
+        if self._rtu_framer is not None:
+            wait = self.answered_at + config.silence - time.monotonic()
+            if wait > 0:
+                await asyncio.sleep(wait)
+        client = self._pymodbus
+        if client is None or not client.connected:
+            raise LinkDownError("the connection is closed")
+        context = client.ctx
+        if self._rtu_framer is not None:
+            self._rtu_framer.expect(span.unit, head, size)
+            sent = len(request.encode()) + 1
+            limit += (sent + size + _RTU_EXTRA) * config.character_time
+        elif context.recv_buffer:
+            raise self._out_of_step(client)
+        began = time.monotonic()
+        try:
+            reply = await self._transact(client, request, limit)
+        except LinkDownError:
+            raise
+        except TimeoutError as exc:
+            strange = len(context.recv_buffer)
+            if strange and self._rtu_framer is None:
+                raise self._out_of_step(client) from exc
+            more = f" ({strange} bytes came that answer something else)" if strange else ""
+            raise LinkTimeoutError(
+                f"no answer from unit {span.unit} in {limit:.3g} s{more}"
+            ) from exc
+        except OSError as exc:
+            raise LinkDownError(f"cannot send on {config.where}: {exc}") from exc
+        finally:
+            self.answered_at = time.monotonic()
+        self.round_trip = self.answered_at - began
+        if reply.isError():
+            code = reply.exception_code
+            text = f"{span}: exception {code}, {_MEANINGS.get(code, 'unknown')}"
+            if code in _GATEWAY_CODES:
+                raise GatewayError(text)
+            raise RefusedError(text, code)
+        if reply.function_code != request.function_code:
+            raise LinkProtocolError(
+                f"{span}: function {reply.function_code} answered, "
+                f"function {request.function_code} was asked"
+            )
+        return reply
+
+    async def _transact(self, client: _Client, request: ModbusPDU, limit: float) -> ModbusPDU:
+        """Send a request and wait at most `limit` s for what the framer takes for its answer.
+
+        In place of pymodbus's ``execute``, which goes round the event loop once more for its
+        time-out, has the retries, and does not notice the loss of the connection.
+        """
+        context = client.ctx
+        request.transaction_id = context.getNextTID()
+        loop = asyncio.get_running_loop()
+        answer: asyncio.Future[ModbusPDU] = loop.create_future()
+        context.response_future = self._answer = answer
+        give_up = loop.call_later(limit, _expire, answer)
+        try:
+            context.pdu_send(request)
+            return await answer
+        finally:
+            give_up.cancel()
+
+    def _out_of_step(self, client: _Client) -> LinkDownError:
+        """Close a connection whose byte stream cannot be followed any more; the error to raise."""
+        count = len(client.ctx.recv_buffer)
+        self.close()
+        return LinkDownError(f"half a frame came ({count} bytes): out of step")
+
+    def _on_connect(self, connected: bool) -> None:
+        client = self._pymodbus
+        if connected or client is None:
+            return
+        self._pymodbus = None
+        self._fail_request()
+        self._on_lost("the connection was closed by the other side")
+
+    def _fail_request(self) -> None:
+        if self._answer is not None and not self._answer.done():
+            self._answer.set_exception(LinkDownError("the connection was lost"))
+
+
+def _decoder() -> DecodePDU:
+    decoder = DecodePDU(False)
+    for answer in (_CoilAnswer, _DiscreteAnswer, _HoldingAnswer, _InputAnswer):
+        decoder.register(answer)
+    return decoder
+
+
+def _expire(answer: asyncio.Future[ModbusPDU]) -> None:
+    if not answer.done():
+        answer.set_exception(TimeoutError())

@@ -1,0 +1,127 @@
+"""The Modbus link: named channels over one Modbus bus, TCP or RTU.
+
+`ModbusLink` is what the daemon sees: it knows the channels (`drivers.modbus.config`), has them
+read (`drivers.modbus.reading`) and written (`drivers.modbus.writing`) on the one bus it owns
+(`drivers.modbus.bus`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import ClassVar
+
+from drivers.link import ChannelInfo, Link, LinkConfig, LinkConfigError, Sample
+from drivers.modbus.bus import Bus
+from drivers.modbus.config import ModbusConfig
+from drivers.modbus.reading import Reader
+from drivers.modbus.writing import Writer
+
+
+class ModbusLink(Link):
+    """One Modbus bus and its channels.
+
+    Parameters
+    ----------
+    name
+        The link's name in the configuration.
+    config
+        Its section.
+    """
+
+    Config: ClassVar[type[LinkConfig]] = ModbusConfig
+
+    def __init__(self, name: str, config: ModbusConfig) -> None:
+        super().__init__(name, config)
+        self._config = config
+        self._names = frozenset(config.channels)
+        self._bus = Bus(name, config, self.status)
+        self._reader = Reader(name, config, self._bus)
+        self._writer = Writer(name, config, self._bus)
+
+    @property
+    def channels(self) -> Mapping[str, str]:
+        """Channel name → where it sits and how it is decoded, for people."""
+        return {name: self._describe(name) for name in self._config.channels}
+
+    def info(self, channel: str) -> ChannelInfo:
+        """Unit, whether it is written, and the time between two reads."""
+        section = self._config.channels[channel]
+        return ChannelInfo(section.unit, section.writable, self._config.period_of(channel))
+
+    async def open(self) -> None:
+        """Connect and get a first answer, or begin to retry in the background."""
+        await self._bus.keeper.open()
+
+    async def close(self) -> None:
+        """End the connection and the background task; a request in flight fails."""
+        await self._bus.keeper.close()
+
+    async def read(self, channels: Sequence[str]) -> dict[str, Sample]:
+        """Read channels; those of a slow block that is not due come from its last read.
+
+        An outage shows as quality, never as an exception. A call waits at most one time-out for
+        a unit that does not answer; two when a second unit falls silent in the same call.
+
+        Parameters
+        ----------
+        channels
+            Names. Hand in the same tuple every time: its requests are planned once.
+
+        Raises
+        ------
+        LinkConfigError
+            When a name is not in the configuration.
+        """
+        names = channels if type(channels) is tuple else tuple(channels)
+        self._check_known(names)
+        return await self._reader.read(names)
+
+    async def write(self, values: Mapping[str, float]) -> None:
+        """Write channels: neighbours in one request, requests in the order in which they are named.
+
+        All values are checked before anything is sent: on a value that does not fit, nothing of
+        the batch is written.
+
+        Parameters
+        ----------
+        values
+            Channel → value in the channel's unit; rounded to the nearest count for integers.
+
+        Raises
+        ------
+        LinkError
+            When a channel cannot be written or a value does not fit its type.
+        LinkDownError, LinkTimeoutError, LinkProtocolError
+            When the device did not take it; the message says which channels. After a time-out it
+            is unknown whether the device did.
+        WriteNotVerifiedError
+            When the read-back of a channel with ``verify`` differs.
+        """
+        if not values:
+            return
+        self._check_known(values)
+        await self._writer.write(values)
+
+    def _check_known(self, names: Iterable[str]) -> None:
+        if not self._names.issuperset(names):
+            unknown = [name for name in names if name not in self._names]
+            raise LinkConfigError(
+                f"link {self.name} has no channel {', '.join(map(repr, unknown))}; "
+                f"there are: {', '.join(self._config.channels)}"
+            )
+
+    def _describe(self, name: str) -> str:
+        config = self._config
+        channel = config.channels[name]
+        parts = [f"unit {config.unit_of(name)} {channel.place}", channel.number_type]
+        if channel.width > 1 or channel.order != "ABCD":
+            parts[1] += f" {channel.order}"
+        if (channel.scale, channel.offset) != (1.0, 0.0):
+            parts.append(f"× {channel.scale:g} + {channel.offset:g}")
+        if channel.unit:
+            parts.append(f"in {channel.unit}")
+        if every := config.period_of(name):
+            parts.append(f"every {every:g} s")
+        if channel.writable:
+            parts.append("written, verified" if channel.verify else "written")
+        return ", ".join(parts)

@@ -1,0 +1,285 @@
+"""Which requests serve a set of channels: merging, and the codecs precomputed for each request."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass
+
+from drivers.modbus.codec import (
+    Raw,
+    compile_bit_decoder,
+    compile_decoder,
+    compile_encoder,
+    compile_reader,
+    compile_writer,
+)
+from drivers.modbus.config import BIT_TABLES, ChannelConfig, ModbusConfig, Table
+
+WRITE_REGISTERS = 123
+"""Registers that one write request holds (MODBUS Application Protocol V1.1b3, 6.12)."""
+WRITE_BITS = 1968
+"""Coils that one write request holds (same, 6.11)."""
+
+_READ_FUNCTION: dict[Table, int] = {"coil": 1, "discrete": 2, "holding": 3, "input": 4}
+
+Cut = tuple[int, Table, int]
+"""Unit, table and address that no request may cross, because the device refused one that did."""
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Consecutive addresses of one unit's table."""
+
+    unit: int
+    table: Table
+    address: int
+    count: int
+
+    def __str__(self) -> str:
+        end = f"..{self.address + self.count - 1}" if self.count > 1 else ""
+        return f"{self.table} {self.address}{end} of unit {self.unit}"
+
+
+def signature(span: Span, *, write: bool = False) -> bytes:
+    """First bytes of the answer to a request: on RTU, all that tells one unit's answers apart.
+
+    Function code and number of bytes (read), or function code, address and count (write).
+    """
+    if not write:
+        size = (span.count + 7) // 8 if span.table in BIT_TABLES else 2 * span.count
+        return bytes((_READ_FUNCTION[span.table], size))
+    if span.count == 1:
+        return struct.pack(">BH", 5 if span.table == "coil" else 6, span.address)
+    return struct.pack(">BHH", 15 if span.table == "coil" else 16, span.address, span.count)
+
+
+@dataclass(frozen=True, slots=True)
+class ReadRequest:
+    """One read, and what to make of its answer.
+
+    Attributes
+    ----------
+    span
+        What is asked for.
+    names, readers
+        The channels in it and how the raw number of each becomes its value.
+    decode
+        Bytes of the answer → raw numbers, in the order of `names`.
+    """
+
+    span: Span
+    names: tuple[str, ...]
+    readers: tuple[Callable[[Raw], float], ...]
+    decode: Callable[[bytes], tuple[Raw, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class WriteRequest:
+    """One write: channels that follow one another without a gap.
+
+    Attributes
+    ----------
+    span
+        What is written.
+    names
+        The channels, by address.
+    encode
+        Raw numbers in the order of `names` → registers (or bits).
+    found
+        Bytes of a read-back → registers (or bits), as `encode` gives them.
+    verify
+        For each channel to be read back: name and its slice of the span.
+    """
+
+    span: Span
+    names: tuple[str, ...]
+    encode: Callable[[Sequence[Raw]], tuple[int, ...]]
+    found: Callable[[bytes], tuple[Raw, ...]]
+    verify: tuple[tuple[str, slice], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class WritePlan:
+    """All requests of one batch of writes.
+
+    Attributes
+    ----------
+    writers
+        Channels as named by the caller, and how the value of each becomes a raw number.
+    requests
+        In the order in which they go out.
+    """
+
+    writers: tuple[tuple[str, Callable[[float], Raw]], ...]
+    requests: tuple[WriteRequest, ...]
+
+
+def merge(
+    spans: Iterable[tuple[int, int]], limit: int, max_gap: int, cuts: Collection[int] = ()
+) -> list[list[int]]:
+    """Group spans so that each group is one request; the fewest groups there can be.
+
+    Going by start address, a group takes the next span as long as the request stays within
+    `limit` and reads no more than `max_gap` addresses in vain at one place. That is optimal:
+    what does not fit begins the next request, which then covers all that this one could have.
+
+    Parameters
+    ----------
+    spans
+        First address and number of addresses of each; may overlap. A span is never divided.
+    limit
+        Addresses in one request.
+    max_gap
+        Addresses between two spans that may be read in vain.
+    cuts
+        Addresses that begin a new request.
+
+    Returns
+    -------
+    list of list of int
+        Indices into `spans`, grouped, by address.
+    """
+    listed = list(spans)
+    groups: list[list[int]] = []
+    first = end = 0
+    for index in sorted(range(len(listed)), key=listed.__getitem__):
+        start, width = listed[index]
+        new_end = max(end, start + width)
+        if (
+            groups
+            and start - end <= max_gap
+            and new_end - first <= limit
+            and not any(end <= cut <= start for cut in cuts)
+        ):
+            groups[-1].append(index)
+            end = new_end
+        else:
+            groups.append([index])
+            first, end = start, start + width
+    return groups
+
+
+def read_plan(
+    config: ModbusConfig, names: Sequence[str], cuts: Collection[Cut] = ()
+) -> tuple[ReadRequest, ...]:
+    """Requests that read `names`, each channel once, in the order of their units."""
+    requests: list[ReadRequest] = []
+    for (unit, table), members in _by_place(config, names).items():
+        limit = config.max_bits if table in BIT_TABLES else config.max_registers
+        channels = [config.channels[name] for name in members]
+        groups = merge(
+            [(channel.address, channel.width) for channel in channels],
+            limit,
+            config.max_gap,
+            [at for cut_unit, cut_table, at in cuts if (cut_unit, cut_table) == (unit, table)],
+        )
+        requests += [
+            _read_request(unit, {members[i]: channels[i] for i in group}) for group in groups
+        ]
+    return tuple(requests)
+
+
+def cut_of(config: ModbusConfig, request: ReadRequest) -> Cut | None:
+    """Where to divide a request that the device refused: the widest gap, else the middle.
+
+    None when it holds one channel only, or channels that overlap: that one is then refused itself.
+    """
+    spans = [(config.channels[name].address, config.channels[name].width) for name in request.names]
+    best: tuple[int, float, int] | None = None
+    middle = request.span.address + request.span.count / 2
+    end = 0
+    for i, (start, width) in enumerate(spans):
+        if i and start >= end:
+            candidate = (start - end, -abs(start - middle), start)
+            best = candidate if best is None else max(best, candidate)
+        end = max(end, start + width)
+    return None if best is None else (request.span.unit, request.span.table, best[2])
+
+
+def write_plan(config: ModbusConfig, names: Sequence[str]) -> WritePlan:
+    """Requests that write `names`: merged without gaps, in the order in which they are named.
+
+    A request goes out when the first of its channels is due by that order, so a caller who names
+    a heartbeat last has it written last.
+    """
+    requests: list[tuple[int, WriteRequest]] = []
+    rank = {name: i for i, name in enumerate(names)}
+    for (unit, table), members in _by_place(config, names).items():
+        limit = WRITE_BITS if table in BIT_TABLES else WRITE_REGISTERS
+        limit = min(limit, config.max_bits if table in BIT_TABLES else config.max_registers)
+        channels = [config.channels[name] for name in members]
+        for group in merge([(c.address, c.width) for c in channels], limit, 0):
+            chosen = {members[i]: channels[i] for i in group}
+            requests.append(
+                (min(rank[name] for name in chosen), _write_request(unit, table, chosen))
+            )
+    return WritePlan(
+        writers=tuple(
+            (name, compile_writer(c.number_type, scale=c.scale, offset=c.offset))
+            for name, c in ((name, config.channels[name]) for name in names)
+        ),
+        requests=tuple(request for _, request in sorted(requests, key=lambda pair: pair[0])),
+    )
+
+
+def _by_place(config: ModbusConfig, names: Sequence[str]) -> dict[tuple[int, Table], list[str]]:
+    places: dict[tuple[int, Table], list[str]] = {}
+    for name in dict.fromkeys(names):
+        key = config.unit_of(name), config.channels[name].table
+        places.setdefault(key, []).append(name)
+    return dict(sorted(places.items()))
+
+
+def _read_request(unit: int, channels: dict[str, ChannelConfig]) -> ReadRequest:
+    table = next(iter(channels.values())).table
+    first = min(c.address for c in channels.values())
+    count = max(c.address + c.width for c in channels.values()) - first
+    offsets = [c.address - first for c in channels.values()]
+    if table in BIT_TABLES:
+        decode = compile_bit_decoder(offsets)
+    else:
+        decode = compile_decoder(
+            count,
+            [
+                (at, c.number_type, c.order)
+                for at, c in zip(offsets, channels.values(), strict=True)
+            ],
+        )
+    return ReadRequest(
+        span=Span(unit, table, first, count),
+        names=tuple(channels),
+        readers=tuple(
+            compile_reader(c.number_type, bit=c.bit or 0, scale=c.scale, offset=c.offset)
+            for c in channels.values()
+        ),
+        decode=decode,
+    )
+
+
+def _write_request(unit: int, table: Table, channels: dict[str, ChannelConfig]) -> WriteRequest:
+    first = next(iter(channels.values())).address
+    count = sum(c.width for c in channels.values())
+    encode: Callable[[Sequence[Raw]], tuple[int, ...]]
+    if table in BIT_TABLES:
+
+        def encode(numbers: Sequence[Raw]) -> tuple[int, ...]:
+            return tuple(int(number) for number in numbers)
+
+    else:
+        encode = compile_encoder([(c.number_type, c.order) for c in channels.values()])
+    return WriteRequest(
+        span=Span(unit, table, first, count),
+        names=tuple(channels),
+        encode=encode,
+        found=(
+            compile_bit_decoder(range(count))
+            if table in BIT_TABLES
+            else compile_decoder(count, [(at, "uint16", "ABCD") for at in range(count)])
+        ),
+        verify=tuple(
+            (name, slice(c.address - first, c.address - first + c.width))
+            for name, c in channels.items()
+            if c.verify
+        ),
+    )

@@ -1,0 +1,205 @@
+"""Reading channels over a Modbus bus: which requests a call needs, and samples of the answers."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from drivers.link import (
+    LinkDownError,
+    LinkError,
+    LinkProtocolError,
+    LinkTimeoutError,
+    Quality,
+    Sample,
+)
+from drivers.modbus.bus import Bus
+from drivers.modbus.client import RefusedError
+from drivers.modbus.codec import NotRepresentableError
+from drivers.modbus.config import ModbusConfig
+from drivers.modbus.plan import Cut, ReadRequest, cut_of, read_plan
+from drivers.modbus.units import Unit
+
+logger = logging.getLogger("abbe.drivers.modbus")
+
+_NAN = float("nan")
+_PLANS = 64
+"""Sets of channels whose requests are kept; a daemon has a handful."""
+_SILENCES = 2
+"""Units that one call waits for in vain before it gives up on the rest."""
+_ADDRESS_REFUSALS = (2, 3)
+
+
+@dataclass(slots=True)
+class _View:
+    """One set of channels that is read together.
+
+    Attributes
+    ----------
+    always
+        Channels read at every call.
+    paced
+        Per slow block and unit: s between reads, the channels, the unit.
+    requests
+        Which blocks are due (a bit each) → the requests of a call that reads those.
+    """
+
+    always: tuple[str, ...]
+    paced: tuple[tuple[float, tuple[str, ...], Unit], ...]
+    requests: dict[int, tuple[ReadRequest, ...]] = field(default_factory=dict)
+
+
+class Reader:
+    """Turns sets of channel names into samples.
+
+    Parameters
+    ----------
+    name
+        The link's name, for the log.
+    config
+        The link's section; every name that is asked for must be in it.
+    bus
+        Where to ask.
+    """
+
+    def __init__(self, name: str, config: ModbusConfig, bus: Bus) -> None:
+        self._name = name
+        self._config = config
+        self._bus = bus
+        self._epoch = 0
+        self._last: dict[str, Sample] = {}
+        self._cuts: set[Cut] = set()
+        self._views: dict[tuple[str, ...], _View] = {}
+
+    async def read(self, names: tuple[str, ...]) -> dict[str, Sample]:
+        """As `drivers.modbus.link.ModbusLink.read`."""
+        bus = self._bus
+        try:
+            async with bus.turns:
+                if bus.keeper.epoch != self._epoch:
+                    self._begin_epoch(bus.keeper.epoch)
+                view = self._views.get(names) or self._view(names)
+                await self._read_all(self._due(view))
+                last = self._last
+                return {name: last[name] for name in names}
+        except LinkError as exc:
+            lost = Sample(_NAN, time.monotonic(), Quality.UNAVAILABLE, str(exc))
+            return dict.fromkeys(names, lost)
+
+    async def _read_all(self, requests: Sequence[ReadRequest]) -> None:
+        """Ask all requests and keep the samples; units in trouble come last and cost little."""
+        bus, units = self._bus, self._bus.units
+        silences = 0
+        if len(requests) > 1 and any(unit.failures for unit in units.values()):
+            requests = sorted(requests, key=lambda r: units[r.span.unit].failures)
+        for request in requests:
+            unit = units[request.span.unit]
+            if unit.failures and (why := unit.refusal(time.monotonic())):
+                self._mark(request, Quality.UNAVAILABLE, why)
+                continue
+            if silences and (unit.failures or silences >= _SILENCES):
+                why = unit.why or "not asked: other units kept the bus waiting"
+                self._mark(request, Quality.UNAVAILABLE, why)
+                continue
+            try:
+                answer = await bus.read(request.span)
+            except LinkProtocolError as exc:
+                self._mark(request, Quality.BAD, str(exc))
+                if isinstance(exc, RefusedError):
+                    self._divide(request, exc)
+            except LinkTimeoutError as exc:
+                silences += 1
+                self._mark(request, Quality.UNAVAILABLE, str(exc))
+            except LinkDownError:
+                break
+            else:
+                self._keep(request, answer, bus.client.answered_at)
+                continue
+        if not bus.keeper.up:
+            raise bus.keeper.down_error()
+
+    def _keep(self, request: ReadRequest, answer: bytes, at: float) -> None:
+        last = self._last
+        for name, reader, raw in zip(
+            request.names, request.readers, request.decode(answer), strict=True
+        ):
+            try:
+                last[name] = Sample(reader(raw), at)
+            except NotRepresentableError as exc:
+                last[name] = Sample(_NAN, at, Quality.BAD, f"{name}: {exc}")
+
+    def _mark(self, request: ReadRequest, quality: Quality, why: str) -> None:
+        sample = Sample(_NAN, time.monotonic(), quality, why)
+        for name in request.names:
+            self._last[name] = sample
+
+    def _divide(self, request: ReadRequest, refusal: RefusedError) -> None:
+        """Read apart, from the next call on, what the device refuses to read in one request."""
+        if refusal.code not in _ADDRESS_REFUSALS:
+            return
+        cut = cut_of(self._config, request)
+        if cut is not None and cut not in self._cuts:
+            self._cuts.add(cut)
+            self._views.clear()
+            logger.warning(
+                "link %s: %s; from now on read in two parts, divided before address %d",
+                self._name,
+                refusal,
+                cut[2],
+            )
+
+    def _due(self, view: _View) -> tuple[ReadRequest, ...]:
+        """Requests of a call: all that is read always, and the slow blocks whose time has come."""
+        mask = 0
+        if view.paced:
+            now = time.monotonic()
+            last = self._last
+            for i, (every, names, unit) in enumerate(view.paced):
+                if unit.failures or any(
+                    (sample := last.get(name)) is None
+                    or sample.quality is Quality.UNAVAILABLE
+                    or now - sample.time >= every
+                    for name in names
+                ):
+                    mask |= 1 << i
+        requests = view.requests.get(mask)
+        if requests is None:
+            names = view.always
+            for i, (_, more, _) in enumerate(view.paced):
+                if mask >> i & 1:
+                    names += more
+            if len(view.requests) >= _PLANS:
+                view.requests.clear()
+            requests = view.requests[mask] = read_plan(self._config, names, self._cuts)
+        return requests
+
+    def _begin_epoch(self, epoch: int) -> None:
+        """Forget what was learned on an earlier connection: the device may be another."""
+        self._epoch = epoch
+        self._last.clear()
+        self._cuts.clear()
+        self._views.clear()
+
+    def _view(self, names: tuple[str, ...]) -> _View:
+        config = self._config
+        paced: dict[tuple[str, int], list[str]] = {}
+        always = []
+        for name in dict.fromkeys(names):
+            if config.period_of(name) > 0:
+                group = config.channels[name].block, config.unit_of(name)
+                paced.setdefault(group, []).append(name)
+            else:
+                always.append(name)
+        view = _View(
+            tuple(always),
+            tuple(
+                (config.blocks[block].every, tuple(members), self._bus.units[unit])
+                for (block, unit), members in paced.items()
+            ),
+        )
+        if len(self._views) >= _PLANS:
+            self._views.clear()
+        self._views[names] = view
+        return view

@@ -1,0 +1,113 @@
+"""Writing channels over a Modbus bus: values checked, sent in order, read back where asked."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+
+from drivers.link import (
+    LinkDownError,
+    LinkError,
+    LinkProtocolError,
+    LinkTimeoutError,
+    WriteNotVerifiedError,
+)
+from drivers.modbus.bus import Bus
+from drivers.modbus.codec import NotRepresentableError
+from drivers.modbus.config import ModbusConfig
+from drivers.modbus.plan import WritePlan, WriteRequest, write_plan
+
+_PLANS = 64
+"""Sets of channels whose requests are kept; a daemon has a handful."""
+
+
+class Writer:
+    """Writes batches of channels.
+
+    Parameters
+    ----------
+    name
+        The link's name, for messages.
+    config
+        The link's section; every name that is written must be in it.
+    bus
+        Where to write.
+    """
+
+    def __init__(self, name: str, config: ModbusConfig, bus: Bus) -> None:
+        self._name = name
+        self._config = config
+        self._bus = bus
+        self._plans: dict[tuple[str, ...], WritePlan] = {}
+
+    async def write(self, values: Mapping[str, float]) -> None:
+        """As `drivers.modbus.link.ModbusLink.write`."""
+        names = tuple(values)
+        plan = self._plans.get(names) or self._plan(names)
+        raw: dict[str, float] = {}
+        wrong = []
+        for name, to_raw in plan.writers:
+            try:
+                raw[name] = to_raw(float(values[name]))
+            except NotRepresentableError as exc:
+                unit = self._config.channels[name].unit
+                wrong.append(f"{name}: {exc}{' ' if unit else ''}{unit}")
+        if wrong:
+            raise LinkError(f"link {self._name}: nothing written; {'; '.join(wrong)}")
+        done: list[str] = []
+        try:
+            async with self._bus.turns:
+                for request in plan.requests:
+                    await self._write_one(request, [raw[name] for name in request.names])
+                    done += request.names
+        except LinkError as exc:
+            left = ", ".join(name for name in names if name not in done)
+            written = f"; written before: {', '.join(done)}" if done else ""
+            raise _same_kind(exc)(
+                f"link {self._name}: not written: {left}: {exc}{written}"
+            ) from exc
+
+    async def _write_one(self, request: WriteRequest, numbers: Sequence[float]) -> None:
+        bus = self._bus
+        unit = bus.units[request.span.unit]
+        if why := unit.refusal(time.monotonic()):
+            raise LinkTimeoutError(why)
+        words = request.encode(numbers)
+        await bus.write(request.span, words)
+        if not request.verify:
+            return
+        found = request.found(await bus.read(request.span))
+        wrong = [
+            f"{name}: wrote {_words(words[place])}, device holds {_words(found[place])}"
+            for name, place in request.verify
+            if tuple(words[place]) != tuple(found[place])
+        ]
+        if wrong:
+            raise WriteNotVerifiedError("; ".join(wrong))
+
+    def _plan(self, names: tuple[str, ...]) -> WritePlan:
+        fixed = [name for name in names if not self._config.channels[name].writable]
+        if fixed:
+            raise LinkError(
+                f"link {self._name}: nothing written; not writable: {', '.join(fixed)} "
+                "(set writable = true)"
+            )
+        if len(self._plans) >= _PLANS:
+            self._plans.clear()
+        plan = self._plans[names] = write_plan(self._config, names)
+        return plan
+
+
+def _words(words: Sequence[float]) -> str:
+    return " ".join(f"{int(word):#06x}" for word in words)
+
+
+def _same_kind(error: LinkError) -> Callable[[str], LinkError]:
+    """The contract's class of an error, for saying it again with more context."""
+    kinds: tuple[type[LinkError], ...] = (
+        LinkDownError,
+        LinkTimeoutError,
+        LinkProtocolError,
+        WriteNotVerifiedError,
+    )
+    return next((kind for kind in kinds if isinstance(error, kind)), LinkError)

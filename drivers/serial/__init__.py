@@ -1,0 +1,1 @@
+"""Serial lines that speak ASCII: `link.SerialLink`, entry point ``abbe.links: serial``."""

@@ -1,0 +1,240 @@
+"""A serial line whose devices answer queries: samples, commands, and which of them are silent."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import re
+import time
+from collections.abc import Iterable, Mapping, Sequence
+
+from drivers.link import (
+    LinkDownError,
+    LinkError,
+    LinkProtocolError,
+    LinkStatus,
+    LinkTimeoutError,
+    Quality,
+    Sample,
+)
+from drivers.quarantine import Roster
+from drivers.reconnect import Keeper
+from drivers.serial.config import SerialConfig
+from drivers.serial.conversation import Conversation, LateAnswerError
+from drivers.serial.fields import FieldError
+from drivers.serial.question import Message, Question, framed
+from drivers.turns import Turns
+
+logger = logging.getLogger("abbe.drivers.serial")
+
+_NAN = float("nan")
+_SILENCES = 2
+"""Messages that one call waits for in vain before it gives up on the rest."""
+
+
+class AskedLine:
+    """One port and the devices on it, which speak when spoken to.
+
+    Parameters
+    ----------
+    label
+        The link, for people.
+    config
+        Its section.
+    status
+        Kept up to date.
+    """
+
+    def __init__(self, label: str, config: SerialConfig, status: LinkStatus) -> None:
+        self._config = config
+        self._status = status
+        self._messages = {name: Message(name, config) for name in config.messages}
+        self._of = {
+            channel: message for message in self._messages.values() for channel in message.readers
+        }
+        self._commands = {
+            name: Question(
+                f"command {name}", part.acknowledge or "", 1, part.checksum, part.refused
+            )
+            for name, part in config.channels.items()
+            if part.writable
+        }
+        questions: tuple[Question, ...] = (*self._messages.values(), *self._commands.values())
+        self.keeper = Keeper(
+            label,
+            config,
+            status,
+            self._connect,
+            lambda: self._talk.abandon(),
+            logger,
+            lambda: self._roster.renew(),
+        )
+        self._turns = Turns(self.keeper, config.max_waiting)
+        self._talk = Conversation(config, questions, self.keeper.lost)
+        self._roster = Roster(questions, config, self.keeper, logger, "query")
+        self._epoch = 0
+        self._last: dict[str, Sample] = {}
+
+    async def close(self) -> None:
+        """End everything and free the port."""
+        await self.keeper.close()
+        await self._talk.close()
+
+    async def read(self, names: Sequence[str]) -> dict[str, Sample]:
+        """As `drivers.link.Link.read`."""
+        try:
+            async with self._turns:
+                if self.keeper.epoch != self._epoch:
+                    self._epoch = self.keeper.epoch
+                    self._last.clear()
+                await self._ask_all(self._due(names))
+                last = self._last
+                return {name: last[name] for name in names}
+        except LinkError as error:
+            lost = Sample(_NAN, time.monotonic(), Quality.UNAVAILABLE, str(error))
+            return dict.fromkeys(names, lost)
+
+    async def write(self, values: Mapping[str, float]) -> None:
+        """Send commands in the order in which they are named; each waits for its answer.
+
+        Raises
+        ------
+        LinkError
+            When a value was not taken; says which, and which were before.
+        """
+        channels = self._config.channels
+        try:
+            texts = {name: channels[name].text_of(value) for name, value in values.items()}
+        except ValueError as error:
+            raise LinkError(f"{self.keeper.label}: nothing written; {error}") from None
+        done: list[str] = []
+        try:
+            async with self._turns:
+                for name, text in texts.items():
+                    await self._command(name, text)
+                    done.append(name)
+        except LinkError as error:
+            left = ", ".join(name for name in values if name not in done)
+            written = f"; written before: {', '.join(done)}" if done else ""
+            raise type(error)(
+                f"{self.keeper.label}: not written: {left}: {error}{written}"
+            ) from error
+
+    async def _command(self, name: str, text: str) -> None:
+        section, question = self._config.channels[name], self._commands[name]
+        data = framed(self._config, text, section.checksum)
+        if section.acknowledge is None:
+            self._talk.tell(data)
+            return
+        if why := question.refusal(time.monotonic()):
+            raise LinkTimeoutError(why)
+        await self._exchange(question, data)
+
+    def _due(self, names: Iterable[str]) -> list[Message]:
+        """Messages to ask for, those in trouble last."""
+        now = time.monotonic()
+        messages: dict[Message, None] = {}
+        for name in names:
+            message = self._of.get(name)
+            if message is None:
+                self._last[name] = Sample(_NAN, now, Quality.BAD, f"{name} is only written")
+            elif message not in messages and self._is_due(message, name, now):
+                messages[message] = None
+        if len(messages) > 1 and any(message.failures for message in messages):
+            return sorted(messages, key=lambda message: message.failures)
+        return list(messages)
+
+    def _is_due(self, message: Message, name: str, now: float) -> bool:
+        last = self._last.get(name)
+        return (
+            last is None
+            or message.failures > 0
+            or last.quality is Quality.UNAVAILABLE
+            or now - last.time >= message.every
+        )
+
+    async def _ask_all(self, messages: Sequence[Message]) -> None:
+        silences = 0
+        for message in messages:
+            if message.failures and (why := message.refusal(time.monotonic())):
+                self._mark(message, Quality.UNAVAILABLE, why)
+                continue
+            if silences and (message.failures or silences >= _SILENCES):
+                why = message.why or "not asked: other devices kept the line waiting"
+                self._mark(message, Quality.UNAVAILABLE, why)
+                continue
+            try:
+                self._keep(message, await self._exchange(message, message.query))
+            except LinkProtocolError as error:
+                self._mark(message, Quality.BAD, str(error))
+            except LinkTimeoutError as error:
+                silences += 1
+                self._mark(message, Quality.UNAVAILABLE, str(error))
+            except LinkDownError:
+                break
+        if not self.keeper.up:
+            raise self.keeper.down_error()
+
+    async def _exchange(self, question: Question, data: bytes) -> re.Match[str]:
+        status, talk = self._status, self._talk
+        status.requests += 1
+        question.asked = True
+        try:
+            found = await talk.ask(question, data)
+        except LateAnswerError:
+            raise
+        except LinkProtocolError:
+            status.failures += 1
+            self._roster.answered(question)
+            raise
+        except LinkTimeoutError as error:
+            status.failures += 1
+            self._roster.unanswered(question, str(error))
+            raise
+        except LinkError as error:
+            status.failures += 1
+            self.keeper.lost(str(error))
+            raise LinkDownError(str(error)) from error
+        status.round_trip = talk.round_trip
+        self._roster.silent_in_a_row = 0
+        if question.failures:
+            self._roster.answered(question)
+        return found
+
+    def _keep(self, message: Message, found: re.Match[str]) -> None:
+        at, last = self._talk.answered_at, self._last
+        for channel in message.readers:
+            try:
+                last[channel] = Sample(message.value(channel, found), at)
+            except FieldError as error:
+                last[channel] = Sample(_NAN, at, Quality.BAD, str(error))
+
+    def _mark(self, message: Message, quality: Quality, why: str) -> None:
+        sample = Sample(_NAN, time.monotonic(), quality, why)
+        for name in message.readers:
+            self._last[name] = sample
+
+    async def _connect(self) -> None:
+        """Open the port and get a first answer: an open port with nobody behind it is not up."""
+        config, talk = self._config, self._talk
+        async with self._turns.lock:
+            await talk.open()
+            for text in config.on_open:
+                talk.tell(framed(config, text, None))
+            if config.on_open:
+                await asyncio.sleep(config.timeout)
+            await self._first_answer()
+
+    async def _first_answer(self) -> None:
+        error: LinkError | None = None
+        for message in sorted(self._messages.values(), key=lambda m: m.failures):
+            try:
+                await self._exchange(message, message.query)
+            except LinkTimeoutError as exc:
+                error = exc
+            except LinkProtocolError:
+                return
+            else:
+                return
+        if error is not None:
+            raise LinkTimeoutError(f"the port is open, and no query is answered: {error}")

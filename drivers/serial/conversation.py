@@ -1,0 +1,224 @@
+"""Question and answer on an open port, one at a time; nothing late passes for an answer.
+
+An ASCII answer does not say which query it answers. After a query that went unanswered (or whose
+caller was cancelled) its answer may still come, and would pass for the next one's: a position of
+long ago without an error. So a line that comes while one is *pending* and fits it is taken for it
+and dropped; and what the pending one could be confused with is not asked before its answer has
+come or can come no more.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import time
+from collections.abc import Callable, Collection
+
+from drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError
+from drivers.serial.checksum import shown
+from drivers.serial.config import SerialConfig
+from drivers.serial.lines import Splitter
+from drivers.serial.port import Port, open_port
+from drivers.serial.question import Question, RefusedError
+
+
+class LateAnswerError(LinkTimeoutError):
+    """Nothing was asked: the answer to an earlier query may still come and pass for this one's."""
+
+
+class Conversation:
+    """One serial line on which we ask and the devices answer.
+
+    Parameters
+    ----------
+    config
+        The link's section.
+    questions
+        Everything that is ever asked.
+    on_lost
+        Called with the reason when the port is lost; not when `close` closes it.
+
+    Attributes
+    ----------
+    round_trip
+        s from sending the last query to its answer.
+    answered_at
+        Monotonic time in s of the last answer, or of giving up.
+    """
+
+    def __init__(
+        self,
+        config: SerialConfig,
+        questions: Collection[Question],
+        on_lost: Callable[[str], None],
+    ) -> None:
+        self._config = config
+        self._questions = questions
+        self._on_lost = on_lost
+        self._port: Port | None = None
+        self._splitter = Splitter(config.terminator.encode("ascii"), config.max_line)
+        self._current: Question | None = None
+        self._answer: asyncio.Future[re.Match[str]] | None = None
+        self._lines: list[bytes] = []
+        self._unfit: LinkProtocolError | None = None
+        self._echo: bytes | None = None
+        self.round_trip = float("nan")
+        self.answered_at = 0.0
+
+    async def open(self) -> None:
+        """Open the port; an old one is closed first.
+
+        Raises
+        ------
+        LinkDownError
+            With the reason.
+        """
+        await self.close()
+        self._splitter.clear()
+        self._port = await open_port(self._config, self._receive, self._lose)
+
+    def abandon(self) -> None:
+        """Close the port without waiting for it; a query in flight fails at once."""
+        if self._port is not None:
+            self._port.close()
+        self._fail("the port was closed")
+
+    async def close(self) -> None:
+        """Close the port and wait (bounded) until it can be opened again."""
+        self.abandon()
+        port, self._port = self._port, None
+        if port is not None:
+            await port.closed()
+
+    def _refusal(self, question: Question) -> str:
+        """Why a question must not be asked now, because of an answer that may still come."""
+        now = time.monotonic()
+        for other in self._questions:
+            if other.asked_at is None:
+                continue
+            wait = other.asked_at + self._config.late_reply_max - now
+            if wait <= 0:
+                other.asked_at = None
+            elif question.confusable(other):
+                return f"{other.name} may still be answered late; asked again in {wait:.1f} s"
+        return ""
+
+    def tell(self, data: bytes) -> None:
+        """Send something that is not answered.
+
+        Raises
+        ------
+        LinkDownError, LinkError
+            As `drivers.serial.port.Port.write`.
+        """
+        self._open_port().write(data)
+
+    async def ask(self, question: Question, data: bytes) -> re.Match[str]:
+        """Send a query and wait for its answer; only one caller at a time.
+
+        What comes and does not fit (noise, our own echo) is passed over; when nothing better comes
+        in time, it was the answer, spoilt.
+
+        Raises
+        ------
+        LateAnswerError
+            When an answer that is late could be taken for this one's; nothing was sent.
+        LinkTimeoutError
+            When no (whole) answer came in time.
+        LinkProtocolError
+            When what came in time does not fit, or the device says that it cannot.
+        LinkDownError
+            When the port is lost.
+        """
+        config = self._config
+        port = self._open_port()
+        if why := self._refusal(question):
+            raise LateAnswerError(why)
+        wait = self.answered_at + config.pause - time.monotonic()
+        if wait > 0:
+            await asyncio.sleep(wait)
+        port.drain()
+        if all(q.asked_at is None for q in self._questions):
+            self._splitter.clear()
+        port = self._open_port()
+        limit = config.timeout + config.character_time * (
+            len(data) + question.lines * config.max_line
+        )
+        loop = asyncio.get_running_loop()
+        self._current, self._lines, self._unfit = question, [], None
+        self._echo = data if config.local_echo else None
+        answer: asyncio.Future[re.Match[str]] = loop.create_future()
+        self._answer = answer
+        began = time.monotonic()
+        give_up = loop.call_later(limit, _expire, answer)
+        try:
+            port.write(data)
+            found = await answer
+        except TimeoutError:
+            if self._unfit is not None:
+                raise self._unfit from None
+            question.asked_at = began
+            raise LinkTimeoutError(self._silence(question, limit)) from None
+        except asyncio.CancelledError:
+            question.asked_at = began
+            raise
+        finally:
+            give_up.cancel()
+            self._current = self._answer = self._echo = None
+            self.answered_at = time.monotonic()
+        self.round_trip = self.answered_at - began
+        return found
+
+    def _silence(self, question: Question, limit: float) -> str:
+        got = b" ".join([*self._lines, self._splitter.held])
+        more = f" ({shown(got)} came, and no end)" if got else ""
+        return f"{question.name}: no answer in {limit:.3g} s{more}"
+
+    def _open_port(self) -> Port:
+        if self._port is None:
+            raise LinkDownError("the port is closed")
+        return self._port
+
+    def _receive(self, data: bytes) -> None:
+        if self._echo is not None:
+            # Our own query comes first, byte by byte the same.
+            known = min(len(self._echo), len(data))
+            if data[:known] == self._echo[:known]:
+                data, self._echo = data[known:], self._echo[known:]
+            if not self._echo:
+                self._echo = None
+        for line in self._splitter.feed(data):
+            if line.strip():
+                self._take(line)
+
+    def _take(self, line: bytes) -> None:
+        late = next((q for q in self._questions if q.asked_at is not None and q.fits(line)), None)
+        if late is not None:
+            late.asked_at = None
+            return
+        question, answer = self._current, self._answer
+        if question is None or answer is None or answer.done():
+            return
+        self._lines.append(line)
+        if len(self._lines) < question.lines:
+            return
+        try:
+            answer.set_result(question.match(self._lines))
+        except RefusedError as error:
+            answer.set_exception(error)
+        except LinkProtocolError as error:
+            self._unfit = error
+            del self._lines[0]
+
+    def _lose(self, why: str) -> None:
+        self._fail(why)
+        self._on_lost(why)
+
+    def _fail(self, why: str) -> None:
+        if self._answer is not None and not self._answer.done():
+            self._answer.set_exception(LinkDownError(why))
+
+
+def _expire(answer: asyncio.Future[re.Match[str]]) -> None:
+    if not answer.done():
+        answer.set_exception(TimeoutError())

@@ -1,0 +1,207 @@
+"""A serial line on which devices speak by themselves: the last of each message, and silences."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Mapping, Sequence
+
+from drivers.link import (
+    LinkDownError,
+    LinkError,
+    LinkProtocolError,
+    LinkStatus,
+    LinkTimeoutError,
+    Quality,
+    Sample,
+)
+from drivers.quarantine import Roster
+from drivers.reconnect import Keeper
+from drivers.serial.checksum import shown
+from drivers.serial.config import SerialConfig
+from drivers.serial.fields import FieldError
+from drivers.serial.lines import Splitter
+from drivers.serial.port import Port, open_port
+from drivers.serial.question import Message, framed
+
+logger = logging.getLogger("abbe.drivers.serial")
+
+_NAN = float("nan")
+
+
+class StreamingLine:
+    """One port and the devices on it, which send without being asked.
+
+    Parameters
+    ----------
+    label
+        The link, for people.
+    config
+        Its section.
+    status
+        Kept up to date.
+    """
+
+    def __init__(self, label: str, config: SerialConfig, status: LinkStatus) -> None:
+        self._config = config
+        self._status = status
+        self._messages = tuple(Message(name, config) for name in config.messages)
+        self._of = {channel: message for message in self._messages for channel in message.readers}
+        self.keeper = Keeper(
+            label,
+            config,
+            status,
+            self._connect,
+            self._disconnect,
+            logger,
+            lambda: self._roster.renew(),
+        )
+        self._roster = Roster(self._messages, config, self.keeper, logger, "message")
+        self._splitter = Splitter(config.terminator.encode("ascii"), config.max_line)
+        self._port: Port | None = None
+        self._arrived: dict[Message, float] = {}
+        self._opened_at = 0.0
+        self._last: dict[str, Sample] = {}
+        self._stray = ""
+        self._first: asyncio.Future[None] | None = None
+        self._watch: asyncio.TimerHandle | None = None
+
+    async def close(self) -> None:
+        """End everything and free the port."""
+        await self.keeper.close()
+        await self._free()
+
+    async def read(self, names: Sequence[str]) -> dict[str, Sample]:
+        """The last value of each channel, with the time at which it came."""
+        now = time.monotonic()
+        if not self.keeper.up:
+            why = str(self.keeper.down_error())
+            return dict.fromkeys(names, Sample(_NAN, now, Quality.UNAVAILABLE, why))
+        return {name: self._sample(name, now) for name in names}
+
+    async def write(self, values: Mapping[str, float]) -> None:
+        """Send commands; nothing confirms them.
+
+        Raises
+        ------
+        LinkError
+            When they could not be sent.
+        """
+        config = self._config
+        try:
+            texts = {name: config.channels[name].text_of(value) for name, value in values.items()}
+        except ValueError as error:
+            raise LinkError(f"{self.keeper.label}: nothing written; {error}") from None
+        if self._port is None or not self.keeper.up:
+            raise LinkDownError(f"not written: {', '.join(values)}: {self.keeper.down_error()}")
+        for name, text in texts.items():
+            self._port.write(framed(config, text, config.channels[name].checksum))
+
+    def _sample(self, name: str, now: float) -> Sample:
+        message = self._of.get(name)
+        if message is None:
+            return Sample(_NAN, now, Quality.BAD, f"{name} is only written")
+        came = self._arrived.get(message)
+        if came is None or now - came > message.within:
+            return Sample(_NAN, now, Quality.UNAVAILABLE, self._silence(message, now))
+        return self._last[name]
+
+    def _silence(self, message: Message, now: float) -> str:
+        came = self._arrived.get(message)
+        since = "since the port was opened" if came is None else f"for {now - came:.1f} s"
+        stray = f"; last came {self._stray}" if self._stray else ""
+        return f"{message.name} did not come {since}{stray}"
+
+    def _receive(self, data: bytes) -> None:
+        for line in self._splitter.feed(data):
+            if line.strip():
+                self._take(line)
+
+    def _take(self, line: bytes) -> None:
+        """Keep a line's values; what is no message of ours, or spoilt, is only remembered."""
+        now = time.monotonic()
+        error: LinkProtocolError | None = None
+        for message in self._messages:
+            try:
+                found = message.match([line])
+            except LinkProtocolError as exc:
+                error = exc
+                continue
+            self._status.requests += 1
+            self._stray = ""
+            self._arrived[message] = now
+            for channel in message.readers:
+                try:
+                    self._last[channel] = Sample(message.value(channel, found), now)
+                except FieldError as exc:
+                    self._last[channel] = Sample(_NAN, now, Quality.BAD, str(exc))
+            if message.failures:
+                self._roster.answered(message)
+            if self._first is not None and not self._first.done():
+                self._first.set_result(None)
+            return
+        self._status.failures += 1
+        self._stray = str(error) if len(self._messages) == 1 else shown(line)
+
+    def _look(self) -> None:
+        """Now and then: which messages have not come for too long?"""
+        now = time.monotonic()
+        silent = [m for m in self._messages if now - self._came(m) > m.within]
+        if len(silent) == len(self._messages):
+            self.keeper.lost(self._silence(silent[0], now))
+            return
+        for message in silent:
+            message.why = self._silence(message, now)
+            self._roster.set_apart(message, message.why)
+        self._watch_on()
+
+    def _came(self, message: Message) -> float:
+        """When a message came last (monotonic, s), or since when it could have come."""
+        return self._arrived.get(message, self._opened_at)
+
+    def _watch_on(self) -> None:
+        pause = min(message.within for message in self._messages) / 4.0
+        self._watch = asyncio.get_running_loop().call_later(pause, self._look)
+
+    async def _connect(self) -> None:
+        """Open the port and wait for a first message."""
+        config = self._config
+        await self._free()
+        self._splitter.clear()
+        self._arrived.clear()
+        self._stray = ""
+        self._first = asyncio.get_running_loop().create_future()
+        self._port = await open_port(config, self._receive, self._lose)
+        for text in config.on_open:
+            self._port.write(framed(config, text, None))
+        longest = max(message.within for message in self._messages)
+        try:
+            await asyncio.wait_for(self._first, longest)
+        except TimeoutError:
+            stray = f"; last came {self._stray}" if self._stray else ""
+            raise LinkTimeoutError(
+                f"the port is open, and no message came in {longest:g} s{stray}"
+            ) from None
+        finally:
+            self._first = None
+        self._opened_at = time.monotonic()
+        self._watch_on()
+
+    def _lose(self, why: str) -> None:
+        if self._first is not None and not self._first.done():
+            self._first.set_exception(LinkDownError(why))
+        self.keeper.lost(why)
+
+    def _disconnect(self) -> None:
+        if self._watch is not None:
+            self._watch.cancel()
+            self._watch = None
+        if self._port is not None:
+            self._port.close()
+
+    async def _free(self) -> None:
+        self._disconnect()
+        port, self._port = self._port, None
+        if port is not None:
+            await port.closed()

@@ -1,0 +1,29 @@
+"""``python -m drivers.simulated``: machines and devices that exist only as numbers.
+
+``bridge``, ``measure``, ``registers``: a coordinate measuring machine over Modbus. ``serial``:
+ASCII devices and a tape reader on pseudo-terminals. ``can``: encoders and thermometers on CAN.
+
+What serves prints one line of JSON on standard output when it listens, then serves until SIGTERM,
+SIGINT, or (``--die-with-stdin``) until its standard input ends.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+_MODULES = {"serial": "serial_commands", "can": "can_commands"}
+"""Commands that do without numpy and pymodbus, which take long to import."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit status."""
+    words = sys.argv[1:] if arguments is None else list(arguments)
+    module = _MODULES.get(words[0] if words else "", "bridge_commands")
+    status: int = import_module(f"drivers.simulated.{module}").main(words)
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

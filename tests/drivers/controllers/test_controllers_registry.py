@@ -1,0 +1,150 @@
+"""Dialects are found by looking; every one says what it holds and how sure Abbe is of it."""
+
+from __future__ import annotations
+
+import re
+import sys
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import pytest
+from controller_cases import machine
+
+import drivers.controllers as registry
+from compcore.compensation_types import TYPES
+from compcore.errors import InputError
+from drivers.controllers import (
+    Confidence,
+    controller_class,
+    controller_kinds,
+    make_controller,
+)
+
+ROOT = Path(__file__).parents[3]
+FIRST = {
+    "linuxcnc", "twincat-isg", "etalon-exchange", "siemens-840d", "fanuc", "heidenhain-nd", "pmac",
+    "aerotech-2d", "weihong", "cmm-map", "csv", "grid-csv",
+}  # fmt: skip
+
+
+def test_these_are_there():
+    assert set(controller_kinds()) == FIRST
+
+
+@pytest.mark.parametrize("name", sorted(FIRST))
+def test_every_dialect_tells_all_of_itself(name):
+    cls = controller_class(name)
+    controller = make_controller(name, machine("w C' b X Y Z t"))
+    assert cls.__doc__
+    assert cls.title
+    assert cls.source
+    assert len(controller.activation()) >= 1
+    capability = controller.capability
+    assert capability.holds
+    for holds in capability.holds:
+        assert set(holds.types) <= set(TYPES), "types of ISO/TR 16907, 8.2"
+        assert holds.points >= 2
+        assert holds.resolution > 0.0
+    if cls.trust.least is Confidence.UNVERIFIED:
+        assert cls.trust.note, "what is not sure is said"
+    trust = cls.trust.as_dict()
+    assert {"syntax", "sign", "activation"} <= set(trust)
+    for field_name in cls.Options.model_fields:
+        assert re.fullmatch(r"[a-z_]+", field_name)
+
+
+@pytest.mark.parametrize("name", sorted(FIRST))
+def test_the_users_page_names_every_dialect_and_option(name):
+    page = (ROOT / "docs" / "tables.md").read_text(encoding="utf-8")
+    assert f"`{name}`" in page
+    for option in controller_class(name).Options.model_fields:
+        assert f"`{option}`" in page, option
+
+
+def test_an_unknown_name_or_option_lists_those_there_are():
+    with pytest.raises(InputError, match="linuxcnc"):
+        controller_class("mazatrol")
+    with pytest.raises(InputError, match="no such option") as raised:
+        make_controller("linuxcnc", machine(), {"typ": "1"})
+    assert "type" in str(raised.value)
+    with pytest.raises(InputError, match="type"):
+        make_controller("linuxcnc", machine(), {"type": "2"})
+    with pytest.raises(InputError, match="axes"):
+        make_controller("fanuc", machine(), {"axes": "X1"})
+
+
+PLUGIN = '''
+from drivers.controllers import Confidence, Controller, Trust
+from compcore.tables.capability import Capability, Holds
+
+class Mine(Controller):
+    """One number a line."""
+    name = "mine"
+    title = "My own control"
+    sign = "error"
+    source = "me"
+    trust = Trust(Confidence.TRIED, Confidence.TRIED, Confidence.TRIED)
+
+    @property
+    def capability(self):
+        return Capability((Holds("axis", ("L-POS",), points=16, resolution=1e-3),))
+
+    def _format(self, tables):
+        return {t.inputs[0]: "\\n".join(f"{q:.6f} {v:.3f}" for q, v in
+                zip(t.nodes[0], t.forward)) for t in tables}
+
+    def _parse(self, files):
+        import numpy as np
+        from compcore.tables import Table, move
+        rows = {a: np.array([l.split() for l in text.splitlines()], float)
+                for a, text in files.items()}
+        return [Table(move(a), (a,), (r[:, 0],), r[:, 1]) for a, r in rows.items()]
+
+    def activation(self):
+        return ("switch it on",)
+'''
+
+
+@pytest.fixture
+def plugged(tmp_path, monkeypatch):
+    (tmp_path / "my_control.py").write_text(PLUGIN, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def plug(value: str, name: str = "mine") -> None:
+        entry = EntryPoint(name, value, registry.CONTROLLER_GROUP)
+        monkeypatch.setattr(registry, "entry_points", lambda group: [entry])
+        registry.controller_kinds.cache_clear()
+
+    yield plug
+    monkeypatch.undo()
+    registry.controller_kinds.cache_clear()
+    sys.modules.pop("my_control", None)
+
+
+def test_a_plugin_is_one_file_and_serves_like_any_other(plugged, tmp_path):
+    import numpy as np
+    from table_models import rigid, state
+
+    from compcore.tables.field import ErrorField
+    from compcore.tables.project import project
+    from compcore.tables.volume import Volume
+
+    plugged("my_control:Mine")
+    assert set(controller_kinds()) == FIRST | {"mine"}
+    model = rigid()
+    controller = make_controller("mine", model.machine)
+    field = ErrorField(model, state())
+    tables = project(field, Volume.of(model.machine), controller.capability).tables
+    files = controller.write(tables)
+    assert set(files) == {"X", "Y", "Z"}
+    assert all(len(t.nodes[0]) <= 16 for t in tables)
+    assert np.abs(controller.read(files)[0].forward).max() > 0.0
+
+
+def test_a_plugin_that_is_none_or_takes_a_name_is_refused(plugged):
+    plugged("my_control:Trust")
+    with pytest.raises(InputError, match="not a controller"):
+        controller_kinds()
+    plugged("drivers.controllers.linuxcnc:LinuxCNC", "linuxcnc")
+    with pytest.raises(InputError, match="claims a name"):
+        controller_kinds()

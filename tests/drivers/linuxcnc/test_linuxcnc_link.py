@@ -1,0 +1,218 @@
+"""The link to a real LinuxCNC that runs, homed: pins, external offsets, limits."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Iterator
+
+import pytest
+from linuxcnc_links import (
+    ACTIVE,
+    CHANNELS,
+    HOMED,
+    LIMITED,
+    ON,
+    linked,
+    ordered,
+    reaches,
+    until,
+    value,
+)
+from linuxcnc_machine import Machine
+
+from drivers.link import LinkError, LinkState, Quality, WriteNotVerifiedError
+
+pytestmark = pytest.mark.integration
+
+
+@pytest.fixture(scope="module")
+def machine() -> Iterator[Machine]:
+    """Switched on and homed."""
+    with Machine() as running:
+        running.order("on")
+        running.order("home")
+        yield running
+
+
+async def test_positions_are_read(machine: Machine) -> None:
+    async with linked() as link:
+        assert link.status.state is LinkState.UP, link.status.detail
+        await ordered(machine, "mdi", "G21 G90 G1 F6000 X12.5 Y-7.25")
+        samples = await link.read(tuple(CHANNELS))
+        assert samples["x"].value == pytest.approx(12.5, abs=1e-9)
+        assert samples["motor_y"].value == pytest.approx(-7.25, abs=1e-9)
+        assert samples["motor_um"].value == pytest.approx(12500.0, abs=1e-6)
+        assert int(samples["state"].value) & (ON | HOMED | ACTIVE | LIMITED) == ON | HOMED
+        assert samples["nonsense"].quality is Quality.BAD
+        assert "not found" in samples["nonsense"].reason
+        assert all(s.good for name, s in samples.items() if name != "nonsense")
+        assert link.info("offset_x").unit == "mm"
+        assert link.info("offset_x").writable
+        assert not link.info("x").writable
+
+
+async def test_an_offset_moves_the_motor(machine: Machine) -> None:
+    async with linked() as link:
+        await ordered(machine, "mdi", "G1 X50 Y20")
+        await link.write({"offset_x": 0.0123, "offset_y": -0.0042})
+        await reaches(link, "motor_x", 50.0123)
+        await reaches(link, "motor_y", 19.9958)
+        assert await value(link, "offset_x") == pytest.approx(0.0123, abs=1e-5)
+        assert int(await value(link, "state")) & ACTIVE
+        # absolute, not one on top of the other
+        await link.write({"offset_x": 0.0123})
+        await link.write({"offset_x": -0.02})
+        await reaches(link, "motor_x", 49.98)
+        await ordered(machine, "mdi", "G1 X60")
+        await reaches(link, "motor_x", 59.98)
+        await link.write({"offset_x": 0.0, "offset_y": 0.0})
+        await reaches(link, "motor_x", 60.0)
+
+
+async def test_many_writes_in_a_row_end_where_the_last_one_says(machine: Machine) -> None:
+    async with linked() as link:
+        await ordered(machine, "mdi", "G1 X0 Y0")
+        for i in range(100):
+            await link.write({"offset_x": 0.001 * (i % 7), "offset_y": -0.0005 * (i % 5)})
+        await link.write({"offset_x": 0.0333, "offset_y": 0.0444})
+        await reaches(link, "motor_x", 0.0333)
+        await reaches(link, "motor_y", 0.0444)
+
+
+async def test_offsets_follow_a_moving_axis(machine: Machine) -> None:
+    """Live: the offset is a function of the position while the axis moves."""
+    async with linked() as link:
+        await ordered(machine, "mdi", "G1 X0")
+        move = asyncio.create_task(ordered(machine, "mdi", "G1 F6000 X80"))
+        seen = 0
+        while not move.done():
+            x = await value(link, "x")
+            await link.write({"offset_x": 1e-3 * x})
+            seen += 1
+        await link.write({"offset_x": 0.08})
+        await reaches(link, "motor_x", 80.08)
+        assert seen > 20
+
+
+async def test_what_is_too_large_is_refused_before_anything_is_written(machine: Machine) -> None:
+    async with linked() as link:
+        await link.write({"offset_x": 0.0, "offset_y": 0.0})
+        with pytest.raises(LinkError, match="nothing written; offset_y: 0.6 is beyond max = 0.5"):
+            await link.write({"offset_x": 0.1, "offset_y": 0.6})
+        with pytest.raises(LinkError, match="nothing written; offset_x: nan"):
+            await link.write({"offset_x": float("nan")})
+        with pytest.raises(LinkError, match="nothing written; motor_x is no offset"):
+            await link.write({"offset_x": 0.1, "motor_x": 0.0})
+        assert abs(await value(link, "offset_x")) < 1e-5
+
+
+async def test_soft_limits_hold_an_offset_back_and_it_is_said(machine: Machine) -> None:
+    async with linked() as link:
+        await link.write({"offset_x": 0.0})
+        await ordered(machine, "mdi", "G1 F12000 X299.97")
+        await link.write({"offset_x": 0.02})
+        await reaches(link, "motor_x", 299.99)
+
+        async def limited() -> bool:
+            try:
+                await link.write({"offset_x": 0.05})
+            except WriteNotVerifiedError as error:
+                return "wrote 0.05, a soft limit lets 0.0" in str(error)
+            return False
+
+        await until(limited)
+        await asyncio.sleep(0.1)
+        assert await value(link, "motor_x") <= 300.0 + 1e-6
+        assert int(await value(link, "state")) & LIMITED
+        await link.write({"offset_x": 0.0})
+        await ordered(machine, "mdi", "G1 X0")
+        await reaches(link, "motor_x", 0.0)
+        assert not int(await value(link, "state")) & LIMITED
+
+
+async def test_switched_off_and_on_the_offset_begins_at_zero(machine: Machine) -> None:
+    async with linked() as link:
+        await link.write({"offset_x": 0.1})
+        await reaches(link, "offset_x", 0.1)
+        await ordered(machine, "off")
+        with pytest.raises(WriteNotVerifiedError, match="the machine is off"):
+            await link.write({"offset_x": 0.2})
+        assert not int(await value(link, "state")) & ON
+        await ordered(machine, "on")
+        # LinuxCNC has set it to zero; what is written next is right all the same
+        await reaches(link, "offset_x", 0.0)
+        position = await value(link, "motor_x")
+        await link.write({"offset_x": 0.05})
+        await reaches(link, "offset_x", 0.05)
+        await reaches(link, "motor_x", position + 0.05)
+        await link.write({"offset_x": 0.0})
+        await reaches(link, "offset_x", 0.0)
+
+
+async def test_without_new_values_the_offset_is_taken_back(machine: Machine) -> None:
+    async with linked(lease=0.3) as link:
+        await link.write({"offset_x": 0.1})
+        await reaches(link, "offset_x", 0.1)
+        await reaches(link, "offset_x", 0.0)
+        await link.write({"offset_x": 0.1})
+        await reaches(link, "offset_x", 0.1)
+
+
+async def test_closing_takes_the_offset_back(machine: Machine) -> None:
+    async with linked() as link:
+        await link.write({"offset_x": 0.1})
+        await reaches(link, "offset_x", 0.1)
+    async with linked() as link:
+        assert abs(await value(link, "offset_x")) < 1e-5
+
+
+async def test_a_killed_bridge_is_started_again(machine: Machine) -> None:
+    async with linked() as link:
+        bridge = link._bridge
+        assert bridge is not None
+        assert bridge._process is not None
+        bridge._process.terminate()
+        await until(lambda: link.status.state is LinkState.DOWN)
+        sample = (await link.read(("x",)))["x"]
+        assert sample.quality is Quality.UNAVAILABLE
+        await until(lambda: link.status.state is LinkState.UP)
+        assert (await link.read(("x",)))["x"].good
+
+
+async def test_a_python_without_linuxcnc_s_modules(machine: Machine) -> None:
+    async with linked(python=sys.executable) as link:
+        assert link.status.state is LinkState.DOWN
+        assert "No module named" in link.status.detail
+    async with linked(python="/usr/bin/no-such-python") as link:
+        assert "cannot start /usr/bin/no-such-python: No such file" in link.status.detail
+
+
+CHILD = """
+import asyncio, json, sys
+from drivers.linuxcnc.config import LinuxCncConfig
+from drivers.linuxcnc.link import LinuxCncLink
+
+async def main():
+    section = {"channels": {"offset_x": {"offset": "X", "max": 0.5}}, "lease": 600.0, "ramp": 0.3}
+    link = LinuxCncLink("child", LinuxCncConfig.model_validate(section))
+    await link.open()
+    await link.write({"offset_x": 0.1})
+    print("written", flush=True)
+    await asyncio.sleep(600)
+
+asyncio.run(main())
+"""
+
+
+async def test_an_abbe_that_is_killed_leaves_no_offset_behind(machine: Machine) -> None:
+    child = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", CHILD, stdout=asyncio.subprocess.PIPE
+    )
+    assert child.stdout is not None
+    async with linked() as link:
+        assert await child.stdout.readline() == b"written\n"
+        await reaches(link, "offset_x", 0.1)
+        child.kill()
+        await child.wait()
+        await reaches(link, "offset_x", 0.0)

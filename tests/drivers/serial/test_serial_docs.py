@@ -1,0 +1,73 @@
+"""docs/serial.md: every example is a configuration that works, every key is told."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.link import available_links, link_class
+from drivers.serial.checksum import ALGORITHMS, ChecksumConfig
+from drivers.serial.config import ChannelConfig, MessageConfig, SerialConfig
+from drivers.serial.link import SerialLink
+from drivers.serial.tape import TapeSettings
+from drivers.simulated.serial_commands import KINDS, _parser
+
+DOC = (Path(__file__).parents[3] / "docs" / "serial.md").read_text(encoding="utf-8")
+EXAMPLES: list[tuple[str, dict[str, Any]]] = [
+    (name, section)
+    for text in re.findall(r"```toml\n(.*?)```", DOC, re.S)
+    for name, section in tomllib.loads(text)["links"].items()
+]
+
+
+@pytest.mark.parametrize(("name", "section"), EXAMPLES, ids=[name for name, _ in EXAMPLES])
+def test_examples_work(name: str, section: dict[str, Any]) -> None:
+    section = dict(section)
+    kind = link_class(section.pop("driver"))
+    assert kind is SerialLink
+    link = SerialLink(name, SerialConfig.model_validate(section))
+    assert set(link.channels) == set(section["channels"])
+    for channel, text in link.channels.items():
+        assert "field" in text
+        assert link.info(channel).unit == section["channels"][channel].get("unit", "")
+
+
+def test_there_are_examples() -> None:
+    assert [name for name, _ in EXAMPLES] == ["dro", "thermometers", "laser"]
+    assert available_links()["serial"] == "drivers.serial.link:SerialLink"
+
+
+@pytest.mark.parametrize(
+    "config", [SerialConfig, MessageConfig, ChannelConfig, ChecksumConfig, TapeSettings]
+)
+def test_every_key_is_told(config: Any) -> None:
+    for key in config.model_fields:
+        if key not in ("messages", "channels"):
+            assert re.search(rf"`{key}\b", DOC), f"{config.__name__}.{key}"
+
+
+def test_every_checksum_and_every_simulated_device_is_told() -> None:
+    for kind in ALGORITHMS:
+        assert f"`{kind}`" in DOC
+    for kind in KINDS:
+        assert f"python -m drivers.simulated serial {kind}" in DOC
+    for option in re.findall(r"--[a-z-]+", _parser().format_help()):
+        assert option in DOC or option in ("--help", "--speed", "--buffer")
+
+
+def test_the_defaults_are_as_told() -> None:
+    config = SerialConfig.model_validate(
+        {
+            "port": "x",
+            "messages": {"m": {"query": "R", "pattern": "(?P<x>=)"}},
+            "channels": {"x": {"message": "m"}},
+        }
+    )
+    for key in ("timeout", "late_reply_max", "max_line", "quarantine_max", "max_waiting"):
+        row = next(line for line in DOC.splitlines() if line.startswith(f"| `{key}`"))
+        assert f"| {getattr(config, key):g}" in row
+    assert TapeSettings(port="x").run_on == 8
