@@ -1,0 +1,1 @@
+"""CAN buses: raw frames by DBC file (entry point ``can``), and CANopen (``canopen``)."""

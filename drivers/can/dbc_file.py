@@ -1,0 +1,119 @@
+"""What a DBC file says of the messages and signals that a link uses; the only user of cantools."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from drivers.can.dbc_config import ChannelConfig, DbcConfig
+from drivers.link import LinkConfigError
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message, Signal
+
+MISSING_AFTER = 3.0
+"""Cycle times without a message after which it is missing."""
+_LEAST_WITHIN, _DEFAULT_WITHIN = 0.1, 1.0
+
+
+def load(config: DbcConfig) -> dict[str, Message]:
+    """Messages that the link's channels need, by name.
+
+    Raises
+    ------
+    LinkConfigError
+        When the file cannot be read, or lacks a message or signal; says what it has.
+    """
+    try:
+        import cantools
+    except ImportError:
+        raise LinkConfigError(
+            "DBC files need the package cantools: pip install 'abbe[can]'"
+        ) from None
+    if not Path(config.dbc).is_file():
+        raise LinkConfigError(f"there is no file {config.dbc}")
+    try:
+        database = cantools.database.load_file(config.dbc)
+    except Exception as error:
+        # cantools raises its parsers' errors as they are
+        raise LinkConfigError(f"{config.dbc} cannot be read: {error}") from error
+    found: dict[str, Message] = {}
+    for name, channel in config.channels.items():
+        message = _message(database, channel.message, config.dbc, f"channel {name!r}")
+        signal_of(message, name, channel)
+        found[channel.message] = message
+    for name in config.messages:
+        _message(database, name, config.dbc, f"messages.{name}")
+        if name not in found:
+            raise LinkConfigError(f"messages.{name} is used by no channel")
+    return found
+
+
+def _message(database: Any, name: str, file: str, what: str) -> Message:
+    for message in database.messages:
+        if message.name == name:
+            found: Message = message
+            return found
+    raise LinkConfigError(
+        f"{what}: {file} has no message {name!r}; it has: "
+        + ", ".join(message.name for message in database.messages)
+    )
+
+
+def signal_of(message: Message, name: str, channel: ChannelConfig) -> Signal:
+    """A channel's signal.
+
+    Raises
+    ------
+    LinkConfigError
+        When the message has none of that name; lists those that it has.
+    """
+    wanted = channel.signal or name
+    for signal in message.signals:
+        if signal.name == wanted:
+            return signal
+    raise LinkConfigError(
+        f"channel {name!r}: message {message.name} has no signal {wanted!r}; it has: "
+        + ", ".join(signal.name for signal in message.signals)
+    )
+
+
+def within_of(message: Message, stated: float | None) -> float:
+    """After how long (s) a message that did not come again counts as missing."""
+    if stated is not None:
+        return stated
+    cycle = (message.cycle_time or 0) * 1e-3
+    return max(_LEAST_WITHIN, MISSING_AFTER * cycle) if cycle else _DEFAULT_WITHIN
+
+
+def decode(message: Message, data: bytes) -> Mapping[str, Any]:
+    """Signal → physical value; of a multiplexed message those that this frame carries.
+
+    Raises
+    ------
+    ValueError
+        When the frame is too short.
+    """
+    if len(data) < message.length:
+        raise ValueError(
+            f"{message.name}: {len(data)} bytes came, the DBC file says {message.length}"
+        )
+    values: Mapping[str, Any] = message.decode(data, decode_choices=False)  # type: ignore[assignment]
+    return values
+
+
+def encode(message: Message, values: Mapping[str, float]) -> bytes:
+    """A message's data.
+
+    Raises
+    ------
+    ValueError
+        When a value does not fit its signal.
+    """
+    import cantools
+
+    try:
+        return message.encode(dict(values), scaling=True, strict=True)
+    except (cantools.database.EncodeError, OverflowError) as error:
+        raise ValueError(f"{message.name}: {error}") from None

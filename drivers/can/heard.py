@@ -1,0 +1,86 @@
+"""One message that is read from a CAN bus: what came last, and the values in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from drivers.can.dbc_config import DbcConfig
+from drivers.can.dbc_file import decode, signal_of, within_of
+from drivers.link import Quality, Sample
+from drivers.quarantine import Member
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+
+_NAN = float("nan")
+
+
+class Heard(Member):
+    """One message that is read: how it is asked for, and what came last.
+
+    Attributes
+    ----------
+    data, came
+        Its last frame and when it came (monotonic, s); None and −inf when none did.
+    asked_at
+        Monotonic time in s of a request whose answer may still come; None when none can.
+    values
+        Channel → sample, worked out when asked for; of a multiplexed message when it comes.
+    """
+
+    __slots__ = (
+        "asked_at", "came", "channels", "data", "every", "fresh", "message", "request", "values",
+        "within",
+    )  # fmt: skip
+
+    def __init__(self, message: Message, config: DbcConfig) -> None:
+        super().__init__(f"message {message.name}")
+        section = config.messages.get(message.name)
+        self.message = message
+        self.within = within_of(message, section.within if section else None)
+        self.request = section.request if section else None
+        self.every = section.every if section else 0.0
+        self.channels = {
+            name: (signal_of(message, name, channel).name, channel)
+            for name, channel in config.channels.items()
+            if channel.message == message.name and not channel.writable
+        }
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget what came: a new connection."""
+        self.data: bytes | None = None
+        self.came = float("-inf")
+        self.asked_at: float | None = None
+        self.fresh = False
+        self.values: dict[str, Sample] = {}
+
+    def take(self, data: bytes, arrived: float) -> None:
+        """A frame came."""
+        self.data, self.came, self.fresh = data, arrived, True
+        self.asked_at = None
+        if self.message.is_multiplexed():
+            self.work_out()
+
+    def work_out(self) -> None:
+        """Bring `values` up to date with the last frame."""
+        self.fresh = False
+        if self.data is None:
+            return
+        values: Mapping[str, Any] = {}
+        why = ""
+        try:
+            values = decode(self.message, self.data)
+        except ValueError as error:
+            why = str(error)
+        for name, (signal, channel) in self.channels.items():
+            if why:
+                self.values[name] = Sample(_NAN, self.came, Quality.BAD, why)
+            elif signal in values:
+                value = float(values[signal]) * channel.scale + channel.offset
+                if value - value == 0.0:
+                    self.values[name] = Sample(value, self.came)
+                else:
+                    why_not = f"{self.message.name}.{signal} is {value}"
+                    self.values[name] = Sample(_NAN, self.came, Quality.BAD, why_not)

@@ -1,0 +1,317 @@
+"""One CANopen node: brought up, its heartbeat and emergencies watched, its objects read."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import struct
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor
+from typing import TypeVar
+
+from drivers.can.canopen_config import CanopenConfig, ChannelConfig
+from drivers.can.canopen_wall import DEVICE_TYPE, Network
+from drivers.can.objects import decode
+from drivers.can.pdo import Object, Pdo, choose_pdo, read_pdos
+from drivers.can.profiles import check_profile, scale_of
+from drivers.link import LinkDownError, LinkError, Quality, Sample
+from drivers.quarantine import Member
+
+logger = logging.getLogger("abbe.drivers.can")
+
+T = TypeVar("T")
+
+BOOTED, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0, 4, 5, 127
+STATES = {STOPPED: "stopped", OPERATIONAL: "operational", PRE_OPERATIONAL: "pre-operational"}
+START = 1
+"""NMT command."""
+_START_TIME = 0.3
+"""s for a started node to say so in a heartbeat."""
+_PRODUCER_HEARTBEAT = 0x1017
+_NAN = float("nan")
+_EMERGENCIES = {
+    0x10: "generic error",
+    0x20: "current",
+    0x21: "current, device input side",
+    0x22: "current inside the device",
+    0x23: "current, device output side",
+    0x30: "voltage",
+    0x31: "mains voltage",
+    0x32: "voltage inside the device",
+    0x33: "output voltage",
+    0x40: "temperature",
+    0x41: "ambient temperature",
+    0x42: "device temperature",
+    0x50: "device hardware",
+    0x60: "device software",
+    0x70: "additional modules",
+    0x80: "monitoring",
+    0x81: "communication",
+    0x82: "protocol error",
+    0x90: "external error",
+    0xF0: "additional functions",
+    0xFF: "device specific",
+}
+"""High byte of an emergency's error code → what it is about (CiA 301, 7.2.7.1)."""
+
+
+class Node(Member):
+    """One node of the configuration.
+
+    Parameters
+    ----------
+    name
+        Its name there.
+    config
+        The link's section.
+    network
+        The bus.
+    threads
+        Where SDO transfers wait.
+    on_change
+        Called when its health may have changed.
+
+    Attributes
+    ----------
+    number
+        Its id.
+    prepared
+        Whether it was found and set up since it booted last.
+    needs_care
+        Set when it has to be looked for and set up.
+    heard
+        Monotonic time in s of its last heartbeat.
+    started_at
+        Monotonic time in s when it was told to start.
+    state
+        As its last heartbeat said; None before the first.
+    emergency
+        What it reported and did not take back, for people.
+    refused
+        Channel → why it cannot be had from this node.
+    """
+
+    __slots__ = (
+        "_busy",
+        "_channels",
+        "_config",
+        "_network",
+        "_on_change",
+        "_pdos",
+        "_scales",
+        "_threads",
+        "emergency",
+        "heard",
+        "needs_care",
+        "number",
+        "prepared",
+        "refused",
+        "section",
+        "started_at",
+        "state",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        name: str,
+        config: CanopenConfig,
+        network: Network,
+        threads: Executor,
+        on_change: Callable[[], None],
+    ) -> None:
+        self.section = config.nodes[name]
+        self.number = self.section.id
+        super().__init__(f"node {name} ({self.number})")
+        self._config = config
+        self._network = network
+        self._threads = threads
+        self._on_change = on_change
+        self._busy = asyncio.Lock()
+        self._channels = {n: c for n, c in config.channels.items() if c.node == name}
+        self._pdos: dict[Object, Pdo] = {}
+        self._scales: dict[str, float] = {}
+        self.refused: dict[str, str] = {}
+        self.prepared = False
+        self.needs_care = asyncio.Event()
+        self.heard = 0.0
+        self.started_at = 0.0
+        self.state: int | None = None
+        self.emergency = ""
+        network.add(self.number, self._take_emergency)
+        network.listen(0x700 + self.number, self._take_heartbeat)
+
+    @property
+    def pdos(self) -> list[Pdo]:
+        """The PDOs that carry its channels."""
+        return list(dict.fromkeys(self._pdos.values()))
+
+    def renew(self) -> None:
+        """A new connection: nothing is known."""
+        self.prepared = False
+        self.heard, self.state, self.emergency = time.monotonic(), None, ""
+        self._pdos = {}
+        self.needs_care.set()
+
+    def lose(self, why: str) -> None:
+        """It is gone, or has restarted: it has to be set up again."""
+        self.prepared = False
+        self.why = why
+        self.needs_care.set()
+
+    async def prepare(self) -> None:
+        """Find it and set it up: heartbeat, PDOs, scales; start it.
+
+        Raises
+        ------
+        LinkTimeoutError, LinkDownError
+            When it does not answer. What it refuses makes its channels bad, not the node.
+        """
+        self.needs_care.clear()
+        await self.in_thread(self._set_up)
+        for pdo in self.pdos:
+            self._network.subscribe(pdo.cob_id, self._receiver(pdo))
+        self.heard = time.monotonic()
+        self.why = ""
+        self.prepared = True
+
+    def _set_up(self) -> None:
+        network, number, section = self._network, self.number, self.section
+
+        def upload(index: int, subindex: int) -> bytes:
+            return network.upload(number, index, subindex)
+
+        device_type = int.from_bytes(upload(DEVICE_TYPE, 0), "little")
+        if section.produce_heartbeat is not None:
+            period = struct.pack("<H", round(section.produce_heartbeat * 1e3))
+            network.download(number, _PRODUCER_HEARTBEAT, 0, period)
+        self.refused = {}
+        sync = self._config.sync
+        by_pdo = any(channel.by == "pdo" for channel in self._channels.values())
+        there = read_pdos(upload) if by_pdo else []
+        chosen: dict[Object, Pdo] = {}
+        for name, channel in self._channels.items():
+            try:
+                check_profile(channel, device_type)
+                self._scales[name] = scale_of(channel, upload)
+                if channel.by == "pdo":
+                    chosen[channel.object] = choose_pdo(
+                        there,
+                        channel.object,
+                        synchronous=sync is not None,
+                        required=sync == "read",
+                    )
+            except (LinkDownError, TimeoutError):
+                raise
+            except LinkError as error:
+                self.refused[name] = f"{self.name}, channel {name}: {error}"
+        self._pdos = chosen
+
+    async def in_thread(self, job: Callable[[], T]) -> T:
+        """Have a thread do something with this node; one thing at a time, even when given up."""
+        await self._busy.acquire()
+        done = asyncio.get_running_loop().run_in_executor(self._threads, job)
+        done.add_done_callback(self._release)
+        return await asyncio.shield(done)
+
+    async def take_turn(self) -> bool:
+        """Take the node for a short transfer; False when a longer one is under way."""
+        if self._busy.locked():
+            return False
+        return await self._busy.acquire()
+
+    def end_turn(self) -> None:
+        """Give it to the next."""
+        self._busy.release()
+
+    def _release(self, done: asyncio.Future[T]) -> None:
+        self._busy.release()
+        if not done.cancelled():
+            done.exception()  # seen; whoever waits gets it
+
+    def wrong_state(self) -> str:
+        """In which state it is although it should be operational; empty when all is well."""
+        if not self.section.start or self.state in (None, BOOTED, OPERATIONAL):
+            return ""
+        if time.monotonic() - self.started_at < _START_TIME:
+            return ""
+        return f"{self.name} is {STATES.get(self.state or 0, f'in state {self.state}')}"
+
+    def fell_back(self) -> bool:
+        """Whether it is pre-operational although it was started; a stopped one was stopped."""
+        return self.state == PRE_OPERATIONAL and bool(self.wrong_state())
+
+    def unavailable(self, name: str) -> Sample | None:
+        """Why a channel cannot be had now, as the sample for it; None when it can."""
+        now = time.monotonic()
+        if not self.prepared:
+            why = self.why or f"{self.name} was not found yet"
+            return Sample(_NAN, now, Quality.UNAVAILABLE, why)
+        if name in self.refused:
+            return Sample(_NAN, now, Quality.BAD, self.refused[name])
+        if self.emergency and self.section.emergency == "bad":
+            return Sample(_NAN, now, Quality.BAD, self.emergency)
+        return None
+
+    def sample(self, name: str, data: bytes, at: float) -> Sample:
+        """A channel's value in its object's bytes, which came at `at`."""
+        channel = self._channels[name]
+        try:
+            number = decode(channel.number_type, data)
+        except ValueError as error:
+            return Sample(_NAN, at, Quality.BAD, f"{name}: {error}")
+        return Sample(self._value(name, channel, number), at)
+
+    def pdo_of(self, name: str) -> Pdo | None:
+        """The PDO that carries a channel."""
+        return self._pdos.get(self._channels[name].object)
+
+    def from_pdo(self, name: str, pdo: Pdo) -> Sample:
+        """A channel's value in the last frame of its PDO."""
+        channel = self._channels[name]
+        try:
+            number = pdo.number_in(channel.object, channel.number_type)
+        except ValueError as error:
+            return Sample(_NAN, pdo.came, Quality.BAD, f"{name}: {error}")
+        return Sample(self._value(name, channel, number), pdo.came)
+
+    def _value(self, name: str, channel: ChannelConfig, number: float) -> float:
+        return number * self._scales[name] * channel.scale + channel.offset
+
+    # What it says by itself
+
+    def _receiver(self, pdo: Pdo) -> Callable[[bytes], None]:
+        def receive(data: bytes) -> None:
+            now = time.monotonic()
+            if now >= pdo.not_before:
+                pdo.data, pdo.came, pdo.awaited_since = data, now, None
+                self._on_change()
+
+        return receive
+
+    def _take_heartbeat(self, data: bytes) -> None:
+        if not data:
+            return
+        self.heard = time.monotonic()
+        state = data[0] & 0x7F
+        before, self.state = self.state, state
+        if state == BOOTED and self.prepared:
+            logger.warning("%s restarted", self.name)
+            self.emergency = ""
+            self.lose(f"{self.name} restarted")
+        elif state == BOOTED or not self.prepared:
+            self.retry_at = 0.0
+            self.needs_care.set()
+        if state != before:
+            self._on_change()
+
+    def _take_emergency(self, code: int, register: int, meaning: str) -> None:
+        if code == 0:
+            told = ""
+        else:
+            about = _EMERGENCIES.get(code >> 8) or _EMERGENCIES.get(code >> 8 & 0xF0) or meaning
+            told = f"{self.name}: emergency {code:04X}h, {about}; error register {register:02X}h"
+        if told != self.emergency:
+            self.emergency = told
+            logger.warning("%s", told or f"{self.name}: no emergency any more")
+            self._on_change()

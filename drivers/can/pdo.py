@@ -1,0 +1,130 @@
+"""Process data of a node: which PDO carries which objects, and the numbers in its frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from drivers.can.objects import Type, decode, size_of
+from drivers.can.sdo_errors import RefusedError
+from drivers.link import LinkProtocolError
+
+_COMMUNICATION, _MAPPING = 0x1800, 0x1A00
+_MOST_PDOS = 8
+"""Transmit PDOs that are looked at; encoders have two to four."""
+_INVALID = 1 << 31
+_LAST_SYNCHRONOUS = 240
+
+Upload = Callable[[int, int], bytes]
+Object = tuple[int, int]
+
+
+@dataclass(eq=False)
+class Pdo:
+    """One transmit PDO of a node.
+
+    Attributes
+    ----------
+    number
+        From 1.
+    cob_id
+        The id of its frames.
+    synchronous
+        Whether the node sends it at a SYNC.
+    places
+        Object → (first bit, bits) in the frame.
+    data, came
+        Its last frame and when it came (monotonic, s).
+    awaited_since
+        When the SYNC was sent that it answers; None when none is waited for.
+    not_before
+        Monotonic time in s before which it is not believed: a late one may come.
+    """
+
+    number: int
+    cob_id: int
+    synchronous: bool
+    places: Mapping[Object, tuple[int, int]]
+    data: bytes | None = None
+    came: float = field(default=float("-inf"))
+    awaited_since: float | None = None
+    not_before: float = float("-inf")
+
+    def number_in(self, wanted: Object, kind: Type) -> float:
+        """An object's number in the last frame.
+
+        Raises
+        ------
+        ValueError
+            When the frame is too short, or the type does not fit what is mapped.
+        """
+        first, bits = self.places[wanted]
+        if bits != 8 * size_of(kind) or first % 8:
+            raise ValueError(
+                f"TPDO{self.number} carries {bits} bits of it from bit {first}, {kind} has "
+                f"{8 * size_of(kind)}"
+            )
+        if self.data is None or len(self.data) * 8 < first + bits:
+            raise ValueError(f"TPDO{self.number} is too short: {len(self.data or b'')} bytes")
+        return decode(kind, self.data[first // 8 : (first + bits) // 8])
+
+
+def choose_pdo(pdos: Sequence[Pdo], wanted: Object, *, synchronous: bool, required: bool) -> Pdo:
+    """The PDO that carries an object.
+
+    Parameters
+    ----------
+    pdos
+        All of a node.
+    wanted
+        Index and subindex.
+    synchronous
+        Whether one that answers a SYNC is wanted, else one that the node sends by itself.
+    required
+        Whether the other kind will not do where there is no choice.
+
+    Raises
+    ------
+    LinkProtocolError
+        When there is none; says what they carry.
+    """
+    carrying = [pdo for pdo in pdos if wanted in pdo.places]
+    if not carrying:
+        told = "; ".join(
+            f"TPDO{pdo.number}: " + ", ".join(f"{i:04X}h:{s:02X}" for i, s in pdo.places)
+            for pdo in pdos
+        )
+        raise LinkProtocolError(
+            f"object {wanted[0]:04X}h:{wanted[1]:02X} is in none of the node's TPDOs "
+            f"({told or 'it has none'})"
+        )
+    fitting = [pdo for pdo in carrying if pdo.synchronous is synchronous]
+    if required and not fitting:
+        raise LinkProtocolError(
+            f"TPDO{carrying[0].number} does not answer SYNC (its transmission type), and no other "
+            f"carries {wanted[0]:04X}h:{wanted[1]:02X}"
+        )
+    return (fitting or carrying)[0]
+
+
+def read_pdos(upload: Upload) -> list[Pdo]:
+    """A node's valid transmit PDOs and what they carry; asks it, object by object."""
+    pdos = []
+    for i in range(_MOST_PDOS):
+        try:
+            cob_id = int.from_bytes(upload(_COMMUNICATION + i, 1), "little")
+            kind = upload(_COMMUNICATION + i, 2)[0]
+            count = upload(_MAPPING + i, 0)[0]
+        except RefusedError:
+            continue
+        if cob_id & _INVALID:
+            continue
+        places: dict[Object, tuple[int, int]] = {}
+        first = 0
+        for entry in range(1, count + 1):
+            mapped = int.from_bytes(upload(_MAPPING + i, entry), "little")
+            bits = mapped & 0xFF
+            places[mapped >> 16, mapped >> 8 & 0xFF] = (first, bits)
+            first += bits
+        pdos.append(Pdo(i + 1, cob_id & 0x7FF, kind <= _LAST_SYNCHRONOUS, places))
+    return pdos

@@ -1,0 +1,112 @@
+"""A serial adapter's port under python-can's ``slcan``: read in pieces, written without waiting.
+
+python-can 4.6.1 reads it one byte at a time (two system calls each, some 100 µs a frame), and after
+each frame that it sends waits until the driver has sent it (tcdrain). Both happen in here, where
+`BufferedPort` takes the place of pyserial's port once that is open and configured.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import termios
+from typing import Any
+
+
+class BufferedPort:
+    """What ``slcan`` uses of a pyserial port.
+
+    Parameters
+    ----------
+    port
+        The open one, with a file descriptor.
+
+    Attributes
+    ----------
+    write_timeout
+        Set by python-can; nothing is ever waited for.
+    """
+
+    def __init__(self, port: Any) -> None:
+        self._port = port
+        self._fd: int = port.fileno()
+        self._held = b""
+        self._at = 0
+        self.write_timeout: float | None = None
+        os.set_blocking(self._fd, False)
+        # pyserial's VMIN = 0 makes "nothing there" and "hung up" the same.
+        attributes = termios.tcgetattr(self._fd)
+        attributes[6][termios.VMIN] = 1
+        termios.tcsetattr(self._fd, termios.TCSANOW, attributes)
+        fcntl.ioctl(self._fd, termios.TIOCEXCL)
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes that are there.
+
+        Raises
+        ------
+        OSError
+            When the adapter is gone.
+        """
+        left = len(self._held) - self._at
+        if left:
+            return left
+        try:
+            self._held = os.read(self._fd, 4096)
+        except BlockingIOError:
+            self._held = b""
+        else:
+            if not self._held:
+                raise OSError("the other side hung up (unplugged?)")
+        self._at = 0
+        return len(self._held)
+
+    @property
+    def holds(self) -> bool:
+        """Whether bytes are here that the file descriptor does not show any more."""
+        return self._at < len(self._held)
+
+    def read(self, size: int = 1) -> bytes:
+        """Bytes that are there, at most `size`."""
+        if not self.in_waiting:
+            return b""
+        piece = self._held[self._at : self._at + size]
+        self._at += size
+        return piece
+
+    def write(self, data: bytes) -> int:
+        """Send.
+
+        Raises
+        ------
+        OSError
+            When the driver does not take it all: the adapter does not take its frames.
+        """
+        try:
+            sent = os.write(self._fd, data)
+        except BlockingIOError:
+            sent = 0
+        if sent < len(data):
+            raise OSError("the adapter does not take its frames")
+        return sent
+
+    def flush(self) -> None:
+        """Wait for nothing."""
+
+    def reset_input_buffer(self) -> None:
+        """Forget what came."""
+        self._held, self._at = b"", 0
+        self._port.reset_input_buffer()
+
+    def fileno(self) -> int:
+        """The port's file descriptor."""
+        return self._fd
+
+    def close(self) -> None:
+        """Close the port; safe to call twice."""
+        if self._port.is_open:
+            with contextlib.suppress(OSError):
+                fcntl.ioctl(self._fd, termios.TIOCNXCL)
+            self._port.close()

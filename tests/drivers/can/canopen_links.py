@@ -1,0 +1,43 @@
+"""What the tests of CANopen links share."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from typing import Any
+
+from can_links import QUICK, interface
+
+from drivers.can.canopen_config import CanopenConfig
+from drivers.can.canopen_link import CanopenLink
+
+ENCODER_NODES: dict[str, Any] = {
+    "x": {"id": 3, "heartbeat": 0.5, "produce_heartbeat": 0.05},
+    "y": {"id": 4, "heartbeat": 0.5, "produce_heartbeat": 0.05},
+    "z": {"id": 5, "heartbeat": 0.5, "produce_heartbeat": 0.05},
+}
+BY_SDO: dict[str, Any] = {
+    axis: {"node": axis, "profile": "cia406", "unit": "count"} for axis in "xyz"
+}
+BY_PDO: dict[str, Any] = {axis: section | {"by": "pdo"} for axis, section in BY_SDO.items()}
+INPUTS: dict[str, Any] = {
+    f"T{n}": {"node": "t", "profile": "cia404", "input": n, "unit": "degC"} for n in (1, 2, 3, 4)
+}
+THERMOMETER: dict[str, Any] = {"t": {"id": 6}}
+CONTROLLER: dict[str, Any] = {"mill": {"id": 16}}
+AXES = ("x", "y", "z")
+APART = 1_000_000
+"""Counts by which the simulated encoders stand apart at any moment."""
+
+
+@asynccontextmanager
+async def linked(
+    ready: Mapping[str, Any], nodes: dict[str, Any], channels: dict[str, Any], **settings: Any
+) -> AsyncIterator[CanopenLink]:
+    section = {"nodes": nodes, "channels": channels} | interface(ready) | QUICK | settings
+    link = CanopenLink("bench", CanopenConfig.model_validate(section))
+    await link.open()
+    try:
+        yield link
+    finally:
+        await link.close()
