@@ -1,0 +1,1 @@
+"""daemon: the service: configuration, pipeline, guard, live screen, command line."""

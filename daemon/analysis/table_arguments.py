@@ -1,0 +1,100 @@
+"""What ``abbe table`` is given on the command line: conditions, volume, options, present tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from compcore.errors import InputError
+from compcore.machine import Machine
+from compcore.model import Model
+from compcore.structure import is_rotary
+from compcore.tables.table_set import RECORD_NAME, TableSet, read_text
+from daemon.commands.assignments import number, split_assignments
+
+REFERENCE = "reference"
+"""``--at reference``: every temperature at the machine's reference temperature."""
+
+
+def signals(arguments: Sequence[str], model: Model) -> dict[str, float]:
+    """``["T_x=21.3,T_y=21.5", "reference"]`` → signals in their own units.
+
+    Raises
+    ------
+    InputError
+        For what cannot be read, or a signal given twice.
+    """
+    found: dict[str, float] = {}
+    machine = model.machine
+    words = [word.strip() for argument in arguments for word in argument.split(",")]
+    if REFERENCE in words:
+        for name in model.signals_needed():
+            if name in machine.signals and machine.signals[name].temperature:
+                found[name] = machine.reference_temperature
+    given = split_assignments(word for word in words if word != REFERENCE)
+    for name, text in given.items():
+        unit = machine.signals[name].unit if name in machine.signals else "its own unit"
+        found[name] = number(name, text, unit)
+    return found
+
+
+def ranges(arguments: Sequence[str], machine: Machine) -> dict[str, tuple[float, float]]:
+    """``["X=0,400", "C=-90,90"]`` → ranges, mm (rotary: rad).
+
+    Raises
+    ------
+    InputError
+        For what cannot be read, or an axis that the machine lacks.
+    """
+    found = {}
+    for name, text in split_assignments(arguments).items():
+        machine.axis(name, "volume")
+        parts = text.split(",")
+        unit = "degrees" if is_rotary(name) else "mm"
+        if len(parts) != 2:
+            raise InputError(
+                "not a range", field=f"volume {name}", found=text, expected=f"low,high in {unit}"
+            )
+        factor = math.pi / 180.0 if is_rotary(name) else 1.0
+        low, high = (number(f"volume {name}", part, unit) * factor for part in parts)
+        found[name] = (low, high)
+    return found
+
+
+def present_files(path: Path, controller: str) -> dict[str, str]:
+    """The files of the tables that a controller holds already: name → text.
+
+    Parameters
+    ----------
+    path
+        A folder that `abbe table` wrote, a folder with the controller's files, or one file.
+    controller
+        The dialect that they must be in.
+
+    Raises
+    ------
+    InputError
+        When they cannot be read, or are another controller's.
+    """
+    if path.is_dir():
+        if (path / RECORD_NAME).exists():
+            made = TableSet.load(path)
+            if made.controller != controller:
+                raise InputError(
+                    "these tables are for another controller",
+                    file=path,
+                    found=made.controller,
+                    expected=controller,
+                )
+            return dict(made.files)
+        names = sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
+        if not names:
+            raise InputError("no files in this folder", file=path)
+        return {p.name: read_text(p) for p in names}
+    return {path.name: read_text(path)}
+
+
+def options(arguments: Sequence[str]) -> Mapping[str, str]:
+    """``["type=1", "joints=X:0,Y:1"]`` → a controller's options as texts; may raise InputError."""
+    return split_assignments(arguments)

@@ -1,0 +1,53 @@
+"""``abbe add``: one more effect, refitted; the error before and after, also on unseen campaigns."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from daemon.commands.lists import ListOptions
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("add", cls=ListOptions)(add)
+
+
+def add(
+    model: Annotated[Path, typer.Argument(help="Model file.", metavar="MODEL.toml")],
+    kind: Annotated[str, typer.Argument(help="Kind of effect, see 'abbe effects'.")],
+    campaign: Annotated[
+        list[Path], typer.Option("--campaign", help="Campaigns to fit, one or more.")
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The next version of the model.")],
+    keys: Annotated[
+        list[str] | None, typer.Argument(help="KEY=VALUE as 'abbe diagnose' prints them.")
+    ] = None,
+    holdout: Annotated[
+        list[Path] | None,
+        typer.Option("--holdout", help="Campaigns that are not fitted, to see the error fall."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+) -> None:
+    """Add an effect to a model, refit, and watch the error fall."""
+    from compcore.revise import with_effect
+    from daemon.analysis import revised
+    from daemon.analysis.inputs import load
+    from daemon.analysis.progress import shown
+    from daemon.commands.assignments import split_assignments
+
+    with shown("reading") as tell:
+        loaded, measured = load(model, campaign)
+        more, effect = with_effect(loaded, kind, split_assignments(keys or []))
+        revision = revised.revise(
+            loaded, more, measured, holdout or [], out, added=effect.spec, progress=tell
+        )
+    if as_json:
+        typer.echo(json.dumps(revised.as_json(revision, effect), ensure_ascii=False))
+        return
+    for line in revised.as_text(revision, effect):
+        typer.echo(line)
+    typer.echo(f"written: {out}")

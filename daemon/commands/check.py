@@ -1,0 +1,74 @@
+"""``abbe check``: validate a configuration and print what would be linked."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+_WIDTH = 220
+"""Columns where standard output is not a terminal."""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("check")(check)
+
+
+def check(
+    config: Annotated[Path, typer.Argument(help="Configuration file.", metavar="CONFIG.toml")],
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+) -> None:
+    """Validate a configuration and print what would be linked; opens nothing."""
+    from rich.console import Console
+
+    from daemon.config import load_config
+    from daemon.linked import linked
+
+    found = linked(load_config(config))
+    if as_json:
+        typer.echo(json.dumps(found, ensure_ascii=False))
+        return
+    console = Console()
+    if not console.is_terminal:
+        console.width = _WIDTH
+    model, guard, cycle = found["model"], found["guard"], found["cycle"]
+    console.print(
+        f"[bold]{model['name']}[/bold], structure {model['structure']}, model {model['file']}: "
+        f"{model['fitted']} of {model['effects']} effects fitted"
+    )
+    if not model["fitted"]:
+        console.print("[yellow]No effect is fitted: nothing would be corrected.[/yellow]")
+    for name, link in found["links"].items():
+        console.print(f"link {name}: driver {link['driver']}, {link['channels']} channels")
+    console.print(_table("Read", found["inputs"], "becomes"))
+    console.print(_table("Written", found["outputs"], "from"))
+    limits = ", ".join(f"{d} {v:g}" for d, v in guard["max_correction_um"].items())
+    console.print(
+        f"Guard: correction at most {limits} µm, vector {guard['max_norm_um']:g} µm, "
+        f"changing at most {guard['max_rate_um_per_s']:g} µm/s.\n"
+        f"Positions are stale after {guard['stale_after_s']:g} s, signals after "
+        f"{guard['signals_stale_after_s']:g} s; then the last good correction is held for "
+        f"{guard['hold_s']:g} s and ramped to zero in {guard['ramp_s']:g} s.\n"
+        f"Cycle: every {cycle['period_s']:g} s, signals every {cycle['signals_every_s']:g} s."
+    )
+    console.print("[green]The configuration is in order.[/green]", highlight=False)
+
+
+def _table(title: str, rows: list[dict[str, Any]], last: str) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
+    for heading in ("what", "channel", "where", "transducer", last):
+        table.add_column(heading, overflow="fold")
+    for row in rows:
+        table.add_row(
+            row["what"], row["channel"], row["where"], row["transducer"] or "–", row[last]
+        )
+    return table

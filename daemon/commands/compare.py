@@ -1,0 +1,50 @@
+"""``abbe compare``: a model beside measurements, nothing fitted but the placing of instruments."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("compare")(compare)
+
+
+def compare(
+    model: Annotated[Path, typer.Argument(help="Model file.", metavar="MODEL.toml")],
+    campaigns: Annotated[list[Path], typer.Argument(help="Campaigns.", metavar="CAMPAIGN.csv")],
+    active: Annotated[
+        Path | None,
+        typer.Option(help="Compensation that was active while measuring.", metavar="MODEL.toml"),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    report: Annotated[
+        Path | None, typer.Option(help="A page with pictures.", metavar="FILE.html")
+    ] = None,
+) -> None:
+    """Lay a model beside campaigns: how large is what it does not explain, and where."""
+    from compcore.compare import compare as compare_model
+    from daemon.analysis import compared
+    from daemon.analysis.inputs import load
+    from daemon.analysis.progress import shown
+
+    with shown("reading") as tell:
+        loaded, campaign = load(model, campaigns, active)
+        tell("comparing")
+        comparison = compare_model(loaded, campaign)
+        if report is not None:
+            from daemon.report.comparison import comparison_page
+
+            tell("drawing")
+            comparison_page(comparison).write(report)
+    if as_json:
+        typer.echo(json.dumps(compared.as_json(comparison), ensure_ascii=False))
+        return
+    for line in compared.as_text(comparison):
+        typer.echo(line)
+    if report is not None:
+        typer.echo(f"written: {report}")

@@ -1,0 +1,85 @@
+"""``abbe correct``: where a machine really is at one point, or at a file of points."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("correct")(correct)
+
+
+def correct(
+    model: Annotated[Path, typer.Argument(help="Model file.", metavar="MODEL.toml")],
+    arguments: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="X=.. Y=.. Z=.. in mm (rotary: degrees), tool=x,y,z, SIGNAL=.., X_dir=1 or -1, "
+            "time=.. in s; beside --points for what the file lacks.",
+            metavar="[KEY=VALUE]...",
+        ),
+    ] = None,
+    command: Annotated[
+        bool,
+        typer.Option("--command", help="What a CNC must be commanded to reach the given target."),
+    ] = False,
+    explain: Annotated[
+        bool, typer.Option("--explain", help="Each effect's part of the correction.")
+    ] = False,
+    points: Annotated[
+        Path | None, typer.Option(help="Many points: columns as in a campaign.", metavar="IN.csv")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", help="The points with columns X_corrected, …", metavar="CSV"),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+) -> None:
+    """Correct one point, or a file of points: indicated position → where it really is.
+
+    An example: abbe correct model.toml X=200 Y=600 Z=-150 tool=0,0,-80 T_x=21.3
+    """
+    from compcore.model_file import load_model
+    from daemon.analysis.point_arguments import Given
+
+    if (points is None) != (out is None):
+        raise typer.BadParameter("--points IN.csv and -o OUT.csv go together")
+    if points is not None and explain:
+        raise typer.BadParameter("--explain is for one point")
+    loaded = load_model(model)
+    given = Given.parse(arguments or [], loaded.machine)
+    if points is not None and out is not None:
+        from daemon.analysis.corrected_file import correct_file
+        from daemon.analysis.progress import shown
+
+        with shown("correcting") as tell:
+            done = correct_file(loaded, points, out, given, command=command, tell=tell)
+        _warn(done.warnings)
+        if as_json:
+            typer.echo(json.dumps(done.as_json(out), ensure_ascii=False))
+        else:
+            typer.echo(f"{done.rows} points, greatest correction {done.worst * 1e3:.2f} µm: {out}")
+        return
+    from daemon.analysis import corrected
+    from daemon.analysis.point_arguments import doubts
+
+    at = given.conditions(loaded)
+    found = corrected.correct_point(loaded, at, command=command)
+    warnings = doubts(loaded, given)
+    _warn(warnings)
+    if as_json:
+        told = corrected.as_json(found, warnings, explain=explain)
+        typer.echo(json.dumps(told, ensure_ascii=False))
+        return
+    for line in corrected.as_text(found, explain=explain):
+        typer.echo(line)
+
+
+def _warn(warnings: list[str]) -> None:
+    for warning in warnings:
+        typer.echo(f"abbe: note: {warning}", err=True)

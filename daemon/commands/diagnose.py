@@ -1,0 +1,51 @@
+"""``abbe diagnose``: which physical effect a model lacks, or that it lacks none."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("diagnose")(diagnose)
+
+
+def diagnose(
+    model: Annotated[Path, typer.Argument(help="Model file.", metavar="MODEL.toml")],
+    campaigns: Annotated[list[Path], typer.Argument(help="Campaigns.", metavar="CAMPAIGN.csv")],
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    report: Annotated[
+        Path | None,
+        typer.Option("--report", help="A page that tells the story.", metavar="FILE.html"),
+    ] = None,
+) -> None:
+    """Learn what is missing: every effect of the catalogue is tested against what is left over."""
+    from compcore.diagnose import advise
+    from compcore.diagnose import diagnose as diagnose_model
+    from compcore.noise import noise_floor
+    from daemon.analysis import diagnosed
+    from daemon.analysis.inputs import load
+    from daemon.analysis.progress import shown
+
+    with shown("reading") as tell:
+        loaded, campaign = load(model, campaigns)
+        found = diagnose_model(loaded, campaign, progress=tell)
+        tell("what to measure next")
+        advice = advise(found)
+        noise = noise_floor(campaign, loaded.machine)
+    if report is not None:
+        from daemon.analysis.diagnosis_page import page
+
+        subtitle = f"{model.name}, {', '.join(c.name for c in campaigns)}"
+        page(found, noise, advice, subtitle).write(report)
+    if as_json:
+        typer.echo(json.dumps(diagnosed.as_json(found, noise, advice), ensure_ascii=False))
+        return
+    for line in diagnosed.as_text(found, noise, advice):
+        typer.echo(line)
+    if report is not None:
+        typer.echo(f"written: {report}")

@@ -1,0 +1,75 @@
+"""``abbe fit``: all effects of a model from any mixture of measurements."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("fit")(fit)
+
+
+def fit(
+    model: Annotated[Path, typer.Argument(help="Model file.", metavar="MODEL.toml")],
+    campaigns: Annotated[list[Path], typer.Argument(help="Campaigns.", metavar="CAMPAIGN.csv")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The fitted model.")],
+    robust: Annotated[
+        bool, typer.Option("--robust", help="Set outliers aside; they are listed.")
+    ] = False,
+    frame: Annotated[
+        str,
+        typer.Option(help="Reference frame: least-squares, or primary and secondary axis: X,Y."),
+    ] = "least-squares",
+    active: Annotated[
+        Path | None,
+        typer.Option(help="Compensation that was active while measuring.", metavar="MODEL.toml"),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    report: Annotated[
+        Path | None, typer.Option(help="A page with pictures.", metavar="FILE.html")
+    ] = None,
+) -> None:
+    """Fit all parameters of a model to campaigns and write the fitted model."""
+    from compcore.fit import fit as fit_model
+    from compcore.fit_record import recorded
+    from compcore.frame import Frame
+    from compcore.model_file import save_model
+    from compcore.noise import noise_floor
+    from daemon.analysis import fitted
+    from daemon.analysis.inputs import abbe_version, load, now
+    from daemon.analysis.progress import shown
+
+    chosen = Frame.parse(frame)
+    with shown("reading") as tell:
+        loaded, campaign = load(model, campaigns, active)
+        result = fit_model(loaded, campaign, robust=robust, frame=chosen, progress=tell)
+        tell("noise floor")
+        noise = noise_floor(campaign, loaded.machine)
+        lengths = fitted.floor_of_lengths(noise)
+        record = recorded(
+            result,
+            loaded,
+            date=now(),
+            version=abbe_version(),
+            noise_floor=None if lengths is None else lengths.value,
+            noise_floor_rotation=noise.value("rotation"),
+        )
+        save_model(record, out)
+        if report is not None:
+            from daemon.report.fitted import fit_page
+
+            tell("drawing")
+            fit_page(result, record, noise).write(report)
+    if as_json:
+        typer.echo(json.dumps(fitted.as_json(result, noise), ensure_ascii=False))
+        return
+    for line in fitted.as_text(result, noise):
+        typer.echo(line)
+    for line in fitted.parameter_lines(result):
+        typer.echo("  " + line)
+    typer.echo(f"written: {out}" + ("" if report is None else f", {report}"))

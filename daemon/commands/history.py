@@ -1,0 +1,64 @@
+"""``abbe history``: the versions of a model, and how its error fell."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("history")(history)
+
+
+def history(
+    model: Annotated[Path, typer.Argument(help="Model file.", metavar="MODEL.toml")],
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    report: Annotated[
+        Path | None, typer.Option(help="A page with a picture.", metavar="FILE.html")
+    ] = None,
+) -> None:
+    """Show the error falling version by version, down to the noise floor, and the effects now."""
+    from compcore.model_file import load_model, summary
+
+    loaded = load_model(model)
+    versions = [dict(record) for record in loaded.history]
+    if loaded.fit:
+        versions.append(dict(summary(loaded)))
+    effects = [t.effect.spec for t in loaded.terms]
+    if report is not None:
+        from daemon.analysis.history_page import history_page
+
+        history_page(loaded, versions, model.name).write(report)
+    if as_json:
+        typer.echo(
+            json.dumps({"unit": "um", "versions": versions, "effects": effects}, ensure_ascii=False)
+        )
+        return
+    if not versions:
+        typer.echo("not fitted yet: abbe fit MODEL CAMPAIGN... -o OUT")
+    largest = max((float(v["rms"]) for v in versions if "rms" in v), default=0.0)
+    for i, version in enumerate(versions, start=1):
+        typer.echo(_line(i, version, largest))
+    typer.echo("effects:")
+    for term in loaded.terms:
+        typer.echo(f"  {term.effect.spec}" + ("" if term.fitted else "  (not fitted)"))
+    if report is not None:
+        typer.echo(f"written: {report}")
+
+
+def _line(number: int, version: dict[str, Any], largest: float) -> str:
+    what = f"+ {version['added']}" if "added" in version else ""
+    what = f"− {version['removed']}" if "removed" in version else what
+    if "rms" not in version:
+        return f"{number:3}  {version.get('date', ''):25} not refitted  {what}"
+    rms = float(version["rms"])
+    bar = "█" * max(1, round(30 * rms / largest)) if largest > 0.0 else ""
+    floor = f", noise floor {version['noise_floor']:.2f}" if "noise_floor" in version else ""
+    held = f", held out {version['holdout_rms']:.2f}" if "holdout_rms" in version else ""
+    return (
+        f"{number:3}  {version.get('date', ''):25} {rms:7.3f} µm rms{floor}{held}  {bar:30}  {what}"
+    )

@@ -1,0 +1,167 @@
+"""``abbe import-campaign``: other measuring systems' files to a campaign; says the sign assumed."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from compcore.campaign import Campaign
+    from compcore.importers.placing import Placing
+    from compcore.machine import Machine
+    from compcore.structure import Structure
+
+
+class Layout(StrEnum):
+    """What a foreign file is."""
+
+    ISO230_2 = "iso230-2"
+    RTL = "rtl"
+    BALLBAR = "ballbar"
+    MAP = "map"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("import-campaign")(import_campaign)
+
+
+def import_campaign(
+    file: Annotated[Path, typer.Argument(help="The file to import.", metavar="FILE")],
+    layout: Annotated[Layout, typer.Option("--as", help="What the file is.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Campaign.", metavar="OUT.csv")],
+    axis: Annotated[
+        str | None, typer.Option(help="The axis that moved (rtl: else the file's own).")
+    ] = None,
+    component: Annotated[
+        str | None,
+        typer.Option(help="What was measured: X Y Z along, A B C about; else positioning."),
+    ] = None,
+    at: Annotated[
+        str, typer.Option(help="Where the other axes stood: Y=450,Z=-180 (mm, rotary degrees).")
+    ] = "",
+    tool: Annotated[str, typer.Option(help="Tool or probe offset x,y,z in mm.")] = "0,0,0",
+    setup: Annotated[str, typer.Option(help="Name of the set-up; else the file's.")] = "",
+    sd: Annotated[
+        float | None, typer.Option(help="Standard uncertainty of a reading, µm or µrad.")
+    ] = None,
+    signal: Annotated[
+        list[str] | None, typer.Option(help="NAME=VALUE, the same throughout; may be repeated.")
+    ] = None,
+    sign: Annotated[
+        int, typer.Option(help="-1 where the file's sign is opposite to the one assumed.")
+    ] = 1,
+    unit: Annotated[
+        str | None, typer.Option(help="Unit of the deviations: um, mm, mrad, arcsec, ...")
+    ] = None,
+    plane: Annotated[str | None, typer.Option(help="ballbar: XY, YZ or ZX.")] = None,
+    centre: Annotated[
+        str | None, typer.Option(help="ballbar: centre in the plane, mm: 350,450.")
+    ] = None,
+    radius: Annotated[float | None, typer.Option(help="ballbar: nominal radius, mm.")] = None,
+    structure: Annotated[
+        str | None, typer.Option(help='map: the structure code, such as "w b Y X Z t".')
+    ] = None,
+    model: Annotated[
+        Path | None, typer.Option(help="Model file: checks that every axis has its position.")
+    ] = None,
+) -> None:
+    """Import a table of runs, a Renishaw rtl, a ball bar test or a compensation map."""
+    from compcore.campaign_file import write_campaign
+    from compcore.model_file import load_model
+    from daemon.commands.assignments import number
+
+    machine = None if model is None else load_model(model).machine
+    rotation = (component or axis or "X")[0] in "ABC"
+    placing = _placing(at, tool, setup, sd, signal or [], sign, rotation=rotation)
+    if layout is Layout.ISO230_2:
+        from compcore.importers.iso230_table import import_iso230_table
+
+        campaign = import_iso230_table(
+            file, _needed(axis, "axis"), placing, component=component, unit=unit, machine=machine
+        )
+    elif layout is Layout.RTL:
+        from compcore.importers.rtl import import_rtl
+
+        campaign = import_rtl(
+            file, placing, axis=axis, component=component, unit=unit, machine=machine
+        )
+    elif layout is Layout.BALLBAR:
+        from compcore.importers.ballbar import import_ballbar
+
+        middle = None
+        if centre is not None:
+            a, b = _split(centre, 2, "centre")
+            middle = number("centre", a, "mm"), number("centre", b, "mm")
+        campaign = import_ballbar(
+            file, placing, plane=plane, centre=middle, radius=radius, unit=unit, machine=machine
+        )
+    else:
+        from compcore.importers.map_rows import import_map_rows
+
+        campaign = import_map_rows(file, _structure(structure, machine), placing)
+    write_campaign(campaign, output)
+    for note in str(campaign.metadata[0]["notes"]).split("; "):
+        typer.echo(note)
+    typer.echo(f"{campaign.n} rows in {_setups(campaign)} → {output}")
+
+
+def _setups(campaign: Campaign) -> str:
+    names = list(campaign.setups)
+    return f"set-up {names[0]}" if len(names) == 1 else f"{len(names)} set-ups"
+
+
+def _structure(code: str | None, machine: Machine | None) -> Structure:
+    from compcore.structure import Structure
+
+    if code is None and machine is not None:
+        return machine.structure
+    return Structure.parse(_needed(code, "structure"))
+
+
+def _needed(value: str | None, option: str) -> str:
+    if value is None:
+        raise typer.BadParameter("needed for this kind of file", param_hint=f"--{option}")
+    return value
+
+
+def _split(text: str, count: int, field: str) -> list[str]:
+    from compcore.errors import InputError
+
+    parts = text.split(",")
+    if len(parts) != count:
+        raise InputError(f"not {count} numbers", field=field, found=text)
+    return parts
+
+
+def _placing(
+    at: str,
+    tool: str,
+    setup: str,
+    sd: float | None,
+    signals: list[str],
+    sign: int,
+    *,
+    rotation: bool,
+) -> Placing:
+    from math import radians
+
+    from compcore.errors import InputError
+    from compcore.importers.placing import Placing
+    from compcore.structure import is_rotary
+    from daemon.commands.assignments import number, split_assignments, vector
+
+    if sign not in (1, -1):
+        raise typer.BadParameter("1 or -1", param_hint="--sign")
+    positions = {}
+    for name, text in split_assignments(at.split(",") if at else []).items():
+        if not name or name[0] not in "XYZUVWABC":
+            raise InputError("not the name of an axis", field="at", found=name)
+        value = number(name, text, "degrees" if is_rotary(name) else "mm")
+        positions[name] = radians(value) if is_rotary(name) else value
+    recorded = {n: number(n, v, "its unit") for n, v in split_assignments(signals).items()}
+    uncertainty = None if sd is None else sd * (1e-6 if rotation else 1e-3)
+    return Placing(positions, vector("tool", tool, "mm"), setup, uncertainty, recorded, sign)

@@ -1,0 +1,80 @@
+"""``abbe import-map``: a CMM's compensation map becomes a model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+SIGN_HELP = (
+    "A sign opposite to Abbe's: R=-1 all rotations, L=-1 all linear errors, Ry=-1 one column of "
+    "every axis, Z.R=-1 or X.Ly=-1 of one axis. May be repeated."
+)
+POINT_HELP = (
+    "From where travels count as levers: zero (the map's), X=200,Z=-150 a point, Z=far the end "
+    "farther from zero, low, high."
+)
+OWN_TRAVEL_HELP = (
+    "Whether an axis's own travel is in its lever: structure (workpiece side only), never, always."
+)
+SQUARENESS_HELP = "Squareness beside the map: YX=0.05mm/m, 50urad, 10arcsec. May be repeated."
+SQUARENESS_AS_HELP = (
+    "How the controller applies squareness: as-written, angle (constant of an angular column) or "
+    "gradient (slope of a straightness column)."
+)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("import-map")(import_map)
+
+
+def import_map(
+    file: Annotated[Path, typer.Argument(help="The map.", metavar="MAP.txt")],
+    structure: Annotated[
+        str, typer.Option(help='Structure code, workpiece to tool: "w b Y X Z t".')
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The model.", metavar="MODEL.toml")],
+    name: Annotated[str, typer.Option(help="The machine's name.")] = "",
+    sign: Annotated[list[str] | None, typer.Option(help=SIGN_HELP)] = None,
+    rotation_point: Annotated[str, typer.Option(help=POINT_HELP)] = "zero",
+    own_travel: Annotated[str, typer.Option(help=OWN_TRAVEL_HELP)] = "structure",
+    squareness: Annotated[list[str] | None, typer.Option(help=SQUARENESS_HELP)] = None,
+    squareness_as: Annotated[str, typer.Option(help=SQUARENESS_AS_HELP)] = "as-written",
+) -> None:
+    """Turn a compensation map in a vendor's conventions into a model in Abbe's own, exactly.
+
+    Which conventions a controller follows: abbe identify-convention.
+    """
+    from dataclasses import replace
+    from hashlib import sha256
+
+    from compcore.map_file import load_map
+    from compcore.maps import import_map as imported
+    from compcore.model_file import save_model
+    from compcore.structure import Structure
+    from daemon.analysis.inputs import abbe_version
+    from daemon.analysis.map_options import convention_of, squareness_of
+
+    compensation = load_map(file)
+    code = Structure.parse(structure)
+    beside = squareness_of(squareness or [], compensation, code)
+    convention = convention_of(
+        compensation,
+        code,
+        signs=sign or [],
+        rotation_point=rotation_point,
+        own_travel=own_travel,
+        squareness_as=squareness_as,
+    )
+    model = imported(compensation, code, convention, squareness=beside, name=name or file.stem)
+    origin = {
+        "map": file.name,
+        "sha256": sha256(file.read_bytes()).hexdigest(),
+        "convention": convention.options(code.linear) or "Abbe's own",
+        "abbe": abbe_version(),
+    }
+    save_model(replace(model, fit=origin), out)
+    rows = ", ".join(f"{a} {len(t.positions)} rows" for a, t in compensation.tables.items())
+    typer.echo(f"{out}: {code}, {len(model.terms)} effects ({rows}), {origin['convention']}")

@@ -1,0 +1,42 @@
+"""``abbe iso230``: accuracy, repeatability and reversal by ISO 230-2, diagonals by ISO 230-6."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("iso230")(iso230)
+
+
+def iso230(
+    campaign: Annotated[Path, typer.Argument(help="Campaign.", metavar="CAMPAIGN.csv")],
+    model: Annotated[
+        Path | None,
+        typer.Option(help="Model file, where the columns alone do not tell the machine's axes."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    report: Annotated[
+        Path | None, typer.Option(help="Write a page with tables and pictures.", metavar="HTML")
+    ] = None,
+) -> None:
+    """Evaluate positioning runs and diagonals by ISO 230-2 and ISO 230-6."""
+    from compcore.model_file import load_model
+    from daemon.analysis import iso230 as analysis
+
+    machine = None if model is None else load_model(model).machine
+    evaluation = analysis.evaluate(campaign, machine)
+    if report is not None:
+        from daemon.report.iso230 import page
+
+        page(evaluation).write(report)
+    if as_json:
+        typer.echo(json.dumps(analysis.as_json(evaluation), ensure_ascii=False))
+        return
+    for line in analysis.as_text(evaluation):
+        typer.echo(line)

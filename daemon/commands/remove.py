@@ -1,0 +1,62 @@
+"""``abbe remove``: one effect less; refitted where campaigns are given."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from daemon.commands.lists import ListOptions
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("remove", cls=ListOptions)(remove)
+
+
+def remove(
+    model: Annotated[Path, typer.Argument(help="Model file.", metavar="MODEL.toml")],
+    effect: Annotated[list[str], typer.Argument(help="The effect, as 'abbe history' names it.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The next version of the model.")],
+    campaign: Annotated[
+        list[Path] | None, typer.Option("--campaign", help="Campaigns to refit what is left.")
+    ] = None,
+    holdout: Annotated[
+        list[Path] | None, typer.Option("--holdout", help="Campaigns that are not fitted.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+) -> None:
+    """Take an effect out of a model; the others keep their values unless campaigns are given."""
+    from compcore.model_file import load_model, save_model
+    from compcore.revise import without_effect
+    from daemon.analysis import revised
+    from daemon.analysis.inputs import load
+    from daemon.analysis.progress import shown
+
+    name = " ".join(effect)
+    if not campaign:
+        loaded = load_model(model)
+        less, removed = without_effect(loaded, name)
+        save_model(revised.unfitted(loaded, less, removed=removed.spec), out)
+        if as_json:
+            typer.echo(json.dumps({"removed": removed.spec, "refitted": False}))
+        else:
+            typer.echo(f"removed: {removed.spec}; the other effects keep their values")
+            typer.echo("refit them with: abbe fit, or give --campaign")
+            typer.echo(f"written: {out}")
+        return
+    with shown("reading") as tell:
+        loaded, measured = load(model, campaign)
+        less, removed = without_effect(loaded, name)
+        revision = revised.revise(
+            loaded, less, measured, holdout or [], out, removed=removed.spec, progress=tell
+        )
+    if as_json:
+        typer.echo(json.dumps(revised.as_json(revision, None), ensure_ascii=False))
+        return
+    typer.echo(f"removed: {removed.spec}")
+    for line in revised.as_text(revision, None):
+        typer.echo(line)
+    typer.echo(f"written: {out}")

@@ -1,0 +1,36 @@
+"""``abbe run``: correct a machine live, until told to end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("run")(run)
+
+
+def run(
+    config: Annotated[Path, typer.Argument(help="Configuration file.", metavar="CONFIG.toml")],
+    duration: Annotated[
+        float | None, typer.Option(min=0.0, help="Seconds to run; default: until Ctrl-C.")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="One JSON object a cycle on standard output.")
+    ] = False,
+) -> None:
+    """Correct a machine live: read positions and sensors, write corrected positions back.
+
+    Ctrl-C (or SIGTERM) ramps the correction to zero, tells the controller, and ends; a second one
+    ends at once.
+    """
+    from daemon.config import load_config
+    from daemon.service import Service
+    from daemon.show.attach import choose, run_in_view
+
+    configuration = load_config(config)
+    title = f"Abbe · {configuration.model.machine.name or configuration.path.name}"
+    run_in_view(lambda: Service(configuration), choose(as_json), title, duration)

@@ -1,0 +1,145 @@
+"""``abbe table``: compensation tables in a controller's own format, the best that it can hold."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("table")(table)
+
+
+def table(
+    model: Annotated[
+        Path | None,
+        typer.Argument(
+            help="Model file; beside --watch the configuration's own.", metavar="MODEL.toml"
+        ),
+    ] = None,
+    controller: Annotated[
+        str, typer.Option(help="Its dialect; `abbe controllers` lists them.", metavar="NAME")
+    ] = "",
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Folder for the files.", metavar="DIR")
+    ] = None,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Conditions: SIGNAL=VALUE, comma-separated or repeated; `reference` puts all "
+            "temperatures at the reference temperature.",
+            metavar="SIGNAL=VALUE",
+        ),
+    ] = None,
+    tool: Annotated[str, typer.Option(help="Tool or probe offset, mm.", metavar="X,Y,Z")] = "0,0,0",
+    volume: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Working volume, mm (rotary: degrees); the travel where not given.",
+            metavar="AXIS=LOW,HIGH",
+        ),
+    ] = None,
+    points: Annotated[
+        int | None, typer.Option(help="Most points of a table; otherwise as many as it takes.")
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(min=0.001, help="Interpolation error that is small enough, µm.")
+    ] = 0.1,
+    on: Annotated[
+        Path | None,
+        typer.Option(
+            help="Tables that were active while the machine was measured; the new ones are added.",
+            metavar="DIR_OR_FILE",
+        ),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Option of the controller.", metavar="KEY=VALUE"),
+    ] = None,
+    by: Annotated[str, typer.Option(help="Who makes them, for the record.")] = "",
+    note: Annotated[str, typer.Option(help="A remark for the record.")] = "",
+    watch: Annotated[
+        Path | None,
+        typer.Option(
+            help="Follow the machine of this configuration: make the tables anew when the "
+            "predicted error has changed.",
+            metavar="CONFIG.toml",
+        ),
+    ] = None,
+    change: Annotated[
+        float, typer.Option(min=0.01, help="With --watch: change anywhere, µm, that asks for it.")
+    ] = 5.0,
+    idle: Annotated[
+        float, typer.Option(min=0.0, help="With --watch: s without motion that count as idle.")
+    ] = 10.0,
+    duration: Annotated[
+        float | None, typer.Option(min=0.1, help="With --watch: end after so many s.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    report: Annotated[
+        Path | None, typer.Option(help="A page with pictures.", metavar="FILE.html")
+    ] = None,
+) -> None:
+    """Make compensation tables for a controller: those that leave least of the error.
+
+    An example: abbe table model.toml --controller linuxcnc -o tables --at T_x=21.5,T_y=21.8
+    """
+    from compcore.model_file import load_model
+    from compcore.tables.field import table_state
+    from compcore.tables.volume import Volume
+    from daemon.analysis import table_arguments as arguments
+    from daemon.analysis.progress import shown
+    from daemon.analysis.tabled import Order, as_text, make
+    from daemon.analysis.tabled import as_json as told
+    from daemon.commands.assignments import vector
+    from drivers.controllers import make_controller
+
+    if not controller or out is None:
+        raise typer.BadParameter("--controller NAME and -o DIR are needed")
+    if (model is None) == (watch is None):
+        raise typer.BadParameter("give a model, or --watch CONFIG.toml")
+    if watch is not None:
+        if at or report or on:
+            raise typer.BadParameter("--at, --on and --report do not go with --watch")
+        from daemon.table_watch import watch_tables
+
+        watch_tables(
+            watch, controller, out, arguments.options(settings or []), volume or [], points,
+            change * 1e-3, idle, duration, by or "", as_json,
+        )  # fmt: skip
+        return
+    if model is None:
+        return
+    loaded = load_model(model)
+    made_for = make_controller(controller, loaded.machine, arguments.options(settings or []))
+    order = Order(
+        model,
+        made_for,
+        arguments.options(settings or []),
+        table_state(loaded, arguments.signals(at or [], loaded), tool=vector("tool", tool, "mm")),
+        Volume.of(loaded.machine, arguments.ranges(volume or [], loaded.machine)),
+        points,
+        tolerance * 1e-3,
+        arguments.present_files(on, controller) if on is not None else {},
+        by,
+        note,
+    )
+    with shown("making tables") as tell:
+        done = make(order, loaded)
+        written = done.made.write(out)
+        if report is not None:
+            from daemon.report.tabled import table_page
+
+            tell("drawing")
+            table_page(done).write(report)
+    if as_json:
+        typer.echo(json.dumps(told(done, written), ensure_ascii=False))
+        return
+    for line in as_text(done, written):
+        typer.echo(line)
+    if report is not None:
+        typer.echo(f"written: {report}")

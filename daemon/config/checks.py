@@ -1,0 +1,293 @@
+"""Cross checks of a configuration: every source exists, units agree, outputs can be written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from compcore.conditions import unit_of
+from compcore.machine import own_component
+from compcore.structure import is_rotary
+from compcore.toml_source import TomlSource
+from drivers.link import Link
+from drivers.transducers import AnyTransducerConfig, make_transducer
+
+if TYPE_CHECKING:
+    from daemon.config.load import Configuration
+
+Key = tuple[str | int, ...]
+
+_SPELLINGS = {"°C": "degC", "Ω": "ohm", "Ohm": "ohm", "counts": "count"}
+_ANY = "number"
+"""Raw unit of a transducer that takes any number."""
+
+
+def check(source: TomlSource, configuration: Configuration, links: Mapping[str, Link]) -> None:
+    """Refuse what cannot work.
+
+    Parameters
+    ----------
+    source
+        The file, for the places of errors.
+    configuration
+        What was read from it.
+    links
+        Its links, made but not opened.
+
+    Raises
+    ------
+    InputError
+        The first thing that is wrong.
+    """
+    _Checks(source, configuration, links).all()
+
+
+def split(channel: str) -> tuple[str, str]:
+    """``"cmm.count_X"`` → ``("cmm", "count_X")``."""
+    link, _, name = channel.partition(".")
+    return link, name
+
+
+class _Checks:
+    def __init__(
+        self, source: TomlSource, configuration: Configuration, links: Mapping[str, Link]
+    ) -> None:
+        self.source = source
+        self.file = configuration.file
+        self.model = configuration.model
+        self.links = links
+
+    def all(self) -> None:
+        self._axes()
+        self._signals()
+        self._reference()
+        self._tool()
+        self._controller()
+        self._outputs()
+        self._paces()
+
+    def _axes(self) -> None:
+        axes = self.model.machine.structure.axes
+        for name, section in self.file.axes.items():
+            key = ("axes", name)
+            if name not in axes:
+                raise self.source.error(
+                    "the model's machine has no such axis",
+                    key,
+                    found=name,
+                    expected="one of " + ", ".join(axes),
+                )
+            self._channel(section.source, (*key, "source"))
+            self._units(section.source, section.transducer, unit_of(name), key)
+            if section.direction is not None:
+                self._channel(section.direction, (*key, "direction"))
+        for name in axes:
+            if name not in self.file.axes:
+                raise self.source.error(
+                    f"axis {name} of the model has no source",
+                    ("axes", name),
+                    expected=f"a section [axes.{name}] with its source",
+                )
+
+    def _signals(self) -> None:
+        known = self.model.machine.signals
+        for name, section in self.file.signals.items():
+            key = ("signals", name)
+            if name not in known:
+                raise self.source.error(
+                    "the model's machine has no such signal",
+                    key,
+                    found=name,
+                    expected="one of " + (", ".join(known) or "none"),
+                )
+            self._channel(section.source, (*key, "source"))
+            self._units(section.source, section.transducer, known[name].unit, key)
+        for name in self.model.signals_needed():
+            if name not in self.file.signals:
+                users = [e.spec for e in self.model.effects if name in e.signals_needed()]
+                raise self.source.error(
+                    f"signal {name} has no source, and the model's effect '{users[0]}' needs it",
+                    ("signals", name),
+                    expected=f"a section [signals.{name}] with its source",
+                )
+
+    def _reference(self) -> None:
+        for name, section in self.file.reference.items():
+            key = ("reference", name)
+            if name not in self.file.axes:
+                raise self.source.error(
+                    "no such axis", key, found=name, expected="one of " + ", ".join(self.file.axes)
+                )
+            self._channel(section.source, (*key, "source"))
+            self._units(section.source, section.transducer, unit_of(name), key)
+
+    def _tool(self) -> None:
+        for i, channel in enumerate(self.file.tool.sources or ()):
+            self._channel(channel, ("tool", "sources", i))
+            self._units(channel, None, "mm", ("tool", "sources", i))
+
+    def _controller(self) -> None:
+        section = self.file.controller
+        for name in ("heartbeat", "status"):
+            channel = getattr(section, name)
+            if channel is not None:
+                self._channel(channel, ("controller", name))
+        for name in ("require", "forbid"):
+            if getattr(section, name) and section.status is None:
+                raise self.source.error(
+                    f"{name} needs to know where the status word is",
+                    ("controller", name),
+                    expected="a key 'status' in [controller]",
+                )
+
+    def _outputs(self) -> None:
+        components: dict[str, str] = {}
+        for name, section in self.file.output.axes.items():
+            key: Key = ("output", "axes", name)
+            if name not in self.file.axes or is_rotary(name):
+                linear = [a for a in self.file.axes if not is_rotary(a)]
+                raise self.source.error(
+                    "only linear axes of the machine are corrected",
+                    key,
+                    found=name,
+                    expected="one of " + ", ".join(linear),
+                )
+            component = own_component(name)
+            if component in components:
+                raise self.source.error(
+                    f"{components[component]} takes the correction in {component} already",
+                    key,
+                    found=name,
+                )
+            components[component] = name
+            self._channel(section.target, (*key, "target"))
+            self._units(section.target, section.transducer, "mm", key)
+        taken: dict[str, Key] = {}
+        read = dict(self._read())
+        for channel, key in self._written():
+            link, name = self._channel(channel, key)
+            if not self.links[link].info(name).writable:
+                raise self.source.error(
+                    f"channel {channel} cannot be written",
+                    key,
+                    expected=f"writable = true in [links.{link}.channels.{name}]",
+                )
+            if channel in taken:
+                raise self.source.error("written twice", key, found=channel)
+            if channel in read:
+                raise self.source.error(
+                    "a channel that is read as a source would be overwritten", key, found=channel
+                )
+            taken[channel] = key
+
+    def _paces(self) -> None:
+        guard, cycle = self.file.guard, self.file.cycle
+        position_pace = max(
+            [cycle.period, *(self._every(section.source) for section in self.file.axes.values())]
+        )
+        signal_pace = max(
+            [
+                cycle.signals_every,
+                *(self._every(section.source) for section in self.file.signals.values()),
+            ]
+        )
+        for name, limit, pace in (
+            ("stale_after", guard.stale_after, position_pace),
+            ("signals_stale_after", guard.signals_stale_after, signal_pace),
+        ):
+            if limit < 2.0 * pace:
+                raise self.source.error(
+                    f"values come every {pace:g} s and would count as stale before the next",
+                    ("guard", name),
+                    found=limit,
+                    expected=f"at least {2.0 * pace:g} s",
+                )
+
+    def _every(self, channel: str) -> float:
+        link, name = split(channel)
+        return self.links[link].info(name).every
+
+    def _written(self) -> Iterator[tuple[str, Key]]:
+        output = self.file.output
+        for name, section in output.axes.items():
+            yield section.target, ("output", "axes", name, "target")
+        for name in ("status", "heartbeat"):
+            if (channel := getattr(output, name)) is not None:
+                yield channel, ("output", name)
+        for i, echo in enumerate(output.echo):
+            yield echo.target, ("output", "echo", i, "target")
+
+    def _read(self) -> Iterator[tuple[str, Key]]:
+        for kind in ("axes", "signals", "reference"):
+            for name, section in getattr(self.file, kind).items():
+                yield section.source, (kind, name, "source")
+        for i, channel in enumerate(self.file.tool.sources or ()):
+            yield channel, ("tool", "sources", i)
+        for i, echo in enumerate(self.file.output.echo):
+            self._channel(echo.source, ("output", "echo", i, "source"))
+            yield echo.source, ("output", "echo", i, "source")
+
+    def _channel(self, channel: str, key: Sequence[str | int]) -> tuple[str, str]:
+        link, name = split(channel)
+        if link not in self.links:
+            raise self.source.error(
+                f"no link {link!r}",
+                key,
+                found=channel,
+                expected="a channel of one of " + ", ".join(self.links),
+            )
+        channels = self.links[link].channels
+        if name not in channels:
+            raise self.source.error(
+                f"link {link} has no channel {name!r}",
+                key,
+                found=channel,
+                expected="one of " + ", ".join(channels),
+            )
+        return link, name
+
+    def _units(
+        self,
+        channel: str,
+        config: AnyTransducerConfig | None,
+        wanted: str,
+        key: Key,
+    ) -> None:
+        """The channel's unit is what the transducer takes, and what it gives is what is wanted."""
+        link, name = split(channel)
+        unit = self.links[link].info(name).unit
+        if config is None:
+            if _spelled(unit) != _spelled(wanted):
+                raise self.source.error(
+                    f"channel {channel} is "
+                    + (f"in {unit}" if unit else "of no stated unit")
+                    + f", and {wanted} is needed",
+                    key,
+                    expected=f"a transducer, or unit = {wanted!r} of the channel",
+                )
+            return
+        transducer = make_transducer(config)
+        if _spelled(transducer.unit) != _spelled(wanted):
+            raise self.source.error(
+                f"the transducer is for {transducer.unit}, and {wanted} is needed",
+                (*key, "transducer"),
+                found=config.type,
+            )
+        raw = transducer.raw_unit
+        if unit and raw != _ANY and _spelled(unit) != _spelled(raw) and not _scales(config):
+            raise self.source.error(
+                f"the transducer takes {raw}, and channel {channel} is in {unit}",
+                (*key, "transducer"),
+                found=config.type,
+                expected=f"a channel in {raw}",
+            )
+
+
+def _spelled(unit: str) -> str:
+    return _SPELLINGS.get(unit, unit)
+
+
+def _scales(config: Any) -> bool:
+    """Whether the transducer brings the channel's unit to its own by a scale."""
+    circuit = getattr(config, "circuit", config)
+    return getattr(circuit, "scale", 1.0) != 1.0

@@ -1,0 +1,136 @@
+"""Loading a configuration: file → sections → links and model, everything cross-checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from compcore.model import Model
+from compcore.model_file import load_model
+from compcore.toml_source import TomlSource
+from daemon.config.sections import ConfigFile
+from daemon.config.told import told
+from daemon.guard import GuardLimits
+from drivers.link import Link, LinkConfig, LinkConfigError, link_class
+
+
+@dataclass(frozen=True, slots=True)
+class LinkSetup:
+    """One ``[links.NAME]`` section: which driver, and its checked configuration."""
+
+    driver: str
+    kind: type[Link]
+    config: LinkConfig
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """A configuration that was found to fit together.
+
+    Attributes
+    ----------
+    path
+        The file.
+    file
+        Its sections.
+    model
+        The model that it names.
+    links
+        The links by name, not yet made.
+    limits
+        What the guard allows.
+    """
+
+    path: Path
+    file: ConfigFile
+    model: Model
+    links: Mapping[str, LinkSetup]
+    limits: GuardLimits
+
+    @property
+    def model_path(self) -> Path:
+        """The model file."""
+        return self.path.parent / self.file.model
+
+    @property
+    def journal_path(self) -> Path | None:
+        """Where the journal goes, None: nowhere."""
+        name = self.file.journal.file
+        return None if name is None else self.path.parent / name
+
+    def make_links(self) -> dict[str, Link]:
+        """The links, made but not opened; channels are known from now on."""
+        return {name: setup.kind(name, setup.config) for name, setup in self.links.items()}
+
+
+def load_config(path: str | Path) -> Configuration:
+    """Read and check a configuration; nothing is opened.
+
+    Raises
+    ------
+    InputError
+        The first thing that is wrong: file, line, key, what was found and what was expected.
+    """
+    from daemon.config.checks import check
+
+    source = TomlSource.read(path)
+    try:
+        file = ConfigFile.model_validate(source.data)
+    except ValidationError as error:
+        raise told(source, error) from None
+    links = {name: _link(source, name, section) for name, section in file.links.items()}
+    model_path = Path(path).parent / file.model
+    if not model_path.is_file():
+        raise source.error(
+            "no such model file", ("model",), found=str(model_path), expected="a path to a model"
+        )
+    configuration = Configuration(
+        Path(path), file, load_model(model_path), links, _limits(source, file)
+    )
+    try:
+        made = configuration.make_links()
+    except LinkConfigError as error:
+        raise source.error(str(error), ("links",)) from None
+    check(source, configuration, made)
+    return configuration
+
+
+def _link(source: TomlSource, name: str, section: Mapping[str, Any]) -> LinkSetup:
+    path = ("links", name)
+    if not name or "." in name:
+        raise source.error("not the name of a link", path, found=name, expected="a word")
+    rest = dict(section)
+    driver = rest.pop("driver", None)
+    if not isinstance(driver, str):
+        raise source.error(
+            "a link needs its driver", (*path, "driver"), found=driver, expected='e.g. "modbus"'
+        )
+    try:
+        kind = link_class(driver)
+    except LinkConfigError as error:
+        raise source.error(str(error), (*path, "driver")) from None
+    try:
+        # paths in a link's section are relative to the configuration
+        folder = {"folder": Path(source.file or ".").parent}
+        return LinkSetup(driver, kind, kind.Config.model_validate(rest, context=folder))
+    except ValidationError as error:
+        raise told(source, error, path) from None
+
+
+def _limits(source: TomlSource, file: ConfigFile) -> GuardLimits:
+    guard = file.guard
+    try:
+        return GuardLimits(
+            max_correction=guard.vector,
+            max_norm=guard.norm,
+            max_rate=guard.max_rate,
+            hold=guard.hold,
+            ramp=guard.ramp,
+            longest_step=guard.stale_after,
+        )
+    except ValueError as error:
+        raise source.error(str(error), ("guard", "max_rate")) from None

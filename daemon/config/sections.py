@@ -1,0 +1,194 @@
+"""The sections of a configuration file, as a user writes them. ``docs/daemon.md`` is their page.
+
+Lengths are in mm and times in s. Sources and targets are channels, ``"link.channel"``.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from drivers.transducers import AnyTransducerConfig
+
+FORMAT = "abbe-config/1"
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+ChannelName = Annotated[str, Field(pattern=r"^[^.\s]+\.\S+$")]
+"""``link.channel``"""
+Word = Annotated[int, Field(ge=0, le=0xFFFF)]
+
+
+class Section(BaseModel):
+    """Base of all sections; unknown keys and wrong types are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class CycleSection(Section):
+    """How often the machine is asked."""
+
+    period: Annotated[float, Field(ge=0.0, le=10.0)] = 0.02
+    """s from one cycle to the next; 0: as fast as the links answer."""
+    signals_every: Annotated[float, Field(ge=0.0, le=600.0)] = 0.25
+    """s from one look at the signals (temperatures, …) to the next, and so of folding the model."""
+
+
+class AxisSection(Section):
+    """Where an axis's indicated position comes from."""
+
+    source: ChannelName
+    transducer: AnyTransducerConfig | None = None
+    """Counts → mm (rotary: rad); none where the channel is in mm (rotary: rad) already."""
+    direction: ChannelName | None = None
+    """Channel that says in which direction the axis moved last (1, −1, 0); default: it is told
+    from the positions."""
+    deadband: Positive = 0.01
+    """Way back from the farthest point that counts as a change of direction, mm (rotary: rad)."""
+
+
+class SignalSection(Section):
+    """Where a signal of the model (a temperature, a load, …) comes from."""
+
+    source: ChannelName
+    transducer: AnyTransducerConfig | None = None
+    """Ohms, mA, … → the signal's unit; none where the channel is in that unit already."""
+
+
+class ReferenceSection(Section):
+    """An independent measurement of where an axis really is: shown and recorded, never used."""
+
+    source: ChannelName
+    transducer: AnyTransducerConfig | None = None
+
+
+class ToolSection(Section):
+    """The tool's or probe tip's offset from the functional point with tool length zero, mm."""
+
+    offset: Annotated[tuple[Finite, Finite, Finite], Field(strict=False)] = (0.0, 0.0, 0.0)
+    """Where it is fixed."""
+    sources: Annotated[tuple[ChannelName, ChannelName, ChannelName], Field(strict=False)] | None = (
+        None
+    )
+    """Channels of x, y, z in mm, where the controller knows it: nothing is corrected before they
+    are read."""
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> ToolSection:
+        if self.sources is not None and "offset" in self.model_fields_set:
+            raise ValueError("the tool's offset is either fixed (offset) or read (sources)")
+        return self
+
+
+class ControllerSection(Section):
+    """What tells that the controller lives, and that its positions mean something."""
+
+    heartbeat: ChannelName | None = None
+    """A number that changes while the controller lives; the positions count as stale when it stands
+    still for longer than `heartbeat_within`."""
+    heartbeat_within: Positive = 1.0
+    status: ChannelName | None = None
+    """Status word."""
+    require: Word = 0
+    """Bits that must be 1 for positions to be believed (e.g. referenced)."""
+    forbid: Word = 0
+    """Bits that must be 0 (e.g. fault)."""
+
+
+class OutputAxisSection(Section):
+    """Where an axis's corrected position goes."""
+
+    target: ChannelName
+    transducer: AnyTransducerConfig | None = None
+    """mm → counts, read backwards; none where the channel takes mm."""
+
+
+class EchoSection(Section):
+    """A number that is written back as it was read in the same cycle (a sample number)."""
+
+    source: ChannelName
+    target: ChannelName
+
+
+class OutputSection(Section):
+    """What is written to the controller. Without this section nothing is."""
+
+    axes: dict[str, OutputAxisSection] = Field(default_factory=dict)
+    status: ChannelName | None = None
+    """Abbe's status word, `daemon.status_word`."""
+    heartbeat: ChannelName | None = None
+    """Counts cycles, 0 to 65535, over and over; written after everything else."""
+    echo: Annotated[tuple[EchoSection, ...], Field(strict=False)] = ()
+
+
+class PerDirection(Section):
+    """A number for each direction, mm."""
+
+    X: Positive
+    Y: Positive
+    Z: Positive
+
+
+def _alike(value: object) -> object:
+    return value if isinstance(value, dict) else dict.fromkeys("XYZ", value)
+
+
+class GuardSection(Section):
+    """What the guard allows; `daemon.guard`."""
+
+    max_correction: Annotated[PerDirection, BeforeValidator(_alike)]
+    """Largest correction, mm: one number, or one for each of X, Y, Z."""
+    max_norm: Positive | None = None
+    """Largest length of the correction vector, mm; default what `max_correction` allows."""
+    max_rate: Positive
+    """Fastest change of a correction, mm/s."""
+    stale_after: Positive = 0.2
+    """s after which a position counts as stale."""
+    signals_stale_after: Positive = 5.0
+    """s after which a signal counts as stale."""
+    hold: NotNegative = 1.0
+    """s for which the last good correction is held."""
+    ramp: Positive = 2.0
+    """s in which it is then ramped to zero, and later back in."""
+
+    @property
+    def vector(self) -> tuple[float, float, float]:
+        """Largest correction in X, Y, Z, mm."""
+        return self.max_correction.X, self.max_correction.Y, self.max_correction.Z
+
+    @property
+    def norm(self) -> float:
+        """Largest length of the correction vector, mm."""
+        return math.hypot(*self.vector) if self.max_norm is None else self.max_norm
+
+
+class JournalSection(Section):
+    """Where events (links lost and found, guard transitions, …) are written."""
+
+    file: str | None = None
+    """Path, relative to the configuration; none: standard error only."""
+    max_bytes: Annotated[int, Field(ge=10_000)] = 5_000_000
+    """The file is put aside (``.1``, ``.2``, …) when it has grown to this."""
+    keep: Annotated[int, Field(ge=0, le=100)] = 5
+    """How many files put aside are kept."""
+
+
+class ConfigFile(Section):
+    """A whole configuration file; links are checked by their own classes afterwards."""
+
+    format: Literal["abbe-config/1"]
+    model: str
+    """Model file, relative to the configuration."""
+    links: Annotated[dict[str, dict[str, Any]], Field(min_length=1)]
+    axes: dict[str, AxisSection]
+    guard: GuardSection
+    cycle: CycleSection = CycleSection()
+    signals: dict[str, SignalSection] = Field(default_factory=dict)
+    reference: dict[str, ReferenceSection] = Field(default_factory=dict)
+    tool: ToolSection = ToolSection()
+    controller: ControllerSection = ControllerSection()
+    output: OutputSection = OutputSection()
+    journal: JournalSection = JournalSection()

@@ -1,0 +1,1 @@
+"""``abbe demo``: a simulated machine is started, measured, modelled and corrected live."""

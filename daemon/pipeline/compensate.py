@@ -1,0 +1,159 @@
+"""Compensate: positions and signals → correction, and which directions a lost signal affects."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Mapping, Sequence
+
+from compcore.channel import FUNCTIONAL_POINT
+from compcore.compensator import Compensator
+from compcore.conditions import Conditions
+from compcore.machine import own_component
+from compcore.model import Model
+from daemon.guard import DIRECTIONS, Vec3
+from daemon.pipeline.convert import SignalReading
+
+logger = logging.getLogger("abbe.pipeline")
+
+_TURNS = {"A": ("Y", "Z"), "B": ("X", "Z"), "C": ("X", "Y")}
+"""Directions in which a rotation moves the functional point through its lever."""
+
+
+def affected_directions(model: Model) -> dict[str, int]:
+    """Which directions of the correction each signal has a part in.
+
+    Told from the error motions that the signal's effects move: a translation counts for its own
+    direction, a rotation for the two across it. Where a rotary axis turns levers and directions,
+    all three count.
+
+    Returns
+    -------
+    Signal → mask, bit 0 X, 1 Y, 2 Z.
+    """
+    machine = model.machine
+    masks = dict.fromkeys(model.signals_needed(), 0)
+    here = Conditions.at(
+        {name: axis.middle for name, axis in machine.axes.items()},
+        signals=dict.fromkeys(masks, machine.reference_temperature),
+    )
+    for term in model.terms:
+        if not term.fitted or term.effect.scope == "instrument":
+            continue
+        mask = 0
+        for motion in term.effect.motions(machine, here, term.nonlinear(machine)):
+            component = motion.channel.component
+            turned = machine.structure.rotary and motion.channel.place != FUNCTIONAL_POINT
+            for i, direction in enumerate(DIRECTIONS):
+                if turned or direction in _TURNS.get(component, (component,)):
+                    mask |= 1 << i
+        for name in term.effect.signals_needed():
+            masks[name] |= mask
+    return masks
+
+
+class Compensation:
+    """A compensator that never fails: what it cannot compute is None, with the reason.
+
+    Parameters
+    ----------
+    model
+        The model; its fitted effects count.
+
+    Attributes
+    ----------
+    axes
+        The order of positions in `step`.
+    fault
+        Why there is no correction at present; empty when there is one.
+    faulty
+        Mask of directions that rest on a signal which is missing.
+    uses_directions
+        Whether any effect asks in which direction an axis moved.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self._compensator = Compensator(model)
+        self.axes = self._compensator.axes
+        self.uses_directions = any(
+            term.fitted and term.effect.directions_used() for term in model.terms
+        )
+        self._affected = affected_directions(model)
+        machine = model.machine
+        self._unseen = {
+            name: machine.reference_temperature if machine.signals[name].temperature else 0.0
+            for name in self._affected
+        }
+        """Signals without a first value, and what stands in for them: their directions are off."""
+        self._tool: Vec3 = (0.0, 0.0, 0.0)
+        self._ready = False
+        self.fault = ""
+        self.faulty = 0
+
+    def update(self, time: float, readings: Mapping[str, SignalReading]) -> None:
+        """Take signals in: their last good values; what has none yet counts as missing.
+
+        `time` is monotonic, in s, the time base of lags.
+        """
+        mask = 0
+        values = {}
+        late = False
+        for name, directions in self._affected.items():
+            reading = readings[name]
+            if reading.fault:
+                mask |= directions
+            if math.isfinite(reading.value):
+                values[name] = reading.value
+                late |= self._unseen.pop(name, None) is not None
+            else:
+                values[name] = self._unseen[name]
+        self.faulty = mask
+        try:
+            if late and self._ready:
+                # lags begin in equilibrium with the first value, which the stand-in is not
+                self._compensator = Compensator(self._model, tool=self._tool)
+            self._compensator.update(time, values)
+        except Exception as error:  # noqa: BLE001  (whatever it is, the guard has to act on it)
+            self._failed(error)
+            self._ready = False
+        else:
+            self._ready = True
+
+    def set_tool(self, offset: Vec3) -> None:
+        """Change the tool's offset, mm."""
+        self._tool = offset
+        self._compensator.set_tool(*offset)
+
+    def step(self, positions: Sequence[float], directions: Sequence[float]) -> Vec3 | None:
+        """Correction in X, Y, Z (mm) at positions (mm; rotary: rad); None when there is none.
+
+        `directions` may be empty where no effect uses them.
+        """
+        if not self._ready:
+            return None
+        try:
+            correction = self._compensator.step(positions, directions)
+        except Exception as error:  # noqa: BLE001  (as in `update`)
+            self._failed(error)
+            return None
+        if not math.isfinite(correction[0] + correction[1] + correction[2]):
+            self._failed(ArithmeticError(f"the correction is {correction}"))
+            return None
+        self.fault = ""
+        return correction
+
+    def _failed(self, error: Exception) -> None:
+        reason = f"{type(error).__name__}: {error}"
+        if reason != self.fault:
+            self.fault = reason
+            logger.error("the compensator failed: %s", reason, exc_info=error)
+
+
+def direction_index(axis: str) -> int:
+    """Which component of the correction an axis takes: 0 X, 1 Y, 2 Z.
+
+    >>> direction_index("X"), direction_index("W")
+    (0, 2)
+    """
+    return DIRECTIONS.index(own_component(axis))

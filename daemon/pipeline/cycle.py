@@ -1,0 +1,246 @@
+"""The cycle: the stages one after the other, at the configured pace, until told to end."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+import time
+from collections.abc import Mapping, Sequence
+
+from daemon.config import Configuration
+from daemon.guard import ALL, Guard, Vec3
+from daemon.pipeline.compensate import Compensation, direction_index
+from daemon.pipeline.convert import PositionConverter, SignalConverter, ToolConverter
+from daemon.pipeline.directions import Directions
+from daemon.pipeline.observe import Observer
+from daemon.pipeline.plan import make_plan
+from daemon.pipeline.poll import Batch, Poll
+from daemon.pipeline.record import CycleRecord, Listener
+from daemon.pipeline.write_back import WriteBack
+from daemon.status_word import STOPPED, fault_bits, status_word
+from drivers.link import Link, LinkState
+
+logger = logging.getLogger("abbe.pipeline")
+
+_IDLE = 0.01
+"""s to wait after a cycle in which no link had anything to wait for."""
+_NAP = 0.2
+"""Longest sleep between two looks at whether to end, s."""
+_GOING = (LinkState.UP, LinkState.DEGRADED)
+
+
+class Pipeline:
+    """Poll → convert → compensate → guard → write back, over and over.
+
+    Parameters
+    ----------
+    configuration
+        What was checked.
+    links
+        Its links; opened and closed by the caller.
+
+    Attributes
+    ----------
+    listeners
+        Are told of every cycle; may be added to before the run.
+    axes
+        Names, in the order of a record's positions.
+    corrected_axes
+        Those that are written back, or all linear ones where nothing is written.
+    reads
+        Link → channels that are read in every cycle.
+    """
+
+    def __init__(self, configuration: Configuration, links: Mapping[str, Link]) -> None:
+        file = configuration.file
+        self._links = links
+        self.listeners: list[Listener] = []
+        self._compensation = Compensation(configuration.model)
+        self._compensation.set_tool(file.tool.offset)
+        self.axes = self._compensation.axes
+        self._turns = self._compensation.uses_directions
+        plan = self._plan = make_plan(configuration, self.axes, with_directions=self._turns)
+        self._nowhere = None if any(plan.reference) else (math.nan,) * len(self.axes)
+        self.reads = plan.fast
+        self._poll = Poll(links, plan.fast)
+        self._slow_polls = [(name, Poll(links, {name: names})) for name, names in plan.slow.items()]
+        self._slow: Batch = {}
+        self._positions = PositionConverter(plan.positions, file.guard.stale_after, plan.watch)
+        self._signals = SignalConverter(plan.signals, file.guard.signals_stale_after)
+        self._tool = ToolConverter(plan.tool, file.guard.signals_stale_after)
+        self._deadbands = Directions([file.axes[axis].deadband for axis in self.axes])
+        self._guard = Guard(configuration.limits)
+        self._write_back = WriteBack(links, plan.targets, plan.echo, plan.status, plan.heartbeat)
+        machine = configuration.model.machine
+        written = [t.axis for t in plan.targets]
+        self.corrected_axes = tuple(
+            a for a in self.axes if not machine.axes[a].rotary and (a in written or not written)
+        )
+        self._corrected = tuple(
+            (self.axes.index(axis), direction_index(axis)) for axis in self.corrected_axes
+        )
+        self._writes = bool(written)
+        self._period = file.cycle.period
+        self._signals_every = file.cycle.signals_every
+        self._signals_due = -math.inf
+        self._observer = Observer(links, plan)
+        self._signal_fault = False
+        self._internal = ""
+        self._ending = False
+        self._number = 0
+        self.began = time.monotonic()
+
+    @property
+    def longest_end(self) -> float:
+        """Time after `stop` within which the correction is at zero, s."""
+        return self._guard.longest_release
+
+    async def run(self, stop: asyncio.Event, at_once: asyncio.Event | None = None) -> None:
+        """Run until `stop` is set, then ramp the correction to zero and say so to the controller.
+
+        `at_once`, when set, ends without the ramp; the controller is told in either case.
+
+        Never raises for anything that a device, a sensor or a model does.
+        """
+        slow = [asyncio.create_task(self._poll_slowly(*item)) for item in self._slow_polls]
+        try:
+            await self._cycles(stop, at_once or asyncio.Event())
+        finally:
+            for task in slow:
+                task.cancel()
+            await asyncio.gather(*slow, return_exceptions=True)
+
+    async def _cycles(self, stop: asyncio.Event, at_once: asyncio.Event) -> None:
+        due = time.monotonic()
+        deadline = math.inf
+        while True:
+            if stop.is_set() and not self._ending:
+                self._ending = True
+                self._guard.release()
+                deadline = time.monotonic() + self._guard.longest_release
+            down = self._guard.released or time.monotonic() > deadline
+            if at_once.is_set() or (self._ending and down):
+                break
+            try:
+                await self.cycle()
+                self._internal = ""
+            except Exception as error:
+                if not self._internal:
+                    logger.exception("a cycle failed; the next one begins anew")
+                self._internal = f"{type(error).__name__}: {error}"
+                await asyncio.sleep(_IDLE)
+            due = await self._until(due, stop)
+        nowhere = [math.nan] * len(self._plan.targets)
+        await self._write_back(nowhere, {}, STOPPED)
+
+    async def _until(self, due: float, stop: asyncio.Event) -> float:
+        """Wait for the next cycle's time; what was missed is left out."""
+        if self._period == 0.0:
+            going = any(self._links[name].status.state in _GOING for name in self._plan.fast)
+            await asyncio.sleep(0.0 if going else _IDLE)
+            return due
+        due += self._period
+        now = time.monotonic()
+        wait = max(0.0, due - now)
+        while wait > _NAP and not (stop.is_set() and not self._ending):
+            await asyncio.sleep(_NAP)
+            wait -= _NAP
+        await asyncio.sleep(min(wait, _NAP))
+        return due if due > now - self._period else now
+
+    async def cycle(self) -> CycleRecord:
+        """One cycle; its record is handed to the listeners too."""
+        began = time.monotonic()
+        batch = await self._poll()
+        now = time.monotonic()
+        positions, faults = self._positions(batch, now)
+        computed: Vec3 | None = None
+        if not faults:
+            computed = self._compensation.step(
+                positions, self._directions(positions, batch) if self._turns else ()
+            )
+        faulty = ALL if self._tool.fault else self._compensation.faulty
+        decision = self._guard.step(now, computed, faulty)
+        correction = decision.correction
+        corrected = [positions[i] + correction[k] for i, k in self._corrected]
+        internal = bool(self._compensation.fault or self._internal)
+        wrong = 0
+        signal = self._signal_fault or bool(self._tool.fault)
+        if faults or signal or internal or self._ending:
+            wrong = fault_bits(
+                position=bool(faults),
+                signal=signal,
+                internal=internal,
+                ending=self._ending,
+            )
+        word = status_word(decision, wrong)
+        written, problem = False, ""
+        if self._writes or self._plan.status or self._plan.heartbeat:
+            answer = corrected if self._writes else ()
+            written, problem = await self._write_back(answer, batch, word)
+        ended = time.monotonic()
+        if now >= self._signals_due:
+            self._signals_due = now + self._signals_every
+            self._take_signals(batch, now)
+        present: Mapping[str, str] = {}
+        if wrong or problem or not self._observer.all_up:
+            present = self._observer.faults(
+                axes=faults,
+                readings=self._signals.readings,
+                tool=self._tool.fault,
+                compensator=self._compensation.fault,
+                write_back=problem,
+            )
+        self._observer.log(decision, present, now, self._ending)
+        self._number += 1
+        record = CycleRecord(
+            self._number,
+            now - self.began,
+            tuple(positions),
+            tuple(corrected),
+            decision,
+            word,
+            self._signals.readings,
+            present,
+            self._reference(batch),
+            ended - began,
+            written,
+        )
+        for listener in tuple(self.listeners):
+            try:
+                listener(record)
+            except Exception:
+                # whoever looks on must not disturb the machine
+                self.listeners.remove(listener)
+                logger.exception("%s failed and is told no more", listener)
+        return record
+
+    def _reference(self, batch: Batch) -> tuple[float, ...]:
+        if self._nowhere is not None:
+            return self._nowhere
+        return tuple(math.nan if s is None else s.take(batch).value for s in self._plan.reference)
+
+    def _directions(self, positions: Sequence[float], batch: Batch) -> list[float]:
+        told = list(self._deadbands.step(positions))
+        for i, channel in enumerate(self._plan.directions):
+            if channel is not None:
+                sample = batch[channel[0]][channel[1]]
+                if sample.good:
+                    told[i] = sample.value
+        return told
+
+    def _take_signals(self, batch: Batch, now: float) -> None:
+        everything = batch if not self._slow else {**batch, **self._slow}
+        readings = self._signals(everything, now)
+        self._signal_fault = any(reading.fault for reading in readings.values())
+        offset = self._tool(everything, now)
+        if offset is not None:
+            self._compensation.set_tool(offset)
+        self._compensation.update(now, readings)
+
+    async def _poll_slowly(self, name: str, poll: Poll) -> None:
+        while True:
+            answer = await poll()
+            self._slow = {**self._slow, **answer}
+            await asyncio.sleep(max(self._signals_every, _IDLE))

@@ -1,0 +1,122 @@
+"""Observe: what is wrong at present, by name; transitions are logged once."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+
+from daemon.faults import StandingFaults
+from daemon.guard import DIRECTIONS, Decision, GuardState
+from daemon.pipeline.convert import SignalReading
+from daemon.pipeline.plan import Plan
+from drivers.link import Link, LinkState
+
+logger = logging.getLogger("abbe.pipeline")
+
+# Looking a member up in an Enum costs more than a comparison, and this runs in every cycle.
+_UP, _DEGRADED = LinkState.UP, LinkState.DEGRADED
+_OFF = (GuardState.OFF, GuardState.OFF, GuardState.OFF)
+_NOTHING: Mapping[str, str] = {}
+_WORDS = {
+    GuardState.OFF: "no correction",
+    GuardState.RISING: "correction ramped in",
+    GuardState.ACTIVE: "corrected in full",
+    GuardState.HOLDING: "last good correction held",
+    GuardState.FALLING: "correction ramped to zero",
+}
+_CALM = (GuardState.ACTIVE, GuardState.RISING)
+
+
+class Observer:
+    """Names what is wrong and keeps the log.
+
+    Parameters
+    ----------
+    links
+        All links.
+    plan
+        What is read from them.
+    """
+
+    def __init__(self, links: Mapping[str, Link], plan: Plan) -> None:
+        self._links = dict(links)
+        self._statuses = [link.status for link in links.values()]
+        self._plan = plan
+        self._standing = StandingFaults()
+        self._limits = StandingFaults(linger=5.0)
+        self._states = _OFF
+
+    @property
+    def all_up(self) -> bool:
+        """Whether every link is up, and none degraded."""
+        for status in self._statuses:  # noqa: SIM110  (a generator costs more, in every cycle)
+            if status.state is not _UP:
+                return False
+        return True
+
+    def faults(
+        self,
+        *,
+        axes: Mapping[str, str],
+        readings: Mapping[str, SignalReading],
+        tool: str,
+        compensator: str,
+        write_back: str,
+    ) -> Mapping[str, str]:
+        """What is wrong: what → why. A link that is down stands for all that it carries.
+
+        Parameters
+        ----------
+        axes
+            Axis → why its position is not to be believed.
+        readings
+            Signals as they were last read.
+        tool, compensator, write_back
+            Why the tool's offset is not known, why there is no correction, why it was not written;
+            empty when all is well.
+        """
+        found: dict[str, str] = {}
+        lost: set[str] = set()
+        for name, link in self._links.items():
+            state = link.status.state
+            if state is not _UP:
+                found[f"link {name}"] = f"{state.value}: {link.status.detail}".rstrip(": ")
+                if state is not _DEGRADED:
+                    lost.add(name)
+        for source in self._plan.positions:
+            if source.name in axes and source.channel[0] not in lost:
+                found[f"axis {source.name}"] = axes[source.name]
+        for source in self._plan.signals:
+            reading = readings[source.name]
+            if reading.fault and source.channel[0] not in lost:
+                found[f"signal {source.name}"] = reading.fault
+        if tool and not any(link in lost for link, _ in self._plan.tool):
+            found["tool"] = tool
+        if compensator:
+            found["compensator"] = compensator
+        if write_back and not lost:
+            found["write-back"] = write_back
+        return found
+
+    def log(self, decision: Decision, faults: Mapping[str, str], now: float, ending: bool) -> None:
+        """Log what has changed since the last cycle; `now` is monotonic, s."""
+        self._standing.update(faults, now)
+        self._limits.update(_limited(decision), now)
+        if decision.states is self._states or decision.states == self._states:
+            return
+        changed: dict[GuardState, list[str]] = {}
+        for name, before, after in zip(DIRECTIONS, self._states, decision.states, strict=True):
+            if after is not before:
+                changed.setdefault(after, []).append(name)
+        self._states = decision.states
+        for state, names in changed.items():
+            level = logging.INFO if state in _CALM or ending else logging.WARNING
+            logger.log(level, "guard: %s: %s", ", ".join(names), _WORDS[state])
+
+
+def _limited(decision: Decision) -> Mapping[str, str]:
+    if decision.size_limited:
+        return {"guard": "the computed correction is larger than allowed and was cut"}
+    if decision.rate_limited:
+        return {"guard": "the computed correction changes faster than allowed"}
+    return _NOTHING

@@ -1,0 +1,124 @@
+"""What the pipeline reads and writes, worked out once from the configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from daemon.config import Configuration
+from daemon.config.checks import split
+from daemon.pipeline.convert import Source, Watch
+from daemon.pipeline.poll import Channel, by_link
+from daemon.pipeline.write_back import Target
+from drivers.transducers import AnyTransducerConfig, make_transducer
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Sources and targets with their transducers made; fresh ones for every plan.
+
+    Attributes
+    ----------
+    positions, directions, reference
+        By axis, in the compensator's order; None where the configuration has none.
+    signals
+        In the configuration's order.
+    tool
+        Channels of the tool's offset; empty where it is fixed.
+    watch
+        The controller's heartbeat and status word.
+    targets, echo, status, heartbeat
+        What is written.
+    fast
+        Link → channels that are read in every cycle.
+    slow
+        Link → channels of links that carry no positions, read at their own pace.
+    """
+
+    positions: tuple[Source, ...]
+    directions: tuple[Channel | None, ...]
+    reference: tuple[Source | None, ...]
+    signals: tuple[Source, ...]
+    tool: tuple[Channel, ...]
+    watch: Watch
+    targets: tuple[Target, ...]
+    echo: tuple[tuple[Channel, Channel], ...]
+    status: Channel | None
+    heartbeat: Channel | None
+    fast: dict[str, tuple[str, ...]]
+    slow: dict[str, tuple[str, ...]]
+
+
+def make_plan(
+    configuration: Configuration, axes: Sequence[str], *, with_directions: bool = True
+) -> Plan:
+    """The plan of a configuration.
+
+    Parameters
+    ----------
+    configuration
+        Already checked.
+    axes
+        The compensator's order.
+    with_directions
+        Whether the model asks in which direction an axis moved.
+    """
+    file = configuration.file
+    positions = tuple(_source(a, file.axes[a].source, file.axes[a].transducer) for a in axes)
+    directions = tuple(_channel(file.axes[a].direction) if with_directions else None for a in axes)
+    reference = tuple(
+        _source(a, file.reference[a].source, file.reference[a].transducer)
+        if a in file.reference
+        else None
+        for a in axes
+    )
+    signals = tuple(
+        _source(name, section.source, section.transducer) for name, section in file.signals.items()
+    )
+    tool = tuple(split(name) for name in file.tool.sources or ())
+    controller = file.controller
+    watch = Watch(
+        _channel(controller.heartbeat),
+        controller.heartbeat_within,
+        _channel(controller.status),
+        controller.require,
+        controller.forbid,
+    )
+    echo = tuple((split(e.source), split(e.target)) for e in file.output.echo)
+    with_positions = [s.channel for s in positions]
+    with_positions += [c for c in (*directions, watch.heartbeat, watch.status) if c is not None]
+    with_positions += [s.channel for s in reference if s is not None]
+    with_positions += [source for source, _ in echo]
+    with_signals = [*(s.channel for s in signals), *tool]
+    fast_links = {link for link, _ in with_positions}
+    return Plan(
+        positions,
+        directions,
+        reference,
+        signals,
+        tool,
+        watch,
+        tuple(_targets(configuration, axes)),
+        echo,
+        _channel(file.output.status),
+        _channel(file.output.heartbeat),
+        by_link([*with_positions, *(c for c in with_signals if c[0] in fast_links)]),
+        by_link(c for c in with_signals if c[0] not in fast_links),
+    )
+
+
+def _targets(configuration: Configuration, axes: Sequence[str]) -> Iterator[Target]:
+    sections = configuration.file.output.axes
+    for axis in axes:
+        if axis in sections:
+            section = sections[axis]
+            made = _source(axis, section.target, section.transducer)
+            yield Target(axis, made.channel, made.transducer)
+
+
+def _source(name: str, channel: str, config: AnyTransducerConfig | None) -> Source:
+    return Source(name, split(channel), None if config is None else make_transducer(config))
+
+
+def _channel(name: str | None) -> Channel | None:
+    return None if name is None else split(name)

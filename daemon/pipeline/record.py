@@ -1,0 +1,56 @@
+"""What one cycle did, for whoever looks on: the live screen, JSON lines, statistics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+from daemon.guard import Decision
+from daemon.pipeline.convert import SignalReading
+
+
+class CycleRecord(NamedTuple):
+    """One cycle. Lengths in mm, angles in rad, times in s.
+
+    Attributes
+    ----------
+    number
+        Counts cycles from 1.
+    time
+        When the positions had arrived, since the run's start.
+    indicated
+        By axis, in the order of `Pipeline.axes`; NaN where not to be believed.
+    corrected
+        Likewise: indicated + correction; NaN where indicated is, or for an axis that is not
+        corrected.
+    decision
+        What the guard handed out.
+    status
+        The status word that was written.
+    signals
+        Last readings.
+    faults
+        What is wrong at present: what → why.
+    reference
+        Independent positions by axis; NaN where there is none.
+    duration
+        From the beginning of the poll to the end of the write-back.
+    written
+        Whether the controller took all corrected positions.
+    """
+
+    number: int
+    time: float
+    indicated: tuple[float, ...]
+    corrected: tuple[float, ...]
+    decision: Decision
+    status: int
+    signals: Mapping[str, SignalReading]
+    faults: Mapping[str, str]
+    reference: tuple[float, ...]
+    duration: float
+    written: bool
+
+
+Listener = Callable[[CycleRecord], None]
+"""Is called at the end of every cycle, in the event loop: must be quick and must not raise."""

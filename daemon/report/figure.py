@@ -1,0 +1,95 @@
+"""Plotly figures as plain data, all in one style; no Plotly is imported to make them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
+"""Okabe and Ito's palette: told apart by colour-blind people, and in print."""
+_FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", sans-serif'
+_AXIS = {
+    "gridcolor": "#e6e9ec",
+    "zerolinecolor": "#9aa4ae",
+    "linecolor": "#57606a",
+    "ticks": "outside",
+    "tickcolor": "#9aa4ae",
+    "automargin": True,
+}
+
+Trace = dict[str, Any]
+
+
+def figure(
+    traces: Sequence[Trace],
+    x: str = "",
+    y: str = "",
+    *,
+    title: str = "",
+    height: int = 420,
+    **layout: Any,
+) -> dict[str, Any]:
+    """A figure of traces on plain axes.
+
+    Parameters
+    ----------
+    traces
+        Plotly traces; `line` and `points` make the common ones.
+    x, y
+        Titles of the axes, with their units.
+    height
+        In pixels.
+    layout
+        More of Plotly's layout; its `xaxis`, `yaxis` add to the style's.
+    """
+    base: dict[str, Any] = {
+        "font": {"family": _FONT, "size": 13, "color": "#1b1f24"},
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "colorway": list(COLOURS),
+        "margin": {"l": 64, "r": 16, "t": 40 if title else 16, "b": 48},
+        "height": height,
+        "hovermode": "closest",
+        "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": "#9aa4ae", "activecolor": "#1b1f24"},
+        "legend": {
+            "orientation": "h",
+            "traceorder": "normal",
+            "y": 1.02,
+            "yanchor": "bottom",
+            "x": 0,
+        },
+        "xaxis": {**_AXIS, "title": {"text": x}},
+        "yaxis": {**_AXIS, "title": {"text": y}},
+    }
+    if title:
+        base["title"] = {"text": title, "x": 0, "xanchor": "left"}
+    for key, value in layout.items():
+        if isinstance(value, Mapping):
+            common = base.get(key, _AXIS if key[1:].startswith("axis") else {})
+            base[key] = {**common, **value}
+        else:
+            base[key] = value
+    return {"data": list(traces), "layout": base}
+
+
+def line(x: ArrayLike, y: ArrayLike, name: str = "", **more: Any) -> Trace:
+    """A curve."""
+    return {"type": "scatter", "mode": "lines", "x": x, "y": y, "name": name, **more}
+
+
+def points(x: ArrayLike, y: ArrayLike, name: str = "", **more: Any) -> Trace:
+    """Separate points."""
+    return {"type": "scatter", "mode": "markers", "x": x, "y": y, "name": name, **more}
+
+
+def band(x: ArrayLike, low: ArrayLike, high: ArrayLike, colour: str) -> list[Trace]:
+    """A shaded band between two curves, in a colour such as ``#0072b2``."""
+    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
+    edge = {"mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", "showlegend": False}
+    fill = {"fill": "tonexty", "fillcolor": f"rgba({red},{green},{blue},0.15)"}
+    return [
+        {"type": "scatter", "x": x, "y": low, **edge},
+        {"type": "scatter", "x": x, "y": high, **edge, **fill},
+    ]

@@ -1,0 +1,133 @@
+"""The report of ``abbe iso230``: the standard's tables and pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from compcore.iso230 import RESULTS, Positioning
+from compcore.iso230_diagonals import Diagonals
+from daemon.analysis.iso230 import MEANINGS, SYMBOLS, TARGET_COLUMNS, Evaluation, display, finite
+from daemon.report.figure import COLOURS, Trace, band, figure, line, points
+from daemon.report.page import Page
+
+
+def page(evaluation: Evaluation) -> Page:
+    """Lay out an evaluation."""
+    made = Page("Accuracy and repeatability of positioning", evaluation.file)
+    made.text(
+        "Evaluated by ISO 230-2 (single axes) and ISO 230-6 (diagonals). "
+        "Errors are actual minus indicated. A band is the mean ± 2 s of one direction."
+    )
+    if evaluation.positioning:
+        made.section("Summary")
+        rows = []
+        for result in evaluation.positioning:
+            unit, factor, _, _ = display(result)
+            values = [getattr(result, name) for name in RESULTS]
+            cells = [None if v is None else v * factor for v in values]
+            rows.append([result.runs.axis, result.runs.setup, unit, *cells])
+        made.table(["Axis", "Set-up", "Unit", *(SYMBOLS[n] for n in RESULTS)], rows, digits=3)
+    for result in evaluation.positioning:
+        _positioning(made, result)
+    if evaluation.diagonals.diagonals:
+        _diagonals(made, evaluation.diagonals)
+    return made
+
+
+def _positioning(made: Page, result: Positioning) -> None:
+    unit, factor, position_unit, position_factor = display(result)
+    made.section(f"Axis {result.runs.axis}: {result.runs.setup}")
+    made.key_figures(
+        [
+            (f"{SYMBOLS[name]}, {MEANINGS[name]}", _short(getattr(result, name), factor), unit)
+            for name in MEANINGS
+        ]
+    )
+    made.notes(result.notes, warning=True)
+    made.figure(*_curves(result, f"{result.runs.axis} in {position_unit}"))
+    columns = [finite(getattr(result, name), factor) for name in TARGET_COLUMNS]
+    positions = (result.runs.targets * position_factor).tolist()
+    made.table(
+        [f"Target, {position_unit}", *TARGET_COLUMNS.values()],
+        [[q, *(column[i] for column in columns)] for i, q in enumerate(positions)],
+        caption=f"Targets, {unit}",
+        digits=3,
+    )
+
+
+def _short(value: float | None, factor: float) -> str:
+    return "–" if value is None else f"{value * factor:.1f}"
+
+
+def _curves(result: Positioning, x_title: str) -> tuple[dict[str, object], str]:
+    """Readings, means and bands of both directions, and the reversal."""
+    unit, factor, _, position_factor = display(result)
+    x = result.runs.targets * position_factor
+    traces: list[Trace] = []
+    for name, readings, mean, s, colour in (
+        ("↑", result.runs.up, result.mean_up, result.s_up, COLOURS[0]),
+        ("↓", result.runs.down, result.mean_down, result.s_down, COLOURS[1]),
+    ):
+        if not np.isfinite(mean).any():
+            continue
+        if np.isfinite(s).any():
+            traces += band(x, (mean - 2 * s) * factor, (mean + 2 * s) * factor, colour)
+        at = np.repeat(x, readings.shape[1])
+        marker = {"size": 4, "color": colour, "opacity": 0.5}
+        traces.append(points(at, readings.ravel() * factor, f"runs {name}", marker=marker))
+        style = {"color": colour, "width": 2}
+        traces.append(line(x, mean * factor, f"mean {name}", line=style))
+    if np.isfinite(result.mean).any():
+        style = {"color": "#57606a", "width": 1, "dash": "dash"}
+        traces.append(line(x, result.mean * factor, "mean of both", line=style))
+    caption = f"Errors of positioning, {unit}: single runs, mean and ± 2 s of each direction."
+    return figure(traces, x_title, f"error in {unit}"), caption
+
+
+def _diagonals(made: Page, diagonals: Diagonals) -> None:
+    made.section("Diagonals")
+    made.key_figures(
+        [
+            (f"E, {name} diagonals", _short(value, 1e3), "µm")
+            for name, value in (("body", diagonals.E_body), ("face", diagonals.E_face))
+            if value is not None
+        ]
+    )
+    made.figure(
+        figure(
+            [
+                line(
+                    d.result.runs.targets,
+                    (np.nanmean([d.result.mean_up, d.result.mean_down], axis=0)) * 1e3,
+                    f"{d.name} {d.setup}",
+                )
+                for d in diagonals.diagonals
+            ],
+            "along the diagonal in mm",
+            "mean error in µm",
+        ),
+        "Mean error along each diagonal, from its first target.",
+    )
+    made.table(
+        ["Diagonal", "Set-up", "Length, mm", "E, µm", "B, µm", "Slope, ppm"],
+        [
+            [d.name, d.setup, d.length, *(_um(v) for v in (d.result.E, d.result.B)), d.slope * 1e6]
+            for d in diagonals.diagonals
+        ],
+        digits=3,
+    )
+    if diagonals.squareness:
+        made.subsection("What the diagonals hint at")
+        made.text(
+            "Crossing diagonals differ by the squareness between the axes. "
+            "The machine's other errors along the diagonals are in these numbers."
+        )
+        made.table(
+            ["Angle", "less 90°, µrad"],
+            [[f"+{a} to +{b}", angle * 1e6] for (a, b), angle in diagonals.squareness.items()],
+            digits=3,
+        )
+
+
+def _um(value: float | None) -> float | None:
+    return None if value is None else value * 1e3

@@ -1,0 +1,215 @@
+"""A self-contained HTML page: text, tables and Plotly figures, readable offline and on paper.
+
+Nothing is fetched: Plotly.js is in the file (once, only where there is a figure), and the page's
+own content security policy forbids the browser every request.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from html import escape
+from importlib.metadata import version
+from importlib.resources import files
+from math import floor, isfinite, log10
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compcore.atomic import write_atomically
+from daemon.report.style import STYLE
+
+Figure = Mapping[str, Any]
+"""A Plotly figure as plain data: ``{"data": [...], "layout": {...}}``."""
+
+# 'unsafe-eval': Plotly's 3D pictures compile their shaders' wrappers
+_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval'; style-src 'unsafe-inline'; "
+    "img-src data: blob:; font-src data:; worker-src blob:"
+)
+_DRAW = """
+for (const node of document.querySelectorAll("figure[data-plot]")) {
+  const figure = JSON.parse(document.getElementById(node.dataset.plot).textContent);
+  Plotly.newPlot(node.querySelector("div"), figure.data, figure.layout,
+    {responsive: true, displaylogo: false, showSendToCloud: false});
+}
+window.addEventListener("beforeprint", () => {
+  for (const plot of document.querySelectorAll(".js-plotly-plot")) Plotly.Plots.resize(plot);
+});
+"""
+
+
+class Page:
+    """A page, built from top to bottom.
+
+    Parameters
+    ----------
+    title
+        What the page is about; also the browser's title.
+    subtitle
+        One line below it: the files, the date.
+
+    Examples
+    --------
+    >>> page = Page("Positioning of X", "x.csv")
+    >>> page.section("Results")
+    >>> page.table(["Result", "µm"], [["A", 9.0]])
+    >>> "<td>A</td>" in page.html()
+    True
+    """
+
+    def __init__(self, title: str, subtitle: str = "") -> None:
+        self._title = title
+        self._subtitle = subtitle
+        self._body: list[str] = []
+        self._figures = 0
+
+    def section(self, heading: str) -> None:
+        """Begin a section."""
+        self._body.append(f"<h2>{escape(heading)}</h2>")
+
+    def subsection(self, heading: str) -> None:
+        """Begin a part of a section."""
+        self._body.append(f"<h3>{escape(heading)}</h3>")
+
+    def text(self, paragraph: str) -> None:
+        """Add a paragraph."""
+        self._body.append(f"<p>{escape(paragraph)}</p>")
+
+    def notes(self, notes: Sequence[str], *, warning: bool = False) -> None:
+        """Add remarks, set apart; nothing when there are none."""
+        if notes:
+            items = "".join(f"<li>{escape(note)}</li>" for note in notes)
+            kind = "warning" if warning else "note"
+            self._body.append(f'<ul class="notes {kind}">{items}</ul>')
+
+    def key_figures(self, figures: Sequence[tuple[str, str, str]]) -> None:
+        """Add a row of (label, value, unit) in large type: what the reader came for."""
+        cells = "".join(
+            f"<div><dt>{escape(label)}</dt><dd>{escape(value)} <small>{escape(unit)}</small></dd>"
+            "</div>"
+            for label, value, unit in figures
+        )
+        self._body.append(f'<dl class="key">{cells}</dl>')
+
+    def table(
+        self,
+        columns: Sequence[str],
+        rows: Sequence[Sequence[str | float | int | None]],
+        *,
+        caption: str = "",
+        digits: int = 4,
+    ) -> None:
+        """Add a table; None becomes a dash.
+
+        The numbers of a column have the same decimals: `digits` significant ones in the greatest.
+        """
+        numeric = [
+            any(not isinstance(row[i], str | None) for row in rows) for i in range(len(columns))
+        ]
+        decimals = [_decimals([row[i] for row in rows], digits) for i in range(len(columns))]
+        head = "".join(
+            f'<th scope="col"{_NUMBER if is_number else ""}>{escape(column)}</th>'
+            for column, is_number in zip(columns, numeric, strict=True)
+        )
+        body = "".join(
+            f"<tr>{''.join(_cell(v, d) for v, d in zip(row, decimals, strict=True))}</tr>"
+            for row in rows
+        )
+        title = f"<caption>{escape(caption)}</caption>" if caption else ""
+        self._body.append(
+            f'<div class="wide"><table>{title}<thead><tr>{head}</tr></thead>'
+            f"<tbody>{body}</tbody></table></div>"
+        )
+
+    def figure(self, figure: Figure, caption: str = "") -> None:
+        """Add a Plotly figure (see `daemon.report.figure`)."""
+        self._figures += 1
+        name = f"figure-{self._figures}"
+        text = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
+        self._body.append(
+            f'<figure data-plot="{name}"><div></div>{text}</figure>'
+            f'<script type="application/json" id="{name}">{_json(figure)}</script>'
+        )
+
+    def html(self) -> str:
+        """The whole page."""
+        parts = [
+            "<!DOCTYPE html>",
+            '<html lang="en"><head><meta charset="utf-8">',
+            f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            f'<meta name="generator" content="Abbe {version("abbe")}">',
+            f"<title>{escape(self._title)}</title><style>{STYLE}</style></head><body><main>",
+            f"<header><h1>{escape(self._title)}</h1>",
+            f"<p>{escape(self._subtitle)}</p></header>" if self._subtitle else "</header>",
+            *self._body,
+            f"</main><footer>Abbe {version('abbe')}</footer>",
+        ]
+        if self._figures:
+            parts += [f"<script>{_plotly()}</script>", f"<script>{_DRAW}</script>"]
+        parts.append("</body></html>")
+        return "\n".join(parts)
+
+    def write(self, path: str | Path) -> None:
+        """Write the page to a file, whole or not at all.
+
+        Raises
+        ------
+        InputError
+            When the file cannot be written.
+        """
+        write_atomically(path, self.html())
+
+
+_NUMBER = ' class="number"'
+
+
+def _decimals(column: Sequence[str | float | None], digits: int) -> int:
+    greatest = max((abs(v) for v in column if isinstance(v, float) and isfinite(v)), default=0.0)
+    return max(0, digits - 1 - floor(log10(greatest))) if greatest else 0
+
+
+def _cell(value: str | float | None, decimals: int) -> str:
+    if isinstance(value, str):
+        return f"<td>{escape(value)}</td>"
+    if value is None or not isfinite(value):
+        return f"<td{_NUMBER}>–</td>"
+    text = str(value) if isinstance(value, int) else f"{value:z.{min(decimals, 9)}f}"
+    return f"<td{_NUMBER}>{text.replace('-', '−')}</td>"
+
+
+def number(value: float, digits: int = 4) -> str:
+    """A number for people: significant digits, a true minus sign.
+
+    >>> number(-12.34567), number(0.0)
+    ('−12.35', '0')
+    """
+    return f"{value:.{digits}g}".replace("-", "−")
+
+
+def _json(figure: Figure) -> str:
+    """JSON that may stand inside a script element."""
+    text = json.dumps(_plain(figure), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
+
+
+def _plain(value: Any) -> Any:
+    """Arrays to lists, what is not finite to null: gaps in a curve."""
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+def _plotly() -> str:
+    source = files("plotly").joinpath("package_data", "plotly.min.js").read_text(encoding="utf-8")
+    return source.replace("</script", "<\\/script")

@@ -1,0 +1,140 @@
+"""The service: links opened and supervised, the pipeline run, everything ended cleanly."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import gc
+import logging
+import signal
+from collections.abc import Iterator, Mapping, Sequence
+
+from daemon.config import Configuration
+from daemon.pipeline.cycle import Pipeline
+from daemon.pipeline.record import Listener
+from drivers.link import Link
+
+logger = logging.getLogger("abbe.service")
+
+_OPEN_WITHIN = 5.0
+"""s that a link is given to open before the cycle begins without it."""
+
+
+_GRACE = 2.0
+"""s that a link is given, beyond the ramp, to take the last word, and to close."""
+
+
+class Service:
+    """One configuration at work.
+
+    Parameters
+    ----------
+    configuration
+        What was checked.
+    links
+        Its links where they are made already; default: made from the configuration.
+
+    Attributes
+    ----------
+    links
+        By name; opened in `run`.
+    pipeline
+        Made, not yet running; its listeners can be added to.
+    """
+
+    def __init__(
+        self, configuration: Configuration, links: Mapping[str, Link] | None = None
+    ) -> None:
+        self.configuration = configuration
+        self.links = configuration.make_links() if links is None else dict(links)
+        self.pipeline = Pipeline(configuration, self.links)
+        self._stop = asyncio.Event()
+        self._at_once = asyncio.Event()
+
+    def add(self, listeners: Sequence[Listener]) -> None:
+        """Have more listeners told of every cycle."""
+        self.pipeline.listeners.extend(listeners)
+
+    def stop(self) -> None:
+        """End: ramp the correction to zero first; called again, end at once."""
+        if self._stop.is_set():
+            self._at_once.set()
+        self._stop.set()
+
+    async def run(self, duration: float | None = None) -> None:
+        """Run until `stop`, SIGINT or SIGTERM, or for `duration` s.
+
+        A device that cannot be reached is no error: its link goes on trying.
+
+        Raises
+        ------
+        LinkConfigError
+            When a link can never work.
+        """
+        loop = asyncio.get_running_loop()
+        timer = None if duration is None else loop.call_later(duration, self._stop.set)
+        with _signals(loop, self):
+            try:
+                await asyncio.gather(*(self._open(link) for link in self.links.values()))
+                # what is there by now stays: the collector need not walk it within a cycle
+                gc.collect()
+                gc.freeze()
+                logger.info("running: %s", self.configuration.path)
+                await self._until_ended()
+            finally:
+                gc.unfreeze()
+                if timer is not None:
+                    timer.cancel()
+                await asyncio.gather(*(self._close(link) for link in self.links.values()))
+
+    async def _until_ended(self) -> None:
+        """Run the pipeline; a driver that never returns cannot keep the service from ending."""
+        running = asyncio.create_task(self.pipeline.run(self._stop, self._at_once))
+        stopped = asyncio.create_task(self._stop.wait())
+        at_once = asyncio.create_task(self._at_once.wait())
+        try:
+            await asyncio.wait({running, stopped}, return_when=asyncio.FIRST_COMPLETED)
+            grace = self.pipeline.longest_end + _GRACE
+            await asyncio.wait(
+                {running, at_once}, timeout=grace, return_when=asyncio.FIRST_COMPLETED
+            )
+            await asyncio.wait({running}, timeout=_GRACE)
+            if not running.done():
+                logger.error("ended without a word to the controller: a link does not come back")
+                return
+            running.result()
+            logger.info("ended")
+        finally:
+            for task in (running, stopped, at_once):
+                task.cancel()
+            await asyncio.gather(running, stopped, at_once, return_exceptions=True)
+
+    async def _open(self, link: Link) -> None:
+        try:
+            async with asyncio.timeout(_OPEN_WITHIN):
+                await link.open()
+        except TimeoutError:
+            logger.warning(
+                "link %s: not open after %g s; going on without it", link.name, _OPEN_WITHIN
+            )
+
+    async def _close(self, link: Link) -> None:
+        try:
+            async with asyncio.timeout(_GRACE):
+                await link.close()
+        except TimeoutError:
+            logger.warning("link %s: not closed after %g s", link.name, _GRACE)
+        except Exception:
+            logger.exception("link %s: its driver failed while closing", link.name)
+
+
+@contextlib.contextmanager
+def _signals(loop: asyncio.AbstractEventLoop, service: Service) -> Iterator[None]:
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    for number in numbers:
+        loop.add_signal_handler(number, service.stop)
+    try:
+        yield
+    finally:
+        for number in numbers:
+            loop.remove_signal_handler(number)

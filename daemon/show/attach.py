@@ -1,0 +1,113 @@
+"""Running a service in view: as a live screen, as plain lines, or as JSON lines."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import sys
+from collections.abc import Callable, Mapping
+from typing import Any, Literal
+
+from rich.console import Console
+
+from daemon.journal import journal
+from daemon.service import Service
+from daemon.show.figures import Figures
+from daemon.show.json_lines import JsonLines
+from daemon.show.plain import PlainLines
+from daemon.show.screen import LiveScreen
+from daemon.show.writer import LineWriter
+
+How = Literal["screen", "plain", "json"]
+
+
+def choose(as_json: bool) -> How:
+    """JSON where asked for, the live screen on a terminal, else plain lines."""
+    if as_json:
+        return "json"
+    return "screen" if sys.stdout.isatty() else "plain"
+
+
+def run_in_view(
+    service_of: Callable[[], Service],
+    how: How,
+    title: str,
+    duration: float | None,
+    last: Callable[[Figures], Mapping[str, Any]] | None = None,
+) -> Figures:
+    """Run a service to its end, shown as `how` says.
+
+    Parameters
+    ----------
+    service_of
+        Makes the service, in the event loop.
+    how
+        What is shown on standard output.
+    title
+        First words of the screen.
+    duration
+        s to run, None: until SIGINT or SIGTERM.
+    last
+        Makes the last JSON line from the run's figures.
+
+    Returns
+    -------
+    The run's figures.
+    """
+    return asyncio.run(_run(service_of, how, title, duration, last))
+
+
+_SWITCH = 5e-4
+"""s after which a thread that draws or writes hands over to the cycle; with Python's 5 ms every
+picture would show in the cycle's time."""
+
+
+async def _run(
+    service_of: Callable[[], Service],
+    how: How,
+    title: str,
+    duration: float | None,
+    last: Callable[[Figures], Mapping[str, Any]] | None,
+) -> Figures:
+    sys.setswitchinterval(_SWITCH)
+    service = service_of()
+    pipeline, machine = service.pipeline, service.configuration.model.machine
+    corrected = pipeline.corrected_axes
+    figures = Figures(tuple(pipeline.axes.index(axis) for axis in corrected))
+    service.add([figures])
+    section = service.configuration.file.journal
+    writer: LineWriter | None = None
+    drawing: asyncio.Task[None] | None = None
+    handlers: list[logging.Handler] = []
+    if how == "screen":
+        screen = LiveScreen(machine, pipeline.axes, corrected, service.links, title, duration)
+        service.add([screen])
+        handlers.append(screen.events)
+    else:
+        writer = LineWriter(sys.stdout)
+        if how == "json":
+            service.add([JsonLines(writer, machine, pipeline.axes, corrected, service.links)])
+        else:
+            service.add([PlainLines(writer, service.links, figures.axes)])
+    with journal(
+        service.configuration.journal_path,
+        max_bytes=section.max_bytes,
+        keep=section.keep,
+        to_stderr=how != "screen",
+        more=handlers,
+    ):
+        if how == "screen":
+            drawing = asyncio.create_task(screen.run(Console()))
+        try:
+            await service.run(duration)
+        finally:
+            if drawing is not None:
+                drawing.cancel()
+                with contextlib.suppress(asyncio.CancelledError):
+                    await drawing
+            if writer is not None:
+                end = () if last is None or how != "json" else (json.dumps(last(figures)),)
+                writer.end(*end)
+    return figures

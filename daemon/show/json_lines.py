@@ -1,0 +1,106 @@
+"""JSON lines: one object a cycle, as ``abbe run --json`` and ``abbe demo --json`` print them."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from compcore.machine import Machine
+from daemon.guard import DIRECTIONS
+from daemon.pipeline.record import CycleRecord
+from daemon.show.writer import LineWriter
+from drivers.link import Link
+
+
+class JsonLines:
+    """A listener that writes every cycle.
+
+    Parameters
+    ----------
+    writer
+        Where to.
+    machine
+        For the units of axes and signals.
+    axes, corrected_axes
+        Order of a record's positions.
+    links
+        Shown with their state.
+    """
+
+    def __init__(
+        self,
+        writer: LineWriter,
+        machine: Machine,
+        axes: tuple[str, ...],
+        corrected_axes: tuple[str, ...],
+        links: Mapping[str, Link],
+    ) -> None:
+        self._writer = writer
+        self._axes = [(a, math.degrees(1.0) if machine.axes[a].rotary else 1.0) for a in axes]
+        self._corrected = corrected_axes
+        self._temperatures = {s.name for s in machine.signals.values() if s.temperature}
+        self._links = links
+
+    def __call__(self, record: CycleRecord) -> None:
+        """Hand a cycle to the writer."""
+        line = self.line(record)
+        if self._writer.dropped:
+            line["dropped"] = self._writer.dropped
+        self._writer.put(json.dumps(line, ensure_ascii=False))
+
+    def line(self, record: CycleRecord) -> dict[str, Any]:
+        """One cycle as an object."""
+        temperatures: dict[str, float | None] = {}
+        others: dict[str, float | None] = {}
+        for name, reading in record.signals.items():
+            value = _number(reading.value, 4)
+            (temperatures if name in self._temperatures else others)[name] = value
+        decision = record.decision
+        line = {
+            "cycle": record.number,
+            "time": round(record.time, 4),
+            "unit": "mm",
+            "indicated": self._positions(record.indicated),
+            "corrected": {
+                a: _number(q, 6) for a, q in zip(self._corrected, record.corrected, strict=True)
+            },
+            "correction": {
+                d: round(c, 6) for d, c in zip(DIRECTIONS, decision.correction, strict=True)
+            },
+            "temperatures": temperatures,
+            "guard": {
+                "states": {d: s.value for d, s in zip(DIRECTIONS, decision.states, strict=True)},
+                "compensating": decision.compensating,
+                "size_limited": decision.size_limited,
+                "rate_limited": decision.rate_limited,
+                "status": record.status,
+            },
+            "faults": record.faults,
+            "links": {
+                name: {
+                    "state": link.status.state.value,
+                    "round_trip_ms": _number(1e3 * link.status.round_trip, 3),
+                }
+                for name, link in self._links.items()
+            },
+            "written": record.written,
+            "cycle_ms": round(1e3 * record.duration, 3),
+        }
+        if others:
+            line["signals"] = others
+        if any(map(math.isfinite, record.reference)):
+            line["reference"] = self._positions(record.reference)
+        return line
+
+    def _positions(self, values: tuple[float, ...]) -> dict[str, float | None]:
+        """By axis: mm, rotary axes in degrees; null where not to be believed."""
+        return {
+            axis: _number(value * factor, 6)
+            for (axis, factor), value in zip(self._axes, values, strict=True)
+        }
+
+
+def _number(value: float, digits: int) -> float | None:
+    return round(value, digits) if math.isfinite(value) else None

@@ -1,0 +1,89 @@
+"""Abbe's status word: what the controller is told, 16 bits in one register."""
+
+from __future__ import annotations
+
+import enum
+
+from daemon.guard import Decision, GuardState
+
+
+class Status(enum.IntFlag):
+    """Bits of the status word; ``docs/daemon.md`` is their page.
+
+    A controller that finds `RUNNING` at 0, or the heartbeat standing still, must take its own
+    uncorrected positions.
+    """
+
+    RUNNING = 1 << 0
+    """Abbe runs and its cycle lives."""
+    COMPENSATING = 1 << 1
+    """Every direction is corrected in full: the corrected positions are what the model says."""
+    HOLDING = 1 << 2
+    """At least one direction is on a held correction."""
+    RAMPING = 1 << 3
+    """At least one direction's correction is being ramped to zero, or back in."""
+    SIZE_LIMITED = 1 << 4
+    """The computed correction is larger than allowed and was cut."""
+    RATE_LIMITED = 1 << 5
+    """The computed correction changes faster than allowed."""
+    POSITION_FAULT = 1 << 6
+    """At least one axis's position is missing, bad or stale."""
+    SIGNAL_FAULT = 1 << 7
+    """At least one signal (temperature, …) is missing, bad or stale."""
+    INTERNAL_FAULT = 1 << 8
+    """The compensator failed; the journal says why."""
+    ENDING = 1 << 9
+    """Abbe was told to end and ramps the correction to zero."""
+    X_ACTIVE = 1 << 12
+    """X is corrected in full."""
+    Y_ACTIVE = 1 << 13
+    """Y is corrected in full."""
+    Z_ACTIVE = 1 << 14
+    """Z is corrected in full."""
+
+
+STOPPED = 0
+"""Written last: Abbe ended; corrected positions are no longer written."""
+
+_RUNNING, _COMPENSATING = int(Status.RUNNING), int(Status.COMPENSATING)
+_STATE_BITS = [
+    {
+        GuardState.OFF: 0,
+        GuardState.RISING: int(Status.RAMPING),
+        GuardState.ACTIVE: int(active),
+        GuardState.HOLDING: int(Status.HOLDING),
+        GuardState.FALLING: int(Status.RAMPING),
+    }
+    for active in (Status.X_ACTIVE, Status.Y_ACTIVE, Status.Z_ACTIVE)
+]
+
+
+def status_word(decision: Decision, faults: int) -> int:
+    """The status word for one cycle; `faults` are the bits that the guard does not know of."""
+    x, y, z = decision.states
+    bits_x, bits_y, bits_z = _STATE_BITS
+    word = faults | _RUNNING | bits_x[x] | bits_y[y] | bits_z[z]
+    if decision.compensating:
+        return word | _COMPENSATING
+    if decision.size_limited:
+        word |= Status.SIZE_LIMITED
+    if decision.rate_limited:
+        word |= Status.RATE_LIMITED
+    return int(word)
+
+
+def fault_bits(*, position: bool, signal: bool, internal: bool, ending: bool) -> int:
+    """The status word's bits for what is wrong, and for the end."""
+    word = Status.POSITION_FAULT if position else Status(0)
+    if signal:
+        word |= Status.SIGNAL_FAULT
+    if internal:
+        word |= Status.INTERNAL_FAULT
+    if ending:
+        word |= Status.ENDING
+    return int(word)
+
+
+def describe(word: int) -> str:
+    """The bits that are set, by name."""
+    return " ".join(str(bit.name) for bit in Status if word & bit) or "STOPPED"

@@ -1,0 +1,218 @@
+"""The guard keeps its promises for any sequence of inputs, and does exactly what its page says."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from daemon.guard import ALL, Guard, GuardLimits, GuardState, Vec3
+
+LIMITS = GuardLimits(
+    max_correction=(0.05, 0.08, 0.1),
+    max_norm=0.11,
+    max_rate=0.2,
+    hold=1.0,
+    ramp=2.0,
+    longest_step=0.2,
+)
+ROOMY = GuardLimits(max_correction=(1.0, 1.0, 1.0), max_norm=2.0, max_rate=1.0, hold=1.0, ramp=2.0)
+C: Vec3 = (0.02, -0.03, 0.01)
+TINY = 1e-12
+
+number = st.one_of(
+    st.floats(-0.2, 0.2), st.floats(allow_nan=True, allow_infinity=True), st.just(math.nan)
+)
+computed = st.one_of(st.none(), st.tuples(number, number, number))
+step = st.tuples(
+    st.one_of(st.just(0.01), st.floats(0.0, 5.0)), computed, st.integers(0, ALL), st.booleans()
+)
+
+
+@given(st.lists(step, max_size=60))
+def test_no_sequence_of_inputs_breaks_a_bound(
+    steps: list[tuple[float, Vec3 | None, int, bool]],
+) -> None:
+    guard = Guard(LIMITS)
+    now, before = 100.0, (0.0, 0.0, 0.0)
+    for dt, value, faulty, release in steps:
+        now += dt
+        if release:
+            guard.release()
+        decision = guard.step(now, value, faulty)
+        after = decision.correction
+        assert all(map(math.isfinite, after))
+        for x, most in zip(after, LIMITS.max_correction, strict=True):
+            assert abs(x) <= most + TINY
+        assert math.hypot(*after) <= LIMITS.max_norm + TINY
+        reach = LIMITS.max_rate * min(dt, LIMITS.longest_step)
+        assert all(abs(a - b) <= reach + TINY for a, b in zip(after, before, strict=True))
+        before = after
+
+
+@given(
+    st.lists(st.tuples(st.floats(0.001, 0.1), st.tuples(*[st.floats(-0.3, 0.3)] * 3)), min_size=5),
+    st.integers(0, 2),
+    st.data(),
+)
+def test_a_missing_signal_leaves_the_other_directions_as_they_were(
+    steps: list[tuple[float, Vec3]], lost: int, data: st.DataObject
+) -> None:
+    """Side by side with a guard to which nothing happens: equal to the last bit."""
+    cut = data.draw(st.integers(0, len(steps)))
+    sound, hurt = Guard(ROOMY), Guard(ROOMY)
+    now = 0.0
+    for i, (dt, value) in enumerate(steps):
+        now += dt
+        expected = sound.step(now, value)
+        found = hurt.step(now, value, 1 << lost if i >= cut else 0)
+        for d in range(3):
+            if d != lost:
+                assert found.correction[d] == expected.correction[d]
+                assert found.states[d] is expected.states[d]
+
+
+@given(st.lists(step, max_size=30), st.tuples(*[st.floats(-0.2, 0.2)] * 3))
+def test_whatever_happened_it_comes_down_to_zero_in_the_stated_time_and_returns(
+    steps: list[tuple[float, Vec3 | None, int, bool]], value: Vec3
+) -> None:
+    guard = Guard(LIMITS)
+    now = 0.0
+    for dt, earlier, faulty, _ in steps:
+        now += dt
+        guard.step(now, earlier, faulty)
+    start = now
+    while now < start + LIMITS.hold + LIMITS.ramp + 0.05:
+        now += 0.05
+        last = guard.step(now, None)
+    assert last.correction == (0.0, 0.0, 0.0)
+    assert last.states == (GuardState.OFF,) * 3
+    back = now
+    while now < back + LIMITS.ramp + 1.0:
+        now += 0.05
+        last = guard.step(now, value)
+    assert last.states == (GuardState.ACTIVE,) * 3
+    small = all(abs(v) <= m for v, m in zip(value, LIMITS.max_correction, strict=True))
+    if small and math.hypot(*value) <= LIMITS.max_norm:
+        assert last.correction == value
+
+
+@given(
+    st.lists(st.tuples(st.floats(0.001, 0.4), computed, st.sampled_from([0, 0, 0, 5])), max_size=80)
+)
+def test_the_short_way_of_a_steady_step_comes_to_the_same(
+    steps: list[tuple[float, Vec3 | None, int]],
+) -> None:
+    usual, long = Guard(LIMITS), Guard(LIMITS)
+    now = run(usual, 0.0, 3.0, C)
+    run(long, 0.0, 3.0, C)
+    for dt, value, faulty in steps:
+        now += dt
+        long._steady = False
+        assert usual.step(now, value, faulty) == long.step(now, value, faulty)
+
+
+def run(guard: Guard, start: float, seconds: float, value: Vec3 | None, faulty: int = 0) -> float:
+    for _ in range(round(seconds / 0.01)):
+        start += 0.01
+        guard.step(start, value, faulty)
+    return start
+
+
+def test_it_begins_at_zero_and_ramps_in() -> None:
+    guard = Guard(LIMITS)
+    first = guard.step(0.0, C)
+    assert first.correction == (0.0, 0.0, 0.0)
+    assert first.states == (GuardState.RISING,) * 3
+    assert not first.compensating
+    now = run(guard, 0.0, 1.0, C)
+    half = guard.step(now, C)
+    assert half.correction == pytest.approx([c / 2 for c in C])
+    now = run(guard, now, 1.01, C)
+    assert guard.step(now, C).correction == C
+    assert guard.step(now, C).compensating
+
+
+def test_a_missing_position_holds_then_ramps_in_the_stated_times() -> None:
+    guard = Guard(LIMITS)
+    now = run(guard, 0.0, 3.0, C)
+    lost = now
+    now = run(guard, now, LIMITS.hold, None)
+    held = guard.step(now, None)
+    assert held.correction == C
+    assert held.states == (GuardState.HOLDING,) * 3
+    now = run(guard, now, LIMITS.ramp / 2, None)
+    # the fault began with the first step that lacked a position, 0.01 s after the last good one
+    share = 1.0 - (now - (lost + 0.01) - LIMITS.hold) / LIMITS.ramp
+    falling = guard.step(now, None)
+    assert falling.correction == pytest.approx([share * c for c in C])
+    assert falling.states == (GuardState.FALLING,) * 3
+    now = run(guard, now, LIMITS.ramp / 2 + 0.02, None)
+    assert guard.step(now, None).correction == (0.0, 0.0, 0.0)
+
+
+def test_a_short_fault_is_held_and_costs_nothing() -> None:
+    guard = Guard(LIMITS)
+    now = run(guard, 0.0, 3.0, C)
+    now = run(guard, now, 0.5, None)
+    assert guard.step(now + 0.01, C).compensating
+
+
+def test_a_signals_correction_follows_the_position_while_it_is_held() -> None:
+    guard = Guard(LIMITS)
+    now = run(guard, 0.0, 3.0, C)
+    now = run(guard, now, 0.5, C, faulty=0b001)
+    elsewhere: Vec3 = (0.025, -0.03, 0.01)
+    now = run(guard, now, 0.3, elsewhere, faulty=0b001)
+    assert guard.step(now, elsewhere, 0b001).correction == elsewhere
+
+
+def test_a_correction_beyond_the_limits_is_cut_and_said() -> None:
+    guard = Guard(LIMITS)
+    huge: Vec3 = (9.0, -9.0, 0.0)
+    now = run(guard, 0.0, 5.0, huge)
+    decision = guard.step(now, huge)
+    assert decision.size_limited
+    assert not decision.compensating
+    assert decision.correction == (0.05, -0.08, 0.0)
+
+
+def test_a_jump_is_followed_at_the_stated_rate_and_said() -> None:
+    guard = Guard(LIMITS)
+    now = run(guard, 0.0, 3.0, (0.0, 0.0, 0.0))
+    decision = guard.step(now + 0.1, (0.04, 0.0, 0.0))
+    assert decision.rate_limited
+    assert decision.correction == pytest.approx((0.02, 0.0, 0.0))
+
+
+def test_release_ramps_without_holding() -> None:
+    guard = Guard(LIMITS)
+    now = run(guard, 0.0, 3.0, C)
+    guard.release()
+    assert not guard.released
+    now = run(guard, now, LIMITS.ramp + 0.03, C)
+    assert guard.released
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"max_rate": 0.01}, "expected at least 0.05 mm/s"),
+        ({"max_norm": 0.0}, "max_norm"),
+        ({"hold": -1.0}, "hold"),
+        ({"ramp": math.nan}, "ramp"),
+        ({"max_correction": (0.1, math.inf, 0.1)}, "max_correction Y"),
+    ],
+)
+def test_limits_that_make_no_sense_are_refused(change: dict[str, object], word: str) -> None:
+    values: dict[str, object] = {
+        "max_correction": (0.05, 0.08, 0.1),
+        "max_norm": 0.11,
+        "max_rate": 0.2,
+        "hold": 1.0,
+        "ramp": 2.0,
+    }
+    with pytest.raises(ValueError, match=word):
+        GuardLimits(**{**values, **change})  # type: ignore[arg-type]

@@ -1,0 +1,105 @@
+"""abbe diagnose, add, remove, history: the loop that users came for, as they type it."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from daemon.cli import app
+from daemon.commands.lists import spread
+
+DATA = Path(__file__).parents[1] / "data" / "p01-mill"
+SPEC = ["thermal_tilt", "axis=Y", "about=X", "signals=T_col_front,T_col_rear"]
+
+
+def test_the_loop(tmp_path: Path) -> None:
+    runner = CliRunner()
+    model, fitted, check = DATA / "model.toml", DATA / "fit.csv", DATA / "check.csv"
+    done = runner.invoke(app, ["diagnose", str(model), str(fitted), "--json"])
+    assert done.exit_code == 0, done.output
+    told = json.loads(done.stdout)
+    assert told["verdict"] == "missing"
+    best = told["candidates"][0]
+    assert best["spec"].split(" ") == SPEC
+    assert best["scope"] == "machine"
+    assert best["parameters"]["k"]["plausible"] is True
+    assert {
+        "rms_after",
+        "p_value",
+        "cross_validated_gain",
+        "confusable_with",
+        "explanation",
+    } <= set(best)
+    assert told["rms"] > best["rms_after"]
+    assert {"what", "separates", "separation"} <= set(told["measure_next"][0])
+
+    version = tmp_path / "v1.toml"
+    campaigns = ["--campaign", str(fitted), "--holdout", str(check), "-o", str(version)]
+    done = runner.invoke(app, ["add", str(model), *best["spec"].split(" "), *campaigns, "--json"])
+    assert done.exit_code == 0, done.output
+    added = json.loads(done.stdout)
+    assert added["rms_after"] < added["rms_before"]
+    assert added["holdout_after"] < 0.95 * added["holdout_before"]
+    assert added["parameters"]["k"]["sd"] > 0.0
+    assert tomllib.loads(version.read_text())["fit"]["added"] == " ".join(SPEC)
+
+    again = tmp_path / "v2.toml"
+    done = runner.invoke(app, ["remove", str(version), "thermal_tilt", "-o", str(again)])
+    assert done.exit_code == 0, done.output
+    assert "thermal_tilt" not in [e["kind"] for e in tomllib.loads(again.read_text())["effects"]]
+    done = runner.invoke(app, ["history", str(again), "--json"])
+    versions = json.loads(done.stdout)["versions"]
+    first, second, third = versions
+    assert first["rms"] == pytest.approx(added["rms_before"])
+    assert first["holdout_rms"] == pytest.approx(added["holdout_before"])
+    assert second["rms"] == pytest.approx(added["rms_after"])
+    assert second["holdout_rms"] == pytest.approx(added["holdout_after"])
+    assert [Path(entry["file"]).name for entry in second["holdout"]] == ["check.csv"]
+    assert second["added"] == " ".join(SPEC)
+    assert third["removed"] == " ".join(SPEC)
+
+
+def test_an_effect_that_is_there_already_is_refused(tmp_path: Path) -> None:
+    done = CliRunner().invoke(
+        app,
+        [
+            "add",
+            str(DATA / "model.toml"),
+            "squareness",
+            "axes=X,Y",
+            "--campaign",
+            str(DATA / "fit.csv"),
+            "-o",
+            str(tmp_path / "out.toml"),
+        ],
+    )
+    assert done.exit_code != 0
+    assert "already" in str(done.exception)
+    assert not (tmp_path / "out.toml").exists()
+
+
+def test_an_option_may_take_several_files() -> None:
+    assert spread(["M", "k", "--campaign", "a", "b", "--holdout", "c", "-o", "O"]) == [
+        "M",
+        "k",
+        "--campaign",
+        "a",
+        "--campaign",
+        "b",
+        "--holdout",
+        "c",
+        "-o",
+        "O",
+    ]
+    assert spread(["M", "--campaign", "a", "axis=X", "-o", "O"]) == [
+        "M",
+        "--campaign",
+        "a",
+        "axis=X",
+        "-o",
+        "O",
+    ]

@@ -1,0 +1,98 @@
+"""The verdict on campaigns with known answers: three given ones, and simulated ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.diagnosis import Scenario, run
+from compcore.campaign_file import read_campaign
+from compcore.diagnose import Diagnosis, advise, diagnose
+from compcore.diagnose.explain import explanation
+from compcore.errors import FitError
+from compcore.model_file import load_model
+
+DATA = Path(__file__).parents[1] / "data"
+
+
+def _diagnosed(name: str) -> Diagnosis:
+    model = load_model(DATA / name / "model.toml")
+    return diagnose(model, read_campaign(DATA / name / "fit.csv", model.machine))
+
+
+def test_mill_a_column_that_tilts_with_temperature() -> None:
+    found = _diagnosed("p01-mill")
+    assert found.verdict == "missing"
+    (established,) = found.established
+    effect = established.found.candidate.effect
+    assert effect.spec == "thermal_tilt axis=Y about=X signals=T_col_front,T_col_rear"
+    assert found.left == pytest.approx(1.0, abs=0.06)
+    assert established.cross_validated_gain > 0.05
+    assert established.rms_after < found.rms
+    (k,) = established.estimates
+    assert k.plausible
+    assert abs(k.value) > 5 * k.sd
+    text = explanation(established, found)
+    assert "µrad/K" in text
+    assert "Cure:" in text
+    assert "χ² falls by" in text
+
+
+def test_bridge_with_nothing_hidden_is_complete() -> None:
+    found = _diagnosed("p02-bridge")
+    assert found.verdict == "complete"
+    assert found.established == ()
+    assert found.structure == ()
+    assert found.left == pytest.approx(1.0, abs=0.06)
+    advice = advise(found)
+    assert advice
+    assert all(0.0 <= a.uncertainty_falls_by < 1.0 for a in advice)
+
+
+def test_bridge_backlash_and_warm_up_are_both_found() -> None:
+    found = _diagnosed("p03-bridge")
+    assert found.verdict == "missing"
+    kinds = [e.found.candidate.effect.spec for e in found.established]
+    assert kinds == ["backlash axis=Z", "warm_up direction=X"]
+    warm_up = {e.name: e for e in found.established[1].estimates}
+    # the truth: 4 µm and 5200 s
+    assert abs(warm_up["A"].value - 4e-3) < 3 * warm_up["A"].sd
+    assert abs(warm_up["tau"].value - 5200.0) < 3 * warm_up["tau"].sd
+
+
+def test_a_model_without_effects_is_told_what_to_begin_with() -> None:
+    model = load_model(DATA / "p02-bridge" / "model.toml")
+    campaign = read_campaign(DATA / "p02-bridge" / "fit.csv", model.machine)
+    with pytest.raises(FitError, match="no effects to fit"):
+        diagnose(replace(model, terms=()), campaign)
+
+
+def test_a_short_campaign_is_diagnosed_without_inventing_anything() -> None:
+    model = load_model(DATA / "p02-bridge" / "model.toml")
+    campaign = read_campaign(DATA / "p02-bridge" / "fit.csv", model.machine)
+    found = diagnose(model, campaign.rows(np.arange(60)))
+    assert found.verdict == "complete"
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed", "cause", "score"),
+    [
+        ("gantry", 501, ("event",), "named"),
+        ("column", 502, ("feed_lag",), "named"),
+        ("table", 503, ("oscillation in time",), "described"),
+        ("mill", 504, ("two positions and a temperature",), "described"),
+        ("bridge", 505, (), "right"),
+    ],
+)
+def test_hidden_causes(kind: str, seed: int, cause: tuple[str, ...], score: str) -> None:
+    outcome = run(Scenario(kind, seed, cause, 8))
+    assert outcome.score == score, outcome
+    if score == "named":
+        assert outcome.ratio == pytest.approx(1.0, abs=0.1)
+        assert outcome.falls < 1.0
+    if score == "described":
+        assert outcome.named == ()
+    assert np.isfinite(outcome.seconds)

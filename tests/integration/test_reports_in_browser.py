@@ -1,0 +1,219 @@
+"""Every kind of report in Debian's Chromium: pictures drawn, no error, no request to anywhere."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, sync_playwright
+from typer.testing import CliRunner
+
+from daemon.cli import app
+from daemon.report.figure import figure, line
+from daemon.report.page import Page
+
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
+
+DATA = Path(__file__).parents[1] / "data"
+MILL, BRIDGE = DATA / "p01-mill", DATA / "p03-bridge"
+
+ARGUMENTS = [
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+]
+
+PATIENCE_MS = 60_000.0
+"""What a picture may take to be drawn on a busy machine without a graphics card."""
+
+PICTURES = """() => [...document.querySelectorAll("figure[data-plot]")].map((node) => {
+  const size = node.querySelector(".main-svg").getBoundingClientRect();
+  const marks = ".scatterlayer path, .barlayer path, .heatmaplayer image, .contourlayer path";
+  const caption = node.querySelector("figcaption");
+  return {
+    name: node.dataset.plot,
+    width: size.width,
+    height: size.height,
+    marks: node.querySelectorAll(marks).length,
+    canvas: node.querySelector("canvas") !== null,
+    gap: caption ? caption.getBoundingClientRect().top - size.bottom : 0,
+  };
+})"""
+
+COLOURS_OF_CANVAS = """(name) => {
+  const plot = document.querySelector(`figure[data-plot="${name}"] .js-plotly-plot`);
+  return Plotly.toImage(plot, {format: "png", width: 320, height: 240}).then((url) =>
+    new Promise((resolve) => {
+      const image = new Image();
+      image.onload = () => {
+        const copy = document.createElement("canvas");
+        [copy.width, copy.height] = [image.width, image.height];
+        const context = copy.getContext("2d", {willReadFrequently: true});
+        context.drawImage(image, 0, 0);
+        const pixels = context.getImageData(0, 0, copy.width, copy.height).data;
+        let coloured = 0;
+        for (let i = 0; i < pixels.length; i += 4) {
+          const [r, g, b] = pixels.slice(i, i + 3);
+          if (pixels[i + 3] > 128 && Math.max(r, g, b) - Math.min(r, g, b) > 60) coloured += 1;
+        }
+        resolve(coloured);
+      };
+      image.src = url;
+    }));
+}"""
+"""Pixels in colour of a picture as the browser renders it: axes and text are grey."""
+
+
+@dataclass
+class Seen:
+    """What the browser told of one page."""
+
+    requests: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+    pictures: list[dict[str, Any]] = field(default_factory=list)
+    coloured: dict[str, int] = field(default_factory=dict)
+
+
+Look = Callable[[Path], Seen]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    program = shutil.which("chromium")
+    assert program, "chromium is missing: apt install chromium (make test does)"
+    with sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=program, args=ARGUMENTS)
+        yield opened
+        opened.close()
+
+
+@pytest.fixture
+def look(browser: Browser) -> Iterator[Look]:
+    """Open a page and wait until every picture is there."""
+    context = browser.new_context(viewport={"width": 900, "height": 600})
+    context.set_default_timeout(PATIENCE_MS)
+
+    def opened(path: Path) -> Seen:
+        seen = Seen()
+        page = context.new_page()
+        page.on("request", lambda r: seen.requests.append(r.url))
+        page.on("console", lambda m: seen.errors.append(m.text) if m.type == "error" else None)
+        page.on("pageerror", lambda error: seen.errors.append(str(error)))
+        page.goto(path.as_uri())
+        page.wait_for_function(
+            """() => [...document.querySelectorAll("figure[data-plot]")].every(
+                 (node) => node.querySelector(".js-plotly-plot .main-svg"))"""
+        )
+        seen.pictures = page.evaluate(PICTURES)
+        for picture in seen.pictures:
+            if picture["canvas"]:
+                name = picture["name"]
+                seen.coloured[name] = page.evaluate(COLOURS_OF_CANVAS, name)
+        page.close()
+        return seen
+
+    yield opened
+    context.close()
+
+
+def elsewhere(seen: Seen) -> list[str]:
+    return [url for url in seen.requests if not url.startswith(("file:", "data:", "blob:"))]
+
+
+def assert_sound(seen: Seen, *, pictures: int) -> None:
+    """All pictures drawn, nothing fetched, nothing complained of."""
+    assert seen.errors == []
+    assert elsewhere(seen) == []
+    assert len(seen.pictures) >= pictures
+    for picture in seen.pictures:
+        assert picture["width"] > 300, picture
+        assert picture["height"] > 50, picture
+        assert picture["marks"] or picture["canvas"], f"nothing drawn: {picture}"
+        assert -1.0 < picture["gap"] < 40.0, f"caption not below its picture: {picture}"
+        if picture["canvas"]:
+            assert seen.coloured[picture["name"]] > 50, f"nothing drawn: {picture}"
+
+
+def abbe(*arguments: object) -> None:
+    done = CliRunner().invoke(app, [str(a) for a in arguments])
+    assert done.exit_code == 0, done.output
+
+
+def some_setups(campaign: Path, out: Path, *, every: int) -> Path:
+    """A campaign with every so-manieth of its set-ups, and all rows of the master points."""
+    lines = campaign.read_text(encoding="utf-8").splitlines()
+    head = next(i for i, text in enumerate(lines) if not text.startswith("#"))
+    column = lines[head].split(",").index("setup")
+    names = list(dict.fromkeys(row.split(",")[column] for row in lines[head + 1 :]))
+    kept = {n for i, n in enumerate(names) if i % every == 0 or n.startswith("master")}
+    rows = [row for row in lines[head + 1 :] if row.split(",")[column] in kept]
+    listed: list[str] = []
+    skipped = False
+    for text in lines[:head]:
+        if text.startswith("# ["):
+            name = text.removeprefix("# [setups.").removesuffix("]")
+            skipped = text.startswith("# [setups.") and name not in kept
+        if not skipped:
+            listed.append(text)
+    out.write_text("\n".join([*listed, lines[head], *rows]) + "\n", encoding="utf-8")
+    return out
+
+
+def test_diagnose(look: Look, tmp_path: Path) -> None:
+    report = tmp_path / "diagnose.html"
+    abbe("diagnose", MILL / "model.toml", MILL / "fit.csv", "--report", report)
+    seen = look(report)
+    assert_sound(seen, pictures=4)
+    assert len(seen.coloured) == 1  # the residuals in the volume
+
+
+def test_fit_and_compare(look: Look, tmp_path: Path) -> None:
+    check = MILL / "check.csv"
+    model = tmp_path / "fitted.toml"
+    fitted, compared = tmp_path / "fit.html", tmp_path / "compare.html"
+    abbe("fit", MILL / "model.toml", check, "-o", model, "--report", fitted)
+    abbe("compare", model, check, "--report", compared)
+    for report in (fitted, compared):
+        seen = look(report)
+        assert_sound(seen, pictures=5)
+        assert len(seen.coloured) == 1, report
+
+
+def test_iso230(look: Look, tmp_path: Path) -> None:
+    report = tmp_path / "iso230.html"
+    campaign = some_setups(MILL / "fit.csv", tmp_path / "lines.csv", every=4)
+    abbe("iso230", campaign, "--report", report)
+    assert_sound(look(report), pictures=2)
+
+
+def test_history(look: Look, tmp_path: Path) -> None:
+    one, two, report = tmp_path / "1.toml", tmp_path / "2.toml", tmp_path / "history.html"
+    both = ("--campaign", BRIDGE / "fit.csv", "--holdout", BRIDGE / "check.csv", "-o")
+    abbe("add", BRIDGE / "model.toml", "backlash", "axis=Z", *both, one)
+    abbe("add", one, "warm_up", "direction=X", *both, two)
+    abbe("history", two, "--report", report)
+    seen = look(report)
+    assert_sound(seen, pictures=1)
+    # three versions, fitted and held out: six bars, and the line of the noise floor
+    assert seen.pictures[0]["marks"] >= 7
+
+
+def test_the_look_itself_notices(look: Look, tmp_path: Path) -> None:
+    """A page that asks for something, errs and draws nothing must not pass."""
+    path = tmp_path / "bad.html"
+    page = Page("Bad")
+    page.figure(figure([]))
+    page.figure(figure([line([0.0, 1.0], [0.0, 1.0])]))
+    html = page.html().replace("Content-Security-Policy", "x")
+    bad = '<script>throw new Error("broken")</script><img src="http://127.0.0.1:9/x.png"></body>'
+    path.write_text(html.replace("</body>", bad), encoding="utf-8")
+    seen = look(path)
+    assert elsewhere(seen) == ["http://127.0.0.1:9/x.png"]
+    assert any("broken" in error for error in seen.errors)
+    assert [picture["marks"] > 0 for picture in seen.pictures] == [False, True]
