@@ -1,0 +1,275 @@
+"""Hidden causes: what the simulated machine does that the user's model does not know.
+
+Each is written from physics for the exact chain, in mm, rad, °C and s, with no view of the effects'
+code: a function of the state that gives six error motions of one place, or a change of the measured
+value. Amplitudes are unit-free here; a scenario scales them to a multiple of the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+State = Mapping[str, Any]
+
+POINT = "point"
+READING = "reading"
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One hidden cause.
+
+    Attributes
+    ----------
+    name
+        For the table.
+    place
+        An axis, `POINT` (translation of the functional point) or `READING` (the instrument).
+    motion
+        State → six error motions of the place, (n, 6), at amplitude 1; for `READING` (n,), mm.
+    answers
+        (kind, where-keys) that name it rightly; empty for what is in no catalogue.
+    depends
+        For what is in no catalogue: the recorded quantities that it depends on.
+    size
+        Amplitude that makes an effect of about a micrometre, for scaling.
+    """
+
+    name: str
+    place: str
+    motion: Callable[[State], F64]
+    answers: tuple[tuple[str, Mapping[str, Any]], ...] = ()
+    depends: tuple[str, ...] = ()
+    size: float = 1e-3
+
+
+def six(state: State, component: int, value: F64) -> F64:
+    """Six error motions with one component set, shape (n, 6)."""
+    out = np.zeros((len(np.asarray(state["t"])), 6))
+    out[:, component] = value
+    return out
+
+
+def lagged(state: State, name: str, tau: float) -> F64:
+    """A signal's true course behind a body of time constant tau, at the rows' times."""
+    clock, course = state["clock"], state["courses"][name]
+    y = np.empty_like(course)
+    y[0] = course[0]
+    for i in range(1, len(course)):
+        dt = clock[i] - clock[i - 1]
+        y[i] = y[i - 1] + (course[i - 1] - y[i - 1]) * (1.0 - np.exp(-dt / tau))
+    return np.interp(state["t"], clock, y)
+
+
+def catalogue(
+    axes: Sequence[str], travels: Mapping[str, tuple[float, float]], rng: np.random.Generator
+) -> dict[str, Cause]:
+    """One cause for each kind of the catalogue that a machine with three linear axes can have."""
+    order = list(axes)
+    first, last = order[0], order[-1]
+    number = {a: "XYZ".index(a) for a in axes}
+    centre = {a: 0.5 * sum(travels[a]) for a in axes}
+    half = {a: 0.5 * (travels[a][1] - travels[a][0]) for a in axes}
+    a = order[int(rng.integers(3))]
+    about = "XYZ"[int(rng.integers(3))]
+    turn = 3 + "XYZ".index(about)
+    other = order[(order.index(a) + 1) % 3]
+    along = number[a]
+    d = "XYZ"[int(rng.integers(3))]
+    dk = "XYZ".index(d)
+    tau = float(rng.uniform(1500.0, 6000.0))
+    column = ["T_col_front", "T_col_rear"]
+    period = float(rng.uniform(30.0, 90.0))
+    moment = float(rng.uniform(8000.0, 18000.0))
+    # only a rotation with a lever shows in displacements; every structure's first axis has some
+    tilted = first
+    found = [
+        Cause(
+            "backlash",
+            a,
+            lambda s: six(s, along, 0.5 * np.asarray(s[f"{a}_dir"])),
+            (("backlash", {"axis": a}),),
+        ),
+        Cause(
+            "reversal_angle",
+            tilted,
+            lambda s: six(s, turn, 0.5 * np.asarray(s[f"{tilted}_dir"])),
+            (("reversal_angle", {"axis": tilted, "about": about}),),
+            size=3e-6,
+        ),
+        Cause(
+            "thermal_tilt",
+            tilted,
+            lambda s: six(s, turn, s[column[0]] - s[column[1]]),
+            (("thermal_tilt", {"axis": tilted, "about": about, "signals": column}),),
+            size=3e-6,
+        ),
+        Cause(
+            "thermal_bending",
+            tilted,
+            lambda s: six(s, turn, (s[column[0]] - s[column[1]]) * s[tilted] / half[tilted]),
+            (("thermal_bending", {"axis": tilted, "about": about, "signals": column}),),
+            size=3e-6,
+        ),
+        Cause(
+            "thermal_offset",
+            POINT,
+            lambda s: six(s, 2, s["T_spindle"] - 20.0),
+            (("thermal_offset", {"direction": "Z", "signal": "T_spindle"}),),
+        ),
+        Cause(
+            "thermal_offset lagged",
+            POINT,
+            lambda s: six(s, dk, lagged(s, "T_amb", 4000.0) - 20.0),
+            (("thermal_offset", {"direction": d, "signal": "T_amb"}),),
+        ),
+        Cause(
+            "scale_expansion",
+            a,
+            lambda s: six(s, along, s[a] / half[a] * (s["T_amb"] - 20.0)),
+            (("scale_expansion", {"axis": a, "signals": ["T_amb"]}),),
+        ),
+        Cause(
+            "warm_up",
+            POINT,
+            lambda s: six(s, dk, 1.0 - np.exp(-np.asarray(s["t"]) / tau)),
+            (("warm_up", {"direction": d}),),
+        ),
+        Cause(
+            "drift",
+            POINT,
+            lambda s: six(s, dk, np.asarray(s["t"]) / 20000.0),
+            (("drift", {"direction": d}),),
+        ),
+        Cause(
+            "event",
+            POINT,
+            lambda s: six(s, dk, (np.asarray(s["t"]) > moment) * 1.0),
+            (("event", {"direction": d}),),
+        ),
+        Cause(
+            "cyclic",
+            a,
+            lambda s: six(s, along, np.sin(2.0 * np.pi * s[a] / period + 0.7)),
+            (("cyclic", {"axis": a}),),
+        ),
+        Cause(
+            "cross_angular",
+            tilted,
+            lambda s: six(s, turn, (s[last] - centre[last]) / half[last]),
+            (("cross_angular", {"axis": tilted, "about": about, "by": last}),),
+            size=5e-6,
+        ),
+        Cause(
+            "local_defect",
+            a,
+            lambda s: six(
+                s,
+                number[other],
+                np.exp(-0.5 * ((s[a] - centre[a] - 0.3 * half[a]) / (0.09 * half[a])) ** 2),
+            ),
+            (("local_defect", {"axis": a, "error": f"E_{other}{a}"}),),
+        ),
+        Cause(
+            "load_bending",
+            tilted,
+            lambda s: six(s, turn, s["load"] / 300.0),
+            (("load_bending", {"axis": tilted, "about": about, "signal": "load"}),),
+            size=5e-6,
+        ),
+        Cause(
+            "feed_lag",
+            a,
+            lambda s: six(s, along, s["feed"] / 3000.0 * np.asarray(s[f"{a}_dir"])),
+            (("feed_lag", {"axis": a, "signal": "feed"}),),
+        ),
+        Cause(
+            "instrument_drift",
+            READING,
+            lambda s: _in(s, "c1_diag0") * (np.asarray(s["t"]) - _start(s, "c1_diag0")) / 300.0,
+            (
+                ("instrument_drift", {"setup": "c1_diag0"}),
+                ("setup_slope", {"setup": "c1_diag0"}),
+            ),
+        ),
+        Cause(
+            "cosine",
+            READING,
+            lambda s: -_in(s, "c0_diag6") * _along(s, "c0_diag6"),
+            (("cosine", {"setup": "c0_diag6"}),),
+        ),
+    ]
+    return {c.name: c for c in found}
+
+
+def _in(state: State, setup: str) -> F64:
+    return np.asarray(np.asarray(state["setup"]) == setup, dtype=np.float64)
+
+
+def _start(state: State, setup: str) -> float:
+    rows = np.asarray(state["setup"]) == setup
+    return float(np.asarray(state["t"])[rows].min(initial=np.inf)) if rows.any() else 0.0
+
+
+def _along(state: State, setup: str) -> F64:
+    """Path from the set-up's first point, parts of its length; 0 where it was not measured."""
+    q = np.stack([state["X"], state["Y"], state["Z"]], axis=1)
+    rows = np.asarray(state["setup"]) == setup
+    if not rows.any():
+        return np.zeros(len(q))
+    way = np.linalg.norm(q - q[rows][0], axis=1)
+    return np.asarray(way / way[rows].max())
+
+
+def nobody_knows(
+    axes: Sequence[str], travels: Mapping[str, tuple[float, float]], rng: np.random.Generator
+) -> dict[str, Cause]:
+    """Causes that are in no catalogue, of several kinds."""
+    first, middle, last = axes
+    centre = {a: 0.5 * sum(travels[a]) for a in axes}
+    half = {a: 0.5 * (travels[a][1] - travels[a][0]) for a in axes}
+
+    def scaled(s: State, a: str) -> F64:
+        return np.asarray((s[a] - centre[a]) / half[a])
+
+    period = float(rng.uniform(1000.0, 1700.0))
+    d = int(rng.integers(3))
+    found = [
+        Cause(
+            "oscillation in time",
+            POINT,
+            lambda s: six(s, d, np.sin(2.0 * np.pi * np.asarray(s["t"]) / period + 1.0)),
+            depends=("t",),
+        ),
+        Cause(
+            "two positions and a temperature",
+            POINT,
+            lambda s: six(s, d, scaled(s, first) * scaled(s, middle) * (s["T_amb"] - 21.0)),
+            depends=(first, middle, "T_amb"),
+        ),
+        Cause(
+            "saddle of two positions",
+            POINT,
+            lambda s: six(s, d, np.sin(2.0 * scaled(s, first)) * np.cos(2.5 * scaled(s, last))),
+            depends=(first, last),
+        ),
+        Cause(
+            "direction of one axis over another's position",
+            POINT,
+            lambda s: six(s, d, np.asarray(s[f"{middle}_dir"]) * scaled(s, last) ** 2),
+            depends=(last, f"{middle}_dir"),
+        ),
+        Cause(
+            "sudden hum of the foundation",
+            POINT,
+            lambda s: six(s, d, np.sin(2.0 * np.pi * np.asarray(s["t"]) / 420.0)),
+            depends=("t",),
+        ),
+    ]
+    return {c.name: c for c in found}
