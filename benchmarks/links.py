@@ -295,8 +295,8 @@ def main() -> None:
         "",
         f"{machine()}. Sustained polling of simulated devices in their own process, over",
         "pseudo-terminals and loopback; a poll reads and decodes all that the row names. Medians",
-        f"of {ROUNDS} rounds of {POLLS} polls, both in turn. `benchmarks/links.py`; no ratio may be "
-        f"above {LIMIT:g}.",
+        f"of {ROUNDS} rounds of {POLLS} polls, both in turn. `benchmarks/links.py`; no ratio may "
+        f"be above {LIMIT:g}.",
         "",
         "| compared to | its polls/s | link's polls/s | time, link ÷ it |",
         "| --- | ---: | ---: | ---: |",
