@@ -1,0 +1,1 @@
+"""Where a controller keeps its compensation tables, and how they get there."""
