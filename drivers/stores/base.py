@@ -6,7 +6,9 @@ active, all of it or nothing. So there is no moment at which a mixture of two ta
 
 A store plugin is one class registered under the entry-point group ``abbe.stores``. Its errors are
 those of links (`drivers.link`): `LinkDownError`, `LinkTimeoutError`, `LinkProtocolError`, and
-`RefusedError` where the controller itself says no.
+`RefusedError` where the controller itself says no. After any error of a writing method it is not
+known whether the controller did it: the caller reads and decides by what it reads. A store repeats
+by itself only what does no harm twice (reads, blocks of the staging area).
 """
 
 from __future__ import annotations
@@ -86,7 +88,7 @@ class Effect:
         Axis → 1 upwards, −1 downwards, 0 not known.
     correction
         Axis → what is added to the axis, mm; rotary: rad. By the sign rule of Abbe: compensation =
-        −error for a controller that shifts its setpoint; the store says `adds_error` otherwise.
+        −error for a controller that shifts its setpoint; `Store.adds_error` says otherwise.
     """
 
     position: Mapping[str, float]
@@ -113,7 +115,10 @@ class Store(ABC):
 
     Config: ClassVar[type[StoreConfig]]
     restart_needed: bool = False
-    """Whether the active set acts only after the controller was started anew."""
+    """Whether the active set acts only after the controller was started anew; `Store.active` then
+    tells what will act, `Store.effects` what acts now."""
+    adds_error: bool = False
+    """Whether `Effect.correction` is +error (a reading is corrected) and not −error (a setpoint)."""
 
     def __init__(self, name: str, config: StoreConfig) -> None:
         self.name = name
@@ -121,7 +126,7 @@ class Store(ABC):
 
     @abstractmethod
     async def open(self) -> None:
-        """Connect; raises `LinkError` when there is nobody."""
+        """Connect, also anew after `close`; raises `LinkError` when there is nobody."""
 
     @abstractmethod
     async def close(self) -> None:
