@@ -170,6 +170,18 @@ class Store(ABC):
     async def deactivate(self) -> None:
         """Make no table active: the state before the very first upload."""
 
+    async def restart(self) -> None:
+        """Start the controller anew so that the active set acts; only where the user allowed it.
+
+        Raises
+        ------
+        RefusedError
+            When nobody allowed it (a person has to do it), or the machine is not idle.
+        LinkTimeoutError
+            When it is not back in time; the active set stays active.
+        """
+        raise RefusedError(f"{self.name}: the controller has to be restarted by hand")
+
     @abstractmethod
     async def effects(self) -> Sequence[Effect]:
         """What the active table does now, as the controller shows it; empty where it shows none."""
