@@ -2,6 +2,7 @@
 
 ``bridge``, ``measure``, ``registers``: a coordinate measuring machine over Modbus. ``serial``:
 ASCII devices and a tape reader on pseudo-terminals. ``can``: encoders and thermometers on CAN.
+``controller``: a control with a memory for compensation tables, over Modbus or a serial line.
 
 What serves prints one line of JSON on standard output when it listens, then serves until SIGTERM,
 SIGINT, or (``--die-with-stdin``) until its standard input ends.
@@ -13,8 +14,12 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-_MODULES = {"serial": "serial_commands", "can": "can_commands"}
-"""Commands that do without numpy and pymodbus, which take long to import."""
+_MODULES = {
+    "serial": "serial_commands",
+    "can": "can_commands",
+    "controller": "controller_commands",
+}
+"""Commands that do without numpy, which takes long to import."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -8,7 +8,7 @@ it is read, and both halves of the comparison are answered from one request: no 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, TypeAlias
 
@@ -42,6 +42,20 @@ class NotWritableError(ValueError):
     """A client wrote to a register that is read-only."""
 
 
+class RefusedRequestError(ValueError):
+    """The device answers with a Modbus exception.
+
+    Attributes
+    ----------
+    code
+        Which.
+    """
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"exception {code}")
+        self.code = code
+
+
 @dataclass
 class WireFaults:
     """What is wrong with the connection; the server looks here after every request.
@@ -56,12 +70,15 @@ class WireFaults:
         Close all connections.
     offline
         Stop listening for this long, s.
+    answer
+        What becomes of the next answer: bytes → (s from now, bytes) each to be sent; none: nothing.
     """
 
     silent_until: float = 0.0
     busy: int = 0
     drop: bool = False
     offline: float = 0.0
+    answer: Callable[[bytes], Sequence[tuple[float, bytes]]] | None = None
 
 
 class BridgeDevice:

@@ -15,7 +15,7 @@ from pymodbus.pdu import ModbusPDU
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from .device import NotWritableError, Ranges, WireFaults
+from .device import NotWritableError, Ranges, RefusedRequestError, WireFaults
 from .registers import Table
 
 _TABLE: dict[int, Table] = {
@@ -41,10 +41,10 @@ class Device(Protocol):
         """Addresses that exist."""
 
     def read(self, table: Table, address: int, count: int, now: float) -> list[int]:
-        """Words (or bits) within the ranges."""
+        """Words (or bits) within the ranges; raises `RefusedRequestError`."""
 
     def write(self, table: Table, address: int, values: Sequence[int], now: float) -> None:
-        """Take values in; raises `NotWritableError`."""
+        """Take values in; raises `NotWritableError`, `RefusedRequestError`."""
 
 
 class SimulatedServer:
@@ -147,13 +147,30 @@ class SimulatedServer:
         if wire.busy > 0:
             wire.busy -= 1
             return ExcCodes.DEVICE_BUSY
-        table = _TABLE.get(function_code, "holding")
+        try:
+            self._carry_out(
+                _TABLE.get(function_code, "holding"), start_address, address, count, current,
+                set_values, now,
+            )  # fmt: skip
+        except NotWritableError:
+            return ExcCodes.ILLEGAL_ADDRESS
+        except RefusedRequestError as error:
+            return ExcCodes(error.code)
+        return None
+
+    def _carry_out(
+        self,
+        table: Table,
+        start_address: int,
+        address: int,
+        count: int,
+        current: list[int],
+        set_values: list[int] | list[bool] | None,
+        now: float,
+    ) -> None:
+        device = self._device
         if set_values is not None:
-            try:
-                device.write(table, address, [int(v) for v in set_values], now)
-            except NotWritableError:
-                return ExcCodes.ILLEGAL_ADDRESS
-            self._after_write(now)
+            device.write(table, address, [int(v) for v in set_values], now)
         elif table in ("coil", "discrete"):
             (first, size), *_ = device.ranges[table]
             bits = device.read(table, first, size, now)
@@ -161,7 +178,7 @@ class SimulatedServer:
         else:
             words = device.read(table, address, count, now)
             current[address - start_address : address - start_address + count] = words
-        return None
+        self._after_request(now)
 
     def _pdu(self, sending: bool, pdu: ModbusPDU) -> ModbusPDU:
         """Note whose answer comes next; pymodbus answers for units that do not exist."""
@@ -174,14 +191,34 @@ class SimulatedServer:
         if not sending:
             return data
         once, self._reply_once = self._reply_once, False
-        silent = time.monotonic() < self._device.wire.silent_until and not once
+        wire = self._device.wire
+        spoil, wire.answer = wire.answer, None
+        if spoil is not None and not self._foreign:
+            return self._spoilt(spoil(data))
+        silent = time.monotonic() < wire.silent_until and not once
         return b"" if silent or self._foreign else data
 
-    def _after_write(self, now: float) -> None:
-        """Start the connection faults that a write may have asked for."""
+    def _spoilt(self, pieces: Sequence[tuple[float, bytes]]) -> bytes:
+        """Send what comes late when it is time; hands back what is to be sent now."""
+        for delay, data in pieces:
+            if delay > 0.0:
+                asyncio.get_running_loop().call_later(delay, self._send, data)
+        return b"".join(data for delay, data in pieces if delay <= 0.0)
+
+    def _send(self, data: bytes) -> None:
+        server = self._server
+        if isinstance(server, ModbusTcpServer):
+            for connection in list(server.active_connections.values()):
+                connection.send(data)
+        elif server is not None and server.transport is not None:
+            server.transport.write(data)
+
+    def _after_request(self, now: float) -> None:
+        """Start the connection faults that a request may have asked for."""
         wire = self._device.wire
         if wire.silent_until > now:
-            self._reply_once = True  # the request that asked for silence is still answered
+            # the request that asked for silence is still answered
+            self._reply_once = wire.answer is None
         if wire.drop or wire.offline > 0.0:
             task = asyncio.get_running_loop().create_task(self._cut(wire.offline))
             self._tasks.add(task)

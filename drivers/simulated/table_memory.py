@@ -141,6 +141,16 @@ class TableMemory:
         self._check_ready()
         self._replace(b"")
 
+    def load(self, files: Mapping[str, str]) -> None:
+        """Make files active by hand, at the control itself; none: no table."""
+        buffer = io.BytesIO()
+        with zipfile.ZipFile(buffer, "w") as archive:
+            for name, text in sorted(files.items()):
+                info = zipfile.ZipInfo(name)
+                info.create_system = 3
+                archive.writestr(info, text.encode("utf-8"))
+        self._replace(buffer.getvalue() if files else b"")
+
     def _check_ready(self) -> None:
         if not (self.idle and self.referenced):
             raise ControlRefusesError(NOT_READY)

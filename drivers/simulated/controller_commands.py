@@ -1,0 +1,133 @@
+"""``python -m drivers.simulated controller``: a control with a memory for compensation tables."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import hashlib
+import logging
+import os
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .remote_control import Orders, announce, serve_orders
+from .table_faults import Fault, Faults
+from .table_memory import TableMemory
+
+if TYPE_CHECKING:
+    from .table_lines import TableLines
+    from .table_registers import TableDevice
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run the command; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    logging.getLogger("pymodbus_internal").setLevel(logging.CRITICAL)
+    logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
+    serve = _modbus if options.protocol == "modbus" else _serial
+    try:
+        asyncio.run(serve(options))
+    except OSError as error:
+        print(f"simulated controller: {error}", file=sys.stderr)  # noqa: T201
+        return 1
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m drivers.simulated")
+    parser.add_argument("command", choices=("controller",))
+    parser.add_argument("protocol", choices=("modbus", "serial"))
+    parser.add_argument("--memory", type=Path, help="file of the active tables; default: none")
+    parser.add_argument("--capacity", type=int, default=1 << 20, help="bytes of an image")
+    parser.add_argument("--host", default="127.0.0.1")
+    parser.add_argument("--port", type=int, default=0, help="TCP port; 0: any free one")
+    parser.add_argument("--link", type=Path, help="serial: path that always leads to the port")
+    parser.add_argument("--die-with-stdin", action="store_true", help="take orders there")
+    return parser
+
+
+async def _modbus(options: argparse.Namespace) -> None:
+    from .server import SimulatedServer
+    from .table_registers import UNIT_ID, TableDevice
+
+    faults = Faults()
+    device = TableDevice(TableMemory(options.memory, options.capacity), faults)
+    server = SimulatedServer(device, UNIT_ID)
+    try:
+        port = await server.start_tcp(options.host, options.port)
+        announce(
+            ready=True, protocol="tcp", host=options.host, port=port, unit=UNIT_ID, pid=os.getpid()
+        )
+        await serve_orders(_orders(device, faults), die_with_stdin=options.die_with_stdin)
+    finally:
+        await server.stop()
+
+
+async def _serial(options: argparse.Namespace) -> None:
+    from .table_lines import TableLines
+
+    faults = Faults()
+    with contextlib.ExitStack() as stack:
+        link: Path | None = options.link
+        if link is None:
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="abbe-control-"))
+            link = Path(folder) / "control"
+        control = TableLines(TableMemory(options.memory, options.capacity), faults, link)
+        control.port.plug()
+        stack.callback(control.port.unplug)
+        work = asyncio.ensure_future(control.work())
+        announce(ready=True, protocol="serial", device=str(link), pid=os.getpid())
+        try:
+            await serve_orders(_orders(control, faults), die_with_stdin=options.die_with_stdin)
+        finally:
+            work.cancel()
+            await asyncio.gather(work, return_exceptions=True)
+
+
+def _orders(control: TableDevice | TableLines, faults: Faults) -> Orders:
+    memory = control.memory
+
+    def truth() -> dict[str, Any]:
+        return {
+            "active": {
+                name: hashlib.sha256(text.encode()).hexdigest()
+                for name, text in memory.files.items()
+            },
+            "image": hashlib.sha256(memory.active).hexdigest() if memory.active else "",
+            "staged": len(memory.staged),
+            "happened": faults.happened,
+            "asked": faults.asked,
+            "restarts": memory.restarts,
+        }
+
+    def machine(*, idle: bool = True, referenced: bool = True, protected: bool = False) -> None:
+        memory.idle, memory.referenced, control.protected = idle, referenced, protected
+
+    def reset() -> None:
+        """Whatever was ordered is over; what is active stays."""
+        faults.clear()
+        machine()
+        control.wake()
+        memory.discard()
+
+    def power_cut() -> None:
+        control.restart()
+
+    def load(files: dict[str, str]) -> None:
+        """Make files active as somebody at the control would."""
+        memory.load(files)
+
+    return {
+        "fault": lambda **what: faults.arm(Fault(**what)),
+        "clear": faults.clear,
+        "wake": control.wake,
+        "machine": machine,
+        "truth": truth,
+        "reset": reset,
+        "power_cut": power_cut,
+        "load": load,
+    }
