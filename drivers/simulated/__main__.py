@@ -3,6 +3,7 @@
 ``bridge``, ``measure``, ``registers``: a coordinate measuring machine over Modbus. ``serial``:
 ASCII devices and a tape reader on pseudo-terminals. ``can``: encoders and thermometers on CAN.
 ``controller``: a control with a memory for compensation tables, over Modbus or a serial line.
+``ipp``: the measuring machine behind an I++ DME server.
 
 What serves prints one line of JSON on standard output when it listens, then serves until SIGTERM,
 SIGINT, or (``--die-with-stdin``) until its standard input ends.
@@ -18,8 +19,9 @@ _MODULES = {
     "serial": "serial_commands",
     "can": "can_commands",
     "controller": "controller_commands",
+    "ipp": "ipp_commands",
 }
-"""Commands that do without numpy, which takes long to import."""
+"""Commands with a file of their own, so that what others import does not slow them down."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -19,8 +19,16 @@ from .bridge_registers import BLOCKS, ENCODERS, UNIT_ID, register_map, transduce
 from .device import BridgeDevice
 from .measure import KINDS, campaign
 from .plant import Disturbances, Plant, shop_climate
+from .point_argument import point
 from .pty_pair import PtyPair
 from .server import SimulatedServer
+
+_ELSEWHERE = {
+    "serial": "ASCII devices on a serial line",
+    "can": "devices on CAN",
+    "ipp": "the bridge CMM over I++ DME",
+}
+"""Commands that have a file of their own."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -60,10 +68,10 @@ def _parser() -> argparse.ArgumentParser:
         "--noise", type=float, default=0.3, metavar="UM", help="repeatability, µm (default 0.3)"
     )
     bridge.add_argument(
-        "--tool", type=_point, default=TOOL, metavar="X,Y,Z", help="probe tip's offset, mm"
+        "--tool", type=point, default=TOOL, metavar="X,Y,Z", help="probe tip's offset, mm"
     )
     bridge.add_argument(
-        "--stand-at", type=_point, metavar="X,Y,Z", help="go there and stand instead of moving, mm"
+        "--stand-at", type=point, metavar="X,Y,Z", help="go there and stand instead of moving, mm"
     )
     bridge.add_argument(
         "--encoder-zero",
@@ -83,7 +91,7 @@ def _parser() -> argparse.ArgumentParser:
     measure.add_argument("-o", "--output", type=FilePath, help="file; default: standard output")
 
     commands.add_parser("registers", help="print the register map as Markdown")
-    for name, what in (("serial", "ASCII devices on a serial line"), ("can", "devices on CAN")):
+    for name, what in _ELSEWHERE.items():
         commands.add_parser(name, help=f"serve {what}; see {name} --help")
     return parser
 
@@ -174,14 +182,6 @@ def _watch_stdin(loop: asyncio.AbstractEventLoop, stop: asyncio.Event) -> None:
     while os.read(0, 4096):
         pass
     loop.call_soon_threadsafe(stop.set)
-
-
-def _point(text: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"found {text!r}; expected X,Y,Z in mm") from None
-    return (x, y, z)
 
 
 def _zero(text: str) -> tuple[str, int]:

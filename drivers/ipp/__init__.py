@@ -1,0 +1,1 @@
+"""I++ DME: a read-only link to coordinate measuring machines that speak it over TCP."""

@@ -1,0 +1,317 @@
+"""Asking an I++ DME server in turn: samples, silences, its errors by severity, its sessions."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import time
+from collections.abc import Sequence
+
+from drivers.ipp.config import IppConfig
+from drivers.ipp.errors import ServerError, Severity, StoppedError
+from drivers.ipp.question import Question, positions, questions
+from drivers.ipp.reports import MoveReport
+from drivers.ipp.session import Reply, Session
+from drivers.ipp.state import ServerState
+from drivers.link import (
+    LinkDownError,
+    LinkError,
+    LinkProtocolError,
+    LinkStatus,
+    LinkTimeoutError,
+    Quality,
+    Sample,
+)
+from drivers.quarantine import Roster
+from drivers.reconnect import Keeper
+from drivers.turns import Turns
+
+logger = logging.getLogger("abbe.drivers.ipp")
+
+_NAN = float("nan")
+_SILENCES = 2
+"""Commands that one call waits for in vain before it gives up on the rest."""
+
+
+class Asking:
+    """One server, asked in turn over one session.
+
+    Parameters
+    ----------
+    label
+        The link, for people.
+    config
+        Its section.
+    status
+        Kept up to date.
+    """
+
+    def __init__(self, label: str, config: IppConfig, status: LinkStatus) -> None:
+        self._config = config
+        self._status = status
+        self._regular = questions(config)
+        self._of = {name: question for question in self._regular for name in question.fields}
+        self._reports: MoveReport | None = None
+        self._frame: Question | None = None
+        self._probes = list(self._regular)
+        self._all = list(self._regular)
+        if config.axes and config.move_report is not None:
+            get = positions(config, None)
+            self._reports = MoveReport(config.move_report, get)
+            self._probes.insert(0, get)
+            self._all += [get, self._reports.question]
+        if config.axes and config.coordinates != "any":
+            self._frame = Question("GetCoordSystem", (), config.coordinates_every, {})
+            self._all.append(self._frame)
+        self.keeper = Keeper(
+            label, config, status, self._connect, self._disconnect, logger,
+            lambda: self._roster.renew(),
+        )  # fmt: skip
+        self._turns = Turns(self.keeper, config.max_waiting)
+        self._roster = Roster(self._all, config, self.keeper, logger, "command")
+        self._state = ServerState(label, config, status, self._roster)
+        self._session: Session | None = None
+        self._closing = False
+        self._last: dict[str, Sample] = {}
+
+    async def close(self) -> None:
+        """End the session where there is one, the connection, and the background task."""
+        self._closing = True
+        session = self._session
+        if session is not None and self.keeper.up:
+            if self._reports is not None and self._reports.ordered:
+                with contextlib.suppress(LinkError):
+                    await session.ask(f"StopDaemon({self._reports.tag})")
+            with contextlib.suppress(LinkError):
+                await session.ask("EndSession()")
+            await session.end()
+        await self.keeper.close()
+
+    async def read(self, names: Sequence[str]) -> dict[str, Sample]:
+        """As `drivers.link.Link.read`."""
+        try:
+            async with self._turns:
+                await self._ask_due(names)
+                now = time.monotonic()
+                return {name: self._sample(name, now) for name in names}
+        except LinkError as error:
+            lost = Sample(_NAN, time.monotonic(), Quality.UNAVAILABLE, str(error))
+            return dict.fromkeys(names, lost)
+
+    def _sample(self, name: str, now: float) -> Sample:
+        state, frame = self._state, self._frame
+        is_axis = self._config.channels[name].axis is not None
+        reports = self._reports if is_axis else None
+        question = self._of[name] if reports is None else reports.question
+        wrong = question.refused or state.stopped
+        if is_axis and not wrong:
+            wrong = state.misplaced if frame is None else frame.refused or state.misplaced
+        if wrong:
+            return Sample(_NAN, now, Quality.BAD, wrong)
+        if reports is not None:
+            return reports.sample(name, now)
+        missing = Sample(_NAN, now, Quality.UNAVAILABLE, f"{question.name}: not answered yet")
+        return self._last.get(name, missing)
+
+    def _due(self, names: Sequence[str], now: float) -> list[Question]:
+        """What to ask: the coordinate system, positions, the rest; last, what is in trouble."""
+        due: dict[Question, None] = {}
+        frame, reports, channels = self._frame, self._reports, self._config.channels
+        axes = any(channels[name].axis is not None for name in names)
+        if axes and frame is not None and self._state.frame_is_due(now):
+            due[frame] = None
+        if reports is not None and not reports.ordered:
+            due[reports.question] = None
+        for name in names:
+            question = self._of.get(name)
+            if question is not None and self._is_due(question, name, now):
+                due[question] = None
+        return sorted((q for q in due if not q.refused), key=lambda q: q.failures)
+
+    def _is_due(self, question: Question, name: str, now: float) -> bool:
+        last = self._last.get(name)
+        return (
+            last is None
+            or question.failures > 0
+            or last.quality is Quality.UNAVAILABLE
+            or now - last.time >= question.every
+        )
+
+    async def _ask_due(self, names: Sequence[str]) -> None:
+        now = time.monotonic()
+        due = self._due(names, now)
+        if self._state.stopped:
+            if not self._state.try_again(now):
+                return
+            due = due or [probe for probe in self._probes if not probe.refused][:1]
+            await self._clear()
+        else:
+            await self._look_for_reports(now)
+        silences = 0
+        for question in due:
+            if not self.keeper.up:
+                break
+            if question.failures and (why := question.refusal(time.monotonic())):
+                self._mark(question, Quality.UNAVAILABLE, why)
+                continue
+            if silences and (question.failures or silences >= _SILENCES):
+                why = question.why or "not asked: the server keeps the others waiting"
+                self._mark(question, Quality.UNAVAILABLE, why)
+                continue
+            try:
+                await self._exchange(question)
+            except StoppedError:
+                # whatever else were sent now would be refused
+                break
+            except LinkProtocolError as error:
+                self._mark(question, Quality.BAD, str(error))
+            except LinkTimeoutError as error:
+                silences += 1
+                self._mark(question, Quality.UNAVAILABLE, str(error))
+            except LinkDownError:
+                break
+        if not self.keeper.up:
+            raise self.keeper.down_error()
+
+    async def _look_for_reports(self, now: float) -> None:
+        if self._reports is not None and self._reports.silence(now):
+            # a report may wait in the socket, when it was this process that was held up
+            await asyncio.sleep(0.01)
+            if why := self._reports.silence(now):
+                self.keeper.lost(why)
+
+    async def _exchange(self, question: Question) -> None:
+        """Ask once, and keep what comes."""
+        status, session, reports = self._status, self._session, self._reports
+        if session is None:
+            raise LinkDownError("the connection is closed")
+        ordering = reports if reports is not None and question is reports.question else None
+        status.requests += 1
+        question.asked = True
+        try:
+            reply = await session.ask(question.command, ordering.tag if ordering else None)
+        except LinkTimeoutError as error:
+            status.failures += 1
+            self._roster.unanswered(question, str(error))
+            raise
+        except StoppedError as error:
+            status.failures += 1
+            self._answered(question)
+            self._state.halt(error.error, question)
+            raise
+        except LinkProtocolError:
+            status.failures += 1
+            self._answered(question)
+            raise
+        except LinkError as error:
+            status.failures += 1
+            if not self._closing:
+                self.keeper.lost(str(error))
+            raise LinkDownError(str(error)) from error
+        status.round_trip = session.round_trip
+        self._answered(question)
+        self._state.resume()
+        for warning in reply.warnings:
+            self._state.warn(warning)
+        if ordering is not None:
+            ordering.order_taken()
+        elif question is self._frame:
+            self._state.look_at_frame(reply.data)
+        else:
+            self._keep(question, reply)
+
+    def _answered(self, question: Question) -> None:
+        self._roster.silent_in_a_row = 0
+        if question.failures:
+            self._roster.answered(question)
+
+    def _keep(self, question: Question, reply: Reply) -> None:
+        now = time.monotonic()
+        answer = question.named(reply.data)
+        said = "".join(f" ({warning})" for warning in reply.warnings)
+        for channel, field in question.fields.items():
+            try:
+                self._last[channel] = Sample(field.value(answer), now)
+            except LinkProtocolError as error:
+                why = f"{question.name}: {error}{said}"
+                self._last[channel] = Sample(_NAN, now, Quality.BAD, why)
+
+    def _mark(self, question: Question, quality: Quality, why: str) -> None:
+        sample = Sample(_NAN, time.monotonic(), quality, why)
+        for name in question.fields:
+            self._last[name] = sample
+
+    def _on_error(self, error: ServerError) -> None:
+        """An error that belongs to no command: the server's own, or one of a late answer."""
+        if error.severity is Severity.FATAL:
+            self._lose(str(error))
+        elif error.stops:
+            self._state.halt(error)
+        else:
+            self._state.warn(error)
+
+    def _on_event(self, tag: str, text: str) -> None:
+        reports = self._reports
+        if reports is None or tag != reports.tag:
+            return
+        self._status.requests += 1
+        if not reports.take(text):
+            self._status.failures += 1
+
+    async def _clear(self) -> None:
+        """Clear the server's errors, where the user wants that."""
+        if self._config.clear_errors and self._session is not None:
+            with contextlib.suppress(LinkError):
+                await self._session.ask("ClearAllErrors()")
+
+    async def _connect(self) -> None:
+        """Connect, start a session, get a first answer: a port that is taken in is not up."""
+        config, self._closing = self._config, False
+        async with self._turns.lock:
+            self._disconnect()
+            self._last.clear()
+            self._state.renew(self._all)
+            if self._reports is not None:
+                self._reports.renew()
+            session = self._session = Session(
+                config.timeout, self._on_event, self._on_error, self._lose
+            )
+            await session.open(config.host, config.port)
+            try:
+                await session.ask("StartSession()")
+            except StoppedError:
+                if not config.clear_errors:
+                    raise
+                await self._clear()
+                await session.ask("StartSession()")
+            await self._first_answer()
+
+    async def _first_answer(self) -> None:
+        reports = self._reports
+        question = self._regular[0] if reports is None else reports.question
+        try:
+            await self._exchange(question)
+        except LinkProtocolError:
+            # it answers; what it says is the samples' business
+            return
+        if reports is not None and reports.first is not None:
+            try:
+                async with asyncio.timeout(reports.patience):
+                    await asyncio.shield(reports.first)
+            except TimeoutError:
+                raise LinkTimeoutError(
+                    f"{question.command} was accepted, and no report came in {reports.patience:g} s"
+                ) from None
+
+    def _lose(self, why: str) -> None:
+        if self._reports is not None:
+            self._reports.give_up(why)
+        if self.keeper.up:
+            self.keeper.lost(why)
+        elif self._session is not None:
+            self._session.abandon()
+
+    def _disconnect(self) -> None:
+        if self._session is not None:
+            self._session.abandon()

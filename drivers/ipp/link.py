@@ -1,0 +1,102 @@
+"""The I++ DME link: positions and temperatures of a CMM that speaks it; it never writes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import ClassVar
+
+from drivers.ipp.asking import Asking
+from drivers.ipp.config import IppConfig
+from drivers.link import ChannelInfo, Link, LinkConfig, LinkConfigError, LinkError, Sample
+
+
+class IppLink(Link):
+    """One I++ DME server and its channels.
+
+    Parameters
+    ----------
+    name
+        The link's name in the configuration.
+    config
+        Its section.
+    """
+
+    Config: ClassVar[type[LinkConfig]] = IppConfig
+
+    def __init__(self, name: str, config: IppConfig) -> None:
+        super().__init__(name, config)
+        self._config = config
+        self._names = frozenset(config.channels)
+        self._asking = Asking(f"link {name} ({config.host}:{config.port})", config, self.status)
+
+    @property
+    def channels(self) -> Mapping[str, str]:
+        """Channel name → by which command it is read, and what becomes of it, for people."""
+        return {name: self._describe(name) for name in self._config.channels}
+
+    def info(self, channel: str) -> ChannelInfo:
+        """Unit, and the time between two values; nothing is written."""
+        unit = self._config.channels[channel].value_unit
+        return ChannelInfo(unit, writable=False, every=self._config.every(channel))
+
+    async def open(self) -> None:
+        """Connect, start a session and get a first answer (or report), or begin to retry."""
+        await self._asking.keeper.open()
+
+    async def close(self) -> None:
+        """End the session and the connection; a command in flight fails."""
+        await self._asking.close()
+
+    async def read(self, channels: Sequence[str]) -> dict[str, Sample]:
+        """Read channels: one command for all axes; what is reported is at hand.
+
+        Raises
+        ------
+        LinkConfigError
+            When a name is not in the configuration.
+        """
+        self._check_known(channels)
+        return await self._asking.read(channels)
+
+    async def write(self, values: Mapping[str, float]) -> None:
+        """Refuse: this link only reads.
+
+        Raises
+        ------
+        LinkError
+            Always, unless there is nothing to write.
+        """
+        if values:
+            raise LinkError(
+                f"link {self.name}: nothing written: {', '.join(values)}: an I++ DME link only "
+                "reads; the machine is corrected through its controller, see docs/ipp.md"
+            )
+
+    def _check_known(self, names: Iterable[str]) -> None:
+        if not self._names.issuperset(names):
+            unknown = [name for name in names if name not in self._names]
+            raise LinkConfigError(
+                f"link {self.name} has no channel {', '.join(map(repr, unknown))}; "
+                f"there are: {', '.join(self._config.channels)}"
+            )
+
+    def _describe(self, name: str) -> str:
+        config, channel = self._config, self._config.channels[name]
+        every = config.every(name)
+        if channel.axis is not None:
+            how = "OnMoveReportE" if config.move_report is not None else "Get"
+            parts = [f"{channel.axis} by {how}"]
+            if config.coordinates != "any":
+                parts.append(f"in {config.coordinates}")
+        elif channel.prop is not None:
+            which = f", value {channel.item}" if channel.item != 1 else ""
+            parts = [f"property {channel.prop}{which}"]
+        else:
+            parts = [f"temperature of the {channel.scale_temperature} scale"]
+        if every:
+            parts.append(f"every {every:g} s")
+        if (channel.scale, channel.offset) != (1.0, 0.0):
+            parts.append(f"× {channel.scale:g} + {channel.offset:g}")
+        if channel.value_unit:
+            parts.append(f"in {channel.value_unit}")
+        return ", ".join(parts)

@@ -1,0 +1,164 @@
+"""What is asked of an I++ DME server, and how channels are found in the answers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from drivers.ipp.config import ChannelConfig, IppConfig
+from drivers.ipp.grammar import Named, Value, by_name, shown
+from drivers.link import LinkProtocolError
+from drivers.quarantine import Member
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """Where a channel's number stands in an answer, and what becomes of it.
+
+    Attributes
+    ----------
+    name
+        The name in front of the brackets.
+    item
+        Which value in them, from 1.
+    scale, offset
+        value = number · scale + offset.
+    """
+
+    name: str
+    item: int
+    scale: float
+    offset: float
+
+    def value(self, answer: Mapping[str, tuple[Value, ...]]) -> float:
+        """The channel's value.
+
+        Raises
+        ------
+        LinkProtocolError
+            When the answer does not have it.
+        """
+        values = answer.get(self.name)
+        if values is None:
+            found = ", ".join(answer) or "nothing"
+            raise LinkProtocolError(f"the answer has no {self.name}; it has {found}")
+        if len(values) < self.item:
+            raise LinkProtocolError(
+                f"{self.name} has {len(values)} values, and number {self.item} is wanted"
+            )
+        value = values[self.item - 1]
+        if isinstance(value, Named) and value.name.upper() == "NULL":
+            raise LinkProtocolError(f"the server has no value for {self.name} (NULL)")
+        if not isinstance(value, float):
+            raise LinkProtocolError(f"{self.name}: found {shown(value)}, expected a number")
+        number = value * self.scale + self.offset
+        if not math.isfinite(number):
+            raise LinkProtocolError(f"{self.name}: {value:g} is too large")
+        return number
+
+
+class Question(Member):
+    """One command that is sent again and again.
+
+    Attributes
+    ----------
+    method
+        The command's name.
+    command
+        All of it.
+    every
+        s between two times.
+    fields
+        Channel → where it stands in the answer.
+    refused
+        Why it is not asked any more on this connection; empty when it is.
+    """
+
+    __slots__ = ("command", "every", "fields", "method", "refused")
+
+    def __init__(
+        self, method: str, arguments: tuple[str, ...], every: float, fields: dict[str, Field]
+    ) -> None:
+        self.method = method
+        self.command = f"{method}({', '.join(arguments)})"
+        super().__init__(self.command)
+        self.every = every
+        self.fields = fields
+        self.refused = ""
+
+    def named(self, data: tuple[Value, ...]) -> dict[str, tuple[Value, ...]]:
+        """An answer by name.
+
+        Raises
+        ------
+        LinkProtocolError
+            When it is not of the form ``Name(…), Name(…)``.
+        """
+        return by_name(data, self.method)
+
+
+def _field(section: ChannelConfig) -> Field:
+    name = section.axis or section.prop or section.scale_temperature or ""
+    return Field(name, section.item, section.scale, section.offset)
+
+
+def positions(config: IppConfig, every: float | None) -> Question:
+    """``Get`` for all axes of that pace, of any pace when None: one answer, one moment."""
+    chosen = {
+        name: section
+        for name, section in config.channels.items()
+        if section.axis is not None and every in (None, section.period)
+    }
+    axes = tuple(dict.fromkeys(f"{section.axis}()" for section in chosen.values()))
+    fields = {name: _field(section) for name, section in chosen.items()}
+    return Question("Get", axes, every or 0.0, fields)
+
+
+def questions(config: IppConfig) -> tuple[Question, ...]:
+    """All questions of a configuration.
+
+    One ``Get`` and one ``GetScaleTemperatures`` for all channels of the same pace; a ``GetProp``
+    for each property, because one that the server does not know spoils the whole command.
+    """
+    made: list[Question] = []
+    if config.move_report is None:
+        paces = {s.period: None for s in config.channels.values() if s.axis is not None}
+        made += [positions(config, every) for every in paces]
+    groups: dict[tuple[str, float], dict[str, Field]] = {}
+    for name, section in config.channels.items():
+        if section.prop is not None:
+            groups.setdefault((section.prop, section.period), {})[name] = _field(section)
+    made += [
+        Question("GetProp", (f"{prop}()",), every, fields)
+        for (prop, every), fields in groups.items()
+    ]
+    scales: dict[float, dict[str, Field]] = {}
+    for name, section in config.channels.items():
+        if section.scale_temperature is not None:
+            scales.setdefault(section.period, {})[name] = _field(section)
+    for every, fields in scales.items():
+        axes = tuple(dict.fromkeys(f"{field.name}()" for field in fields.values()))
+        made.append(Question("GetScaleTemperatures", axes, every, fields))
+    return tuple(made)
+
+
+def coordinate_system(data: tuple[Value, ...]) -> str:
+    """The name in an answer to ``GetCoordSystem()``: ``CoordSystem(MachineCsy)``, or bare.
+
+    Raises
+    ------
+    LinkProtocolError
+        When there is none.
+    """
+    values = data
+    while len(values) == 1:
+        (only,) = values
+        if isinstance(only, str):
+            return only
+        if not isinstance(only, Named):
+            break
+        if only.values is None:
+            return only.name
+        values = only.values
+    raise LinkProtocolError(f"found {', '.join(map(shown, data))!r}, expected a coordinate system")

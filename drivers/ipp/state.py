@@ -1,0 +1,137 @@
+"""What is known of an I++ DME server besides its answers: stopped by errors, which coordinates."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterable
+
+from drivers.ipp.config import IppConfig
+from drivers.ipp.errors import USE_CLEAR_ALL_ERRORS, ServerError, Severity
+from drivers.ipp.grammar import Value
+from drivers.ipp.question import Question, coordinate_system
+from drivers.link import LinkStatus
+from drivers.quarantine import Roster
+
+logger = logging.getLogger("abbe.drivers.ipp")
+
+_FIRST_LOOK = 1.0
+"""s after a stop before a command is tried again; doubles from try to try."""
+_SERVER, _COORDINATES = "server", "coordinates"
+
+
+class ServerState:
+    """Whether the server carries out commands, and in which coordinates its positions are.
+
+    Parameters
+    ----------
+    label
+        The link, for people.
+    config
+        Its section.
+    status, roster
+        Kept up to date.
+
+    Attributes
+    ----------
+    stopped
+        Why the server refuses commands and what to do, for people; empty while it does not.
+    misplaced
+        Why positions are not in the coordinates that are wanted; empty when they are.
+    """
+
+    def __init__(self, label: str, config: IppConfig, status: LinkStatus, roster: Roster) -> None:
+        self._label = label
+        self._config = config
+        self._status = status
+        self._roster = roster
+        self.stopped = ""
+        self.misplaced = ""
+        self._delay = 0.0
+        self._resumed_at = -config.quarantine_max
+        self._look_at = 0.0
+        self._frame_at = 0.0
+        self._warned: set[int] = set()
+
+    def renew(self, questions: Iterable[Question]) -> None:
+        """A new connection: what was learned on an earlier one need not hold."""
+        for question in questions:
+            question.refused = ""
+            self._status.quarantined.pop(question.name, None)
+        for key in (_SERVER, _COORDINATES):
+            self._status.quarantined.pop(key, None)
+        self.stopped = ""
+        self.misplaced = "" if self._config.coordinates == "any" else "coordinates not known yet"
+        self._frame_at = 0.0
+        self._warned.clear()
+
+    def halt(self, error: ServerError, question: Question | None = None) -> None:
+        """An error stopped the server; of a question, or of its own."""
+        fresh = self._begin_stop(error)
+        if question is not None and error.own_fault:
+            question.refused = f"{question.name} is refused: {error}"
+            logger.warning("%s: %s; not asked again", self._label, question.refused)
+            self._show(question.name, question.refused)
+        if fresh:
+            logger.warning("%s: %s", self._label, self.stopped)
+        self._show(_SERVER, self.stopped)
+
+    def _begin_stop(self, error: ServerError) -> bool:
+        now, longest = time.monotonic(), self._config.quarantine_max
+        fresh, clears = not self.stopped, self._config.clear_errors
+        if fresh and now - self._resumed_at >= longest:
+            self._delay = 0.0 if clears else _FIRST_LOOK
+        else:
+            self._delay = min(max(2.0 * self._delay, _FIRST_LOOK), longest)
+        self._look_at = now + self._delay
+        if fresh or error.number != USE_CLEAR_ALL_ERRORS:
+            cure = "the link clears it" if clears else "ClearAllErrors() is needed"
+            self.stopped = f"the server is stopped by {error}; {cure}"
+        return fresh
+
+    def try_again(self, now: float) -> bool:
+        """Whether a command may be sent to a stopped server, to see whether it still is."""
+        return now >= self._look_at
+
+    def resume(self) -> None:
+        """A command was carried out: the server is not stopped (any more)."""
+        if self.stopped:
+            self.stopped = ""
+            self._resumed_at = time.monotonic()
+            logger.warning("%s: the server's errors are cleared", self._label)
+            self._show(_SERVER, "")
+
+    def warn(self, error: ServerError) -> None:
+        """An error that stops nothing; logged once a connection."""
+        if error.number not in self._warned:
+            self._warned.add(error.number)
+            level = logging.WARNING if error.severity is Severity.WARNING else logging.INFO
+            logger.log(level, "%s: %s", self._label, error)
+
+    def frame_is_due(self, now: float) -> bool:
+        """Whether to ask for the coordinate system."""
+        return now >= self._frame_at
+
+    def look_at_frame(self, data: tuple[Value, ...]) -> None:
+        """Take note of the coordinate system that the server named.
+
+        Raises
+        ------
+        LinkProtocolError
+            When it named none.
+        """
+        wanted, found = self._config.coordinates, coordinate_system(data)
+        self._frame_at = time.monotonic() + self._config.coordinates_every
+        before, self.misplaced = self.misplaced, ""
+        if found != wanted:
+            self.misplaced = f"positions are in {found}, and {wanted} is wanted"
+        if self.misplaced != before:
+            if self.misplaced:
+                logger.warning("%s: %s", self._label, self.misplaced)
+            self._show(_COORDINATES, self.misplaced)
+
+    def _show(self, key: str, why: str) -> None:
+        self._status.quarantined.pop(key, None)
+        if why:
+            self._status.quarantined[key] = why
+        self._roster.show()
