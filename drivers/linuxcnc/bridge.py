@@ -286,12 +286,13 @@ class Bridge:
                     self._ending = True
                 *lines, held = (held + data).split(b"\n")
                 for line in lines:
-                    self._answer(json.loads(line))
+                    self.answer(json.loads(line))
             self._watch()
             if self._release() and self._ending:
                 return
 
-    def _answer(self, order: dict[str, Any]) -> None:
+    def answer(self, order: dict[str, Any]) -> None:
+        """Carry out one order."""
         if "read" in order:
             self.say(**self.read(order["read"]))
         else:
@@ -331,13 +332,13 @@ class Bridge:
         return False
 
 
-def main() -> int:
+def run(kind: type[Bridge]) -> int:
     """Serve; the exit status: 0 Abbe ended it, 1 LinuxCNC is gone, 2 bad settings."""
     # LinuxCNC's libraries print to standard output; the answers get a pipe of their own.
     out = os.dup(1)
     os.dup2(2, 1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    bridge = Bridge(json.loads(sys.argv[1]), out)
+    bridge = kind(json.loads(sys.argv[1]), out)
 
     def ended(_number: int, _frame: FrameType | None) -> None:
         raise GoneError("LinuxCNC ended")
@@ -357,4 +358,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(Bridge))

@@ -30,12 +30,18 @@ class BridgeProcess:
         As `drivers.linuxcnc.bridge` describes.
     on_lost
         Called with the reason when it ends by itself.
+    script
+        What runs: `BRIDGE`, or one that answers more.
     """
 
     def __init__(
-        self, python: str, settings: dict[str, Any], on_lost: Callable[[str], None]
+        self,
+        python: str,
+        settings: dict[str, Any],
+        on_lost: Callable[[str], None],
+        script: Path = BRIDGE,
     ) -> None:
-        self._command = (python, str(BRIDGE), json.dumps(settings))
+        self._command = (python, str(script), json.dumps(settings))
         self._ramp: float = settings["ramp"]
         self._on_lost = on_lost
         self._process: asyncio.subprocess.Process | None = None
