@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -142,6 +143,7 @@ def _conditions(
     state: dict[str, Any] = {a: q[:, k] for k, a in enumerate(planner.axes)}
     state |= {f"{a}_dir": s[:, k] for k, a in enumerate(planner.axes)}
     state |= {name: np.interp(time, clock, course) for name, course in true.items()}
+    state |= {"u": np.array(rows.u), "rotation": np.array(rows.kind) == "rotation"}
     state |= {"t": time, "clock": clock, "courses": true, "setup": np.array(rows.setup)}
     return state, {name: np.interp(time, clock, c) for name, c in recorded.items()}
 
@@ -236,8 +238,38 @@ def _text(
     return "\n".join(lines) + "\n"
 
 
-def model_text(machine: Machine) -> str:
-    """The model that a user would bring: geometry and expansion, nothing fitted."""
+def model_text(machine: Machine, omits: Sequence[tuple[str, Mapping[str, Any]]] = ()) -> str:
+    """The model that a user would bring: geometry and expansion, nothing fitted.
+
+    `omits`: effects that it lacks, by kind and where-keys.
+    """
+    return "\n".join([*_head(machine), *_effects(machine, omits)]) + "\n"
+
+
+def _effects(machine: Machine, omits: Sequence[tuple[str, Mapping[str, Any]]]) -> Iterator[str]:
+    for kind, where in _geometry(machine.axes):
+        if any(k == kind and where.items() >= w.items() for k, w in omits):
+            continue
+        yield "[[effects]]"
+        yield f'kind = "{kind}"'
+        yield from (f"{key} = {json.dumps(value)}" for key, value in where.items())
+
+
+def _geometry(axes: Sequence[str]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Kind and where-keys of the 21 geometric errors and of the scales' expansion."""
+    for axis in axes:
+        yield "positioning", {"axis": axis, "shape": "spline:8"}
+        for other in "XYZ":
+            if other != axis:
+                yield "straightness", {"axis": axis, "direction": other, "shape": "spline:8"}
+            yield "angular", {"axis": axis, "about": other, "shape": "spline:8"}
+        yield "scale_expansion", {"axis": axis, "signals": [f"T_{axis.lower()}"]}
+    for i, one in enumerate(axes):
+        for two in axes[i + 1 :]:
+            yield "squareness", {"axes": [one, two]}
+
+
+def _head(machine: Machine) -> list[str]:
     lines = [
         'format = "abbe-model/1"',
         "",
@@ -257,31 +289,4 @@ def model_text(machine: Machine) -> str:
         lines += [f'axis = "{sensor.axis}"'] if sensor.axis else []
     lines += ["[machine.signals.feed]", 'unit = "mm/min"', 'role = "speed"']
     lines += ["[machine.signals.load]", 'unit = "kg"', 'role = "load"']
-    for axis in machine.axes:
-        lines += ["[[effects]]", 'kind = "positioning"', f'axis = "{axis}"', 'shape = "spline:8"']
-        for other in "XYZ":
-            if other != axis:
-                lines += [
-                    "[[effects]]",
-                    'kind = "straightness"',
-                    f'axis = "{axis}"',
-                    f'direction = "{other}"',
-                    'shape = "spline:8"',
-                ]
-            lines += [
-                "[[effects]]",
-                'kind = "angular"',
-                f'axis = "{axis}"',
-                f'about = "{other}"',
-                'shape = "spline:8"',
-            ]
-        lines += [
-            "[[effects]]",
-            'kind = "scale_expansion"',
-            f'axis = "{axis}"',
-            f'signals = ["T_{axis.lower()}"]',
-        ]
-    for i, one in enumerate(machine.axes):
-        for two in machine.axes[i + 1 :]:
-            lines += ["[[effects]]", 'kind = "squareness"', f'axes = ["{one}", "{two}"]']
-    return "\n".join(lines) + "\n"
+    return lines

@@ -39,6 +39,8 @@ class Cause:
         For what is in no catalogue: the recorded quantities that it depends on.
     size
         Amplitude that makes an effect of about a micrometre, for scaling.
+    omits
+        (kind, where-keys) of an effect that the user's model lacks.
     """
 
     name: str
@@ -47,6 +49,7 @@ class Cause:
     answers: tuple[tuple[str, Mapping[str, Any]], ...] = ()
     depends: tuple[str, ...] = ()
     size: float = 1e-3
+    omits: tuple[str, Mapping[str, Any]] | None = None
 
 
 def six(state: State, component: int, value: F64) -> F64:
@@ -264,6 +267,12 @@ def nobody_knows(
             POINT,
             lambda s: six(s, d, np.asarray(s[f"{middle}_dir"]) * scaled(s, last) ** 2),
             depends=(last, f"{middle}_dir"),
+        ),
+        Cause(
+            "square of a temperature",
+            POINT,
+            lambda s: six(s, d, (s["T_amb"] - 21.0) ** 2),
+            depends=("T_amb",),
         ),
         Cause(
             "sudden hum of the foundation",

@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from compcore.campaign import Campaign
-from compcore.diagnose.evidence import cost_of
+from compcore.diagnose.evidence import RIGID_BODY, cost_of
 from compcore.effects.base import Effect
 from compcore.effects.registry import effect_kinds
 from compcore.errors import InputError
@@ -18,6 +18,9 @@ from compcore.machine import Machine
 from compcore.model import Model
 from compcore.revise import identity
 from compcore.survey import Survey
+
+RIGID = ("positioning", "straightness", "angular")
+"""Error motions of a rigid axis: any function of the axis's own position."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,13 +66,10 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
             except InputError:
                 continue
             seen.add(effect.spec)
-            found.append(
-                Candidate(
-                    effect,
-                    cost_of(effect, machine, len(campaign.setups)),
-                    tuple(_choices(effect, machine, survey)),
-                )
-            )
+            cost = cost_of(effect, machine, len(campaign.setups))
+            if effect.kind in RIGID:
+                cost += RIGID_BODY
+            found.append(Candidate(effect, cost, tuple(_choices(effect, machine, survey))))
     found += list(_refinements(model, campaign))
     return found
 

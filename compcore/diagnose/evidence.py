@@ -29,6 +29,10 @@ INDISTINCT = 10.0
 CONVINCING = 12.0
 """Least evidence of an established candidate (Bayes factor 400, beyond all other safeguards)."""
 
+RIGID_BODY = -40.0
+"""Cost of an error motion of a rigid axis that the model lacks altogether: every axis has it, and
+its shape's many coefficients are no reason to prefer two rarer causes that imitate it."""
+
 IMPLAUSIBLE = 12.0
 """Cost of a fitted parameter outside its plausible range."""
 
@@ -123,7 +127,7 @@ def cost_of(effect: Effect, machine: Machine, setups: int) -> float:
 
 _ROLES: dict[str, tuple[str, ...]] = {
     "scale_expansion": ("scale", "screw"),
-    "screw_heating": ("screw", "speed", "scale"),
+    "screw_heating": ("screw", "speed"),
     "thermal_offset": ("spindle", "structure", "ambient", "coolant"),
     "thermal_tilt": ("structure", "ambient", "coolant", "spindle"),
     "thermal_bending": ("structure", "coolant", "spindle", "ambient"),
@@ -135,13 +139,23 @@ _ROLES: dict[str, tuple[str, ...]] = {
 }
 
 
+def _role_cost(role: str, wanted: tuple[str, ...]) -> float:
+    """A role further down the list is a little less likely, one off the list much less."""
+    if role in wanted:
+        return float(wanted.index(role))
+    return _OF_THE_SCALE if role == "scale" else len(wanted) + 2.0
+
+
+_OF_THE_SCALE = 10.0
+"""Cost of a scale's own thermometer for anything but the scale's expansion: it follows the air as
+many bodies do and stands for one of them at best."""
+
+
 def _signal_cost(effect: Effect, signals: list[Signal]) -> float:
     wanted = _ROLES.get(effect.kind)
     cost = 0.0
     if wanted is not None:
-        # a role further down the list is a little less likely, one off the list much less
-        ranks = [wanted.index(s.role) if s.role in wanted else len(wanted) + 2 for s in signals]
-        cost += float(np.mean(ranks)) * 1.0
+        cost += float(np.mean([_role_cost(s.role, wanted) for s in signals]))
     axis = getattr(effect, "axis", None)
     if effect.kind in ("scale_expansion", "screw_heating") and any(
         s.axis not in (None, axis) for s in signals

@@ -69,6 +69,8 @@ class Pattern:
         Shape (n, k), unit-free.
     terms
         Formula terms, one per column; empty where no short formula says it.
+    factors
+        Of a product: its factors' names, a squared one twice.
     """
 
     depends_on: tuple[str, ...]
@@ -76,6 +78,7 @@ class Pattern:
     channel: Channel
     basis: F64
     terms: tuple[str, ...] = ()
+    factors: tuple[str, ...] = ()
 
 
 def variables(machine: Machine, conditions: Conditions) -> list[Variable]:
@@ -142,15 +145,20 @@ def products(
             term = "*".join(_scaled(v) for v in chosen)
             depends = tuple(dict.fromkeys(names))
             for channel in on:
-                yield Pattern(depends, _product_form(depends, squared), channel, basis, (term,))
+                form = _product_form(depends, squared)
+                yield Pattern(depends, form, channel, basis, (term,), tuple(names))
 
 
 def surfaces(
     quantities: Sequence[Variable], on: Sequence[Channel], degree: int = SURFACE_DEGREE
 ) -> Iterator[Pattern]:
-    """Smooth functions of one quantity, and of each pair with a position in it."""
+    """Smooth functions of one quantity, and of each pair with a position in it.
+
+    A function of one position alone is an error motion of that axis: the catalogue has it, as such
+    or as more detail of what the model has.
+    """
     smooth = [v for v in quantities if v.family != "direction"]
-    for v in smooth:
+    for v in (v for v in smooth if v.family != "position"):
         basis = _f64(chebyshev.chebvander(v.value, 2 * degree)[:, 1:])
         for channel in on:
             yield Pattern((v.name,), f"smooth function of {v.name}", channel, basis)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,6 +118,19 @@ class Patterns:
     def established(self, basis: Basis) -> list[Structure]:
         """The strongest patterns that the data establish."""
         return [s for s in self.strongest(basis) if s.established(basis.n)]
+
+    def with_lower_orders(self, structure: Structure) -> F64:
+        """Columns of a pattern and, of a product of three quantities, of its products of two.
+
+        The quantities are counted from the middle of what was recorded, nature counts from
+        elsewhere: (X − x₀)·(Y − y₀)·(T − T₀) has a part in X·Y alone for any other T₀.
+        """
+        pattern = structure.pattern
+        value = {q.name: q.value for q in self._quantities}
+        seen = self._seen[pattern.channel]
+        pairs = dict.fromkeys(combinations(pattern.factors, 2)) if len(pattern.factors) > 2 else ()
+        lower = [(seen * value[a] * value[b])[:, None] for a, b in pairs]
+        return np.hstack([structure.columns, *lower])
 
     def _weighed(self, basis: Basis, pattern: Pattern, tests: int) -> Structure:
         refined = 0

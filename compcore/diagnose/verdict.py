@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from compcore.campaign import Campaign, Kind
 from compcore.diagnose.aliases import Alias, aliases
-from compcore.diagnose.candidates import Candidate, candidates
+from compcore.diagnose.candidates import RIGID, Candidate, candidates
 from compcore.diagnose.crossvalidation import folds, gain, left_out
 from compcore.diagnose.evidence import CONVINCING
 from compcore.diagnose.parameters import Estimate
@@ -203,17 +203,19 @@ def _compete(
     by_causes = joint_value(basis, after, chosen) if chosen else 0.0
     left = patterns.established(after) if chosen else strong
     better = strong[0].evidence.value > by_causes + BETTER
-    if not left and not better:
+    # a function of one position is an error motion of its axis, however plainly it can be described
+    rigid = bool(chosen) and all(f.candidate.effect.kind in RIGID for f in chosen)
+    if not left and (rigid or not better):
         return chosen, []
     # something is left whatever the catalogue offers
     if left and chosen and not better and by_causes > strong[0].evidence.value + CONVINCING:
         # the causes say more than any one description; but a cause further down the list may
         # only be imitating what is left, and is kept only if it stands beside the description
-        return _beside(pool, basis, chosen, left), left
+        return _beside(pool, basis, chosen, left, patterns), left
     extended = basis
     told: list[Structure] = []
     for s in strong[:1]:
-        extended = extended.extended(s.columns)
+        extended = extended.extended(patterns.with_lower_orders(s))
         told.append(s)
     more, _ = search(pool, extended)
     more = [f for f in more if f.evidence.value > BEYOND_DOUBT]
@@ -226,12 +228,16 @@ def _compete(
 
 
 def _beside(
-    pool: Pool, basis: Basis, chosen: Sequence[Found], left: Sequence[Structure]
+    pool: Pool,
+    basis: Basis,
+    chosen: Sequence[Found],
+    left: Sequence[Structure],
+    patterns: Patterns,
 ) -> list[Found]:
     """Those causes that stay established once the structure that is left is described."""
     described = basis
     for s in left:
-        described = described.extended(s.columns)
+        described = described.extended(patterns.with_lower_orders(s))
     kept: list[Found] = []
     for f in chosen:
         (again,) = pool.weighed(described, [f])
