@@ -14,6 +14,7 @@ from compcore.model_file import load_model
 from compcore.toml_source import TomlSource
 from daemon.config.sections import ConfigFile
 from daemon.config.told import told
+from daemon.config.upload import UploadSetup, upload_setup
 from daemon.guard import GuardLimits
 from drivers.link import Link, LinkConfig, LinkConfigError, link_class
 
@@ -43,6 +44,8 @@ class Configuration:
         The links by name, not yet made.
     limits
         What the guard allows.
+    upload
+        Where tables go; None: nowhere.
     """
 
     path: Path
@@ -50,6 +53,7 @@ class Configuration:
     model: Model
     links: Mapping[str, LinkSetup]
     limits: GuardLimits
+    upload: UploadSetup | None = None
 
     @property
     def model_path(self) -> Path:
@@ -88,13 +92,12 @@ def load_config(path: str | Path) -> Configuration:
         raise source.error(
             "no such model file", ("model",), found=str(model_path), expected="a path to a model"
         )
-    configuration = Configuration(
-        Path(path), file, load_model(model_path), links, _limits(source, file)
-    )
-    try:
-        made = configuration.make_links()
-    except LinkConfigError as error:
-        raise source.error(str(error), ("links",)) from None
+    model = load_model(model_path)
+    upload = None
+    if file.upload is not None:
+        upload = upload_setup(source, file.upload, model.machine, file.guard.norm)
+    configuration = Configuration(Path(path), file, model, links, _limits(source, file), upload)
+    made = {name: _made(source, name, setup) for name, setup in links.items()}
     check(source, configuration, made)
     return configuration
 
@@ -119,6 +122,13 @@ def _link(source: TomlSource, name: str, section: Mapping[str, Any]) -> LinkSetu
         return LinkSetup(driver, kind, kind.Config.model_validate(rest, context=folder))
     except ValidationError as error:
         raise told(source, error, path) from None
+
+
+def _made(source: TomlSource, name: str, setup: LinkSetup) -> Link:
+    try:
+        return setup.kind(name, setup.config)
+    except LinkConfigError as error:
+        raise source.error(str(error), ("links", name, *error.field)) from None
 
 
 def _limits(source: TomlSource, file: ConfigFile) -> GuardLimits:

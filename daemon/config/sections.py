@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from daemon.config.upload import UploadSection
 from drivers.transducers import AnyTransducerConfig
 
 FORMAT = "abbe-config/1"
@@ -192,3 +193,4 @@ class ConfigFile(Section):
     controller: ControllerSection = ControllerSection()
     output: OutputSection = OutputSection()
     journal: JournalSection = JournalSection()
+    upload: UploadSection | None = None
