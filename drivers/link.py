@@ -35,7 +35,18 @@ class LinkError(Exception):
 
 
 class LinkConfigError(LinkError, ValueError):
-    """The configuration cannot work, e.g. two channels overlap with different types."""
+    """The configuration cannot work, e.g. two channels overlap with different types.
+
+    Attributes
+    ----------
+    field
+        Keys below the link's section that lead to what is wrong, e.g. ``("channels", "x")``;
+        empty: the section itself.
+    """
+
+    def __init__(self, message: str, field: Sequence[str] = ()) -> None:
+        super().__init__(message)
+        self.field = tuple(field)
 
 
 class LinkDownError(LinkError, ConnectionError):

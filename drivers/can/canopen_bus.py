@@ -1,21 +1,20 @@
-"""The one owner of a CANopen bus: its nodes found, set up and watched; SYNC; transfers counted."""
+"""The one owner of a CANopen bus: opened, its nodes cared for, transfers counted, state shown."""
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
 import logging
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, TypeVar
 
 from drivers.can.bus import CanBus
 from drivers.can.canopen_config import CanopenConfig
-from drivers.can.error_frames import BusErrors
-from drivers.can.frames import frame
+from drivers.can.error_frames import LEFT_THE_BUS, BusErrors
+from drivers.can.interface import LINUX_ERRORS
+from drivers.can.node_care import NodeCare
+from drivers.can.sync import Sync
 from drivers.link import (
-    LinkConfigError,
     LinkDownError,
     LinkError,
     LinkProtocolError,
@@ -32,15 +31,10 @@ if TYPE_CHECKING:
     from drivers.can.canopen_wall import Network
     from drivers.can.expedited import Ask
     from drivers.can.node import Node
-    from drivers.can.pdo import Pdo
 
 logger = logging.getLogger("abbe.drivers.can")
 
 T = TypeVar("T")
-
-_LOOK = 0.05
-"""s between two looks at heartbeats."""
-_SYNC_ID, _NMT_ID = 0x80, 0
 
 
 class NodeBus:
@@ -59,6 +53,8 @@ class NodeBus:
     ----------
     nodes
         By name; empty before `open`.
+    sync
+        Its SYNC.
     """
 
     def __init__(self, name: str, config: CanopenConfig, status: LinkStatus) -> None:
@@ -76,13 +72,14 @@ class NodeBus:
         self.turns = Turns(self.keeper, config.max_waiting)
         self.nodes: dict[str, Node] = {}
         self._bus = CanBus(config, self._take, self.keeper.lost)
-        self._errors = BusErrors(self.keeper.lost, self._show)
+        self.sync = Sync(self._bus, config, status)
+        self._errors = BusErrors(
+            self.keeper.lost, self._show, linux=config.interface in LINUX_ERRORS
+        )
         self._roster = Roster((), config, self.keeper, logger, "node")
         self._threads: ThreadPoolExecutor | None = None
         self._network: Network | None = None
-        self._tasks: list[asyncio.Task[None]] = []
-        self._awaited: set[Pdo] = set()
-        self._synced: asyncio.Future[None] | None = None
+        self._care: NodeCare | None = None
 
     async def open(self) -> None:
         """Make the nodes and connect, or begin to retry.
@@ -90,37 +87,48 @@ class NodeBus:
         Raises
         ------
         LinkConfigError
-            When there is no such interface, or a package is missing.
+            When the interface cannot be used on this computer.
         """
         if not self.nodes:
             self._make_nodes()
         await self.keeper.open()
 
+    def node(self, name: str) -> Node:
+        """A node of the configuration.
+
+        Raises
+        ------
+        LinkDownError
+            When the bus is not open.
+        """
+        if name not in self.nodes:
+            raise self.keeper.down_error()
+        return self.nodes[name]
+
     async def close(self) -> None:
         """End everything; transfers under way fail."""
         await self.keeper.close()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        if self._care is not None:
+            await self._care.ended()
         await self._bus.close()
         if self._threads is not None:
             self._threads.shutdown(wait=False)
-        self.nodes = {}
+        self.nodes, self._care = {}, None
 
     def _make_nodes(self) -> None:
-        try:
-            from drivers.can.canopen_wall import Network
-            from drivers.can.node import Node
-        except ImportError as error:
-            raise LinkConfigError(
-                f"CANopen needs the package {error.name}: pip install 'abbe[can]'"
-            ) from None
+        from drivers.can.canopen_wall import Network
+        from drivers.can.node import Node
+
         config = self._config
         self._network = Network(self._bus, config.timeout)
         self._threads = ThreadPoolExecutor(len(config.nodes), "canopen")
         self.nodes = {
-            name: Node(name, config, self._network, self._threads, self._changed)
+            name: Node(name, config, self._network, self._threads, self._show, self.sync.look)
             for name in config.nodes
         }
-        self._roster = Roster(self.nodes.values(), config, self.keeper, logger, "node")
+        nodes = self.nodes.values()
+        self._roster = Roster(nodes, config, self.keeper, logger, "node")
+        self._care = NodeCare(nodes, self._bus, self._roster, self.keeper, self._look, self._show)
 
     # Transfers
 
@@ -157,6 +165,18 @@ class NodeBus:
         status.round_trip = time.monotonic() - began
         self._answered(node)
         return answer
+
+    async def upload(self, node: Node, index: int, subindex: int) -> bytes:
+        """Read an object of any length.
+
+        Raises
+        ------
+        LinkError
+            As `transfer`.
+        """
+        return await self.transfer(
+            node, lambda network: network.upload(node.number, index, subindex)
+        )
 
     async def ask(self, asked: Mapping[Node, Ask]) -> dict[Node, bytes | LinkError]:
         """Read or write short objects, one of each node, all at once.
@@ -213,63 +233,13 @@ class NodeBus:
         if node.failures >= self._config.quarantine_after:
             node.lose(node.why)
 
-    # SYNC
-
-    async def sync(self, pdos: Collection[Pdo]) -> None:
-        """Send a SYNC and wait, at most one time-out, for the PDOs that answer it.
-
-        Raises
-        ------
-        LinkDownError
-            When it cannot be sent.
-        """
-        config = self._config
-        began = time.monotonic()
-        waited_for = {pdo for pdo in pdos if began >= pdo.not_before}
-        for pdo in waited_for:
-            pdo.awaited_since = began
-        self._awaited = waited_for
-        synced = self._synced = asyncio.get_running_loop().create_future()
-        give_up = asyncio.get_running_loop().call_later(config.timeout, _finish, synced)
-        self._status.requests += 1
-        try:
-            self._bus.send([frame(_SYNC_ID, b"")])
-            if waited_for:
-                await synced
-        finally:
-            give_up.cancel()
-            self._awaited, self._synced = set(), None
-            for pdo in waited_for:
-                if pdo.awaited_since is not None:
-                    # its answer may still come, and is not to pass for the next one's
-                    pdo.not_before = time.monotonic() + config.late_reply_max
-        self._status.round_trip = time.monotonic() - began
-
-    async def _sync_for_ever(self, period: float) -> None:
-
-        loop = asyncio.get_running_loop()
-        due = loop.time()
-        while True:
-            with contextlib.suppress(LinkError):
-                self._bus.send([frame(_SYNC_ID, b"")])
-            due = max(due + period, loop.time())
-            await asyncio.sleep(due - loop.time())
-
-    def _changed(self) -> None:
-        """A node said something by itself."""
-        if self._synced is not None and not self._synced.done():
-            self._awaited = {pdo for pdo in self._awaited if pdo.awaited_since is not None}
-            if not self._awaited:
-                self._synced.set_result(None)
-        self._show()
-
     # What comes
 
     def _take(self, message: can.Message, arrived: float) -> None:
         if message.is_error_frame:
             self._errors.take(message.arbitration_id, bytes(message.data))
         elif self._network is not None and not message.is_extended_id:
-            self._network.notify(message)
+            self._network.notify(message, arrived)
 
     def _show(self) -> None:
         """Bring the link's state up to date: silent nodes, emergencies, states, bus errors."""
@@ -281,57 +251,10 @@ class NodeBus:
             more += node.refused.values()
         self._roster.show(*filter(None, more))
 
-    async def _look(self) -> None:
-        """Watch heartbeats; reconnect when no node is left; start what fell back."""
-        while True:
-            await asyncio.sleep(_LOOK)
-            self._errors.forget_old()
-            now = time.monotonic()
-            for node in self.nodes.values():
-                limit = node.section.heartbeat
-                if node.prepared and limit is not None and now - node.heard > limit:
-                    why = f"{node.name}: no heartbeat for {now - node.heard:.1f} s"
-                    node.lose(why)
-                    self._roster.set_apart(node, why)
-                elif node.prepared and node.fell_back():
-                    self._start(node)
-            if not any(node.prepared for node in self.nodes.values()):
-                whys = "; ".join(node.why for node in self.nodes.values())
-                self.keeper.lost(f"no node answers: {whys}")
-                return
-
-    async def _care_for(self, node: Node) -> None:
-        """Look for a node whenever it has to be, less and less often."""
-        while True:
-            await node.needs_care.wait()
-            wait = node.retry_at - time.monotonic()
-            if node.failures and wait > 0:
-                await asyncio.sleep(min(wait, _LOOK))
-                continue
-            try:
-                await self._prepare(node)
-            except LinkDownError as error:
-                self.keeper.lost(str(error))
-                return
-            except LinkTimeoutError as error:
-                self._roster.unanswered(node, str(error), bus_silent=False)
-                node.needs_care.set()
-
-    async def _prepare(self, node: Node) -> None:
-        node.asked = True
-        await node.prepare()
-        self._start(node)
-        if node.failures:
-            self._roster.answered(node)
-        self._show()
-
-    def _start(self, node: Node) -> None:
-        from drivers.can.node import START
-
-        if node.section.start:
-            node.started_at = time.monotonic()
-            with contextlib.suppress(LinkError):
-                self._bus.send([frame(_NMT_ID, bytes((START, node.number)))])
+    def _look(self) -> None:
+        self._errors.forget_old()
+        if self._bus.is_bus_off():
+            self.keeper.lost(LEFT_THE_BUS)
 
     # Connecting
 
@@ -345,46 +268,22 @@ class NodeBus:
         """
         async with self.turns.lock:
             await self._bus.open()
-            for node in self.nodes.values():
-                node.renew()
-            nodes = list(self.nodes.values())
-            found = await asyncio.gather(
-                *(self._prepare(node) for node in nodes), return_exceptions=True
-            )
-            errors = []
-            for node, error in zip(nodes, found, strict=True):
-                if isinstance(error, LinkTimeoutError):
-                    errors.append(error)
-                    node.failures = max(node.failures, 1)
-                    node.why = str(error)
-                    node.needs_care.set()
-                elif isinstance(error, BaseException):
-                    raise error
-            if len(errors) == len(nodes):
-                raise LinkTimeoutError(f"the interface is open, and no node answers: {errors[0]}")
+            if self._care is not None:
+                await self._care.find_all()
 
     def _up(self) -> None:
-        self._roster.renew()
-        for node in self.nodes.values():
-            if not node.prepared:
-                self._roster.set_apart(node, node.why)
-        jobs = [self._look(), *(self._care_for(node) for node in self.nodes.values())]
-        if isinstance(self._config.sync, float):
-            jobs.append(self._sync_for_ever(self._config.sync))
-        self._tasks = [asyncio.create_task(job) for job in jobs]
+        if self._care is None:
+            return
+        period = self._config.sync
+        jobs = [self.sync.send_for_ever(period)] if isinstance(period, float) else []
+        self._care.begin(*jobs)
         self._show()
 
     def _disconnect(self) -> None:
-        for task in self._tasks:
-            task.cancel()
+        if self._care is not None:
+            self._care.end()
         closed = LinkDownError("the interface was closed")
-        if self._synced is not None and not self._synced.done():
-            self._synced.set_exception(closed)
+        self.sync.fail(closed)
         if self._network is not None:
             self._network.fail(closed)
         self._bus.abandon()
-
-
-def _finish(synced: asyncio.Future[None]) -> None:
-    if not synced.done():
-        synced.set_result(None)

@@ -55,9 +55,15 @@ class Network:
         Where frames go.
     timeout
         s for an SDO answer.
+
+    Attributes
+    ----------
+    arrived
+        When the frame came that is being taken in (monotonic, s).
     """
 
     def __init__(self, bus: CanBus, timeout: float) -> None:
+        self.arrived = 0.0
         self._feed = _Feed(bus)
         self._expedited = Expedited(bus)
         self._timeout = timeout
@@ -93,8 +99,9 @@ class Network:
         """As `subscribe`, beside what canopen itself does with that id."""
         self._feed.subscribe(can_id, lambda _, data, __: callback(bytes(data)))
 
-    def notify(self, message: can.Message) -> None:
+    def notify(self, message: can.Message, arrived: float) -> None:
         """Take a frame in, from the event loop."""
+        self.arrived = arrived
         can_id = message.arbitration_id
         # canopen would keep answers that it did not ask for.
         if not self._expedited.take(can_id, bytes(message.data)):

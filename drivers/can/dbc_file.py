@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,42 +23,67 @@ def load(config: DbcConfig) -> dict[str, Message]:
     Raises
     ------
     LinkConfigError
-        When the file cannot be read, or lacks a message or signal; says what it has.
+        When the file cannot be read, or lacks a message or signal (says what it has), or two of
+        the messages cannot be told apart, or are CAN FD on a link that is not.
     """
-    try:
-        import cantools
-    except ImportError:
-        raise LinkConfigError(
-            "DBC files need the package cantools: pip install 'abbe[can]'"
-        ) from None
+    import cantools
+
     if not Path(config.dbc).is_file():
-        raise LinkConfigError(f"there is no file {config.dbc}")
+        raise LinkConfigError(f"there is no file {config.dbc}", ("dbc",))
     try:
         database = cantools.database.load_file(config.dbc)
     except Exception as error:
         # cantools raises its parsers' errors as they are
-        raise LinkConfigError(f"{config.dbc} cannot be read: {error}") from error
+        raise LinkConfigError(f"{config.dbc} cannot be read: {error}", ("dbc",)) from error
     found: dict[str, Message] = {}
     for name, channel in config.channels.items():
-        message = _message(database, channel.message, config.dbc, f"channel {name!r}")
+        key = ("channels", name)
+        message = _message(database, channel.message, config.dbc, (*key, "message"))
         signal_of(message, name, channel)
         found[channel.message] = message
     for name in config.messages:
-        _message(database, name, config.dbc, f"messages.{name}")
+        _message(database, name, config.dbc, ("messages", name))
         if name not in found:
-            raise LinkConfigError(f"messages.{name} is used by no channel")
+            raise LinkConfigError(f"message {name} is used by no channel", ("messages", name))
+    _check_frames(list(found.values()), config)
     return found
 
 
-def _message(database: Any, name: str, file: str, what: str) -> Message:
+def _message(database: Any, name: str, file: str, key: tuple[str, ...]) -> Message:
     for message in database.messages:
         if message.name == name:
             found: Message = message
             return found
     raise LinkConfigError(
-        f"{what}: {file} has no message {name!r}; it has: "
-        + ", ".join(message.name for message in database.messages)
+        f"{file} has no message {name!r}; it has: "
+        + ", ".join(message.name for message in database.messages),
+        key,
     )
+
+
+def _check_frames(messages: Sequence[Message], config: DbcConfig) -> None:
+    taken: dict[tuple[int, bool], str] = {}
+    for message in messages:
+        number = (message.frame_id, message.is_extended_frame)
+        if number in taken:
+            raise LinkConfigError(
+                f"messages {taken[number]} and {message.name} have the same id "
+                f"{message.frame_id:X}h in {config.dbc}: nobody can tell their frames apart",
+                ("dbc",),
+            )
+        taken[number] = message.name
+        if message.is_fd and config.options.get("fd") is not True:
+            raise LinkConfigError(
+                f"message {message.name} is a CAN FD frame in {config.dbc}: that needs an "
+                "interface that can, with options = { fd = true }",
+                ("options",),
+            )
+
+
+def has_fast_data(message: Message) -> bool:
+    """Whether a CAN FD message's data go at the second bit rate (Vector's attribute CANFD_BRS)."""
+    attributes = message.dbc.attributes if message.dbc is not None else {}
+    return "CANFD_BRS" in attributes and bool(attributes["CANFD_BRS"].value)
 
 
 def signal_of(message: Message, name: str, channel: ChannelConfig) -> Signal:
@@ -74,8 +99,9 @@ def signal_of(message: Message, name: str, channel: ChannelConfig) -> Signal:
         if signal.name == wanted:
             return signal
     raise LinkConfigError(
-        f"channel {name!r}: message {message.name} has no signal {wanted!r}; it has: "
-        + ", ".join(signal.name for signal in message.signals)
+        f"message {message.name} has no signal {wanted!r}; it has: "
+        + ", ".join(signal.name for signal in message.signals),
+        ("channels", name),
     )
 
 

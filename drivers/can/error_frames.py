@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 
 BUS_OFF = 0x40
+LEFT_THE_BUS = "bus-off: the controller has left the bus"
 _CLASSES = {
     0x01: "transmission timed out",
     0x02: "arbitration lost",
@@ -67,6 +68,9 @@ class BusErrors:
         Called with the reason when the controller has left the bus.
     on_change
         Called when `text` changed.
+    linux
+        Whether the interface's error frames are Linux's; what others put into theirs is not
+        interpreted.
 
     Attributes
     ----------
@@ -79,7 +83,10 @@ class BusErrors:
     LINGER = 5.0
     """s for which an error frame matters."""
 
-    def __init__(self, on_bus_off: Callable[[str], None], on_change: Callable[[], None]) -> None:
+    def __init__(
+        self, on_bus_off: Callable[[str], None], on_change: Callable[[], None], *, linux: bool
+    ) -> None:
+        self._linux = linux
         self._on_bus_off = on_bus_off
         self._on_change = on_change
         self._last = 0.0
@@ -90,11 +97,14 @@ class BusErrors:
         """An error frame came."""
         self.count += 1
         self._last = time.monotonic()
-        if is_bus_off(identifier):
+        if not self._linux:
+            text = "the interface reports error frames"
+        elif is_bus_off(identifier):
             self.text = ""
-            self._on_bus_off(f"bus-off: the controller has left the bus ({told(identifier, data)})")
+            self._on_bus_off(f"{LEFT_THE_BUS} ({told(identifier, data)})")
             return
-        text = "" if is_recovery(identifier, data) else told(identifier, data)
+        else:
+            text = "" if is_recovery(identifier, data) else told(identifier, data)
         if text != self.text:
             self.text = text
             self._on_change()

@@ -84,3 +84,22 @@ class Heard(Member):
                 else:
                     why_not = f"{self.message.name}.{signal} is {value}"
                     self.values[name] = Sample(_NAN, self.came, Quality.BAD, why_not)
+
+    def sample(self, channel: str, now: float) -> Sample:
+        """A channel's last value; unavailable when it did not come again for too long."""
+        if self.fresh:
+            self.work_out()
+        sample = self.values.get(channel)
+        limit = max(self.within, self.every)
+        if sample is not None and now - sample.time <= limit:
+            return sample
+        if now - self.came <= limit:
+            why = f"{self.name} comes, but its page with {self.channels[channel][0]} does not"
+        else:
+            why = self.silence(now)
+        return Sample(_NAN, now, Quality.UNAVAILABLE, why)
+
+    def silence(self, now: float) -> str:
+        """Why there is no value, for people."""
+        since = f"for {now - self.came:.1f} s" if self.data is not None else "yet"
+        return self.why or f"{self.name} did not come {since}"

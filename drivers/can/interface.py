@@ -6,6 +6,7 @@ import fcntl
 import inspect
 import logging
 import os
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from pydantic import Field
@@ -18,6 +19,10 @@ if TYPE_CHECKING:
 
 PROMPT = ("socketcan", "slcan", "udp_multicast", "virtual")
 """Interfaces that send without waiting for a device, or fail."""
+STAMPED = ("socketcan", "udp_multicast")
+"""Interfaces whose frames carry the time at which the kernel took them in (CLOCK_REALTIME)."""
+LINUX_ERRORS = ("socketcan", "udp_multicast")
+"""Interfaces whose error frames are Linux's; others flag a frame, each with numbers of its own."""
 _OPTIONS_ARE_KNOWN = ("socketcan", "slcan", "udp_multicast", "virtual")
 """Interfaces whose options all stand in their signature; others take more than it says."""
 
@@ -63,28 +68,52 @@ class Opened(NamedTuple):
     guard: int
 
 
+def check_interface(config: InterfaceConfig, *packages: str) -> None:
+    """Refuse what can never work, before anything is opened.
+
+    Parameters
+    ----------
+    config
+        Which interface.
+    packages
+        What the link needs besides python-can.
+
+    Raises
+    ------
+    LinkConfigError
+        When a package is not installed, or python-can has no such interface, or that has no such
+        option.
+    """
+    missing = [name for name in ("can", *packages) if find_spec(name) is None]
+    if missing:
+        shown = ", ".join({"can": "python-can"}.get(name, name) for name in missing)
+        raise LinkConfigError(
+            f"CAN links need packages that are not installed ({shown}): pip install 'abbe[can]'",
+            ("driver",),
+        )
+    import can
+
+    if config.interface not in can.VALID_INTERFACES:
+        known = ", ".join(sorted(can.VALID_INTERFACES))
+        raise LinkConfigError(
+            f"python-can has no interface {config.interface!r}; it has: {known}", ("interface",)
+        )
+    if config.interface in _OPTIONS_ARE_KNOWN:
+        _check_options(config, can.interface._get_class_for_interface(config.interface))
+
+
 def open_interface(config: InterfaceConfig) -> Opened:
     """Open an interface, a serial adapter exclusively; may take seconds (call it in a thread).
 
     Raises
     ------
     LinkConfigError
-        When python-can is not installed, has no such interface, or that has no such option.
+        When it cannot be used on this computer, e.g. its maker's library is not installed.
     LinkDownError
         When it does not open.
     """
-    try:
-        import can
-    except ImportError:
-        raise LinkConfigError("CAN needs the package python-can: pip install 'abbe[can]'") from None
-    try:
-        kind = can.interface._get_class_for_interface(config.interface)
-    except (can.CanInterfaceNotImplementedError, NotImplementedError) as error:
-        known = ", ".join(sorted(can.VALID_INTERFACES))
-        raise LinkConfigError(
-            f"interface {config.interface!r}: {error}; there are: {known}"
-        ) from error
-    _check_options(config, kind)
+    import can
+
     settings: dict[str, Any] = {"channel": config.channel} | config.options
     if config.bitrate is not None:
         settings["bitrate"] = config.bitrate
@@ -96,6 +125,11 @@ def open_interface(config: InterfaceConfig) -> Opened:
         # each of python-can's interfaces raises its own
         if guard >= 0:
             os.close(guard)
+        if isinstance(error, NotImplementedError | ImportError):
+            raise LinkConfigError(
+                f"interface {config.interface!r} cannot be used on this computer: {error}",
+                ("interface",),
+            ) from error
         raise LinkDownError(f"cannot open {config.where}: {error}") from error
     if guard >= 0:
         from drivers.can.slcan_port import BufferedPort
@@ -146,8 +180,6 @@ def _lock(config: InterfaceConfig) -> int:
 
 def _check_options(config: InterfaceConfig, kind: type[can.BusABC]) -> None:
     """Refuse an option that the interface would silently ignore."""
-    if config.interface not in _OPTIONS_ARE_KNOWN:
-        return
     known = [
         name
         for name, parameter in inspect.signature(kind.__init__).parameters.items()
@@ -158,5 +190,6 @@ def _check_options(config: InterfaceConfig, kind: type[can.BusABC]) -> None:
     if strange:
         raise LinkConfigError(
             f"options of {config.interface}: there is no {strange[0]!r}; there are: "
-            + ", ".join(known)
+            + ", ".join(known),
+            ("options", strange[0]),
         )

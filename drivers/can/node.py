@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import struct
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor
 from typing import TypeVar
 
 from drivers.can.canopen_config import CanopenConfig, ChannelConfig
-from drivers.can.canopen_wall import DEVICE_TYPE, Network
+from drivers.can.canopen_wall import Network
+from drivers.can.emergencies import emergency_told
+from drivers.can.node_setup import NodeSetup, set_up
 from drivers.can.objects import decode
-from drivers.can.pdo import Object, Pdo, choose_pdo, read_pdos
-from drivers.can.profiles import check_profile, scale_of
-from drivers.link import LinkDownError, LinkError, Quality, Sample
+from drivers.can.pdo import Pdo
+from drivers.link import Quality, Sample
 from drivers.quarantine import Member
 
 logger = logging.getLogger("abbe.drivers.can")
@@ -28,32 +28,7 @@ START = 1
 """NMT command."""
 _START_TIME = 0.3
 """s for a started node to say so in a heartbeat."""
-_PRODUCER_HEARTBEAT = 0x1017
 _NAN = float("nan")
-_EMERGENCIES = {
-    0x10: "generic error",
-    0x20: "current",
-    0x21: "current, device input side",
-    0x22: "current inside the device",
-    0x23: "current, device output side",
-    0x30: "voltage",
-    0x31: "mains voltage",
-    0x32: "voltage inside the device",
-    0x33: "output voltage",
-    0x40: "temperature",
-    0x41: "ambient temperature",
-    0x42: "device temperature",
-    0x50: "device hardware",
-    0x60: "device software",
-    0x70: "additional modules",
-    0x80: "monitoring",
-    0x81: "communication",
-    0x82: "protocol error",
-    0x90: "external error",
-    0xF0: "additional functions",
-    0xFF: "device specific",
-}
-"""High byte of an emergency's error code → what it is about (CiA 301, 7.2.7.1)."""
 
 
 class Node(Member):
@@ -71,6 +46,8 @@ class Node(Member):
         Where SDO transfers wait.
     on_change
         Called when its health may have changed.
+    on_pdo
+        Called when a PDO that carries one of its channels came.
 
     Attributes
     ----------
@@ -89,17 +66,17 @@ class Node(Member):
     emergency
         What it reported and did not take back, for people.
     refused
-        Channel → why it cannot be had from this node.
+        Channel → why it cannot be had from this node; an empty name: what else it does not do.
     """
 
     __slots__ = (
         "_busy",
         "_channels",
         "_config",
+        "_found",
         "_network",
         "_on_change",
-        "_pdos",
-        "_scales",
+        "_on_pdo",
         "_threads",
         "emergency",
         "heard",
@@ -119,6 +96,7 @@ class Node(Member):
         network: Network,
         threads: Executor,
         on_change: Callable[[], None],
+        on_pdo: Callable[[], None],
     ) -> None:
         self.section = config.nodes[name]
         self.number = self.section.id
@@ -127,10 +105,10 @@ class Node(Member):
         self._network = network
         self._threads = threads
         self._on_change = on_change
+        self._on_pdo = on_pdo
         self._busy = asyncio.Lock()
         self._channels = {n: c for n, c in config.channels.items() if c.node == name}
-        self._pdos: dict[Object, Pdo] = {}
-        self._scales: dict[str, float] = {}
+        self._found = NodeSetup()
         self.refused: dict[str, str] = {}
         self.prepared = False
         self.needs_care = asyncio.Event()
@@ -144,13 +122,13 @@ class Node(Member):
     @property
     def pdos(self) -> list[Pdo]:
         """The PDOs that carry its channels."""
-        return list(dict.fromkeys(self._pdos.values()))
+        return list(dict.fromkeys(self._found.pdos.values()))
 
     def renew(self) -> None:
         """A new connection: nothing is known."""
         self.prepared = False
         self.heard, self.state, self.emergency = time.monotonic(), None, ""
-        self._pdos = {}
+        self._found = NodeSetup()
         self.needs_care.set()
 
     def lose(self, why: str) -> None:
@@ -168,44 +146,16 @@ class Node(Member):
             When it does not answer. What it refuses makes its channels bad, not the node.
         """
         self.needs_care.clear()
-        await self.in_thread(self._set_up)
+        found = await self.in_thread(
+            lambda: set_up(self._network, self.section, self._channels, self._config)
+        )
+        self._found = found
+        self.refused = {name: f"{self.name}, {why}" for name, why in found.refused.items()}
         for pdo in self.pdos:
             self._network.subscribe(pdo.cob_id, self._receiver(pdo))
         self.heard = time.monotonic()
         self.why = ""
         self.prepared = True
-
-    def _set_up(self) -> None:
-        network, number, section = self._network, self.number, self.section
-
-        def upload(index: int, subindex: int) -> bytes:
-            return network.upload(number, index, subindex)
-
-        device_type = int.from_bytes(upload(DEVICE_TYPE, 0), "little")
-        if section.produce_heartbeat is not None:
-            period = struct.pack("<H", round(section.produce_heartbeat * 1e3))
-            network.download(number, _PRODUCER_HEARTBEAT, 0, period)
-        self.refused = {}
-        sync = self._config.sync
-        by_pdo = any(channel.by == "pdo" for channel in self._channels.values())
-        there = read_pdos(upload) if by_pdo else []
-        chosen: dict[Object, Pdo] = {}
-        for name, channel in self._channels.items():
-            try:
-                check_profile(channel, device_type)
-                self._scales[name] = scale_of(channel, upload)
-                if channel.by == "pdo":
-                    chosen[channel.object] = choose_pdo(
-                        there,
-                        channel.object,
-                        synchronous=sync is not None,
-                        required=sync == "read",
-                    )
-            except (LinkDownError, TimeoutError):
-                raise
-            except LinkError as error:
-                self.refused[name] = f"{self.name}, channel {name}: {error}"
-        self._pdos = chosen
 
     async def in_thread(self, job: Callable[[], T]) -> T:
         """Have a thread do something with this node; one thing at a time, even when given up."""
@@ -264,7 +214,7 @@ class Node(Member):
 
     def pdo_of(self, name: str) -> Pdo | None:
         """The PDO that carries a channel."""
-        return self._pdos.get(self._channels[name].object)
+        return self._found.pdos.get(self._channels[name].object)
 
     def from_pdo(self, name: str, pdo: Pdo) -> Sample:
         """A channel's value in the last frame of its PDO."""
@@ -276,16 +226,16 @@ class Node(Member):
         return Sample(self._value(name, channel, number), pdo.came)
 
     def _value(self, name: str, channel: ChannelConfig, number: float) -> float:
-        return number * self._scales[name] * channel.scale + channel.offset
+        return number * self._found.scales[name] * channel.scale + channel.offset
 
     # What it says by itself
 
     def _receiver(self, pdo: Pdo) -> Callable[[bytes], None]:
         def receive(data: bytes) -> None:
-            now = time.monotonic()
-            if now >= pdo.not_before:
-                pdo.data, pdo.came, pdo.awaited_since = data, now, None
-                self._on_change()
+            came = self._network.arrived
+            if came >= pdo.not_before:
+                pdo.data, pdo.came, pdo.awaited_since = data, came, None
+                self._on_pdo()
 
         return receive
 
@@ -306,11 +256,8 @@ class Node(Member):
             self._on_change()
 
     def _take_emergency(self, code: int, register: int, meaning: str) -> None:
-        if code == 0:
-            told = ""
-        else:
-            about = _EMERGENCIES.get(code >> 8) or _EMERGENCIES.get(code >> 8 & 0xF0) or meaning
-            told = f"{self.name}: emergency {code:04X}h, {about}; error register {register:02X}h"
+        words = emergency_told(code, register, meaning)
+        told = f"{self.name}: {words}" if words else ""
         if told != self.emergency:
             self.emergency = told
             logger.warning("%s", told or f"{self.name}: no emergency any more")

@@ -13,7 +13,8 @@ _COMMUNICATION, _MAPPING = 0x1800, 0x1A00
 _MOST_PDOS = 8
 """Transmit PDOs that are looked at; encoders have two to four."""
 _INVALID = 1 << 31
-_LAST_SYNCHRONOUS = 240
+_EXTENDED = 1 << 29
+_EVERY_SYNC, _LAST_SYNCHRONOUS = 1, 240
 
 Upload = Callable[[int, int], bytes]
 Object = tuple[int, int]
@@ -29,8 +30,9 @@ class Pdo:
         From 1.
     cob_id
         The id of its frames.
-    synchronous
-        Whether the node sends it at a SYNC.
+    transmission
+        Its transmission type (CiA 301, 7.5.2.36): 1 to 240 sent at every so many SYNC, 0 at a SYNC
+        after a change, more by itself.
     places
         Object → (first bit, bits) in the frame.
     data, came
@@ -43,12 +45,17 @@ class Pdo:
 
     number: int
     cob_id: int
-    synchronous: bool
+    transmission: int
     places: Mapping[Object, tuple[int, int]]
     data: bytes | None = None
     came: float = field(default=float("-inf"))
     awaited_since: float | None = None
     not_before: float = float("-inf")
+
+    @property
+    def synchronous(self) -> bool:
+        """Whether the node sends it at a SYNC."""
+        return self.transmission <= _LAST_SYNCHRONOUS
 
     def number_in(self, wanted: Object, kind: Type) -> float:
         """An object's number in the last frame.
@@ -81,7 +88,7 @@ def choose_pdo(pdos: Sequence[Pdo], wanted: Object, *, synchronous: bool, requir
     synchronous
         Whether one that answers a SYNC is wanted, else one that the node sends by itself.
     required
-        Whether the other kind will not do where there is no choice.
+        Whether it has to answer every SYNC.
 
     Raises
     ------
@@ -98,12 +105,16 @@ def choose_pdo(pdos: Sequence[Pdo], wanted: Object, *, synchronous: bool, requir
             f"object {wanted[0]:04X}h:{wanted[1]:02X} is in none of the node's TPDOs "
             f"({told or 'it has none'})"
         )
-    fitting = [pdo for pdo in carrying if pdo.synchronous is synchronous]
-    if required and not fitting:
+    if required:
+        for pdo in carrying:
+            if pdo.transmission == _EVERY_SYNC:
+                return pdo
+        told = ", ".join(f"that of TPDO{pdo.number} is {pdo.transmission}" for pdo in carrying)
         raise LinkProtocolError(
-            f"TPDO{carrying[0].number} does not answer SYNC (its transmission type), and no other "
-            f"carries {wanted[0]:04X}h:{wanted[1]:02X}"
+            f"no TPDO with {wanted[0]:04X}h:{wanted[1]:02X} answers every SYNC: its transmission "
+            f"type would be {_EVERY_SYNC}, {told}"
         )
+    fitting = [pdo for pdo in carrying if pdo.synchronous is synchronous]
     return (fitting or carrying)[0]
 
 
@@ -117,7 +128,7 @@ def read_pdos(upload: Upload) -> list[Pdo]:
             count = upload(_MAPPING + i, 0)[0]
         except RefusedError:
             continue
-        if cob_id & _INVALID:
+        if cob_id & (_INVALID | _EXTENDED):
             continue
         places: dict[Object, tuple[int, int]] = {}
         first = 0
@@ -126,5 +137,5 @@ def read_pdos(upload: Upload) -> list[Pdo]:
             bits = mapped & 0xFF
             places[mapped >> 16, mapped >> 8 & 0xFF] = (first, bits)
             first += bits
-        pdos.append(Pdo(i + 1, cob_id & 0x7FF, kind <= _LAST_SYNCHRONOUS, places))
+        pdos.append(Pdo(i + 1, cob_id & 0x7FF, kind, places))
     return pdos

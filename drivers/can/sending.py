@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from drivers.can.dbc_config import DbcConfig
-from drivers.can.dbc_file import encode
+from drivers.can.dbc_file import encode, has_fast_data
 from drivers.link import LinkError
 
 if TYPE_CHECKING:
@@ -60,6 +60,8 @@ class Sending:
                     arbitration_id=message.frame_id,
                     data=data,
                     is_extended_id=message.is_extended_frame,
+                    is_fd=message.is_fd,
+                    bitrate_switch=message.is_fd and has_fast_data(message),
                 )
             )
         self._written |= wanted

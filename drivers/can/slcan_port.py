@@ -8,6 +8,7 @@ each frame that it sends waits until the driver has sent it (tcdrain). Both happ
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import os
 import termios
@@ -33,6 +34,7 @@ class BufferedPort:
         self._fd: int = port.fileno()
         self._held = b""
         self._at = 0
+        self._unsent = b""
         self.write_timeout: float | None = None
         os.set_blocking(self._fd, False)
         # pyserial's VMIN = 0 makes "nothing there" and "hung up" the same.
@@ -50,6 +52,7 @@ class BufferedPort:
         OSError
             When the adapter is gone.
         """
+        self._send_rest()
         left = len(self._held) - self._at
         if left:
             return left
@@ -81,23 +84,30 @@ class BufferedPort:
 
         Raises
         ------
+        BlockingIOError
+            When the driver has no room; nothing of `data` was sent.
         OSError
-            When the driver does not take it all: the adapter does not take its frames.
+            When the adapter is gone.
         """
-        try:
-            sent = os.write(self._fd, data)
-        except BlockingIOError:
-            sent = 0
-        if sent < len(data):
-            raise OSError("the adapter does not take its frames")
-        return sent
+        self._send_rest()
+        if self._unsent:
+            raise BlockingIOError(errno.EAGAIN, "the adapter does not take its frames")
+        sent = os.write(self._fd, data)
+        # the end of a frame that was begun leaves with the next look at the port
+        self._unsent = data[sent:]
+        return len(data)
+
+    def _send_rest(self) -> None:
+        if self._unsent:
+            with contextlib.suppress(BlockingIOError):
+                self._unsent = self._unsent[os.write(self._fd, self._unsent) :]
 
     def flush(self) -> None:
         """Wait for nothing."""
 
     def reset_input_buffer(self) -> None:
         """Forget what came."""
-        self._held, self._at = b"", 0
+        self._held, self._at, self._unsent = b"", 0, b""
         self._port.reset_input_buffer()
 
     def fileno(self) -> int:

@@ -1,0 +1,141 @@
+"""Reading a CANopen bus: PDOs at one SYNC or as they come, the nodes in parallel by SDO."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from drivers.can.canopen_bus import NodeBus
+from drivers.can.canopen_config import CanopenConfig
+from drivers.can.expedited import Ask
+from drivers.can.sdo_errors import TooLongError
+from drivers.link import LinkError, LinkProtocolError, Quality, Sample
+
+if TYPE_CHECKING:
+    from drivers.can.node import Node
+    from drivers.can.pdo import Pdo
+
+_NAN = float("nan")
+
+
+class Reader:
+    """Reads the channels of one link and keeps their last samples.
+
+    Parameters
+    ----------
+    config
+        The link's section.
+    bus
+        Its bus.
+    """
+
+    def __init__(self, config: CanopenConfig, bus: NodeBus) -> None:
+        self._config = config
+        self._bus = bus
+        self._last: dict[str, Sample] = {}
+        self._epoch = 0
+
+    async def read(self, names: Sequence[str]) -> dict[str, Sample]:
+        """As `drivers.link.Link.read`; the caller has the turn.
+
+        Raises
+        ------
+        LinkDownError
+            When the bus is gone.
+        """
+        bus = self._bus
+        if bus.keeper.epoch != self._epoch:
+            self._epoch = bus.keeper.epoch
+            self._last.clear()
+        await self._read_all(names)
+        if not bus.keeper.up:
+            raise bus.keeper.down_error()
+        last = self._last
+        return {name: last[name] for name in names}
+
+    async def _read_all(self, names: Sequence[str]) -> None:
+        by_sdo: dict[Node, list[str]] = {}
+        by_pdo: dict[str, Pdo] = {}
+        now = time.monotonic()
+        for name in dict.fromkeys(names):
+            section = self._config.channels[name]
+            node = self._bus.nodes[section.node]
+            if (gone := node.unavailable(name)) is not None:
+                self._last[name] = gone
+            elif section.by == "sdo":
+                if self._is_due(name, section.every, now):
+                    by_sdo.setdefault(node, []).append(name)
+            elif (pdo := node.pdo_of(name)) is not None:
+                by_pdo[name] = pdo
+        if by_pdo:
+            await self._read_pdos(by_pdo)
+        if by_sdo:
+            await self._read_objects(by_sdo)
+
+    def _is_due(self, name: str, every: float, now: float) -> bool:
+        last = self._last.get(name)
+        return last is None or last.quality is Quality.UNAVAILABLE or now - last.time >= every
+
+    async def _read_objects(self, wanted: Mapping[Node, list[str]]) -> None:
+        """All nodes at once, each node's objects one after the other."""
+        left = {node: list(names) for node, names in wanted.items()}
+        while left:
+            names = {node: queue.pop(0) for node, queue in left.items()}
+            asked = {node: self._ask(name) for node, name in names.items()}
+            answers = await self._bus.ask(asked)
+            now = time.monotonic()
+            for node, name in names.items():
+                answer = answers[node]
+                if isinstance(answer, bytes):
+                    self._last[name] = node.sample(name, answer, now)
+                elif isinstance(answer, LinkProtocolError):
+                    self._last[name] = Sample(_NAN, now, Quality.BAD, f"{name}: {answer}")
+                    if isinstance(answer, TooLongError):
+                        await self._read_long(node, name)
+                else:
+                    # whoever does not answer is not asked for more
+                    lost = Sample(_NAN, now, Quality.UNAVAILABLE, str(answer))
+                    self._last |= dict.fromkeys([name, *left[node]], lost)
+                    left[node] = []
+            left = {node: queue for node, queue in left.items() if queue}
+
+    def _ask(self, name: str) -> Ask:
+        section = self._config.channels[name]
+        return Ask(self._config.nodes[section.node].id, *section.object)
+
+    async def _read_long(self, node: Node, name: str) -> None:
+        index, subindex = self._config.channels[name].object
+        try:
+            data = await self._bus.upload(node, index, subindex)
+        except LinkError as error:
+            kind = Quality.BAD if isinstance(error, LinkProtocolError) else Quality.UNAVAILABLE
+            self._last[name] = Sample(_NAN, time.monotonic(), kind, f"{name}: {error}")
+        else:
+            self._last[name] = node.sample(name, data, time.monotonic())
+
+    async def _read_pdos(self, wanted: Mapping[str, Pdo]) -> None:
+        if self._config.sync == "read":
+            began = time.monotonic()
+            await self._bus.sync.ask(set(wanted.values()))
+        else:
+            began = float("-inf")
+        now = time.monotonic()
+        for name, pdo in wanted.items():
+            section = self._config.channels[name]
+            node = self._bus.nodes[section.node]
+            if pdo.came < began:
+                self._last[name] = self._no_answer(name, node, pdo)
+            elif began == float("-inf") and now - pdo.came > section.within:
+                since = f"for {now - pdo.came:.1f} s" if pdo.data is not None else "yet"
+                why = f"{name}: TPDO{pdo.number} of {node.name} did not come {since}"
+                self._last[name] = Sample(_NAN, now, Quality.UNAVAILABLE, why)
+            else:
+                self._last[name] = node.from_pdo(name, pdo)
+
+    @staticmethod
+    def _no_answer(name: str, node: Node, pdo: Pdo) -> Sample:
+        why = f"{name}: TPDO{pdo.number} of {node.name} did not answer SYNC"
+        if wrong := node.wrong_state():
+            why += f": {wrong}"
+        return Sample(_NAN, time.monotonic(), Quality.UNAVAILABLE, why)

@@ -1,0 +1,139 @@
+"""Frames that come from a CAN interface, taken in without blocking the event loop.
+
+python-can's own asyncio `Notifier` calls ``recv`` from the event loop and catches nothing: when the
+interface goes down, the exception ends in the loop's log and no frame comes any more, while
+everything looks as before (python-can issues 1865, 1912; 4.6.1). Here any error while receiving
+ends the connection and is told; that an adapter falls silent without an error (its supply dips, it
+forgets that it was opened) is noticed by the links, which know what should come.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import select
+import threading
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import can
+
+_MOST_AT_ONCE = 256
+"""Frames that are taken before others get their turn in the event loop: all that fit into a serial
+driver's 4 KB."""
+_LONGEST_WAIT = 60.0
+"""s that a frame can have waited for us; more is a clock that was set."""
+
+
+class Incoming:
+    """The way in from one open interface.
+
+    Parameters
+    ----------
+    bus
+        python-can's.
+    stamped
+        Whether the kernel says when a frame came (CLOCK_REALTIME): after we were stalled, what
+        waited for us is not new.
+    name
+        For the thread of an interface without a file descriptor.
+    on_frame
+        Called in the event loop with every frame and its arrival (monotonic, s).
+    on_lost
+        Called in the event loop, with the reason, when receiving fails.
+    """
+
+    def __init__(
+        self,
+        bus: can.BusABC,
+        *,
+        stamped: bool,
+        name: str,
+        on_frame: Callable[[can.Message, float], None],
+        on_lost: Callable[[str], None],
+    ) -> None:
+        self._bus = bus
+        self._stamped = stamped
+        self._on_frame = on_frame
+        self._on_lost = on_lost
+        self._loop = asyncio.get_running_loop()
+        self._closed = False
+        self._thread: threading.Thread | None = None
+        self._port = getattr(bus, "serialPortOrig", None)
+        self._more = select.poll()
+        try:
+            self._fd = bus.fileno()
+        except NotImplementedError:
+            self._fd = -1
+        if self._fd >= 0:
+            self._more.register(self._fd, select.POLLIN)
+            self._loop.add_reader(self._fd, self._readable)
+        else:
+            self._thread = threading.Thread(target=self._receive, daemon=True, name=f"{name} in")
+            self._thread.start()
+
+    def close(self) -> None:
+        """Take nothing more; from the event loop, before the interface is closed."""
+        if self._closed:
+            return
+        self._closed = True
+        if self._fd >= 0:
+            self._loop.remove_reader(self._fd)
+
+    def join(self, limit: float) -> None:
+        """Wait for the thread, at most so long (s)."""
+        if self._thread is not None:
+            self._thread.join(limit)
+
+    def _readable(self) -> None:
+        """Take all frames that are there."""
+        bus = self._bus
+        for _ in range(_MOST_AT_ONCE):
+            if self._closed:
+                return
+            try:
+                message = bus.recv(0)
+            except Exception as error:  # noqa: BLE001 - each interface raises its own
+                self._on_lost(f"receiving failed: {error}")
+                return
+            if message is not None:
+                self._on_frame(message, self._arrival(message))
+            # asking the kernel costs a tenth of asking python-can in vain
+            if not self._holds() and not self._more.poll(0):
+                return
+        if self._holds():
+            # the file descriptor does not show it
+            self._loop.call_soon(self._readable)
+
+    def _holds(self) -> bool:
+        """Whether an adapter's port holds bytes that were read already."""
+        return bool(getattr(self._port, "holds", False))
+
+    def _arrival(self, message: can.Message) -> float:
+        now = time.monotonic()
+        if self._stamped:
+            waited = time.time() - message.timestamp
+            if 0.0 < waited < _LONGEST_WAIT:
+                return now - waited
+        return now
+
+    def _receive(self) -> None:
+        """As `_readable`, in a thread, for interfaces without a file descriptor."""
+        while not self._closed:
+            try:
+                message = self._bus.recv(0.1)
+            except Exception as error:  # noqa: BLE001 - as above
+                self._tell(self._on_lost, f"receiving failed: {error}")
+                return
+            if message is not None:
+                self._tell(self._deliver, message, time.monotonic())
+
+    def _deliver(self, message: can.Message, arrived: float) -> None:
+        if not self._closed:
+            self._on_frame(message, arrived)
+
+    def _tell(self, function: Callable[..., None], *arguments: object) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop has ended
+            self._loop.call_soon_threadsafe(function, *arguments)

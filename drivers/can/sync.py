@@ -1,0 +1,99 @@
+"""SYNC on a CANopen bus: sent, and the PDOs that answer it waited for."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import Collection
+from typing import TYPE_CHECKING
+
+from drivers.can.bus import CanBus
+from drivers.can.canopen_config import CanopenConfig
+from drivers.can.frames import frame
+from drivers.link import LinkError, LinkStatus
+
+if TYPE_CHECKING:
+    from drivers.can.pdo import Pdo
+
+_SYNC_ID = 0x80
+
+
+class Sync:
+    """Sends SYNC on one bus.
+
+    Parameters
+    ----------
+    bus
+        Where it goes.
+    config
+        The link's section.
+    status
+        Counts requests.
+    """
+
+    def __init__(self, bus: CanBus, config: CanopenConfig, status: LinkStatus) -> None:
+        self._bus = bus
+        self._config = config
+        self._status = status
+        self._awaited: set[Pdo] = set()
+        self._answered: asyncio.Future[None] | None = None
+
+    async def ask(self, pdos: Collection[Pdo]) -> None:
+        """Send a SYNC and wait, at most one time-out, for the PDOs that answer it.
+
+        Raises
+        ------
+        LinkDownError
+            When it cannot be sent, or the bus is closed meanwhile.
+        """
+        config = self._config
+        loop = asyncio.get_running_loop()
+        began = time.monotonic()
+        waited_for = {pdo for pdo in pdos if began >= pdo.not_before}
+        for pdo in waited_for:
+            pdo.awaited_since = began
+        self._awaited = waited_for
+        answered = self._answered = loop.create_future()
+        give_up = loop.call_later(config.timeout, _finish, answered)
+        self._status.requests += 1
+        try:
+            self._bus.send([frame(_SYNC_ID, b"")])
+            if waited_for:
+                await answered
+        finally:
+            give_up.cancel()
+            self._awaited, self._answered = set(), None
+            for pdo in waited_for:
+                if pdo.awaited_since is not None:
+                    # its answer may still come, and is not to pass for the next one's
+                    pdo.not_before = time.monotonic() + config.late_reply_max
+        self._status.round_trip = time.monotonic() - began
+
+    async def send_for_ever(self, period: float) -> None:
+        """Send a SYNC every `period` s."""
+        loop = asyncio.get_running_loop()
+        due = loop.time()
+        while True:
+            with contextlib.suppress(LinkError):
+                self._bus.send([frame(_SYNC_ID, b"")])
+            due = max(due + period, loop.time())
+            await asyncio.sleep(due - loop.time())
+
+    def look(self) -> None:
+        """A PDO may have come; the last one ends the wait."""
+        if self._answered is None:
+            return
+        self._awaited = {pdo for pdo in self._awaited if pdo.awaited_since is not None}
+        if not self._awaited:
+            _finish(self._answered)
+
+    def fail(self, error: Exception) -> None:
+        """End a wait with an error."""
+        if self._answered is not None and not self._answered.done():
+            self._answered.set_exception(error)
+
+
+def _finish(answered: asyncio.Future[None]) -> None:
+    if not answered.done():
+        answered.set_result(None)
