@@ -1,0 +1,17 @@
+"""Compensation tables safely into a controller: checked, backed up, staged, read back, activated.
+
+================ =====================================================================
+``content``      a set of files and its one SHA-256
+``order``        what is to be uploaded, read and matched with the configuration
+``bounds``       how large tables are, and how far from the present ones
+``preflight``    the questions to the controller before anything is written
+``journal``      the record of every step, append-only, each line sealed by the next
+``lock``         one upload at a time
+``backups``      what was active before, kept for good
+``steps``        the sequence, and what happens where it breaks
+``settle``       finding out what is active after a failure, and putting it right
+``effect``       whether the controller adds what the table says
+``outcome``      how it ended, and the words for it
+``session``      all of these together, as the command uses them
+================ =====================================================================
+"""

@@ -1,0 +1,177 @@
+"""How large tables are, how steep, and how far from others: bounds that hold everywhere.
+
+A correction is a sum over groups of tables that look up the same axes. Each group is linear
+between its own points and, through levers, in the other axes' positions; so its largest value
+stands at a point of its own with the other axes at the ends of their travels, and the sum of the
+groups' largest values is a bound for every position of the machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compcore.errors import AbbeError
+from compcore.folding.slow import SlowState
+from compcore.model import Model
+from compcore.structure import is_rotary
+from compcore.tables.field import ErrorField
+from compcore.tables.table import Sign, Table, superposed
+
+F64 = NDArray[np.float64]
+
+_TURNS = 9
+"""Positions of another rotary axis; between its ends a lever is not linear."""
+
+
+class OutOfBoundsError(AbbeError):
+    """Tables are larger, steeper or further from the present ones than is allowed."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What is allowed; µm, µrad, µm/mm."""
+
+    entry_um: float
+    entry_urad: float | None
+    slope: float
+    correction_um: float
+    change_um: float
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How large tables are, bounds of them; µm, µrad, µm/mm."""
+
+    entry_um: float
+    entry_urad: float
+    slope: float
+    correction_um: float
+
+
+def extent(tables: Sequence[Table], model: Model, tool: tuple[float, float, float]) -> Extent:
+    """How large tables are at most."""
+    lengths = [t for t in tables if not t.output.rotation]
+    angles = [t for t in tables if t.output.rotation]
+    return Extent(
+        max((_largest(t, model) * 1e3 for t in lengths), default=0.0),
+        max((_largest(t, model) * 1e6 for t in angles), default=0.0),
+        max((_slope(t, model) * 1e3 for t in lengths), default=0.0),
+        largest_correction(tables, model, tool) * 1e3,
+    )
+
+
+def largest_change(
+    new: Sequence[Table], old: Sequence[Table], model: Model, tool: tuple[float, float, float]
+) -> float:
+    """A bound for the difference between two sets' corrections anywhere, mm."""
+    less = [t.as_sign(Sign.ERROR).scaled(-1.0) for t in old]
+    return largest_correction(superposed(new, less), model, tool)
+
+
+def largest_correction(
+    tables: Sequence[Table], model: Model, tool: tuple[float, float, float]
+) -> float:
+    """A bound for the length of the correction anywhere in the travels, mm."""
+    field = ErrorField(model, SlowState(tool=tool))
+    groups: dict[tuple[str, ...], list[Table]] = {}
+    for table in tables:
+        groups.setdefault(tuple(sorted(table.inputs)), []).append(table)
+    bound = np.zeros(3)
+    for axes, group in groups.items():
+        where = _places(axes, group, model)
+        most = np.zeros(3)
+        for way in (1.0, -1.0):
+            directions = {a: np.full(len(next(iter(where.values()))), way) for a in axes}
+            most = np.maximum(most, np.abs(field.removed(group, where, directions)).max(axis=0))
+        bound += most
+    return float(np.linalg.norm(bound))
+
+
+def check(extent: Extent, change_um: float | None, limits: Limits) -> None:
+    """Refuse what is out of bounds.
+
+    Parameters
+    ----------
+    extent
+        Of the new tables.
+    change_um
+        From the present ones; None: not known yet.
+
+    Raises
+    ------
+    OutOfBoundsError
+        Names the key of the configuration, what was found and what is allowed.
+    """
+    if extent.entry_urad > 0.0 and limits.entry_urad is None:
+        raise OutOfBoundsError(
+            f"the tables hold angles up to {extent.entry_urad:.1f} µrad, and upload.max_entry_urad "
+            "does not say how large they may be"
+        )
+    rows: tuple[tuple[str, str, float, float, str], ...] = (
+        ("an entry", "max_entry_um", extent.entry_um, limits.entry_um, "µm"),
+        ("an entry", "max_entry_urad", extent.entry_urad, limits.entry_urad or 0.0, "µrad"),
+        ("the slope", "max_slope_um_per_mm", extent.slope, limits.slope, "µm/mm"),
+        ("the correction", "max_correction_um", extent.correction_um, limits.correction_um, "µm"),
+    )
+    for what, key, found, allowed, unit in rows:
+        if not found <= allowed:
+            raise OutOfBoundsError(
+                f"{what} of the new tables reaches {found:.4g} {unit}; upload.{key} allows "
+                f"{allowed:g} {unit}"
+            )
+    if change_um is not None and not change_um <= limits.change_um:
+        raise OutOfBoundsError(
+            f"the correction changes by up to {change_um:.4g} µm against what is active now; "
+            f"upload.max_change_um allows {limits.change_um:g} µm (--max-change for this once)"
+        )
+
+
+def _largest(table: Table, model: Model) -> float:
+    """The largest entry, a lever multiplied in."""
+    if table.lever is None:
+        return table.largest()
+    axis, origin = table.lever
+    return table.largest() * max(abs(end - origin) for end in model.machine.axes[axis].travel)
+
+
+def _slope(table: Table, model: Model) -> float:
+    """The steepest rise along any linear axis, mm/mm."""
+    steepest = 0.0
+    factor = _largest(table, model) / table.largest() if table.largest() > 0.0 else 1.0
+    for k, (axis, nodes) in enumerate(zip(table.inputs, table.nodes, strict=True)):
+        if is_rotary(axis) or len(nodes) < 2:
+            continue
+        for values in (table.forward, table.downward):
+            steps = np.moveaxis(np.diff(values, axis=k), k, -1) / np.diff(nodes)
+            steepest = max(steepest, float(np.abs(steps).max()) * factor)
+    return steepest
+
+
+def _places(axes: Sequence[str], group: Sequence[Table], model: Model) -> Mapping[str, F64]:
+    """All points of a group, with the other axes at the ends of their travels."""
+    own = []
+    for axis in axes:
+        nodes = [t.nodes[t.inputs.index(axis)] for t in group]
+        # the ends are held: nothing beyond the travel, nothing left out up to its ends
+        low, high = model.machine.axes[axis].travel
+        inside = np.unique(np.concatenate(nodes))
+        inside = inside[(inside > low) & (inside < high)]
+        own.append(np.concatenate([[low], inside, [high]]))
+    others = []
+    for axis, found in model.machine.axes.items():
+        if axis in axes:
+            continue
+        needed = any(not t.direct or (t.lever or ("",))[0] == axis for t in group)
+        if not needed:
+            others.append((axis, np.array([found.middle])))
+        elif is_rotary(axis):
+            others.append((axis, np.linspace(*found.travel, _TURNS)))
+        else:
+            others.append((axis, np.array(found.travel)))
+    names = [*axes, *(name for name, _ in others)]
+    mesh = np.meshgrid(*own, *(places for _, places in others), indexing="ij")
+    return {name: m.reshape(-1) for name, m in zip(names, mesh, strict=True)}

@@ -1,0 +1,191 @@
+"""The journal of uploads: JSON lines, append-only, on the disk before the next step begins.
+
+Each line carries the SHA-256 of the line before it, so that no line can be changed or taken out
+unnoticed (lines cut off at the end can, where nobody keeps the last SHA-256 elsewhere). A power cut
+may tear the last line; it is then kept as it is, and the next line says so.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from compcore.errors import InputError
+
+FORMAT = "abbe-uploads/1"
+FIRST = "0" * 64
+"""What the first line has in place of the SHA-256 of the one before."""
+END = "end"
+"""Step of an upload's last line."""
+
+Entry = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a journal holds.
+
+    Attributes
+    ----------
+    entries
+        Whole lines, in order.
+    seal
+        SHA-256 of the last whole line.
+    torn
+        What follows that line: a line that was not finished (after power cuts in a row, several);
+        empty when none was.
+    ended
+        Whether the file ends with the end of a line.
+    """
+
+    entries: tuple[Entry, ...] = ()
+    seal: str = FIRST
+    torn: bytes = b""
+    ended: bool = True
+
+    def uploads(self) -> dict[str, list[Entry]]:
+        """Upload → its lines, in order."""
+        found: dict[str, list[Entry]] = {}
+        for entry in self.entries:
+            found.setdefault(entry["upload"], []).append(entry)
+        return found
+
+    def unfinished(self) -> list[Entry]:
+        """The lines of the last upload, where it has no last one; else empty."""
+        if not self.entries:
+            return []
+        mine = self.uploads()[self.entries[-1]["upload"]]
+        return [] if mine[-1]["step"] == END else mine
+
+
+def read_journal(path: Path) -> Found:
+    """Read a journal and check its seals; one that does not exist is empty.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, or a line was changed or taken out; names the line.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        return Found()
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=path) from None
+    *lines, rest = data.split(b"\n")
+    entries: list[Entry] = []
+    seal = FIRST
+    torn: list[bytes] = []
+    for number, line in enumerate([*lines, rest], start=1):
+        entry = _entry(line)
+        if entry is None:
+            torn.append(line)
+            continue
+        between = _seal(b"\n".join(torn)) if torn else ""
+        if entry["previous"] != seal or entry.get("torn", "") != between:
+            raise InputError(
+                "the journal was changed: a line does not follow the one before it",
+                file=path, line=number, field="previous", found=entry["previous"], expected=seal,
+            )  # fmt: skip
+        torn.clear()
+        seal = _seal(line)
+        entries.append(entry)
+    if torn and not torn[-1]:
+        torn.pop()  # the file ends with the end of a line
+    return Found(tuple(entries), seal, b"\n".join(torn), not rest)
+
+
+def _seal(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def _entry(line: bytes) -> dict[str, Any] | None:
+    try:
+        entry = json.loads(line)
+    except ValueError:
+        return None
+    whole = isinstance(entry, dict) and all(
+        isinstance(entry.get(key), str) for key in ("upload", "step", "outcome", "previous")
+    )
+    return entry if whole else None
+
+
+class Journal:
+    """A journal that is written to; the caller holds the lock.
+
+    Parameters
+    ----------
+    path
+        The file; made when the first line is written.
+
+    Attributes
+    ----------
+    found
+        What it held when it was opened.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.found = read_journal(path)
+        self._seal, self._torn, self._ended = self.found.seal, self.found.torn, self.found.ended
+
+    def append(self, entry: Entry) -> None:
+        """Add a line and wait until it is on the disk.
+
+        Raises
+        ------
+        InputError
+            When it cannot be written.
+        """
+        more = {"torn": _seal(self._torn)} if self._torn else {}
+        line = json.dumps(
+            {"format": FORMAT, "time": _now(), **entry, **more, "previous": self._seal},
+            ensure_ascii=False,
+        ).encode("utf-8")
+        # a torn line stays what it is: it is ended, not mended
+        start = b"" if self._ended else b"\n"
+        try:
+            new = not self._path.exists()
+            descriptor = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+            try:
+                _write_all(descriptor, start + line + b"\n")
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+            if new:
+                sync_folder(self._path.parent)
+        except OSError as error:
+            raise InputError(
+                f"the journal of uploads cannot be written: {error.strerror}", file=self._path
+            ) from None
+        self._seal, self._torn, self._ended = _seal(line), b"", True
+
+
+def _write_all(descriptor: int, data: bytes) -> None:
+    while data:
+        data = data[os.write(descriptor, data) :]
+
+
+def sync_folder(folder: Path) -> None:
+    """Wait until the names in a folder are on the disk."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def last_change(entries: Sequence[Entry]) -> Entry | None:
+    """The last line that ended an upload with the new tables active; None: there was none."""
+    ends = [e for e in entries if e["step"] == END and e.get("active") == "new"]
+    return ends[-1] if ends else None

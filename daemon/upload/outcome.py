@@ -1,0 +1,102 @@
+"""How an upload ended: what is active now, what is known of it, and the words for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from daemon.upload.content import Content, short
+
+Active = Literal["new", "old", "unknown"]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The end of an upload, a roll-back or a recovery.
+
+    Attributes
+    ----------
+    done
+        Whether what was wanted is active, verified and, where it can be, seen to act.
+    active
+        Which of the two is active, as read from the controller; ``unknown``: it could not be read.
+    old, new
+        The two.
+    upload
+        Its name in the journal; empty: nothing was begun.
+    step
+        Where it broke; empty: nowhere.
+    why
+        What broke it, and for ``unknown`` what was tried last.
+    backup
+        Where the old tables are kept.
+    notes
+        What else is to be said.
+    """
+
+    done: bool
+    active: Active
+    old: Content
+    new: Content
+    upload: str = ""
+    step: str = ""
+    why: str = ""
+    backup: Path | None = None
+    notes: tuple[str, ...] = ()
+    seen: str = ""
+    model: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def open(self) -> bool:
+        """Whether the journal is left without an end, for ``--recover``."""
+        return self.active == "unknown"
+
+    def lines(self) -> list[str]:
+        """For people: what failed, what is active, what to do."""
+        found = []
+        if self.step:
+            found.append(f"failed at the step '{self.step}': {self.why}")
+        found += self._state()
+        if self.seen and self.active == "new":
+            found.append(self.seen)
+        found += self.notes
+        if self.backup is not None:
+            found.append(f"backup of what was active before: {self.backup}")
+        return found
+
+    def _state(self) -> list[str]:
+        old, new = short(self.old.sha256), short(self.new.sha256)
+        if self.active == "new":
+            what = "no table is active" if self.new.none else f"the new table ({new}) is active"
+            return [f"{what}, verified by reading it back"]
+        if self.active == "old":
+            what = (
+                "no table is active, as before"
+                if self.old.none
+                else f"the old table ({old}) is active"
+            )
+            return [f"{what}, verified by reading it back; nothing is staged"]
+        return [
+            f"which table is active is NOT known: it is the old one ({old}) or the new one ({new}), "
+            "and could not be read",
+            "do not machine or measure with it; bring the controller back and run "
+            "abbe upload CONFIG.toml --recover",
+        ]
+
+    def as_json(self) -> dict[str, Any]:
+        """One object for ``--json``."""
+        return {
+            "done": self.done,
+            "active": self.active,
+            "sha256": {"new": self.new.sha256, "old": self.old.sha256}.get(self.active),
+            "old": self.old.sha256,
+            "new": self.new.sha256,
+            "upload": self.upload,
+            "failed_step": self.step or None,
+            "why": self.why or None,
+            "journal": "open" if self.open else "closed",
+            "backup": None if self.backup is None else str(self.backup),
+            "effect": self.seen or None,
+            "notes": list(self.notes),
+        }
