@@ -104,10 +104,9 @@ class Asking:
         is_axis = self._config.channels[name].axis is not None
         reports = self._reports if is_axis else None
         question = self._of[name] if reports is None else reports.question
-        wrong = question.refused or state.stopped
-        if is_axis and not wrong:
-            wrong = state.misplaced if frame is None else frame.refused or state.misplaced
-        if wrong:
+        unknown = frame.refused if is_axis and frame is not None else ""
+        wrong = question.refused or unknown or state.stopped
+        if wrong := wrong or (state.misplaced if is_axis else ""):
             return Sample(_NAN, now, Quality.BAD, wrong)
         if reports is not None:
             return reports.sample(name, now)

@@ -96,6 +96,10 @@ def _orders(server: IppServer) -> Orders:
                 connection.stop()
             connection.say(f'E0000 ! Error({severity}, {number:04d}, "Server", "{text}")\r\n')
 
+    def clear() -> None:
+        for connection in server.connections:
+            connection.clear()
+
     def drop() -> None:
         for connection in list(server.connections):
             connection.drop()
@@ -125,6 +129,7 @@ def _orders(server: IppServer) -> Orders:
         "silent": silent,
         "fault": fault,
         "error": error,
+        "clear": clear,
         "drop": drop,
         "go": server.go,
         "come": come,

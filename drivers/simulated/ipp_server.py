@@ -114,6 +114,10 @@ class IppConnection(asyncio.Protocol):
         """Enter the error state."""
         self._stopped = True
 
+    def clear(self) -> None:
+        """Leave the error state, as when somebody cleared it at the machine."""
+        self._stopped = False
+
     def drop(self) -> None:
         """Close the connection at once."""
         if self._transport is not None:
