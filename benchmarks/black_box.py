@@ -153,6 +153,16 @@ def _with(model: Model, effects: Sequence[tuple[str, dict[str, object]]]) -> Mod
     return model
 
 
+def _offered(diagnosis: Diagnosis) -> list[tuple[str, dict[str, object]]]:
+    """The empirical formula that is offered where nothing in the catalogue explains."""
+    for structure in diagnosis.structure:
+        pattern = structure.pattern
+        if pattern.terms:
+            terms = [t.replace(" ", "") for t in pattern.terms]
+            return [("formula", {"channel": str(pattern.channel), "terms": terms})]
+    return []
+
+
 def run(scenario: Scenario) -> Outcome:
     """One scenario, all ways, with one thread each."""
     with threads_for(0):
@@ -168,7 +178,7 @@ def _run(scenario: Scenario) -> Outcome:
     nothing = np.zeros(campaign.n), np.zeros(unseen.n)
     diagnosis = diagnose(model, campaign)
     effects = [e.found.candidate.effect for e in diagnosis.established]
-    named = [(e.kind, dict(e.where())) for e in effects]
+    named = [(e.kind, dict(e.where())) for e in effects] or _offered(diagnosis)
     before = held_out(model, campaign, unseen, *nothing)
     true = [(k, dict(w)) for c, _ in hidden for k, w in c.answers[:1]]
     oracle = float("nan")
@@ -329,7 +339,7 @@ TEXT = f"""## Beside a black box and a sparse regression
 `python -m benchmarks.black_box`: scenarios of the diagnosis benchmark at {MULTIPLE} × noise; RMS in
 µm on 36 lines of another day that nothing was fitted to. All start from the same fitted model.
 *Abbe*: one `diagnose`, what it established added, refitted (what it calls the instrument's is not
-added; where it says `unexplained` nothing is). *Gaussian process*, *boosting*: scikit-learn, fitted
+added; where it says `unexplained`, the empirical formula that it offers, if any). *Gaussian process*, *boosting*: scikit-learn, fitted
 to that model's residuals per measured direction, from positions, directions of approach, tool,
 temperatures, feed, load, time and the measured direction itself; the process has one length scale
 for each, learnt from {SUBSAMPLE} rows, and then takes all rows. *Lasso*: LassoCV, set-ups left out

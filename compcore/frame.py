@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from compcore.campaign import Campaign
 from compcore.conditions import Conditions
+from compcore.decomposition import svd
 from compcore.errors import InputError
 from compcore.machine import Machine, own_component
 from compcore.model import Model
@@ -104,7 +105,7 @@ def alignment(
     m = layout.model_size
     constraint = combine @ translation.reshape(3 * places.n, m)
     moves = constraint @ (layout.scale[:m, None] * null.convention[:m])
-    left, size, right = np.linalg.svd(moves, full_matrices=True)
+    left, size, right = svd(moves, full=True)
     felt = int((size > _FELT * np.sqrt(constraint.shape[0])).sum())
     # derivatives by non-linear parameters are no errors
     constraint[:, list(layout.searched)] = 0.0

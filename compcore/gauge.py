@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from compcore.decomposition import svd
+
 F64 = NDArray[np.float64]
 
 LEAST_INFORMATION = 1.0
@@ -38,7 +40,7 @@ class Decomposition:
     def __init__(self, triangle: F64, scale: F64, rows: int) -> None:
         m = scale.shape[0]
         self.scale = scale
-        u, s, vt = np.linalg.svd(triangle * scale, full_matrices=True)
+        u, s, vt = svd(triangle * scale, full=True)
         self.singular = np.concatenate([s, np.zeros(m - s.shape[0])])
         self.directions = vt.T
         self._left = u

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compcore.campaign import Campaign, Kind
+from compcore.decomposition import svd
 from compcore.effects.setup import frame_columns, path_coordinate
 from compcore.observation import Observation
 
@@ -119,7 +120,7 @@ class Eliminator:
             columns = block.columns * weight[block.rows, None]
             size = np.linalg.norm(columns, axis=0)
             size[size == 0.0] = 1.0
-            u, s, vt = np.linalg.svd(columns / size, full_matrices=False)
+            u, s, vt = svd(columns / size)
             keep = s > _RANK * (s[0] if s.size else 0.0)
             u, s, vt = u[:, keep], s[keep], vt[keep]
             self._basis.append(u)

@@ -19,6 +19,7 @@ from scipy import stats
 
 from compcore.campaign import Kind
 from compcore.channel import INSTRUMENT, Channel
+from compcore.decomposition import svd
 from compcore.fit import FitResult
 from compcore.machine import Axis
 from compcore.threads import threads_for
@@ -121,7 +122,7 @@ def _tested(result: FitResult, channel: Channel, own: Axis, other: Axis) -> Depe
     if not columns.shape[1]:
         return nothing
     left = result.residualise(columns)
-    u, s, _ = np.linalg.svd(left, full_matrices=False)
+    u, s, _ = svd(left)
     u = u[:, s > _SEEN]
     k = u.shape[1]
     dof = result.dof - k

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from compcore.decomposition import svd
 from compcore.design_matrix import Problem
 from compcore.effects.base import NonlinearParameter
 from compcore.gauge import Decomposition
@@ -90,7 +91,7 @@ class Profile:
         stacked = np.hstack(
             [self._columns(t, layout.nonlinear_values(t, theta)) for t in self.terms]
         )
-        u, s, _ = np.linalg.svd(stacked, full_matrices=False)
+        u, s, _ = svd(stacked)
         u = u[:, s > _SEEN]
         return np.asarray(self._y - u @ (u.T @ self._y))
 

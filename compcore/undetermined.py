@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from compcore.campaign import Campaign
 from compcore.channel import SPINDLE, WORKPIECE, Channel, Component
 from compcore.conditions import Conditions
+from compcore.decomposition import svd
 from compcore.gauge import Decomposition
 from compcore.kinematics import Chain
 from compcore.machine import Machine
@@ -79,7 +80,7 @@ def split_null_space(
         return NullSpace(null, null)
     field, frame = _felt(model, campaign, layout, theta)
     felt = field @ (layout.scale[: layout.model_size, None] * null[: layout.model_size])
-    left, size, _ = np.linalg.svd(frame, full_matrices=False)
+    left, size, _ = svd(frame)
     left = left[:, size > 1e-12 * size[0]]
     felt -= left @ (left.T @ felt)
     convention, unknown = null[:, :0], []

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from compcore.decomposition import svd
 from compcore.design_matrix import Problem
 from compcore.effects.base import Effect
 from compcore.undetermined import NullSpace
@@ -127,7 +128,7 @@ def _sparse(problem: Problem, directions: F64, whole: float) -> list[tuple[list[
             values, vectors = np.linalg.eigh(inside)
             own = vectors[:, values > 1.0 - whole]
             fresh = own - taken @ (taken.T @ own)
-            u, s, _ = np.linalg.svd(fresh, full_matrices=False)
+            u, s, _ = svd(fresh)
             for k in range(int((s > 1e-3).sum())):
                 # the representative inside this combination that owes least to those before
                 mixed = own @ (own.T @ u[:, k])
@@ -145,7 +146,7 @@ def _sparse(problem: Problem, directions: F64, whole: float) -> list[tuple[list[
 
 def _complement(taken: F64) -> F64:
     k = taken.shape[0]
-    u, s, _ = np.linalg.svd(taken, full_matrices=True) if taken.shape[1] else (np.eye(k), (), None)
+    u, s, _ = svd(taken, full=True) if taken.shape[1] else (np.eye(k), (), None)
     return np.asarray(u[:, len(s) :])
 
 

@@ -16,6 +16,9 @@ from compcore.diagnose.screening import Basis
 
 F64 = NDArray[np.float64]
 
+_OUTSIDE = 1e-9
+"""Eigenvalues of QᵀQ below this are zeros with rounding."""
+
 _ALONE = 0.02
 """Eigenvalues of I − H_BB below this: combinations that the left-out rows alone determine."""
 
@@ -63,10 +66,13 @@ def left_out(basis: Basis, rows: list[NDArray[np.int64]]) -> float:
         own = nuisances[fold]
         q = np.hstack([basis.q[fold], basis.extra[fold], own[:, own.any(axis=0)]])
         r = basis.residual[fold]
-        # (I − QQᵀ)⁺ r by the small side: eigenvectors of QᵀQ
-        u, s, _ = np.linalg.svd(q, full_matrices=False)
+        # (I − QQᵀ)⁺ r by the small side: eigenvectors of QᵀQ; directions with an eigenvalue of
+        # nearly 0 are not in Q and stay as they are
+        square, v = np.linalg.eigh(q.T @ q)
+        inside = square > _OUTSIDE
+        u = q @ (v[:, inside] / np.sqrt(square[inside]))
         part = u.T @ r
-        keep = 1.0 - s**2
+        keep = 1.0 - square[inside]
         alone = keep < _ALONE
         grown = np.where(alone, 0.0, part / np.where(alone, 1.0, keep))
         outside = r - u @ part

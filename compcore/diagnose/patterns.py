@@ -142,7 +142,7 @@ def products(
             ):
                 continue
             basis = np.prod([v.value for v in chosen], axis=0)[:, None]
-            term = "*".join(_scaled(v) for v in chosen)
+            term = "*".join(scaled_term(v) for v in chosen)
             depends = tuple(dict.fromkeys(names))
             for channel in on:
                 form = _product_form(depends, squared)
@@ -235,7 +235,8 @@ def _f64(values: ArrayLike) -> F64:
     return np.asarray(values, dtype=np.float64)
 
 
-def _scaled(v: Variable) -> str:
+def scaled_term(v: Variable) -> str:
+    """A quantity as a formula has it: counted from its middle, by half its range."""
     if v.family == "direction":
         return v.name
     if v.centre == 0.0:

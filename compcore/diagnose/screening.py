@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from compcore.decomposition import svd
 from compcore.fit import FitResult
 from compcore.nuisance import Eliminator
 
@@ -113,7 +114,7 @@ def orthonormal(projected: F64, original: F64) -> F64:
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         scaled = np.where(original > 0.0, projected / np.where(original > 0, original, 1.0), 0.0)
-    u, s, _ = np.linalg.svd(scaled, full_matrices=False)
+    u, s, _ = svd(scaled)
     return np.asarray(u[:, s > SEEN])
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
 
@@ -26,6 +26,7 @@ from compcore.diagnose.patterns import (
 )
 from compcore.diagnose.screening import Bank, Basis, Trial, screen
 from compcore.diagnose.search import MATERIAL, SIGNIFICANT
+from compcore.diagnose.short_formula import shortened
 
 F64 = NDArray[np.float64]
 
@@ -116,8 +117,19 @@ class Patterns:
         return _distinct(basis, found, most)
 
     def established(self, basis: Basis) -> list[Structure]:
-        """The strongest patterns that the data establish."""
-        return [s for s in self.strongest(basis) if s.established(basis.n)]
+        """The strongest patterns that the data establish; with a formula where a short one does."""
+        found = [s for s in self.strongest(basis) if s.established(basis.n)]
+        return [self._told(basis, s) for s in found]
+
+    def _told(self, basis: Basis, structure: Structure) -> Structure:
+        pattern = structure.pattern
+        if pattern.terms:
+            return structure
+        seen = self._seen[pattern.channel]
+        return replace(
+            structure,
+            pattern=shortened(basis, pattern, self._quantities, seen, structure.drop),
+        )
 
     def with_lower_orders(self, structure: Structure) -> F64:
         """Columns of a pattern and, of a product of three quantities, of its products of two.
