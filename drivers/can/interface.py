@@ -6,7 +6,7 @@ import fcntl
 import inspect
 import logging
 import os
-from importlib.util import find_spec
+from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from pydantic import Field
@@ -84,7 +84,7 @@ def check_interface(config: InterfaceConfig, *packages: str) -> None:
         When a package is not installed, or python-can has no such interface, or that has no such
         option.
     """
-    missing = [name for name in ("can", *packages) if find_spec(name) is None]
+    missing = [name for name in ("can", *packages) if not _is_installed(name)]
     if missing:
         shown = ", ".join({"can": "python-can"}.get(name, name) for name in missing)
         raise LinkConfigError(
@@ -100,6 +100,14 @@ def check_interface(config: InterfaceConfig, *packages: str) -> None:
         )
     if config.interface in _OPTIONS_ARE_KNOWN:
         _check_options(config, can.interface._get_class_for_interface(config.interface))
+
+
+def _is_installed(package: str) -> bool:
+    try:
+        import_module(package)
+    except ImportError:
+        return False
+    return True
 
 
 def open_interface(config: InterfaceConfig) -> Opened:

@@ -19,6 +19,9 @@ from .pty_port import PtyPort
 from .remote_control import Orders, announce, serve_orders
 from .sdo_server import BlockFaults
 
+FAULTS = ("silent", "deaf", "late", "heart_stopped", "heartbeat_fixed", "transmission")
+"""What can be set of a node."""
+
 
 def main(arguments: Sequence[str]) -> int:
     """Run the command; returns the exit status."""
@@ -44,7 +47,7 @@ def _parser() -> argparse.ArgumentParser:
         "--frames", type=float, default=0.0, metavar="S", help="send machine.dbc's so often; 0: not"
     )
     parser.add_argument(
-        "--event", type=float, default=0.0, metavar="S", help="TPDO1 of the encoders so often"
+        "--event", type=float, default=0.0, metavar="S", help="TPDO1 of the nodes so often; 0: not"
     )
     parser.add_argument(
         "--die-with-stdin", action="store_true", help="take orders there, end when it ends"
@@ -57,7 +60,7 @@ async def _serve(options: argparse.Namespace) -> None:
     temperatures = [20.0, 21.25, 22.5, -3.75]
     controller = Controller(wire)
     nodes = [encoder(wire, number, options.event) for number in ENCODERS]
-    nodes += [thermometer(wire, temperatures), controller.node]
+    nodes += [thermometer(wire, temperatures, options.event), controller.node]
     frames = FrameSender(wire)
     by_number = {node.number: node for node in nodes}
 
@@ -68,7 +71,7 @@ async def _serve(options: argparse.Namespace) -> None:
 
     def node(number: int, **values: Any) -> None:
         for name, value in values.items():
-            if name not in ("silent", "deaf", "late", "heart_stopped"):
+            if name not in FAULTS:
                 raise KeyError(name)
             setattr(by_number[number], name, value)
 
@@ -94,12 +97,16 @@ async def _serve(options: argparse.Namespace) -> None:
     def mute(*, muted: bool) -> None:
         frames.muted = muted
 
+    def page(*, only: int | None) -> None:
+        frames.only_page = only
+
     def report() -> dict[str, Any]:
         return {
             "table_length": len(controller.table),
             "table_crc32": zlib.crc32(controller.table),
             "active": controller.active,
             "offset": controller.offset,
+            "setpoints_taken": len(frames.setpoints),
             "setpoints": [data.hex() for data in frames.setpoints[-5:]],
             "states": {str(n.number): n.state for n in nodes},
             "heartbeats": {str(n.number): n.heartbeat_every for n in nodes},
@@ -113,6 +120,7 @@ async def _serve(options: argparse.Namespace) -> None:
         "block": block,
         "temperature": temperature,
         "mute": mute,
+        "page": page,
         "report": report,
         "break": lambda: setattr(wire, "broken", True),
         "mend": lambda: setattr(wire, "broken", False),

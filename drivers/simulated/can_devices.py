@@ -9,7 +9,6 @@ on demand.
 from __future__ import annotations
 
 import struct
-import time
 import zlib
 from collections.abc import Callable
 
@@ -34,7 +33,7 @@ def encoder(wire: Wire, number: int, event_every: float) -> CanopenNode:
     """An absolute encoder, CiA 406: position value 6004h, in TPDO1 and TPDO2."""
     axis = ENCODERS[number]
     objects: dict[Key, Entry] = {
-        (0x6004, 0): Entry(lambda: struct.pack("<L", counts(axis, time.monotonic()))),
+        (0x6004, 0): Entry(lambda: struct.pack("<L", counts(axis, wire.time))),
         (0x6500, 0): Entry(lambda: struct.pack("<H", 0)),
         (0x6503, 0): Entry(lambda: struct.pack("<H", 0)),
     }
@@ -42,8 +41,11 @@ def encoder(wire: Wire, number: int, event_every: float) -> CanopenNode:
     return CanopenNode(wire, number, 0x00020196, objects, mapped, event_every)
 
 
-def thermometer(wire: Wire, temperatures: list[float]) -> CanopenNode:
-    """Temperature inputs, CiA 404: hundredths of a degree in 7130h and 9130h, degrees in 6130h."""
+def thermometer(wire: Wire, temperatures: list[float], event_every: float) -> CanopenNode:
+    """Temperature inputs, CiA 404: hundredths of a degree in 7130h and 9130h, degrees in 6130h.
+
+    The 16-bit values are in TPDO1 and TPDO2.
+    """
     objects: dict[Key, Entry] = {}
     for index in (0x6130, 0x6131, 0x6132, 0x7130, 0x9130):
         objects[index, 0] = Entry(lambda: bytes((len(temperatures),)))
@@ -57,7 +59,8 @@ def thermometer(wire: Wire, temperatures: list[float]) -> CanopenNode:
         objects[0x6132, n] = Entry(lambda: b"\x02")
         objects[0x7130, n] = Entry(lambda get=hundredths: struct.pack("<h", get()))  # type: ignore[misc]
         objects[0x9130, n] = Entry(lambda get=hundredths: struct.pack("<l", get()))  # type: ignore[misc]
-    return CanopenNode(wire, THERMOMETER, 0x00020194, objects)
+    mapped = tuple((0x7130, n, 16) for n in range(1, len(temperatures) + 1))
+    return CanopenNode(wire, THERMOMETER, 0x00020194, objects, mapped, event_every)
 
 
 class Controller:
@@ -105,11 +108,23 @@ class Controller:
 
 
 class FrameSender:
-    """The device behind ``machine.dbc``: some frames cyclically, one on demand."""
+    """The device behind ``machine.dbc``: some frames cyclically, one on demand.
+
+    Attributes
+    ----------
+    muted
+        Sends nothing.
+    only_page
+        The only page of DIAGNOSIS that it sends; None: all.
+    setpoints
+        Data of the CORRECTION frames that came.
+    """
 
     def __init__(self, wire: Wire) -> None:
+        self._wire = wire
         self.speak: Callable[[Frame], None] = wire.join(self._hear)
         self.muted = False
+        self.only_page: int | None = None
         self.setpoints: list[bytes] = []
         self._cycles = 0
 
@@ -117,17 +132,17 @@ class FrameSender:
         """One cycle's frames."""
         if self.muted:
             return
-        now = time.monotonic()
+        now = self._wire.time
         x, y = counts("X", now), counts("Y", now)
         self.speak(Frame(_POSITION, struct.pack("<ll", x, y)))
         self.speak(Frame(_TEMPERATURES, struct.pack(">hhH", 2150, -325, 0)))
-        page = self._cycles % 2
+        page = self._cycles % 2 if self.only_page is None else self.only_page
         self._cycles += 1
         content = struct.pack("<BL", 1, 12345) if page else struct.pack("<BH", 0, 2410)
         self.speak(Frame(_DIAGNOSIS, content.ljust(8, b"\0"), extended=True))
 
     def _hear(self, frame: Frame) -> None:
         if frame.id == _ON_DEMAND and frame.remote and not self.muted:
-            self.speak(Frame(_ON_DEMAND, struct.pack("<l", counts("Z", time.monotonic()))))
+            self.speak(Frame(_ON_DEMAND, struct.pack("<l", counts("Z", self._wire.time))))
         elif frame.id == _SETPOINT:
             self.setpoints.append(frame.data)

@@ -7,6 +7,7 @@ pseudo-terminal, and python-can's ``udp_multicast``.
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -43,7 +44,14 @@ class Wire:
 
     def __init__(self) -> None:
         self._ends: list[Hearer] = []
+        self._speaking = 0
+        self._began = 0.0
         self.broken = False
+
+    @property
+    def time(self) -> float:
+        """The moment (monotonic, s): the same for all who hear one frame."""
+        return self._began if self._speaking else time.monotonic()
 
     def join(self, hear: Hearer) -> Callable[[Frame], None]:
         """Add an end; hands back the function by which it speaks."""
@@ -52,9 +60,14 @@ class Wire:
         def speak(frame: Frame) -> None:
             if self.broken:
                 return
-            for other in self._ends:
-                if other is not hear:
-                    other(frame)
+            self._began = self.time
+            self._speaking += 1
+            try:
+                for other in self._ends:
+                    if other is not hear:
+                        other(frame)
+            finally:
+                self._speaking -= 1
 
         return speak
 

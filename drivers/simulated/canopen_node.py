@@ -7,7 +7,7 @@ import struct
 import time
 
 from .can_wire import Frame, Wire
-from .sdo_server import Entry, Key, SdoServer
+from .sdo_server import READ_ONLY, Entry, Key, RefusedError, SdoServer
 
 INITIALISING, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0, 4, 5, 127
 _NMT = {1: OPERATIONAL, 2: STOPPED, 128: PRE_OPERATIONAL}
@@ -41,6 +41,10 @@ class CanopenNode:
         s by which SDO answers come later.
     heart_stopped
         Sends no heartbeat.
+    heartbeat_fixed
+        Refuses to have its heartbeat set.
+    transmission
+        TPDO2's transmission type: sent at every so many SYNC.
     """
 
     def __init__(
@@ -56,6 +60,9 @@ class CanopenNode:
         self.number = number
         self.state = INITIALISING
         self.silent = self.deaf = self.heart_stopped = False
+        self.heartbeat_fixed = False
+        self.transmission = 1
+        self._syncs = 0
         self.late = 0.0
         self.heartbeat_every = 0.0
         self._event_every = event_every
@@ -74,6 +81,8 @@ class CanopenNode:
             return Entry(lambda: bytes((value,)))
 
         def take_heartbeat(data: bytes) -> None:
+            if self.heartbeat_fixed:
+                raise RefusedError(READ_ONLY)
             self.heartbeat_every = int.from_bytes(data, "little") * 1e-3
 
         objects, number = self.objects, self.number
@@ -86,10 +95,11 @@ class CanopenNode:
         objects[0x1018, 1] = u32(0x2A)
         if not self._mapped:
             return
-        for pdo, (cob, kind) in enumerate(((0x180, 254), (0x280, 1))):
+        kinds = (u8(254), Entry(lambda: bytes((self.transmission,))))
+        for pdo, (cob, kind) in enumerate(zip((0x180, 0x280), kinds, strict=True)):
             objects[0x1800 + pdo, 0] = u8(2)
             objects[0x1800 + pdo, 1] = u32(cob + number)
-            objects[0x1800 + pdo, 2] = u8(kind)
+            objects[0x1800 + pdo, 2] = kind
             objects[0x1A00 + pdo, 0] = u8(len(self._mapped))
             for i, (index, sub, bits) in enumerate(self._mapped):
                 objects[0x1A00 + pdo, i + 1] = u32(index << 16 | sub << 8 | bits)
@@ -131,7 +141,9 @@ class CanopenNode:
         if frame.id == 0x600 + self.number and self.state != STOPPED:
             self._answer_sdo(frame.data)
         elif frame.id == 0x80 and self.state == OPERATIONAL and self._mapped:
-            self._send_pdo(0x280)
+            self._syncs += 1
+            if self._syncs % self.transmission == 0:
+                self._send_pdo(0x280)
         elif frame.id == 0 and len(frame.data) == 2 and frame.data[1] in (0, self.number):
             if frame.data[0] in _RESETS:
                 self.boot()

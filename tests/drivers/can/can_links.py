@@ -1,4 +1,8 @@
-"""What the tests of CAN links share: configurations, opening, waiting."""
+"""What the tests of CAN links share: configurations, opening, waiting.
+
+Every wait that must succeed is longer than anybody may stall (a second); where one must fail, the
+test says so and waits until it has.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +17,10 @@ import drivers.simulated
 from drivers.can.dbc_config import DbcConfig
 from drivers.can.dbc_link import DbcLink
 
-ROOM = 1.0
-"""s that a shared machine may add to any wait."""
+STALL = 1.5
+"""s of silence that are no fault: longer than a process may be stalled."""
 DBC = Path(drivers.simulated.__file__).with_name("machine.dbc")
-QUICK = {"timeout": 0.3, "reconnect_min": 0.02, "reconnect_max": 0.1, "quarantine_max": 0.5}
+PATIENT = {"timeout": STALL, "reconnect_min": 0.02, "reconnect_max": 0.1, "quarantine_max": 0.5}
 READ: dict[str, Any] = {
     "x": {"message": "POSITION", "signal": "position_x"},
     "position_y": {"message": "POSITION"},
@@ -48,11 +52,21 @@ def interface(ready: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def dbc_section(
+    channels: dict[str, Any], messages: Mapping[str, Any] | None = None, **settings: Any
+) -> dict[str, Any]:
+    """A link's section without its interface; what comes by itself may be late by a stall."""
+    used = {c["message"] for c in channels.values() if not c.get("writable")}
+    patient = {name: {"within": STALL} for name in used} | dict(messages or {})
+    return {"dbc": str(DBC), "channels": channels, "messages": patient} | PATIENT | settings
+
+
 @asynccontextmanager
 async def linked(
     ready: Mapping[str, Any], channels: dict[str, Any], **settings: Any
 ) -> AsyncIterator[DbcLink]:
-    section = {"dbc": str(DBC), "channels": channels} | interface(ready) | QUICK | settings
+    """An open link on a simulated bus."""
+    section = interface(ready) | dbc_section(channels, **settings)
     link = DbcLink("bench", DbcConfig.model_validate(section))
     await link.open()
     try:
@@ -62,7 +76,7 @@ async def linked(
 
 
 async def until(
-    true: Callable[[], bool] | Callable[[], Awaitable[bool]], limit: float = 15.0
+    true: Callable[[], bool] | Callable[[], Awaitable[bool]], limit: float = 30.0
 ) -> float:
     """Wait for something to become true; how long it took, s."""
     began = time.monotonic()
@@ -72,3 +86,42 @@ async def until(
             return time.monotonic() - began
         assert time.monotonic() - began < limit, "did not happen"
         await asyncio.sleep(0.005)
+
+
+async def all_good(link: Any, names: tuple[str, ...]) -> dict[str, Any]:
+    """The first samples that are all good."""
+    found: dict[str, Any] = {}
+
+    async def good() -> bool:
+        found.update(await link.read(names))
+        return all(s.good for s in found.values())
+
+    await until(good)
+    return found
+
+
+FD_DBC = """VERSION ""
+
+NS_ :
+
+BS_:
+
+BU_: Abbe Box
+
+BO_ 5 ARRAY: 64 Box
+ SG_ first : 0|32@1- (0.001,0) [0|0] "mm" Abbe
+ SG_ last : 487|32@0- (0.5,0) [0|0] "um" Abbe
+
+BO_ 2147483654 LONG: 12 Abbe
+ SG_ sent : 64|32@1- (1,0) [0|0] "" Box
+
+BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","r","J1939PG","r","r","r","r","r","r",\
+"r","r","r","r","StandardCAN_FD","ExtendedCAN_FD";
+BA_DEF_ BO_ "CANFD_BRS" ENUM "0","1";
+BA_DEF_DEF_ "VFrameFormat" "StandardCAN";
+BA_DEF_DEF_ "CANFD_BRS" "0";
+BA_ "VFrameFormat" BO_ 5 14;
+BA_ "VFrameFormat" BO_ 2147483654 15;
+BA_ "CANFD_BRS" BO_ 2147483654 1;
+"""
+"""CAN FD: 64 bytes with a short id, and, sent with a fast data phase, 12 bytes with a long one."""

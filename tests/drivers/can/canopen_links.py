@@ -6,15 +6,14 @@ from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from typing import Any
 
-from can_links import QUICK, interface
+from can_links import PATIENT, STALL, interface
 
 from drivers.can.canopen_config import CanopenConfig
 from drivers.can.canopen_link import CanopenLink
 
 ENCODER_NODES: dict[str, Any] = {
-    "x": {"id": 3, "heartbeat": 0.5, "produce_heartbeat": 0.05},
-    "y": {"id": 4, "heartbeat": 0.5, "produce_heartbeat": 0.05},
-    "z": {"id": 5, "heartbeat": 0.5, "produce_heartbeat": 0.05},
+    axis: {"id": number, "heartbeat": STALL, "produce_heartbeat": 0.05}
+    for axis, number in (("x", 3), ("y", 4), ("z", 5))
 }
 BY_SDO: dict[str, Any] = {
     axis: {"node": axis, "profile": "cia406", "unit": "count"} for axis in "xyz"
@@ -34,7 +33,8 @@ APART = 1_000_000
 async def linked(
     ready: Mapping[str, Any], nodes: dict[str, Any], channels: dict[str, Any], **settings: Any
 ) -> AsyncIterator[CanopenLink]:
-    section = {"nodes": nodes, "channels": channels} | interface(ready) | QUICK | settings
+    """An open link on a simulated bus."""
+    section = {"nodes": nodes, "channels": channels} | interface(ready) | PATIENT | settings
     link = CanopenLink("bench", CanopenConfig.model_validate(section))
     await link.open()
     try:

@@ -1,24 +1,38 @@
-"""The bus under the links: receive errors, error frames, bus-off, another transport."""
+"""The bus under the links: receive errors, full drivers, error frames, bus-off, CAN FD."""
 
 from __future__ import annotations
 
 import asyncio
+import os
+import signal
 import socket
+import struct
 import time
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import Any
 
 import can
 import pytest
 from can.interfaces.udp_multicast import UdpMulticastBus
-from can_links import ASK_Z, DBC, QUICK, READ, Z, interface, linked, until
-from canopen_links import AXES, BY_PDO, ENCODER_NODES
-from canopen_links import linked as linked_nodes
+from can.interfaces.virtual import VirtualBus
+from can_links import (
+    CORRECTION,
+    FD_DBC,
+    READ,
+    all_good,
+    dbc_section,
+    interface,
+    linked,
+    until,
+)
 
+from drivers.can import outgoing
 from drivers.can.dbc_config import DbcConfig
 from drivers.can.dbc_link import DbcLink
 from drivers.can.error_frames import told
-from drivers.link import LinkState, Quality
+from drivers.link import LinkDownError, LinkState, Quality
 from drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
@@ -35,29 +49,15 @@ def free_port() -> int:
 
 @pytest.fixture(scope="module")
 def udp() -> Iterator[SimulatedProcess]:
-    """The same bus over python-can's udp_multicast, which carries error frames too."""
+    """The bus over python-can's udp_multicast, which carries error frames too."""
     with SimulatedProcess("can", "--udp", f"{GROUP}:{free_port()}", "--frames", "0.02") as process:
         yield process
 
 
-# Another transport: lossy in bursts, so at most some hundred frames a second here
-
-
-async def test_signals_over_udp_multicast(udp: SimulatedProcess) -> None:
-    async with linked(udp.ready, READ | Z, messages=ASK_Z) as link:
-        assert link.status.state is LinkState.UP, link.status.detail
-        for _ in range(10):
-            samples = await link.read((*READ, "position_z"))
-            assert all(s.good for s in samples.values())
-            await asyncio.sleep(0.01)
-
-
-async def test_nodes_over_udp_multicast(udp: SimulatedProcess) -> None:
-    async with linked_nodes(udp.ready, ENCODER_NODES, BY_PDO, sync="read") as link:
-        assert link.status.state is LinkState.UP, link.status.detail
-        for _ in range(10):
-            assert all(s.good for s in (await link.read(AXES)).values())
-            await asyncio.sleep(0.01)
+@pytest.fixture
+def own_bus() -> Iterator[SimulatedProcess]:
+    with SimulatedProcess("can", "--frames", "0.02") as process:
+        yield process
 
 
 # Error frames
@@ -68,7 +68,7 @@ async def test_error_frames_are_reported_and_bus_off_is_an_outage(udp: Simulated
         udp.order("error_frame", id=0x04, data="0010000000000000")
         await until(lambda: link.status.state is LinkState.DEGRADED)
         assert link.status.detail == "receive error passive"
-        assert (await link.read(("x",)))["x"].good
+        await all_good(link, ("x",))
         udp.order("error_frame", id=0x04, data="0040000000000000")
         await until(lambda: link.status.state is LinkState.UP)
         udp.order("error_frame", id=0x40, data="0000000000000000")
@@ -123,13 +123,13 @@ async def test_a_receive_error_is_an_outage_and_is_overcome(
 ) -> None:
     broken = Broken(monkeypatch)
     async with linked(udp.ready, READ) as link:
-        assert (await link.read(("x",)))["x"].good
+        await all_good(link, ("x",))
         broken.now = True
         await until(lambda: link.status.state is LinkState.DOWN)
         assert (await link.read(("x",)))["x"].quality is Quality.UNAVAILABLE
         broken.now = False
         await until(lambda: link.status.state is LinkState.UP)
-        assert (await link.read(("x",)))["x"].good
+        await all_good(link, ("x",))
 
 
 async def test_python_can_s_notifier_would_die_silently(
@@ -162,35 +162,156 @@ async def test_python_can_s_notifier_would_die_silently(
         bus.shutdown()
 
 
-# An interface without a file descriptor: received by a thread
+# A driver that takes no more
 
 
-async def test_an_interface_that_has_no_file_descriptor() -> None:
-    section = {
-        "interface": "virtual",
-        "channel": f"abbe-{time.monotonic_ns()}",
-        "dbc": str(DBC),
-        "channels": {"T_left": {"message": "TEMPERATURES"}},
-        "messages": {"TEMPERATURES": {"within": 0.5}},
-    } | QUICK
+async def test_frames_wait_for_a_driver_that_is_full_and_none_is_lost(
+    own_bus: SimulatedProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(outgoing, "_PATIENCE", 60.0)
+    pid = own_bus.ready["pid"]
+    patient = {"POSITION": {"within": 60.0}}
+    async with linked(own_bus.ready, {"x": READ["x"]} | CORRECTION, messages=patient) as link:
+        os.kill(pid, signal.SIGSTOP)
+        try:
+            values = dict.fromkeys(CORRECTION, 0.0)
+            for i in range(900):
+                await link.write(values | {"life": i % 256})
+            # a pseudo-terminal holds some 4 KB, 190 frames
+        finally:
+            os.kill(pid, signal.SIGCONT)
+        await until(lambda: own_bus.order("report")["setpoints_taken"] == 900)
+        last = own_bus.order("report")["setpoints"]
+        assert [bytes.fromhex(data)[6] for data in last] == [127, 128, 129, 130, 131]
+        assert link.status.reconnects == 0
+
+
+async def test_a_driver_that_stays_full_is_an_outage(own_bus: SimulatedProcess) -> None:
+    pid = own_bus.ready["pid"]
+    patient = {"POSITION": {"within": 60.0}}
+    async with linked(own_bus.ready, {"x": READ["x"]} | CORRECTION, messages=patient) as link:
+        os.kill(pid, signal.SIGSTOP)
+        try:
+            with pytest.raises(LinkDownError, match="no room for a frame"):
+                while True:
+                    await link.write(dict.fromkeys(CORRECTION, 0.0))
+                    await asyncio.sleep(0.001)
+        finally:
+            os.kill(pid, signal.SIGCONT)
+        await until(lambda: link.status.state is LinkState.UP)
+        await all_good(link, ("x",))
+
+
+# An interface without a file descriptor: received by a thread, sent by a thread
+
+
+@asynccontextmanager
+async def on_virtual(**settings: Any) -> AsyncIterator[tuple[DbcLink, can.BusABC]]:
+    """A link on python-can's virtual bus, and somebody else there who sends TEMPERATURES."""
+    section = dbc_section({"T_left": {"message": "TEMPERATURES"}}, **settings)
+    section |= {"interface": "virtual", "channel": f"abbe-{time.monotonic_ns()}"}
     link = DbcLink("bench", DbcConfig.model_validate(section))
     with can.Bus(interface="virtual", channel=section["channel"], ignore_config=True) as other:
 
         async def send() -> None:
-            for value in range(10_000):
+            for value in range(100_000):
                 data = (value & 0x7FFF).to_bytes(2, "big") + bytes(4)
                 other.send(can.Message(arbitration_id=0x202, data=data, is_extended_id=False))
                 await asyncio.sleep(0.01)
 
+        sending = asyncio.create_task(send(), name="somebody else")
+        await link.open()
+        try:
+            yield link, other
+        finally:
+            sending.cancel()
+            await link.close()
+
+
+async def test_an_interface_that_has_no_file_descriptor() -> None:
+    async with on_virtual() as (link, _):
+        assert link.status.state is LinkState.UP, link.status.detail
+        first = (await link.read(("T_left",)))["T_left"]
+
+        async def moved() -> bool:
+            return (await link.read(("T_left",)))["T_left"].value > first.value
+
+        await until(moved)
+        next(t for t in asyncio.all_tasks() if t.get_name() == "somebody else").cancel()
+        await until(lambda: link.status.state is LinkState.DOWN)
+
+
+async def test_error_frames_of_other_interfaces_are_not_interpreted() -> None:
+    async with on_virtual() as (link, other):
+        other.send(can.Message(arbitration_id=0x40, is_error_frame=True, is_extended_id=False))
+        await until(lambda: link.status.state is LinkState.DEGRADED)
+        assert link.status.detail == "the interface reports error frames"
+        assert link.status.reconnects == 0
+
+
+async def test_an_interface_that_says_itself_that_it_is_bus_off(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    state = [can.BusState.ACTIVE]
+    monkeypatch.setattr(VirtualBus, "state", property(lambda bus: state[0]))
+    async with on_virtual() as (link, _):
+        assert link.status.state is LinkState.UP
+        state[0] = can.BusState.ERROR
+        await until(lambda: "bus-off: the controller has left the bus" in link.status.detail)
+        state[0] = can.BusState.ACTIVE
+        await until(lambda: link.status.state is LinkState.UP)
+        await all_good(link, ("T_left",))
+
+
+# CAN FD
+
+
+async def test_can_fd_frames_are_read_and_sent(tmp_path: Path) -> None:
+    """64 bytes, Motorola and Intel, short and long ids, between two sockets."""
+    (tmp_path / "fd.dbc").write_text(FD_DBC, encoding="utf-8")
+    options = {"port": free_port(), "hop_limit": 0, "fd": True}
+    section = dbc_section(
+        {
+            "first": {"message": "ARRAY"},
+            "last": {"message": "ARRAY"},
+            "sent": {"message": "LONG", "writable": True},
+        }
+    ) | {
+        "interface": "udp_multicast",
+        "channel": GROUP,
+        "options": options,
+        "dbc": str(tmp_path / "fd.dbc"),
+    }
+    link = DbcLink("bench", DbcConfig.model_validate(section))
+    with can.Bus(
+        interface="udp_multicast", channel=GROUP, ignore_config=True, **options
+    ) as other:
+        data = struct.pack("<l", -12345) + bytes(56) + struct.pack(">l", 7)
+
+        async def send() -> None:
+            while True:
+                other.send(
+                    can.Message(arbitration_id=5, data=data, is_extended_id=False, is_fd=True)
+                )
+                await asyncio.sleep(0.02)
+
         sending = asyncio.create_task(send())
         await link.open()
         try:
-            assert link.status.state is LinkState.UP, link.status.detail
-            first = (await link.read(("T_left",)))["T_left"]
-            await asyncio.sleep(0.1)
-            assert (await link.read(("T_left",)))["T_left"].value > first.value
-            sending.cancel()
-            await until(lambda: link.status.state is LinkState.DOWN)
+            samples = await all_good(link, ("first", "last"))
+            assert [s.value for s in samples.values()] == [pytest.approx(-12.345), 3.5]
+            got: list[can.Message] = []
+
+            async def sent() -> bool:
+                await link.write({"sent": -2.0})
+                while (frame := other.recv(0)) is not None:
+                    if frame.arbitration_id == 6:
+                        got.append(frame)
+                return bool(got)
+
+            await until(sent)
+            assert (got[0].is_fd, got[0].bitrate_switch, got[0].is_extended_id) == (True,) * 3
+            assert bytes(got[0].data) == bytes(8) + struct.pack("<l", -2)
         finally:
             sending.cancel()
             await link.close()

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import struct
-import time
 from collections.abc import Iterator
-from typing import Any
 
 import pytest
-from can_links import ASK_Z, CORRECTION, DBC, QUICK, READ, Z, linked, until
+from can_links import ASK_Z, CORRECTION, READ, Z, all_good, linked, until
 
-from drivers.can.dbc_config import DbcConfig
-from drivers.can.dbc_link import DbcLink
-from drivers.link import LinkConfigError, LinkDownError, LinkError, LinkState, Quality
+from drivers.can.dbc_bus import MessageBus
+from drivers.link import LinkDownError, LinkError, LinkState, Quality
 from drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
@@ -34,14 +31,14 @@ def own_bus() -> Iterator[SimulatedProcess]:
 async def test_signals_are_read(bus: SimulatedProcess) -> None:
     async with linked(bus.ready, READ) as link:
         assert link.status.state is LinkState.UP, link.status.detail
-        samples = await link.read(tuple(READ))
+        samples = await all_good(link, tuple(READ))
+        # Motorola byte order, signed
         assert samples["T_left"].value == pytest.approx(21.5)
         assert samples["T_right"].value == pytest.approx(-3.25)
         # latched together: Y is exactly 1000 mm further
         assert samples["position_y"].value - samples["x"].value == pytest.approx(1000.0)
         assert samples["y_um"].value == pytest.approx(1000.0 * samples["position_y"].value)
         assert samples["x"].time == samples["position_y"].time
-        assert samples["x"].age() < 1.0
         assert link.info("x").unit == "mm"
         assert link.info("y_um").unit == "um"
         assert link.info("T_left").unit == "degC"
@@ -52,8 +49,16 @@ async def test_values_move_on(bus: SimulatedProcess) -> None:
     async with linked(bus.ready, READ) as link:
         seen = set()
         while len(seen) < 5:
-            seen.add((await link.read(("x",)))["x"])
+            seen.add((await all_good(link, ("x",)))["x"].value)
             await asyncio.sleep(0.01)
+
+
+async def test_a_file_says_when_a_message_is_missing(bus: SimulatedProcess) -> None:
+    """POSITION has a cycle time of 10 ms there: three of them, but at least 0.1 s."""
+    messages = {"POSITION": {}, "TEMPERATURES": {"within": 7.0}}
+    async with linked(bus.ready, READ, messages=messages) as link:
+        assert link.channels["x"].endswith("missing after 0.1 s, in mm")
+        assert link.channels["T_left"].endswith("missing after 7 s, in degC")
 
 
 async def test_pages_of_a_multiplexed_message_in_a_frame_with_a_long_id(
@@ -61,16 +66,25 @@ async def test_pages_of_a_multiplexed_message_in_a_frame_with_a_long_id(
 ) -> None:
     channels = {"supply": {"message": "DIAGNOSIS"}, "hours": {"message": "DIAGNOSIS"}}
     async with linked(bus.ready, channels) as link:
-
-        async def both() -> bool:
-            samples = await link.read(("supply", "hours"))
-            return all(s.good for s in samples.values())
-
-        await until(both)
-        samples = await link.read(("supply", "hours"))
+        samples = await all_good(link, ("supply", "hours"))
         assert [s.value for s in samples.values()] == [pytest.approx(24.1), 12345.0]
         assert samples["supply"].time != samples["hours"].time
         assert "18FF0012h" in link.channels["supply"]
+
+
+async def test_a_page_that_does_not_come_any_more_is_missing(own_bus: SimulatedProcess) -> None:
+    channels = {"supply": {"message": "DIAGNOSIS"}, "hours": {"message": "DIAGNOSIS"}}
+    async with linked(own_bus.ready, channels) as link:
+        await all_good(link, ("supply", "hours"))
+        own_bus.order("page", only=0)
+
+        async def missing() -> bool:
+            samples = await link.read(("supply", "hours"))
+            told = "message DIAGNOSIS comes, but its page with hours does not"
+            return samples["supply"].good and samples["hours"].reason == told
+
+        await until(missing)
+        assert link.status.state is LinkState.UP
 
 
 async def test_a_message_that_is_asked_for(bus: SimulatedProcess) -> None:
@@ -83,9 +97,10 @@ async def test_a_message_that_is_asked_for(bus: SimulatedProcess) -> None:
         assert second.value != first.value
         assert second.time > first.time
         assert link.status.requests - before == 2
-        assert 0.0 < link.status.round_trip < 1.0
+        assert link.status.round_trip > 0.0
     frame = {"id": 0x203, "data": ""}
-    async with linked(bus.ready, Z, messages={"POSITION_Z": {"request": frame}}) as link:
+    request = {"POSITION_Z": {"request": frame}}
+    async with linked(bus.ready, Z, messages=request, timeout=0.2) as link:
         # a data frame of that id is not what this device answers
         assert link.status.state is LinkState.DOWN
         assert "no request is answered" in link.status.detail
@@ -127,7 +142,7 @@ async def test_an_adapter_unplugged_and_plugged_in(
             await link.write(dict.fromkeys(CORRECTION, 1.0))
         own_bus.order("plug")
         await until(lambda: link.status.state is LinkState.UP)
-        assert (await link.read(("x",)))["x"].good
+        await all_good(link, ("x",))
     said = [r.getMessage() for r in caplog.records if r.name.startswith("abbe")]
     assert ["lost: receiving failed" in said[0], "back after" in said[-1], len(said)] == [
         True, True, 2,
@@ -141,19 +156,23 @@ async def test_an_adapter_that_forgot_that_it_was_opened(own_bus: SimulatedProce
         await until(lambda: link.status.state is LinkState.DOWN)
         assert "nothing comes" in link.status.detail
         await until(lambda: link.status.state is LinkState.UP)
-        assert link.status.reconnects == 1
-        assert (await link.read(("x",)))["x"].good
+        assert link.status.reconnects >= 1
+        await all_good(link, ("x",))
 
 
 async def test_without_our_watch_that_would_last_for_ever(
     own_bus: SimulatedProcess, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(DbcLink, "_look", lambda self: None)
+    monkeypatch.setattr(MessageBus, "_look", lambda self, due: None)
     async with linked(own_bus.ready, READ) as link:
         own_bus.order("reset_adapter")
-        await asyncio.sleep(1.0)
+
+        async def missing() -> bool:
+            return not (await link.read(("x",)))["x"].good
+
+        await until(missing)
+        await asyncio.sleep(0.3)
         assert link.status.state is LinkState.UP
-        assert not (await link.read(("x",)))["x"].good
 
 
 async def test_cyclic_messages_stop_and_what_is_asked_for_goes_on(
@@ -162,7 +181,8 @@ async def test_cyclic_messages_stop_and_what_is_asked_for_goes_on(
     async with linked(own_bus.ready, READ | Z, messages=ASK_Z) as link:
         own_bus.order("mute", muted=True)
         await until(lambda: link.status.state is LinkState.DEGRADED)
-        assert set(link.status.quarantined) >= {"message POSITION", "message TEMPERATURES"}
+        await until(lambda: len(link.status.quarantined) == 2)
+        assert set(link.status.quarantined) == {"message POSITION", "message TEMPERATURES"}
         sample = (await link.read(("x",)))["x"]
         assert sample.quality is Quality.UNAVAILABLE
         assert "POSITION did not come for" in sample.reason
@@ -171,23 +191,26 @@ async def test_cyclic_messages_stop_and_what_is_asked_for_goes_on(
 
 
 async def test_an_unanswered_request_costs_one_time_out(own_bus: SimulatedProcess) -> None:
-    async with linked(own_bus.ready, READ | Z, messages=ASK_Z, timeout=0.2) as link:
+    patience = {"timeout": 0.3, "quarantine_after": 100, "late_reply_max": 60.0}
+    async with linked(own_bus.ready, READ | Z, messages=ASK_Z, **patience) as link:
         own_bus.order("deaf_adapter", deaf=True)
-        began = time.monotonic()
         samples = await link.read(("x", "position_z"))
-        assert time.monotonic() - began < 0.2 + 1.0
         assert samples["x"].good
         assert samples["position_z"].quality is Quality.UNAVAILABLE
-        assert "no answer in 0.2 s" in samples["position_z"].reason
+        assert "no answer in 0.3 s" in samples["position_z"].reason
         # its answer might still come and is not to pass for the next one's
+        asked = link.status.requests
         sample = (await link.read(("position_z",)))["position_z"]
-        assert sample.quality is Quality.UNAVAILABLE
+        assert sample.reason == "message POSITION_Z may still be answered late"
+        assert link.status.requests == asked
+
+
+async def test_a_request_is_answered_again(own_bus: SimulatedProcess) -> None:
+    async with linked(own_bus.ready, READ | Z, messages=ASK_Z, timeout=0.3) as link:
+        own_bus.order("deaf_adapter", deaf=True)
+        assert not (await link.read(("position_z",)))["position_z"].good
         own_bus.order("deaf_adapter", deaf=False)
-
-        async def good() -> bool:
-            return (await link.read(("position_z",)))["position_z"].good
-
-        await until(good)
+        await all_good(link, ("position_z",))
 
 
 async def test_a_second_link_on_the_same_adapter_is_told_so(bus: SimulatedProcess) -> None:
@@ -199,48 +222,7 @@ async def test_a_second_link_on_the_same_adapter_is_told_so(bus: SimulatedProces
         assert first.status.reconnects == 0
 
 
-async def test_interfaces_and_options_that_do_not_exist(bus: SimulatedProcess) -> None:
-    section = {"dbc": str(DBC), "channels": READ, "interface": "telepathy", "channel": 0} | QUICK
-    link = DbcLink("bench", DbcConfig.model_validate(section))
-    with pytest.raises(LinkConfigError, match=r"interface 'telepathy'.*there are: .*socketcan"):
-        await link.open()
-    section |= {"interface": "slcan", "channel": "x", "options": {"sleep_after_opne": 1}}
-    link = DbcLink("bench", DbcConfig.model_validate(section))
-    with pytest.raises(
-        LinkConfigError, match="no 'sleep_after_opne'; there are: .*sleep_after_open"
-    ):
-        await link.open()
+async def test_an_adapter_that_is_not_there() -> None:
     ready = {"interface": "slcan", "channel": "/dev/abbe-no-such-port"}
     async with linked(ready, READ) as down:
         assert "No such file" in down.status.detail
-
-
-@pytest.mark.parametrize(
-    ("change", "wrong"),
-    [
-        ({"dbc": "/no/such.dbc"}, "there is no file /no/such.dbc"),
-        ({"channels": {"x": {"message": "NO"}}}, "no message 'NO'; it has: POSITION, TEMP"),
-        ({"channels": {"x": {"message": "POSITION"}}}, "no signal 'x'; it has: position_x"),
-        ({"messages": {"NO": {}}}, "messages.NO: .* has no message"),
-        ({"messages": {"POSITION_Z": {}}}, "messages.POSITION_Z is used by no channel"),
-        ({"channels": {"x": {"message": "M", "scale": 0.0}}}, "scale is 0"),
-        ({"messages": {"POSITION": {"request": {"id": 1, "data": "0"}}}}, "up to eight bytes"),
-        ({"channel": None}, "channel"),
-        ({"bit_rate": 5}, "Extra inputs"),
-    ],
-)
-def test_a_configuration_that_cannot_work(change: dict[str, Any], wrong: str) -> None:
-    section = {"dbc": str(DBC), "channels": READ, "interface": "slcan", "channel": "x"}
-    with pytest.raises(ValueError, match=wrong):
-        DbcLink("bench", DbcConfig.model_validate(section | change))
-
-
-def test_a_file_that_is_no_dbc(tmp_path: Any) -> None:
-    file = tmp_path / "bad.dbc"
-    file.write_text("BO_ nonsense")
-    config = DbcConfig.model_validate(
-        {"dbc": "bad.dbc", "channels": READ, "interface": "slcan", "channel": "x"},
-        context={"folder": tmp_path},
-    )
-    with pytest.raises(LinkConfigError, match=r"bad.dbc cannot be read: "):
-        DbcLink("bench", config)

@@ -57,9 +57,8 @@ async def test_encoders_by_pdo_at_one_sync_belong_to_one_moment(bus: SimulatedPr
             samples = await link.read(AXES)
             assert all(s.good for s in samples.values()), samples
             x, y, z = (samples[a].value for a in AXES)
-            # the simulator latches all in one event: apart by what 1 ms of motion makes at most
-            assert abs(y - x - APART) < 200
-            assert abs(z - x - 2 * APART) < 200
+            # the simulated encoders latch at the same SYNC: not a count of motion in between
+            assert (y - x, z - x) == (APART, 2 * APART)
             seen.add(x)
         assert len(seen) > 10
         assert link.channels["x"].endswith("int32 by PDO at SYNC, in count")
