@@ -11,6 +11,7 @@ import math
 import time
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,8 @@ _LOOK = 0.02
 """s between two looks."""
 _STILL = 1e-9
 """Machine units by which a compensation that has arrived may still differ."""
+_A_WAY = 1e-6
+"""mm or rad that are no rounding error."""
 _MOVE_ROOM = 30.0
 """s on top of the time that a move takes by its feed."""
 
@@ -49,6 +52,9 @@ class Running:
         self._joints = joints
         self._timeout = timeout
         self._directions = dict.fromkeys(joints, 0)
+        self._speeds: dict[str, float] = {}
+        """Last speed that was seen of axes since all stood still."""
+        self._stood: dict[str, float] = {}
         self._units = 1.0
 
     async def state(self) -> dict[str, Any]:
@@ -62,7 +68,11 @@ class Running:
         return math.radians(1.0) if is_rotary(axis) else 1.0 / self._units
 
     async def look(self) -> Effect | None:
-        """What the tables do where it stands; None while something moves."""
+        """What the tables do where it stands; None while something moves.
+
+        A direction is known where the axis was seen to go that way and to end there. LinuxCNC goes
+        by the sign of the last commanded speed, be it 1e-15: after rounding errors it is unknown.
+        """
         pins = [
             f"joint.{joint}.{pin}" for joint in self._joints.values() for pin in ("pos-cmd", *_PINS)
         ]
@@ -76,11 +86,19 @@ class Running:
                 i * each : (i + 1) * each
             ]
             if speed:
-                self._directions[axis] = 1 if speed > 0.0 else -1
+                self._speeds[axis] = speed
             still &= not speed and before == after and abs(wanted - applied) <= _STILL
             position[axis] = after * self._size(axis)
             correction[axis] = (motor - after - offset) * self._size(axis)
-        return Effect(position, correction, dict(self._directions)) if still else None
+        if not still:
+            return None
+        for axis, at in position.items():
+            way, speed = at - self._stood.get(axis, at), self._speeds.pop(axis, 0.0)
+            if way or speed:
+                agree = abs(way) > _A_WAY and way * (speed or way) > 0.0
+                self._directions[axis] = (1 if way > 0.0 else -1) if agree else 0
+        self._stood = position
+        return Effect(position, correction, dict(self._directions))
 
     async def watch(self, seconds: float) -> list[Effect]:
         """What the tables do wherever it stands still within some time, at least once.
@@ -149,8 +167,9 @@ class Running:
             await self._bridge.ask(
                 {"move": {"axis": axis, "to": to, "feed": feed}}, self._timeout + _MOVE_ROOM
             )
-            self._directions[axis] = 1 if to > at else -1
-            found.append(await self._arrival(axis, to, step / feed * 60.0 + _MOVE_ROOM))
+            seen = await self._arrival(axis, to, step / feed * 60.0 + _MOVE_ROOM)
+            # the others may have moved by rounding errors
+            found.append(replace(seen, direction={axis: 1 if to > at else -1}))
             at = to
         return found
 

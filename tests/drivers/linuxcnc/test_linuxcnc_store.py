@@ -1,0 +1,345 @@
+"""Compensation files uploaded to a real LinuxCNC, which shows on both ways what they do."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import stat
+import subprocess
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from linuxcnc_machine import EXAMPLE, PATIENCE, PYTHON, Machine
+
+from drivers.link import LinkConfigError, LinkDownError, LinkError, LinkTimeoutError
+from drivers.stores.base import Effect, Readiness, RefusedError
+from drivers.stores.linuxcnc import LinuxCncStore
+from drivers.stores.linuxcnc_config import LinuxCncStoreConfig
+
+pytestmark = pytest.mark.integration
+
+ROWS = np.linspace(-280.0, 280.0, 57) + 0.31
+Files = dict[str, str]
+
+
+def error(axis: str, q: float, upward: bool, size: float) -> float:
+    """What the machine is told to have, mm."""
+    curve = {"x": np.sin(q / 90.0), "y": np.cos(q / 70.0), "z": q / 200.0}[axis]
+    return float(size * (curve + (0.3 if upward else -0.2)))
+
+
+def files(size: float) -> Files:
+    """Type 0: nominal, actual on the way up, actual on the way down."""
+    return {
+        f"{a}.comp": "".join(
+            f"{q:.3f} {q + error(a, q, True, size):.7f} {q + error(a, q, False, size):.7f}\n"
+            for q in ROWS
+        )
+        for a in "xyz"
+    }
+
+
+def told(axis: str, q: float, upward: bool, size: float) -> float:
+    """What LinuxCNC has to add between the rows, mm."""
+    return -float(np.interp(q, ROWS, [error(axis, r, upward, size) for r in ROWS]))
+
+
+SMALL, LARGE = 0.02, 0.035
+
+
+class Mill(Machine):
+    """Its joints read their files through a link; a command starts it anew."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            {
+                f"[JOINT_{i}]": f"[JOINT_{i}]\nCOMP_FILE = comp/current/{a}.comp\n"
+                "COMP_FILE_TYPE = 0"
+                for i, a in enumerate("xyz")
+            }
+        )
+
+    def start(self) -> None:
+        if (self.folder / "comp").exists():
+            super().start()
+
+    @property
+    def command(self) -> list[str]:
+        """Ends it and starts it again, as a service manager would; returns when it is started."""
+        name, value = self._mark.decode().split("=")
+        script = self.folder / "restart.sh"
+        script.write_text(
+            f"""#!/bin/sh
+export {name}={value}
+if [ "$(id -u)" = 0 ]; then export RTAPI_UID=65534 RTAPI_FIFO_PATH={self.folder}/fifo; fi
+linuxcnc -r mill.ini > output 2>&1 < /dev/null &
+"""
+        )
+        script.chmod(script.stat().st_mode | stat.S_IXUSR)
+        return [str(script)]
+
+    def end(self) -> None:
+        """End it and wait until nothing of it is left, so that it can be started again."""
+        screen = self._screen()
+        self._end_operator()
+        if screen is not None:
+            os.kill(screen, signal.SIGTERM)
+        deadline = time.monotonic() + PATIENCE
+        while self._all():
+            assert time.monotonic() < deadline, "LinuxCNC does not end"
+            time.sleep(0.05)
+        if self._process is not None:
+            self._process.wait(PATIENCE)
+            self._process = None
+
+    def stop(self) -> None:
+        self.end()
+        super().stop()
+
+    def ready(self) -> None:
+        """Switch on and home."""
+        assert self.order("on") == []
+        assert self.order("home") == []
+
+
+@pytest.fixture(scope="module")
+def mill() -> Iterator[Mill]:
+    with Mill() as machine:
+        yield machine
+
+
+@asynccontextmanager
+async def store(mill: Mill, **settings: Any) -> AsyncIterator[LinuxCncStore]:
+    config = LinuxCncStoreConfig.model_validate({"ini": str(mill.folder / "mill.ini")} | settings)
+    one = LinuxCncStore("mill", config)
+    await one.open()
+    try:
+        yield one
+    finally:
+        await one.close()
+
+
+async def upload(one: LinuxCncStore, wanted: Files) -> None:
+    await one.stage(wanted)
+    assert await one.staged() == wanted
+    await one.activate(wanted)
+    await one.discard()
+    assert await one.active() == wanted
+
+
+async def until(one: LinuxCncStore, true: Callable[[tuple[str, ...]], bool]) -> Readiness:
+    """Wait until what speaks against an upload is this."""
+    began = time.monotonic()
+    while not true((found := await one.readiness()).hindrances):
+        assert time.monotonic() - began < PATIENCE, found
+        await asyncio.sleep(0.05)
+    return found
+
+
+def told_at_once(order: str) -> None:
+    """Have LinuxCNC do something without waiting for it."""
+    subprocess.run([PYTHON, "-c", f"import linuxcnc; c = linuxcnc.command(); {order}"], check=True)
+
+
+def check(effects: Any, size: float) -> set[tuple[str, int]]:
+    """Compare what LinuxCNC adds with what it has to; axes and directions that were seen."""
+    seen = set()
+    for effect in effects:
+        assert isinstance(effect, Effect)
+        for axis, at in effect.position.items():
+            direction = effect.direction.get(axis, 0)
+            if direction:
+                # LinuxCNC keeps single precision
+                wanted = told(axis.lower(), at, direction > 0, size)
+                assert effect.correction[axis] == pytest.approx(wanted, abs=2e-7)
+                seen.add((axis, direction))
+    return seen
+
+
+EVERYWHERE = {(axis, direction) for axis in "XYZ" for direction in (1, -1)}
+
+
+async def test_upload_restart_verify_roll_back(mill: Mill) -> None:
+    """In one test, because each LinuxCNC that is started takes seconds."""
+    async with store(mill) as one:
+        assert (await one.identity()).name.endswith(", mill")
+        assert await one.active() == {}
+        assert (await one.readiness()).ready  # nothing runs, nothing can move
+        assert list(await one.effects()) == []
+        await upload(one, files(SMALL))
+        assert not one.restart_needed
+        with pytest.raises(RefusedError, match="restarted by hand"):
+            await one.restart()
+    await asyncio.to_thread(mill.start)
+    async with store(mill) as one:
+        await until(one, lambda told: told == ("not homed: joint 0, 1, 2",))
+        assert list(await one.effects()) == []
+    await asyncio.to_thread(mill.ready)
+
+    # the way up and the way down, between rows, and the user's modal state stays as it was
+    await asyncio.to_thread(mill.order, "mdi", "G20 G91 G0 X1 Y-2 Z0.5")
+    moving = {"verify_by_moving": True, "verify_step": 2.3, "verify_points": 2}
+    async with store(mill, **moving, verify_feed=3000.0) as one:
+        assert (await one.readiness()).ready
+        effects = await one.effects()
+        assert check(effects, SMALL) == EVERYWHERE
+        assert len(effects) == 12
+        assert max(abs(e.position["X"] - 25.4) for e in effects) == pytest.approx(4.6, abs=1e-6)
+    await asyncio.to_thread(mill.order, "mdi", "G0 X1")
+    async with store(mill, watch=0.2) as one:
+        (effect,) = await one.effects()
+        assert effect.position["X"] == pytest.approx(50.8, abs=1e-6)
+        assert effect.direction == dict.fromkeys("XYZ", 0)
+        assert effect.correction["X"] == pytest.approx(told("x", 50.8, True, SMALL), abs=2e-7)
+
+    # moved by somebody else while it is watched
+    async with store(mill, watch=2.0) as one:
+        watching = asyncio.create_task(one.effects())
+        await asyncio.sleep(0.2)
+        await asyncio.to_thread(mill.order, "mdi", "G90 G21 G0 X60 Y-60 Z10")
+        await asyncio.to_thread(mill.order, "mdi", "G0 X50 Y-50 Z20")
+        check(await watching, SMALL)
+
+    # a second table: LinuxCNC keeps the first until it is started anew
+    async with store(mill, **moving, verify_feed=3000.0) as one:
+        await upload(one, files(LARGE))
+        assert one.restart_needed
+        check(await one.effects(), SMALL)
+    async with store(mill) as one:
+        assert one.restart_needed
+    await asyncio.to_thread(mill.end)
+    async with store(mill, restart=mill.command) as one:
+        assert not one.restart_needed
+        await one.restart()
+        assert not one.restart_needed
+    await asyncio.to_thread(mill.ready)
+    async with store(mill, **moving, verify_feed=3000.0) as one:
+        assert await one.active() == files(LARGE)
+        assert check(await one.effects(), LARGE) == EVERYWHERE
+
+        # a programme runs: not ready, and not restarted
+        told_at_once("c.mdi('G21 G90 G1 F60 X-200')")
+        ready = await until(one, lambda told: told[:1] == ("a programme runs",))
+        assert not ready.idle
+        told_at_once("c.abort()")
+        assert (await until(one, lambda told: told == ())).ready
+
+        # back to none: files without effect, for LinuxCNC does not start without files
+        await one.deactivate()
+        assert await one.active() == {}
+        assert one.restart_needed
+    await asyncio.to_thread(mill.end)
+    async with store(mill, restart=mill.command, **moving) as one:
+        await one.restart()
+        await asyncio.to_thread(mill.ready)
+        effects = await one.effects()
+        assert len(effects) == 12
+        assert all(c == 0.0 for e in effects for c in e.correction.values())
+
+
+async def test_nothing_is_switched_that_could_not_be_meant(mill: Mill) -> None:
+    async with store(mill) as one:
+        before = await one.active()
+        with pytest.raises(RefusedError, match=r"nothing to upload; mill.ini reads x.comp, y.comp"):
+            await one.stage({})
+        with pytest.raises(RefusedError, match=r"\.\./mill\.ini to upload"):
+            await one.stage({"x.comp": "0 0 0\n", "../mill.ini": "gone\n"})
+        # trims in a file of actual positions: LinuxCNC would move by hundreds of millimetres
+        with pytest.raises(RefusedError, match="correct by 200, more than max_correction = 1"):
+            await one.stage({"x.comp": "-200 0 0\n100 0.005 0.005\n"})
+        await one.stage(files(SMALL))
+        with pytest.raises(RefusedError, match="something else is staged"):
+            await one.activate(files(LARGE))
+        with pytest.raises(RefusedError, match="something else is staged"):
+            await one.activate({})
+        ini = mill.folder / "mill.ini"
+        text = ini.read_text()
+        ini.write_text(text.replace("current/z.comp", "current/zz.comp", 1))
+        with pytest.raises(LinkConfigError, match="not named after its axis"):
+            await one.activate(files(SMALL))
+        ini.write_text(text.replace("COMP_FILE_TYPE = 0", "COMP_FILE_TYPE = 1", 1))
+        with pytest.raises(RefusedError, match="was changed; nothing was switched"):
+            await one.activate(files(SMALL))
+        ini.write_text(text)
+        assert await one.active() == before
+        await one.discard()
+        assert await one.staged() == {}
+    with pytest.raises(LinkDownError, match="is closed"):
+        await one.active()
+
+
+async def test_a_set_without_some_joints_lets_linuxcnc_start(mill: Mill) -> None:
+    async with store(mill) as one:
+        only_x = {"x.comp": files(SMALL)["x.comp"]}
+        await upload(one, only_x)
+        assert (mill.folder / "comp" / "current" / "z.comp").read_text() == "0 0 0\n"
+
+
+@pytest.mark.parametrize(
+    ("script", "kind", "why"),
+    [
+        ("echo nothing there >&2; exit 3", RefusedError, "ended with status 3: nothing there"),
+        ("exec sleep 100", LinkTimeoutError, "did not end in 2 s"),
+        ("exit 0", LinkTimeoutError, "LinuxCNC is not back 2 s after"),
+    ],
+)
+async def test_a_restart_that_fails_is_told(
+    mill: Mill, script: str, kind: type[LinkError], why: str
+) -> None:
+    restart = ["/bin/sh", "-c", script]
+    async with store(mill, restart=restart, restart_timeout=2.0) as one:
+        before = await one.active()
+        with pytest.raises(kind, match=why):
+            await one.restart()
+        assert await one.active() == before
+
+
+PLAIN = "[JOINT_{0}]\nCOMP_FILE = {1}.comp\nCOMP_FILE_TYPE = 1"
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({}, ["no joint has a COMP_FILE", "[JOINT_2]\n  COMP_FILE = comp/current/z.comp"]),
+        (
+            {f"[JOINT_{i}]": PLAIN.format(i, f"screw{i}") for i in (0, 1)},
+            ["is not named after its axis", "cp 'screw1.comp' comp/mine/y.comp", "echo 0 0 0 >"],
+        ),
+        (
+            {f"[JOINT_{i}]": PLAIN.format(i, a) for i, a in enumerate("xyz")},
+            [
+                "are not in one folder named current",
+                "COMP_FILE_TYPE = 1",
+                "ln -s mine comp/current",
+            ],
+        ),
+    ],
+)
+async def test_an_ini_file_whose_files_cannot_be_switched(
+    tmp_path: Path, changes: dict[str, str], said: list[str]
+) -> None:
+    text = (EXAMPLE / "mill.ini").read_text()
+    for old, new in changes.items():
+        text = text.replace(old, new)
+    ini = tmp_path / "mill.ini"
+    ini.write_text(text)
+    one = LinuxCncStore("mill", LinuxCncStoreConfig(ini=str(ini)))
+    with pytest.raises(LinkConfigError) as caught:
+        await one.open()
+    for part in said:
+        assert part in str(caught.value)
+
+
+async def test_what_is_missing_is_told(tmp_path: Path) -> None:
+    one = LinuxCncStore("mill", LinuxCncStoreConfig(ini=str(tmp_path / "no.ini")))
+    with pytest.raises(LinkDownError, match="there is no such file"):
+        await one.open()
+    config = LinuxCncStoreConfig(ini=str(tmp_path / "no.ini"), python="/no/python")
+    with pytest.raises(LinkDownError, match="cannot start /no/python"):
+        await LinuxCncStore("mill", config).open()
