@@ -21,6 +21,7 @@ NAMES = (
     "iso230",
     "correct",
     "table",
+    "upload",
     "controllers",
     "import_map",
     "identify_convention",

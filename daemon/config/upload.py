@@ -1,4 +1,4 @@
-"""The section ``[upload]``: where tables go, and what is allowed. ``docs/upload.md`` is its page."""
+"""The section ``[upload]``: where tables go, what is allowed. ``docs/upload.md`` is its page."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class UploadSection(BaseModel):
     effect_every: Annotated[float, Field(ge=0.0, le=60.0)] = 0.2
     """s from one look to the next."""
     patience: Positive = 30.0
-    """s for which a controller that does not answer is sought when something has to be put right."""
+    """s for which a silent controller is sought when something has to be put right."""
     step_timeout: Positive = 900.0
     """s that one step may take."""
     journal: str = "uploads.jsonl"

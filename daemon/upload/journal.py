@@ -132,7 +132,17 @@ class Journal:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self.found = read_journal(path)
+        self.reload()
+
+    def reload(self) -> None:
+        """Read it anew, with what was appended.
+
+        Raises
+        ------
+        InputError
+            As `read_journal`.
+        """
+        self.found = read_journal(self._path)
         self._seal, self._torn, self._ended = self.found.seal, self.found.torn, self.found.ended
 
     def append(self, entry: Entry) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -28,11 +28,15 @@ class Outcome:
     step
         Where it broke; empty: nowhere.
     why
-        What broke it, and for ``unknown`` what was tried last.
+        What broke it.
     backup
         Where the old tables are kept.
     notes
         What else is to be said.
+    seen
+        What the check of the effect found.
+    last
+        What stood in the way when everything was to be put right.
     """
 
     done: bool
@@ -45,12 +49,12 @@ class Outcome:
     backup: Path | None = None
     notes: tuple[str, ...] = ()
     seen: str = ""
-    model: dict[str, Any] = field(default_factory=dict)
+    last: str = ""
 
     @property
     def open(self) -> bool:
         """Whether the journal is left without an end, for ``--recover``."""
-        return self.active == "unknown"
+        return not self.done and self.active != "old"
 
     def lines(self) -> list[str]:
         """For people: what failed, what is active, what to do."""
@@ -78,8 +82,8 @@ class Outcome:
             )
             return [f"{what}, verified by reading it back; nothing is staged"]
         return [
-            f"which table is active is NOT known: it is the old one ({old}) or the new one ({new}), "
-            "and could not be read",
+            f"which table is active is NOT known, the old one ({old}) or the new one ({new}): it "
+            f"could not be read and verified{f' ({self.last})' if self.last else ''}",
             "do not machine or measure with it; bring the controller back and run "
             "abbe upload CONFIG.toml --recover",
         ]

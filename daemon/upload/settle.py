@@ -1,7 +1,8 @@
 """After a failure: find out what is active by reading it, and put it right where it is neither.
 
 The order matters. First the staging area is emptied, and seen to be empty: from then on a command
-that is still on its way somewhere finds nothing that it could activate. Then what is active is read.
+that is still on its way somewhere finds nothing that it could activate. Then what is active is
+read.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from drivers.stores.base import Identity, Store
 Tell = Callable[[str], None]
 _PAUSE = 0.2
 """s before the next attempt; doubles up to two seconds."""
+
+_NEITHER = "what is active is neither the old nor the new table; "
 
 
 class WrongControllerError(AbbeError):
@@ -110,7 +113,7 @@ async def settle(
         Is told what is done.
     """
     until, pause = time.monotonic() + patience, _PAUSE
-    new_seen = False
+    new_seen, strange = False, ""
     while True:
         try:
             async with asyncio.timeout(max(until - time.monotonic(), patience)):
@@ -124,7 +127,10 @@ async def settle(
                     return Settled("old")
                 if new_seen and not want_old:
                     return Settled("new")
-                tell(f"putting the old table ({short(old.sha256)}) back")
+                strange = (
+                    "" if new_seen else "what is active is neither the old nor the new table; "
+                )
+                tell(f"{strange}putting the old table ({short(old.sha256)}) back")
                 await check_ready(store)
                 new_seen = False
                 await put_back(store, old)
@@ -136,7 +142,7 @@ async def settle(
         except (LinkError, AbbeError, OSError, TimeoutError) as error:
             why, new_seen = str(error) or "no answer in time", False
         if time.monotonic() >= until:
-            return Settled("new" if new_seen else "unknown", why)
+            return Settled("new" if new_seen else "unknown", strange + why)
         tell(f"{why}; trying again")
         await asyncio.sleep(pause)
         pause = min(2.0 * pause, 2.0)

@@ -1,0 +1,169 @@
+"""``abbe upload``: compensation tables into a controller, verified, rolled back where it fails."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from daemon.config import Configuration
+    from daemon.upload.session import Result, Wish
+    from daemon.upload.speaker import Speaker
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("upload")(upload)
+
+
+def upload(
+    config: Annotated[
+        Path, typer.Argument(help="Configuration with [upload].", metavar="CONFIG.toml")
+    ],
+    tables: Annotated[
+        Path | None, typer.Argument(help="Folder that `abbe table` wrote.", metavar="TABLES")
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Only ask and compare; say what would change.")
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before writing.")] = False,
+    rollback: Annotated[
+        bool, typer.Option("--rollback", help="Put back what was active before the last upload.")
+    ] = False,
+    status: Annotated[
+        bool, typer.Option("--status", help="What is active, and where it came from.")
+    ] = False,
+    recover: Annotated[
+        bool, typer.Option("--recover", help="Bring an upload that was cut off to its end.")
+    ] = False,
+    max_change: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Allowed change, µm, in place of upload.max_change_um."),
+    ] = None,
+    by: Annotated[str, typer.Option(help="Who uploads, for the journal.")] = "",
+    note: Annotated[str, typer.Option(help="A remark for the journal.")] = "",
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+) -> None:
+    """Write tables to a controller: check, back up, stage, read back, activate, check the effect.
+
+    Whatever fails, either the old tables are active or the new ones, never a mixture, and the last
+    lines say which. An example: abbe upload mill.toml tables
+    """
+    from daemon.config import load_config
+    from daemon.upload.session import Wish
+
+    if (tables is not None) + rollback + status + recover != 1:
+        raise typer.BadParameter("give a folder of tables, or one of --rollback --status --recover")
+    if dry_run and (status or recover):
+        raise typer.BadParameter("--dry-run does not go with --status and --recover")
+    configuration = load_config(config)
+    wish = Wish(dry_run, max_change, by, note)
+    if status:
+        _status(configuration, as_json)
+    elif recover:
+        _recover(configuration, wish, as_json)
+    else:
+        _change(configuration, tables, wish, yes, as_json)
+
+
+def _change(
+    configuration: Configuration, tables: Path | None, wish: Wish, yes: bool, as_json: bool
+) -> None:
+    import asyncio
+
+    from compcore.errors import AbbeError
+    from daemon.analysis.tabled import trust_lines
+    from daemon.upload.session import roll_back, setup_of, upload
+    from daemon.upload.speaker import Speaker, can_ask
+
+    if not (yes or wish.dry_run) and (as_json or not can_ask()):
+        raise AbbeError(
+            "nobody can be asked whether to write to the controller (no terminal, or --json): "
+            "say --yes"
+        )
+    setup = setup_of(configuration)
+    with Speaker(quiet=as_json, yes=yes) as speaker:
+        for line in trust_lines(setup.make_controller(configuration.model.machine)):
+            speaker.tell(line)
+        voice = speaker.voice()
+        doing = (
+            roll_back(configuration, wish, voice)
+            if tables is None
+            else upload(configuration, tables, wish, voice)
+        )
+        result = asyncio.run(doing)
+    if as_json:
+        typer.echo(json.dumps(_as_json(result, wish), ensure_ascii=False))
+    else:
+        for line in _lines(result, wish):
+            typer.echo(line)
+    if not result.ok:
+        raise typer.Exit(1)
+
+
+def _lines(result: Result, wish: Wish) -> list[str]:
+    if result.outcome is not None:
+        return result.outcome.lines()
+    if result.cleared is None:
+        return ["the earlier upload has to be brought to its end first; nothing was written"]
+    if result.cleared.nothing_to_do:
+        return [*result.cleared.lines(), "it is active already: nothing to do"]
+    if wish.dry_run:
+        return [*result.cleared.lines(), "dry run: nothing was written"]
+    return ["nothing was written"]
+
+
+def _as_json(result: Result, wish: Wish) -> dict[str, Any]:
+    return {
+        "done": result.ok and not wish.dry_run,
+        "dry_run": wish.dry_run,
+        "preflight": None if result.cleared is None else result.cleared.as_json(),
+        "nothing_to_do": result.cleared is not None and result.cleared.nothing_to_do,
+        "recovered": None if result.recovered is None else result.recovered.as_json(),
+        **({} if result.outcome is None else result.outcome.as_json()),
+    }
+
+
+def _recover(configuration: Configuration, wish: Wish, as_json: bool) -> None:
+    import asyncio
+
+    from daemon.upload.session import finish
+    from daemon.upload.speaker import Speaker
+
+    with Speaker(quiet=as_json, yes=True) as speaker:
+        speaker.begin("recovering")
+        outcome = asyncio.run(finish(configuration, wish, speaker.voice()))
+    if as_json:
+        told = {"recovered": None if outcome is None else outcome.as_json()}
+        typer.echo(json.dumps(told, ensure_ascii=False))
+    elif outcome is None:
+        typer.echo("no upload was cut off: nothing to recover")
+    else:
+        for line in outcome.lines():
+            typer.echo(line)
+    if outcome is not None and outcome.open:
+        raise typer.Exit(1)
+
+
+def _status(configuration: Configuration, as_json: bool) -> None:
+    import asyncio
+
+    from daemon.upload.session import opened, working
+    from daemon.upload.speaker import Speaker
+    from daemon.upload.status import status, status_lines
+
+    async def ask(speaker: Speaker) -> dict[str, Any]:
+        with working(configuration, speaker.voice(), "") as work:
+            async with opened(work):
+                return await status(work)
+
+    with Speaker(quiet=as_json, yes=True) as speaker:
+        found = asyncio.run(ask(speaker))
+    if as_json:
+        typer.echo(json.dumps(found, ensure_ascii=False))
+        return
+    for line in status_lines(found):
+        typer.echo(line)

@@ -1,0 +1,167 @@
+"""The questions to the controller before anything is written."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from compcore.errors import AbbeError, InputError
+from compcore.model import Model
+from compcore.tables.table import Table
+from daemon.config.upload import UploadSetup
+from daemon.upload.bounds import Extent, Limits, check, extent, largest_change
+from daemon.upload.content import Content, short
+from daemon.upload.order import Order
+from daemon.upload.settle import check_identity, check_ready
+from drivers.controllers import Controller
+from drivers.link import LinkError
+from drivers.stores.base import Identity, Store
+
+
+@dataclass(frozen=True)
+class Cleared:
+    """A pre-flight that found nothing against it.
+
+    Attributes
+    ----------
+    identity
+        Which controller answers.
+    old
+        What is active now.
+    extent
+        How large the new tables are.
+    change_um
+        How far from the present ones, at most.
+    order
+        What shall become active.
+    """
+
+    identity: Identity
+    old: Content
+    extent: Extent
+    change_um: float
+    order: Order
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def nothing_to_do(self) -> bool:
+        """Whether it is active already."""
+        return self.old.sha256 == self.order.content.sha256
+
+    def lines(self) -> list[str]:
+        """For people: what would change."""
+        told = self.identity.name + (f", {self.identity.serial}" if self.identity.serial else "")
+        new = self.order.content
+        found = [
+            f"controller: {told}; idle and referenced",
+            f"active now: {short(self.old.sha256)}"
+            + (f" ({', '.join(sorted(self.old.files or {}))})" if not self.old.none else ""),
+            f"to become active: {short(new.sha256)}"
+            + (f" ({', '.join(sorted(new.files or {}))})" if not new.none else ""),
+            f"new entries up to {self.extent.entry_um:.2f} µm"
+            + (f" and {self.extent.entry_urad:.2f} µrad" if self.extent.entry_urad else "")
+            + f", correction at most {self.extent.correction_um:.2f} µm",
+            f"the correction changes by at most {self.change_um:.2f} µm",
+        ]
+        return found + [f"warning: {w}" for w in (*self.order.warnings, *self.notes)]
+
+    def as_json(self) -> dict[str, Any]:
+        """One object for ``--json``."""
+        return {
+            "controller": {"name": self.identity.name, "serial": self.identity.serial},
+            "old": self.old.sha256,
+            "new": self.order.content.sha256,
+            "entry_um": self.extent.entry_um,
+            "entry_urad": self.extent.entry_urad,
+            "slope_um_per_mm": self.extent.slope,
+            "correction_um": self.extent.correction_um,
+            "change_um": self.change_um,
+            "warnings": [*self.order.warnings, *self.notes],
+        }
+
+
+def limits_of(setup: UploadSetup, max_change_um: float | None) -> Limits:
+    """What the configuration allows; `max_change_um` in place of its own for this once."""
+    section = setup.section
+    return Limits(
+        section.max_entry_um,
+        section.max_entry_urad,
+        section.max_slope_um_per_mm,
+        setup.max_correction_um,
+        section.max_change_um if max_change_um is None else max_change_um,
+    )
+
+
+def check_tables(order: Order, model: Model, limits: Limits) -> Extent:
+    """The bounds that need no controller; a backup that was active before is let through.
+
+    Raises
+    ------
+    OutOfBoundsError
+        When the tables are too large or too steep.
+    """
+    found = extent(order.tables, model, order.tool)
+    if not order.puts_back:
+        check(found, None, limits)
+    return found
+
+
+async def preflight(
+    store: Store,
+    setup: UploadSetup,
+    controller: Controller,
+    order: Order,
+    model: Model,
+    limits: Limits,
+) -> Cleared:
+    """Ask everything that has to be known before anything is written; writes nothing.
+
+    Parameters
+    ----------
+    store
+        Open.
+
+    Raises
+    ------
+    WrongControllerError, NotReadyError, OutOfBoundsError
+        What speaks against it.
+    LinkError
+        When the controller does not tell.
+    AbbeError
+        When what is active is not of this dialect.
+    """
+    measured = check_tables(order, model, limits)
+    identity = await store.identity()
+    check_identity(identity, setup.section.identity, setup.section.serial)
+    await check_ready(store)
+    old = Content.of(await store.active())
+    present = present_tables(controller, old)
+    change = largest_change(order.tables, present, model, order.tool) * 1e3
+    if not order.puts_back:
+        check(measured, change, limits)
+    return Cleared(identity, old, measured, change, order)
+
+
+def present_tables(controller: Controller, old: Content) -> Sequence[Table]:
+    """What is active, read in the dialect.
+
+    Raises
+    ------
+    AbbeError
+        When it cannot be read.
+    """
+    if not old.files:
+        return ()
+    try:
+        return controller.read(old.files)
+    except InputError as error:
+        raise AbbeError(
+            f"what is active on the controller cannot be read as {controller.name}: {error}. "
+            "Nothing was written; save it and take it out of action at the controller first"
+        ) from None
+
+
+def unreachable(error: LinkError) -> AbbeError:
+    """The controller did not answer before anything was written."""
+    return AbbeError(f"{error}. Nothing was written; what was active is active")

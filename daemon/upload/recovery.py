@@ -1,0 +1,128 @@
+"""An upload that was cut off: what the journal says of it, and bringing it to its end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from compcore.errors import InputError
+from daemon.upload import backups
+from daemon.upload.content import Content, short
+from daemon.upload.effect import Expectation
+from daemon.upload.journal import END, Entry, read_journal
+from daemon.upload.outcome import Outcome
+from daemon.upload.settle import Settled, settle
+from daemon.upload.steps import Ledger
+from daemon.upload.work import Work
+from drivers.link import LinkError
+from drivers.stores.base import Identity
+
+
+def unfinished_words(entries: Sequence[Entry]) -> str:
+    """An unfinished upload for people."""
+    first, last = entries[0], entries[-1]
+    return (
+        f"the upload of {first['time']} by {first.get('who') or 'somebody'} "
+        f"({short(first['old'])} → {short(first['new'])}) was not finished; the journal ends at "
+        f"'{last['step']}' ({last['outcome']})"
+    )
+
+
+def unfinished_in(path: Path) -> str:
+    """What a journal says of an unfinished upload, for ``abbe run``; empty when there is none.
+
+    A journal that cannot be read is told too.
+    """
+    try:
+        entries = read_journal(path).unfinished()
+    except InputError as error:
+        return str(error)
+    return unfinished_words(entries) if entries else ""
+
+
+async def recover(work: Work) -> Outcome | None:
+    """Bring an unfinished upload to its end; None when there is none.
+
+    Old table active: the staging area is emptied, and that is the end. New one: its verification is
+    finished. Neither: the backup is put back.
+    """
+    entries = work.journal.found.unfinished()
+    if not entries:
+        return None
+    first = entries[0]
+    work.tell(unfinished_words(entries))
+    ledger = Ledger(work.journal, _context(first))
+    ledger.note("recover", "begun", who_recovers=work.who)
+    told: dict[str, Any] = first["controller"]
+    identity = Identity(told["name"], told["serial"])
+    backup = next((e["backup"] for e in entries if e.get("backup")), None)
+    old, missing = _old(first, backup)
+    new = Content(first["new"])
+    found = await settle(
+        work.store, old, new, identity,
+        want_old=False, patience=work.setup.section.patience, tell=work.tell,
+    )  # fmt: skip
+    if found.active == "new":
+        try:
+            files = await work.store.active()
+        except LinkError as error:
+            found = Settled("unknown", str(error))
+        else:
+            return await _finished(work, first, ledger, old, Content.of(files), backup)
+    outcome = Outcome(
+        done=False,
+        active=found.active,
+        old=old,
+        new=new,
+        upload=ledger.upload,
+        backup=Path(backup) if backup else None,
+        last=found.why,
+        notes=(missing,) if missing and found.active != "old" else (),
+    )
+    ledger.note_anyway(
+        "settle" if outcome.open else END,
+        "left open" if outcome.open else "failed",
+        active=outcome.active,
+        why="interrupted",
+        last=found.why,
+    )
+    return outcome
+
+
+async def _finished(
+    work: Work, first: Entry, ledger: Ledger, old: Content, new: Content, backup: str | None
+) -> Outcome:
+    """Verify what was found active as an upload would have."""
+    tables = work.controller.read(new.files) if new.files else ()
+    x, y, z = first.get("tool_mm", (0.0, 0.0, 0.0))
+    tool = (float(x), float(y), float(z))
+    expected = Expectation(tables, work.model, tool, work.store.adds_error)
+    kept = None if backup is None else Path(backup)
+    told: dict[str, Any] = first["controller"]
+    changeover = work.changeover(
+        Identity(told["name"], told["serial"]), ledger, old, new, expected, lambda: Path()
+    )
+    changeover.backup = kept
+    return await changeover.finish()
+
+
+def _context(first: Entry) -> dict[str, Any]:
+    keys = ("upload", "who", "host", "abbe", "controller", "dialect", "model", "old", "new",
+            "puts_back")  # fmt: skip
+    return {key: first[key] for key in keys if key in first}
+
+
+def _old(first: Entry, backup: str | None) -> tuple[Content, str]:
+    """The old set with its files where the backup has them, and what is wrong with the backup."""
+    if not first["old"]:
+        return Content.of({}), ""
+    if backup is None:
+        return Content(first["old"]), "no backup had been made when it was cut off"
+    try:
+        content = backups.load(Path(backup))
+    except InputError as error:
+        return Content(first["old"]), f"the backup cannot be used: {error}"
+    if content.sha256 != first["old"]:
+        return Content(first["old"]), f"the backup {backup} is not what was active"
+    return content, ""

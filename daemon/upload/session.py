@@ -1,0 +1,245 @@
+"""Uploading, rolling back, recovering: everything joined, one at a time, the store closed after."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from compcore.errors import AbbeError
+from daemon.config import Configuration
+from daemon.config.upload import UploadSetup
+from daemon.upload import backups
+from daemon.upload.effect import Expectation
+from daemon.upload.journal import Journal, last_change
+from daemon.upload.lock import only_one
+from daemon.upload.order import Order, backup_order, load_order
+from daemon.upload.outcome import Outcome
+from daemon.upload.preflight import Cleared, check_tables, limits_of, preflight, unreachable
+from daemon.upload.recovery import recover, unfinished_words
+from daemon.upload.steps import Ledger
+from daemon.upload.work import Voice, Work, user
+from drivers.link import LinkError
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What the operator wants.
+
+    Attributes
+    ----------
+    dry_run
+        The pre-flight only.
+    max_change_um
+        In place of the configuration's, for this once.
+    by, note
+        For the journal.
+    """
+
+    dry_run: bool = False
+    max_change_um: float | None = None
+    by: str = ""
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came of it.
+
+    Attributes
+    ----------
+    cleared
+        The pre-flight, where it was reached.
+    outcome
+        Of the upload; None: nothing was begun.
+    recovered
+        Of an earlier upload that was cut off.
+    declined
+        The operator said no.
+    """
+
+    cleared: Cleared | None = None
+    outcome: Outcome | None = None
+    recovered: Outcome | None = None
+    declined: bool = False
+
+    @property
+    def ok(self) -> bool:
+        """Whether what was wanted is so."""
+        if self.outcome is not None:
+            return self.outcome.done
+        if self.recovered is not None and self.recovered.open:
+            return False
+        return not self.declined
+
+
+def setup_of(configuration: Configuration) -> UploadSetup:
+    """The section ``[upload]``.
+
+    Raises
+    ------
+    AbbeError
+        When there is none.
+    """
+    if configuration.upload is None:
+        raise AbbeError(
+            f"{configuration.path}: no section [upload]: which controller, and within which bounds?"
+        )
+    return configuration.upload
+
+
+@contextmanager
+def working(configuration: Configuration, voice: Voice, by: str) -> Iterator[Work]:
+    """Hold the lock, read the journal, make the store.
+
+    Raises
+    ------
+    AbbeError
+        When another upload is running, or the journal was changed.
+    """
+    setup = setup_of(configuration)
+    with only_one(setup.journal) as left:
+        if left:
+            voice.tell(f"process {left} ended without unlocking (killed, or a power cut)")
+        machine = configuration.model.machine
+        yield Work(
+            setup,
+            configuration.model,
+            setup.make_controller(machine),
+            setup.make_store(),
+            Journal(setup.journal),
+            voice,
+            by or user(),
+        )
+
+
+@asynccontextmanager
+async def opened(work: Work) -> AsyncIterator[None]:
+    """The store, open.
+
+    Raises
+    ------
+    AbbeError
+        When nobody answers; nothing was written then.
+    """
+    try:
+        await work.store.open()
+    except LinkError as error:
+        raise unreachable(error) from None
+    try:
+        yield
+    finally:
+        await work.store.close()
+
+
+async def upload(configuration: Configuration, folder: Path, wish: Wish, voice: Voice) -> Result:
+    """Upload tables; an earlier upload that was cut off is brought to its end first.
+
+    Raises
+    ------
+    AbbeError
+        When the pre-flight finds something against it: nothing was written.
+    """
+    setup = setup_of(configuration)
+    order = load_order(folder, configuration, setup)
+    check_tables(order, configuration.model, limits_of(setup, wish.max_change_um))
+    with working(configuration, voice, wish.by) as work:
+        return await _carry_out(work, order, wish)
+
+
+async def roll_back(configuration: Configuration, wish: Wish, voice: Voice) -> Result:
+    """Put back what was active before the last upload.
+
+    Raises
+    ------
+    AbbeError
+        When there was none, its backup is missing, or the pre-flight finds something against it.
+    """
+    with working(configuration, voice, wish.by) as work:
+        recovered = None if wish.dry_run else await _recover_first(work)
+        if recovered is not None and recovered.open:
+            return Result(recovered=recovered)
+        last = last_change([e for e in work.journal.found.entries if not e.get("puts_back")])
+        if last is None:
+            raise AbbeError("nothing to roll back: the journal knows of no upload that took effect")
+        lines = work.journal.found.uploads()[last["upload"]]
+        backup = next((e["backup"] for e in lines if e.get("backup")), None)
+        if backup is None:
+            raise AbbeError(f"upload {last['upload']} has no backup in the journal")
+        order = backup_order(Path(backup), work.controller, configuration.file.tool.offset)
+        if order.content.sha256 != last["old"]:
+            raise AbbeError(f"{backup} is not what was active before upload {last['upload']}")
+        result = await _carry_out(work, order, wish)
+        return Result(
+            result.cleared, result.outcome, recovered or result.recovered, result.declined
+        )
+
+
+async def finish(configuration: Configuration, wish: Wish, voice: Voice) -> Outcome | None:
+    """Bring an upload that was cut off to its end; None when there is none."""
+    with working(configuration, voice, wish.by) as work:
+        try:
+            return await recover(work)
+        finally:
+            await work.store.close()
+
+
+async def _recover_first(work: Work) -> Outcome | None:
+    try:
+        outcome = await recover(work)
+    finally:
+        await work.store.close()
+    work.journal.reload()
+    if outcome is not None:
+        for line in outcome.lines():
+            work.tell(line)
+    return outcome
+
+
+async def _carry_out(work: Work, order: Order, wish: Wish) -> Result:
+    recovered = None
+    unfinished = work.journal.found.unfinished()
+    if unfinished and wish.dry_run:
+        work.tell(unfinished_words(unfinished))
+    elif unfinished:
+        recovered = await _recover_first(work)
+        if recovered is not None and recovered.open:
+            return Result(recovered=recovered)
+    async with opened(work):
+        try:
+            cleared = await preflight(
+                work.store, work.setup, work.controller, order, work.model,
+                limits_of(work.setup, wish.max_change_um),
+            )  # fmt: skip
+        except LinkError as error:
+            raise unreachable(error) from None
+        if wish.dry_run or cleared.nothing_to_do:
+            return Result(cleared, recovered=recovered)
+        if not work.voice.ask(cleared.lines()):
+            return Result(cleared, recovered=recovered, declined=True)
+        return Result(cleared, await _change(work, cleared, wish), recovered)
+
+
+async def _change(work: Work, cleared: Cleared, wish: Wish) -> Outcome:
+    order, old = cleared.order, cleared.old
+    context = work.context(cleared.identity, old, order.content, order.model)
+    if order.puts_back:
+        context["puts_back"] = True
+    ledger = Ledger(work.journal, context)
+    ledger.note(
+        "begin", "begun",
+        source=str(order.source.resolve()), note=wish.note, record=dict(order.record),
+        tool_mm=list(order.tool), change_um=cleared.change_um, warnings=list(order.warnings),
+    )  # fmt: skip
+
+    def back_up() -> Path:
+        record = {k: context[k] for k in ("upload", "who", "host", "abbe")}
+        folder = work.setup.backups.resolve()
+        told = {"backup_of": context["controller"], "made": context["upload"], **record}
+        options = work.setup.section.options
+        return backups.save(folder, old, work.controller.name, options, told)
+
+    expected = Expectation(order.tables, work.model, order.tool, work.store.adds_error)
+    changeover = work.changeover(cleared.identity, ledger, old, order.content, expected, back_up)
+    return await changeover.run()

@@ -1,0 +1,84 @@
+"""What is active on the controller, which upload it came from, and what was left unfinished."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from daemon.upload.content import Content, short
+from daemon.upload.journal import END, Entry
+from daemon.upload.recovery import unfinished_words
+from daemon.upload.settle import check_identity
+from daemon.upload.work import Work
+
+
+async def status(work: Work) -> dict[str, Any]:
+    """Ask the controller; reads only.
+
+    Parameters
+    ----------
+    work
+        Its store open.
+
+    Raises
+    ------
+    WrongControllerError
+        When another controller answers.
+    LinkError
+        When it does not tell.
+    """
+    store, section = work.store, work.setup.section
+    identity = await store.identity()
+    check_identity(identity, section.identity, section.serial)
+    ready = await store.readiness()
+    active = Content.of(await store.active())
+    staged = Content.of(await store.staged())
+    unfinished = work.journal.found.unfinished()
+    return {
+        "controller": {"name": identity.name, "serial": identity.serial},
+        "idle": ready.idle,
+        "referenced": ready.referenced,
+        "hindrances": list(ready.hindrances),
+        "active": active.sha256,
+        "files": sorted(active.files or {}),
+        "from": origin(active, work.journal.found.entries),
+        "staged": staged.sha256,
+        "unfinished": unfinished_words(unfinished) if unfinished else None,
+    }
+
+
+def origin(active: Content, entries: Sequence[Entry]) -> dict[str, Any] | None:
+    """The upload that made a set active; None when the journal knows of none."""
+    for entry in reversed(entries):
+        ended = entry["step"] == END and entry.get("active") == "new"
+        if ended and entry["new"] == active.sha256:
+            keys = ("upload", "time", "who", "model", "abbe")
+            return {key: entry.get(key) for key in keys}
+    return None
+
+
+def status_lines(found: dict[str, Any]) -> list[str]:
+    """For people."""
+    told = found["controller"]
+    ready = "idle" if found["idle"] else "not idle"
+    ready += ", referenced" if found["referenced"] else ", not referenced"
+    lines = [
+        f"controller: {told['name']}" + (f", {told['serial']}" if told["serial"] else ""),
+        "; ".join([ready, *found["hindrances"]]),
+    ]
+    if not found["active"]:
+        lines.append("active: no table")
+    else:
+        lines.append(f"active: {short(found['active'])} ({', '.join(found['files'])})")
+        came = found["from"]
+        if came is None:
+            lines.append("not from any upload that this journal knows")
+        else:
+            version = came["model"].get("versions")
+            of = f"; version {version} of the model" if version else ""
+            lines.append(f"from upload {came['upload']} of {came['time']} by {came['who']}{of}")
+    if found["staged"]:
+        lines.append(f"staged, not active: {short(found['staged'])}")
+    if found["unfinished"]:
+        lines.append(f"{found['unfinished']}; run abbe upload CONFIG.toml --recover")
+    return lines
