@@ -55,6 +55,7 @@ class LinuxCncStore(Store):
         self._config = config
         self._ini = Path(config.ini).expanduser().resolve()
         self._opened: tuple[Layout, SetFolders] | None = None
+        self._moved = False
 
     async def open(self) -> None:
         """Read the INI file and see whether its compensation files can be switched.
@@ -73,6 +74,7 @@ class LinuxCncStore(Store):
         except ValueError as error:
             raise LinkConfigError(f"{self.name}: {error}") from None
         self._opened = layout, folders
+        self._moved = False
         self._look_for_restart()
 
     async def close(self) -> None:
@@ -227,6 +229,7 @@ class LinuxCncStore(Store):
                 with contextlib.suppress(LinkDownError):
                     async with self._attached() as running:
                         await running.state()
+                    self._moved = False
                     self._look_for_restart()
                     return
             await asyncio.sleep(_LOOK)
@@ -253,7 +256,8 @@ class LinuxCncStore(Store):
             state = await running.state()
             if not self._is_ours(state) or not all(state["homed"]):
                 return ()
-            if config.verify_by_moving and state["on"] and state["idle"]:
+            if config.verify_by_moving and not self._moved and state["on"] and state["idle"]:
+                self._moved = True  # once is enough, however often the effect is looked at
                 return await running.move(
                     config.verify_step, config.verify_points, config.verify_feed
                 )
@@ -297,15 +301,35 @@ class LinuxCncStore(Store):
             if not folders.is_own():
                 return
             # Abbe was ended just after it switched: what runs may have started before
-            facts = self._now()
+            facts = self._facts("")
             with contextlib.suppress(OSError):
                 folders.note(facts)
-        if task is not None and facts["boot"] == boot():
+        if task is None or facts["boot"] != boot():
+            return
+        if facts["task"] == list(task):
+            self.restart_needed = facts["loaded"] != str(folders.current.readlink())
+        else:
             self.restart_needed = task.started <= facts["since_boot"]
 
-    @staticmethod
-    def _now() -> dict[str, Any]:
-        return {"boot": boot(), "since_boot": since_boot()}
+    def _facts(self, loaded: str) -> dict[str, Any]:
+        """What is known at a switch: when it was, what runs, and which set that has loaded."""
+        return {
+            "boot": boot(),
+            "since_boot": since_boot(),
+            "task": self._task(),
+            "loaded": loaded,
+        }
+
+    def _loaded(self) -> str:
+        """Which set the LinuxCNC that runs has loaded; empty when that is not known."""
+        _, folders = self._there()
+        self._look_for_restart()
+        facts = folders.switched()
+        if self.restart_needed:
+            task = self._task()
+            same = facts is not None and task is not None and facts["task"] == list(task)
+            return str(facts["loaded"]) if facts is not None and same else ""
+        return str(folders.current.readlink()) if folders.current.is_symlink() else ""
 
     async def _switch(self) -> None:
         """Switch the link, unless LinuxCNC is reading the files at this moment."""
@@ -318,9 +342,11 @@ class LinuxCncStore(Store):
                 raise RefusedError(
                     f"{self.name}: LinuxCNC is starting or ending ({error}); nothing was switched"
                 ) from error
+        loaded = self._loaded()
+        self._moved = False
         try:
             folders.switch()
-            folders.note(self._now())
+            folders.note(self._facts(loaded))
         except OSError as error:
             raise LinkError(f"{self.name}: {error}") from error
         self._look_for_restart()
