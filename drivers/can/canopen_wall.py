@@ -10,11 +10,15 @@ What canopen 2.4.1 does by itself, and what is done about it here:
 - A block download that fails goes on in ``close`` (which also the garbage collector calls). Here
   the stream is taken out of service before it is dropped, and the node told to abort.
 - A segment that is lost in the last block of a download makes it raise `RuntimeError`.
+- A block upload whose end does not come makes it raise `AttributeError`; after one that failed,
+  what is still on its way is waited for, or it would pass for answers to what comes next.
+- A frame that is too short (altered on a serial line) makes it raise `struct.error`.
 """
 
 from __future__ import annotations
 
 import contextlib
+import struct
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -30,8 +34,15 @@ from drivers.link import LinkDownError, LinkError, LinkTimeoutError
 DEVICE_TYPE = 0x1000
 _ABORT_GENERAL = 0x08000000
 _NO_SUCH_COMMAND = 0x05040001
+_MOST_LEFT = 300
+"""Frames of a broken transfer that may still come: more than two blocks."""
 _PROBES = 3
 """Answers to something else that are passed over before a node counts as silent."""
+
+
+Done = Callable[[int], None]
+"""Is told how many bytes of a transfer are done."""
+_TELL_EVERY = 1024
 
 
 class _Feed(canopen.Network):
@@ -184,8 +195,71 @@ class Network:
             self._resynchronise(number)
             self._sdo[number].download(index, subindex, data)
 
-    def download_block(self, number: int, index: int, subindex: int, data: bytes) -> bool:
+    def upload_block(
+        self, number: int, index: int, subindex: int, progress: Done | None = None
+    ) -> bytes:
+        """Read a long object by block transfer, or in segments where the node has none.
+
+        Parameters
+        ----------
+        number, index, subindex
+            Which.
+        progress
+            Called now and then with how many bytes are here, in this thread.
+
+        Raises
+        ------
+        RefusedError, LinkTimeoutError, LinkDownError
+            As `upload`; the node was told to abort.
+        """
+        with self._errors(number, index, subindex):
+            self._resynchronise(number)
+            sdo = self._sdo[number]
+            try:
+                stream = sdo.open(index, subindex, "rb", buffering=0, block_transfer=True)
+            except canopen.SdoAbortedError as error:
+                if error.code != _NO_SUCH_COMMAND:
+                    raise
+                return bytes(sdo.upload(index, subindex))
+            return self._receive_block(sdo, stream, progress)
+
+    @staticmethod
+    def _receive_block(sdo: Any, stream: Any, progress: Done | None) -> bytes:
+        data = bytearray()
+        try:
+            while piece := stream.read(7):
+                data += piece
+                if progress is not None and len(data) % _TELL_EVERY < len(piece):
+                    progress(len(data))
+        except BaseException as error:
+            stream._error = True  # or its close would confirm the transfer
+            stream.close()
+            if isinstance(error, canopen.SdoAbortedError | can.CanError | LinkError):
+                raise
+            sdo.abort(_ABORT_GENERAL)
+            _drain(sdo)
+            if isinstance(error, AttributeError):
+                raise canopen.SdoCommunicationError("its end did not come") from error
+            raise
+        stream.close()
+        return bytes(data)
+
+    def download_block(
+        self,
+        number: int,
+        index: int,
+        subindex: int,
+        data: bytes,
+        progress: Done | None = None,
+    ) -> bool:
         """Write a long object by block transfer, checked by its CRC.
+
+        Parameters
+        ----------
+        number, index, subindex, data
+            Where, and what.
+        progress
+            Called now and then with how many bytes were sent, in this thread.
 
         Returns
         -------
@@ -199,7 +273,7 @@ class Network:
         with self._errors(number, index, subindex):
             self._resynchronise(number)
             try:
-                self._send_block(self._sdo[number], index, subindex, data)
+                self._send_block(self._sdo[number], index, subindex, data, progress)
             except canopen.SdoAbortedError as error:
                 if error.code != _NO_SUCH_COMMAND:
                     raise
@@ -209,12 +283,16 @@ class Network:
             return False
 
     @staticmethod
-    def _send_block(sdo: Any, index: int, subindex: int, data: bytes) -> None:
+    def _send_block(
+        sdo: Any, index: int, subindex: int, data: bytes, progress: Done | None
+    ) -> None:
         stream = sdo.open(index, subindex, "wb", buffering=0, size=len(data), block_transfer=True)
         try:
             start = 0
             while start < len(data):
                 start += stream.write(data[start : start + 7])
+                if progress is not None and start % _TELL_EVERY < 7:
+                    progress(start)
         except BaseException as error:
             stream._initialized = False  # or its close would go on with the transfer
             stream.close()
@@ -253,8 +331,16 @@ class Network:
             else:
                 why = str(error)
             raise LinkTimeoutError(f"{what}: {why}") from error
-        except RuntimeError as error:
+        except (RuntimeError, struct.error) as error:
             self._doubtful.add(number)
             raise LinkTimeoutError(f"{what}: segments were lost ({error})") from error
         except can.CanError as error:
             raise LinkDownError(f"cannot send: {error}") from error
+
+
+def _drain(sdo: Any) -> None:
+    """Wait until nothing of a broken transfer comes any more."""
+    with contextlib.suppress(canopen.SdoCommunicationError):
+        for _ in range(_MOST_LEFT):
+            with contextlib.suppress(canopen.SdoAbortedError, struct.error):
+                sdo.read_response()

@@ -77,6 +77,7 @@ class Node(Member):
         "_network",
         "_on_change",
         "_on_pdo",
+        "_restarted",
         "_threads",
         "emergency",
         "heard",
@@ -110,7 +111,7 @@ class Node(Member):
         self._channels = {n: c for n, c in config.channels.items() if c.node == name}
         self._found = NodeSetup()
         self.refused: dict[str, str] = {}
-        self.prepared = False
+        self.prepared = self._restarted = False
         self.needs_care = asyncio.Event()
         self.heard = 0.0
         self.started_at = 0.0
@@ -146,6 +147,7 @@ class Node(Member):
             When it does not answer. What it refuses makes its channels bad, not the node.
         """
         self.needs_care.clear()
+        self._restarted = False
         found = await self.in_thread(
             lambda: set_up(self._network, self.section, self._channels, self._config)
         )
@@ -154,8 +156,14 @@ class Node(Member):
         for pdo in self.pdos:
             self._network.subscribe(pdo.cob_id, self._receiver(pdo))
         self.heard = time.monotonic()
+        if self._restarted:
+            self.why = f"{self.name} restarted while it was set up"
+            self.needs_care.set()
+            return
         self.why = ""
         self.prepared = True
+        # set by heartbeats that came meanwhile
+        self.needs_care.clear()
 
     async def in_thread(self, job: Callable[[], T]) -> T:
         """Have a thread do something with this node; one thing at a time, even when given up."""
@@ -249,7 +257,8 @@ class Node(Member):
             logger.warning("%s restarted", self.name)
             self.emergency = ""
             self.lose(f"{self.name} restarted")
-        elif state == BOOTED or not self.prepared:
+        elif not self.prepared:
+            self._restarted = self._restarted or state == BOOTED
             self.retry_at = 0.0
             self.needs_care.set()
         if state != before:

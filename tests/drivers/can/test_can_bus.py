@@ -192,10 +192,14 @@ async def test_a_driver_that_stays_full_is_an_outage(own_bus: SimulatedProcess) 
     async with linked(own_bus.ready, {"x": READ["x"]} | CORRECTION, messages=patient) as link:
         os.kill(pid, signal.SIGSTOP)
         try:
-            with pytest.raises(LinkDownError, match="no room for a frame"):
+
+            async def fill() -> None:
                 while True:
                     await link.write(dict.fromkeys(CORRECTION, 0.0))
                     await asyncio.sleep(0.001)
+
+            with pytest.raises(LinkDownError, match="no room for a frame"):
+                await fill()
         finally:
             os.kill(pid, signal.SIGCONT)
         await until(lambda: link.status.state is LinkState.UP)
@@ -283,9 +287,7 @@ async def test_can_fd_frames_are_read_and_sent(tmp_path: Path) -> None:
         "dbc": str(tmp_path / "fd.dbc"),
     }
     link = DbcLink("bench", DbcConfig.model_validate(section))
-    with can.Bus(
-        interface="udp_multicast", channel=GROUP, ignore_config=True, **options
-    ) as other:
+    with can.Bus(interface="udp_multicast", channel=GROUP, ignore_config=True, **options) as other:
         data = struct.pack("<l", -12345) + bytes(56) + struct.pack(">l", 7)
 
         async def send() -> None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import random
+import re
 import zlib
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from can_links import until
+from can_links import STALL, all_good, until
 from canopen_links import (
     APART,
     AXES,
@@ -39,8 +40,8 @@ async def test_encoders_by_sdo(bus: SimulatedProcess) -> None:
         assert link.status.state is LinkState.UP, link.status.detail
         first = await link.read(AXES)
         assert all(s.good for s in first.values())
-        # asked one after the other: the axes moved a little in between, by 100 000 counts/s
-        assert 0 < first["y"].value - first["x"].value < 2 * APART
+        # asked one after the other: each axis is within its own half million counts
+        assert [int(first[a].value // APART) for a in AXES] == [1, 2, 3]
         await asyncio.sleep(0.01)
         second = await link.read(AXES)
         assert all(second[a].value != first[a].value for a in AXES)
@@ -64,18 +65,28 @@ async def test_encoders_by_pdo_at_one_sync_belong_to_one_moment(bus: SimulatedPr
         assert link.channels["x"].endswith("int32 by PDO at SYNC, in count")
 
 
+async def test_heartbeats_while_nodes_are_set_up_do_not_set_them_up_twice(
+    bus: SimulatedProcess,
+) -> None:
+    """A second time would begin while a SYNC is out, and miss its answers."""
+    for _ in range(5):
+        async with linked(bus.ready, ENCODER_NODES, BY_PDO, sync="read") as link:
+            pdos = [node.pdos for node in link._bus.nodes.values()]
+            for _ in range(15):
+                assert all(s.good for s in (await link.read(AXES)).values())
+            assert [node.pdos for node in link._bus.nodes.values()] == pdos
+
+
 async def test_encoders_that_send_by_themselves() -> None:
     with SimulatedProcess("can", "--event", "0.02") as own:
-        async with linked(own.ready, ENCODER_NODES, BY_PDO) as link:
+        channels = {axis: section | {"within": STALL} for axis, section in BY_PDO.items()}
+        async with linked(own.ready, ENCODER_NODES, channels) as link:
+            first = await all_good(link, AXES)
 
-            async def all_good() -> bool:
-                return all(s.good for s in (await link.read(AXES)).values())
+            async def all_later() -> bool:
+                return all(s.time > first[a].time for a, s in (await link.read(AXES)).items())
 
-            await until(all_good)
-            first = await link.read(AXES)
-            await asyncio.sleep(0.1)
-            second = await link.read(AXES)
-            assert all(second[a].time > first[a].time for a in AXES)
+            await until(all_later)
             own.order("node", number=4, silent=True)
 
             async def y_is_gone() -> bool:
@@ -86,15 +97,14 @@ async def test_encoders_that_send_by_themselves() -> None:
 
 
 async def test_a_sync_of_our_own_pace(bus: SimulatedProcess) -> None:
-    async with linked(bus.ready, ENCODER_NODES, BY_PDO, sync=0.02) as link:
+    channels = {axis: section | {"within": STALL} for axis, section in BY_PDO.items()}
+    async with linked(bus.ready, ENCODER_NODES, channels, sync=0.02) as link:
+        first = await all_good(link, AXES)
 
-        async def all_good() -> bool:
-            return all(s.good for s in (await link.read(AXES)).values())
+        async def later() -> bool:
+            return (await link.read(AXES))["z"].time > first["z"].time
 
-        await until(all_good)
-        first = await link.read(AXES)
-        await asyncio.sleep(0.1)
-        assert (await link.read(AXES))["z"].time > first["z"].time
+        await until(later)
 
 
 async def test_temperature_inputs_with_the_device_s_decimals(bus: SimulatedProcess) -> None:
@@ -106,6 +116,38 @@ async def test_temperature_inputs_with_the_device_s_decimals(bus: SimulatedProce
         inputs = {"T2": INPUTS["T2"] | {"type": kind, "scale": 1000.0, "unit": ""}}
         async with linked(bus.ready, THERMOMETER, inputs) as link:
             assert (await link.read(("T2",)))["T2"].value == pytest.approx(21250.0)
+
+
+async def test_temperature_inputs_that_share_a_pdo(bus: SimulatedProcess) -> None:
+    """Four 16-bit values in one frame, each with its own decimals."""
+    bus.order("temperature", values=[20.0, 21.25, 22.5, -3.75])
+    inputs = {name: section | {"type": "int16", "by": "pdo"} for name, section in INPUTS.items()}
+    async with linked(bus.ready, THERMOMETER, inputs, sync="read") as link:
+        before = link.status.requests
+        samples = await link.read(tuple(INPUTS))
+        assert [s.value for s in samples.values()] == pytest.approx([20.0, 21.25, 22.5, -3.75])
+        assert link.status.requests == before + 1
+    wrong = {"T1": inputs["T1"] | {"type": "int32"}}
+    async with linked(bus.ready, THERMOMETER, wrong, sync="read") as link:
+        sample = (await link.read(("T1",)))["T1"]
+        assert "object 9130h:01 is in none of the node's TPDOs (TPDO1: 7130h:01" in sample.reason
+
+
+async def test_a_pdo_that_does_not_answer_every_sync(bus: SimulatedProcess) -> None:
+    bus.order("node", number=4, transmission=3)
+    try:
+        async with linked(bus.ready, ENCODER_NODES, BY_PDO, sync="read") as link:
+            samples = await link.read(AXES)
+            assert [s.good for s in samples.values()] == [True, False, True]
+            assert (
+                "no TPDO with 6004h:00 answers every SYNC: its transmission type would be 1, "
+                "that of TPDO1 is 254, that of TPDO2 is 3"
+            ) in samples["y"].reason
+        channels = {"y": BY_PDO["y"] | {"within": STALL}}
+        async with linked(bus.ready, ENCODER_NODES, channels, sync=0.02) as link:
+            await all_good(link, ("y",))
+    finally:
+        bus.order("node", number=4, transmission=1)
 
 
 async def test_slow_objects_keep_their_value_and_its_time(bus: SimulatedProcess) -> None:
@@ -148,8 +190,6 @@ async def test_what_a_node_does_not_have_is_bad_and_says_why(
         samples = await link.read(("odd", "T1"))
         assert samples["T1"].good
         assert samples["odd"].quality is Quality.BAD
-        import re
-
         assert re.search(wrong, samples["odd"].reason), samples["odd"].reason
 
 
