@@ -1,0 +1,71 @@
+"""What has to hold after every upload, whatever went wrong: asked of the control itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from upload_cases import Place
+
+from compcore.errors import AbbeError
+from daemon.upload.outcome import Outcome
+
+Sums = dict[str, str]
+
+
+def attempt(do: Callable[[], Any]) -> tuple[Any, str]:
+    """What an upload hands back, or the message with which it was refused."""
+    try:
+        return do(), ""
+    except AbbeError as error:
+        return None, str(error)
+
+
+def active_now(place: Place, old: Sums, new: Sums) -> str:
+    """Which set the control itself says it has; anything but these two is a failure."""
+    active = place.truth()["active"]
+    assert active in (old, new), f"a mixture is active: {sorted(active)}"
+    return "old" if active == old else "new"
+
+
+def check_told(place: Place, outcome: Outcome, old: Sums, new: Sums) -> None:
+    """What Abbe says agrees with what the control has."""
+    truth, active = place.truth(), active_now(place, old, new)
+    words = "\n".join(outcome.lines())
+    entries = place.entries()
+    if outcome.active == "unknown":
+        assert "NOT known" in words
+    else:
+        assert outcome.active == active, words
+        assert f"the {active} table ({getattr(outcome, active).sha256[:12]}) is active" in words
+    if outcome.active == "old":
+        assert truth["staged"] == 0
+    assert not outcome.done or active == "new"
+    ended = entries[-1]["step"] == "end"
+    assert ended == (not outcome.open)
+    if ended:
+        assert entries[-1]["active"] == active
+
+
+def check_all(place: Place, done: tuple[Any, str], old: Sums, new: Sums) -> str:
+    """Either table whole, and told truly; an upload left open is recovered. Tells what came of it."""
+    result, refused = done
+    if result is None:
+        assert active_now(place, old, new) == "old", refused
+        assert place.truth()["staged"] == 0
+        return "refused"
+    outcome = result.outcome
+    assert outcome is not None
+    assert result.ok == outcome.done
+    check_told(place, outcome, old, new)
+    if not outcome.open:
+        return "new" if outcome.done else "old"
+    place.control.order("clear")
+    place.control.order("wake")
+    place.configure(60.0, **{"timeout": 10.0, "reconnect_within": 20.0})
+    recovered = place.recover()
+    assert recovered is not None
+    assert not recovered.open, recovered.lines()
+    check_told(place, recovered, old, new)
+    assert place.recover() is None
+    return f"open, then {recovered.active}"
