@@ -10,9 +10,10 @@ from collections.abc import Sequence
 
 from drivers.ipp.config import IppConfig
 from drivers.ipp.errors import ServerError, Severity, StoppedError
+from drivers.ipp.latest import Latest
 from drivers.ipp.question import Question, positions, questions
 from drivers.ipp.reports import MoveReport
-from drivers.ipp.session import Reply, Session
+from drivers.ipp.session import Session
 from drivers.ipp.state import ServerState
 from drivers.link import (
     LinkDownError,
@@ -73,7 +74,7 @@ class Asking:
         self._state = ServerState(label, config, status, self._roster)
         self._session: Session | None = None
         self._closing = False
-        self._last: dict[str, Sample] = {}
+        self._latest = Latest()
 
     async def close(self) -> None:
         """End the session where there is one, the connection, and the background task."""
@@ -110,8 +111,7 @@ class Asking:
             return Sample(_NAN, now, Quality.BAD, wrong)
         if reports is not None:
             return reports.sample(name, now)
-        missing = Sample(_NAN, now, Quality.UNAVAILABLE, f"{question.name}: not answered yet")
-        return self._last.get(name, missing)
+        return self._latest.sample(question, name, now)
 
     def _due(self, names: Sequence[str], now: float) -> list[Question]:
         """What to ask: the coordinate system, positions, the rest; last, what is in trouble."""
@@ -124,18 +124,9 @@ class Asking:
             due[reports.question] = None
         for name in names:
             question = self._of.get(name)
-            if question is not None and self._is_due(question, name, now):
+            if question is not None and self._latest.is_due(question, name, now):
                 due[question] = None
         return sorted((q for q in due if not q.refused), key=lambda q: q.failures)
-
-    def _is_due(self, question: Question, name: str, now: float) -> bool:
-        last = self._last.get(name)
-        return (
-            last is None
-            or question.failures > 0
-            or last.quality is Quality.UNAVAILABLE
-            or now - last.time >= question.every
-        )
 
     async def _ask_due(self, names: Sequence[str]) -> None:
         now = time.monotonic()
@@ -152,11 +143,11 @@ class Asking:
             if not self.keeper.up:
                 break
             if question.failures and (why := question.refusal(time.monotonic())):
-                self._mark(question, Quality.UNAVAILABLE, why)
+                self._latest.mark(question, Quality.UNAVAILABLE, why)
                 continue
             if silences and (question.failures or silences >= _SILENCES):
                 why = question.why or "not asked: the server keeps the others waiting"
-                self._mark(question, Quality.UNAVAILABLE, why)
+                self._latest.mark(question, Quality.UNAVAILABLE, why)
                 continue
             try:
                 await self._exchange(question)
@@ -164,10 +155,10 @@ class Asking:
                 # whatever else were sent now would be refused
                 break
             except LinkProtocolError as error:
-                self._mark(question, Quality.BAD, str(error))
+                self._latest.mark(question, Quality.BAD, str(error))
             except LinkTimeoutError as error:
                 silences += 1
-                self._mark(question, Quality.UNAVAILABLE, str(error))
+                self._latest.mark(question, Quality.UNAVAILABLE, str(error))
             except LinkDownError:
                 break
         if not self.keeper.up:
@@ -218,28 +209,12 @@ class Asking:
         elif question is self._frame:
             self._state.look_at_frame(reply.data)
         else:
-            self._keep(question, reply)
+            self._latest.keep(question, reply)
 
     def _answered(self, question: Question) -> None:
         self._roster.silent_in_a_row = 0
         if question.failures:
             self._roster.answered(question)
-
-    def _keep(self, question: Question, reply: Reply) -> None:
-        now = time.monotonic()
-        answer = question.named(reply.data)
-        said = "".join(f" ({warning})" for warning in reply.warnings)
-        for channel, field in question.fields.items():
-            try:
-                self._last[channel] = Sample(field.value(answer), now)
-            except LinkProtocolError as error:
-                why = f"{question.name}: {error}{said}"
-                self._last[channel] = Sample(_NAN, now, Quality.BAD, why)
-
-    def _mark(self, question: Question, quality: Quality, why: str) -> None:
-        sample = Sample(_NAN, time.monotonic(), quality, why)
-        for name in question.fields:
-            self._last[name] = sample
 
     def _on_error(self, error: ServerError) -> None:
         """An error that belongs to no command: the server's own, or one of a late answer."""
@@ -269,7 +244,7 @@ class Asking:
         config, self._closing = self._config, False
         async with self._turns.lock:
             self._disconnect()
-            self._last.clear()
+            self._latest.clear()
             self._state.renew(self._all)
             if self._reports is not None:
                 self._reports.renew()

@@ -12,58 +12,15 @@ import math
 import re
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 
 from .ipp_machine import IppMachine, UnknownError
+from .ipp_wire import IppFaults, RefusedError, error_line, named_arguments, shown
 
 _LINE = re.compile(r"(\d{5}|E\d{4}) ([A-Za-z]\w*)\((.*)\)\s*")
-_ARGUMENT = re.compile(r"\s*([A-Za-z][\w.]*)\(\s*([^()]*?)\s*\)\s*(?:,|$)")
 _PACE = 0.005
 """s between two looks whether a move is to be reported."""
 _LEAST_TIME = 0.1
 """s: shorter pauses between reports are refused."""
-
-
-class RefusedError(Exception):
-    """A command is answered by an error."""
-
-    def __init__(self, severity: int, number: int, text: str) -> None:
-        super().__init__(text)
-        self.severity, self.number, self.text = severity, number, text
-
-
-@dataclass
-class IppFaults:
-    """What is wrong with the server; counts go down by one for each command.
-
-    Attributes
-    ----------
-    silent_until
-        No answers before this time (monotonic, s).
-    late, lateness
-        So many commands are answered so much (s) later, the next ones meanwhile at once.
-    split
-        Whether every byte goes out in a packet of its own.
-    untaken, incomplete, bare
-        So many commands lack their ``&``, their ``%``, their data.
-    garbage
-        Text sent in front of each answer.
-    errors
-        Errors for the next commands: severity, number, text.
-    mute_reports
-        Whether move reports stay away.
-    """
-
-    silent_until: float = 0.0
-    late: int = 0
-    lateness: float = 0.0
-    split: bool = False
-    untaken: int = 0
-    incomplete: int = 0
-    bare: int = 0
-    garbage: str = ""
-    errors: list[tuple[int, int, str]] = field(default_factory=list)
-    mute_reports: bool = False
 
 
 class IppConnection(asyncio.Protocol):
@@ -142,7 +99,7 @@ class IppConnection(asyncio.Protocol):
                 answer += [f"{tag} # {text}" for text in data]
         except RefusedError as error:
             self._stopped = self._stopped or error.severity >= 2
-            answer.append(_error(tag, error.severity, error.number, method, error.text))
+            answer.append(error_line(tag, error.severity, error.number, method, error.text))
         if faults.incomplete > 0:
             faults.incomplete -= 1
         else:
@@ -170,7 +127,7 @@ class IppConnection(asyncio.Protocol):
             severity, number, text = faults.errors.pop(0)
             if severity >= 2:
                 raise RefusedError(severity, number, text)
-            self.say(_error(tag, severity, number, method, text) + "\r\n")
+            self.say(error_line(tag, severity, number, method, text) + "\r\n")
         return handler(tag, arguments)
 
     def _do_StartSession(self, tag: str, arguments: str) -> list[str]:
@@ -198,18 +155,18 @@ class IppConnection(asyncio.Protocol):
         return [f"CoordSystem({self._server.machine.coordinates})"]
 
     def _do_Get(self, tag: str, arguments: str) -> list[str]:
-        return [self._positions([name for name, _ in _arguments(arguments)])]
+        return [self._positions([name for name, _ in named_arguments(arguments)])]
 
     def _do_GetProp(self, tag: str, arguments: str) -> list[str]:
-        names = [name for name, _ in _arguments(arguments)]
+        names = [name for name, _ in named_arguments(arguments)]
         try:
             values = {name: self._server.machine.property(name) for name in names}
         except UnknownError:
             raise RefusedError(3, 510, "Bad property") from None
-        return [", ".join(f"{name}({', '.join(map(_shown, v))})" for name, v in values.items())]
+        return [", ".join(f"{name}({', '.join(map(shown, v))})" for name, v in values.items())]
 
     def _do_GetScaleTemperatures(self, tag: str, arguments: str) -> list[str]:
-        names = [name for name, _ in _arguments(arguments)]
+        names = [name for name, _ in named_arguments(arguments)]
         try:
             values = self._server.machine.scale_temperatures(names)
         except UnknownError:
@@ -221,7 +178,7 @@ class IppConnection(asyncio.Protocol):
             raise RefusedError(3, 502, "Incorrect arguments")
         if self._reports:
             raise RefusedError(2, 515, "Daemon already exists")
-        given = dict(_arguments(arguments))
+        given = dict(named_arguments(arguments))
         try:
             pause, distance = float(given.pop("Time")), float(given.pop("Dis"))
         except (KeyError, ValueError):
@@ -319,25 +276,3 @@ class IppServer:
             self._server = None
         for connection in list(self.connections):
             connection.drop()
-
-
-def _error(tag: str, severity: int, number: int, cause: str, text: str) -> str:
-    return f'{tag} ! Error({severity}, {number:04d}, "{cause}", "{text}")'
-
-
-def _arguments(text: str) -> list[tuple[str, str]]:
-    """``X(), Time(0.5)`` as names with what stands in their brackets."""
-    found, at = [], 0
-    while at < len(text):
-        match = _ARGUMENT.match(text, at)
-        if match is None:
-            raise RefusedError(3, 502, "Incorrect arguments")
-        found.append((match[1], match[2]))
-        at = match.end()
-    if not found:
-        raise RefusedError(3, 502, "Incorrect arguments")
-    return found
-
-
-def _shown(value: object) -> str:
-    return f'"{value}"' if isinstance(value, str) else f"{value}"
