@@ -151,12 +151,13 @@ class CanopenNode:
                 self.state = _NMT.get(frame.data[0], self.state)
 
     def _answer_sdo(self, request: bytes) -> None:
-        answer = self.sdo.answer(request)
-        if answer is None:
-            return
+        for answer in self.sdo.answers(request):
+            self.send_answer(answer, self.late)
+
+    def send_answer(self, answer: bytes, late: float) -> None:
+        """Send an SDO answer after some s, never before one that is owed from earlier."""
         loop = asyncio.get_running_loop()
-        # Answers leave in turn: never before one that is owed from earlier.
-        self._free_at = due = max(loop.time() + self.late, self._free_at)
+        self._free_at = due = max(loop.time() + late, self._free_at)
         frame = Frame(0x580 + self.number, answer)
         if due > loop.time():
             loop.call_at(due, self.speak, frame)

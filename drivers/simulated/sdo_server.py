@@ -59,7 +59,7 @@ class BlockFaults:
     refused: bool = False
 
 
-def crc16(data: bytes) -> int:
+def crc16(data: bytes | bytearray) -> int:
     """CRC-16-CCITT as in CiA 301, 7.2.4.3.16: polynomial 1021h, begun with 0."""
     crc = 0
     for byte in data:
@@ -91,6 +91,14 @@ class SdoServer:
         self._segments = 0
         self._sequence = 0
         self._last = False
+        self._burst: list[bytes] = []
+        self._taken = self._upload_size = 0
+
+    def answers(self, request: bytes) -> list[bytes]:
+        """The answers to one frame: none, one, or the segments of a block."""
+        self._burst = []
+        answer = self.answer(request)
+        return self._burst if answer is None else [answer]
 
     def answer(self, request: bytes) -> bytes | None:
         """The answer to one frame; None where there is none."""
@@ -109,7 +117,8 @@ class SdoServer:
         if command == 4:  # the client aborts
             self._state = "idle"
             return None
-        if command in (1, 2) or (command == 6 and not request[0] & 1):
+        initiates = (command == 6 and not request[0] & 1) or (command == 5 and not request[0] & 3)
+        if command in (1, 2) or initiates:
             self._key = struct.unpack_from("<HB", request, 1)
         if command == 2:
             return self._begin_upload()
@@ -121,7 +130,37 @@ class SdoServer:
             return self._download_segment(request)
         if command == 6:
             return self._end_block(request) if request[0] & 1 else self._begin_block(request)
+        if command == 5:
+            return self._block_upload(request)
         raise RefusedError(UNKNOWN_COMMAND)
+
+    def _block_upload(self, request: bytes) -> bytes | None:
+        """Initiate, start, confirmation of a block, end (CiA 301, 7.2.4.3.9 to 7.2.4.3.11)."""
+        what = request[0] & 3
+        if what == 0:
+            if self.faults.refused:
+                raise RefusedError(UNKNOWN_COMMAND)
+            self._data = bytearray(self._entry().get())
+            self._taken, self._upload_size = 0, request[4]
+            self._state = "block upload"
+            return struct.pack("<BHBL", 0xC6, *self._key, len(self._data))
+        if self._state != "block upload":
+            raise RefusedError(UNKNOWN_COMMAND)
+        if what == 1:
+            self._state = "idle"
+            return None
+        if what == 2:
+            self._taken = min(self._taken + 7 * request[1], len(self._data))
+            self._upload_size = request[2]
+            if self._taken == len(self._data):
+                unused = -len(self._data) % 7
+                return struct.pack("<BH5x", 0xC1 | unused << 2, crc16(self._data))
+        rest = self._data[self._taken : self._taken + 7 * self._upload_size]
+        for sequence, start in enumerate(range(0, len(rest), 7), start=1):
+            last = self._taken + start + 7 >= len(self._data)
+            piece = bytes(rest[start : start + 7]).ljust(7, b"\0")
+            self._burst.append(bytes((sequence | 0x80 * last,)) + piece)
+        return None
 
     def _entry(self) -> Entry:
         entry = self._objects.get(self._key)
