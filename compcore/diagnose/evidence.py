@@ -119,10 +119,29 @@ def cost_of(effect: Effect, machine: Machine, setups: int) -> float:
         cost += 8.0  # any shape with too few knots looks a little like a dent somewhere
     if getattr(effect, "tau", None) == "fit":
         cost += 1.0
+    if effect.kind == "thermal_tilt":
+        cost += 3.0  # one that no lever shows is an offset
+    if effect.kind == "cross_angular" and not _carries(machine, effect):
+        cost += 3.0
     signals = [machine.signals[s] for s in effect.signals_needed() if s in machine.signals]
     if signals:
         cost += _signal_cost(effect, signals)
     return cost
+
+
+def _carries(machine: Machine, effect: Effect) -> bool:
+    """Whether the axis that tilts carries the one on whose position the tilt depends.
+
+    On the tool side an axis carries those nearer to the tool, on the workpiece side those nearer to
+    the workpiece.
+    """
+    axis, by = getattr(effect, "axis", ""), getattr(effect, "by", "")
+    workpiece, tool = machine.structure.workpiece_side, machine.structure.tool_side
+    if axis in tool and by in tool:
+        return tool.index(axis) < tool.index(by)
+    if axis in workpiece and by in workpiece:
+        return workpiece.index(axis) > workpiece.index(by)
+    return False
 
 
 _ROLES: dict[str, tuple[str, ...]] = {

@@ -8,6 +8,7 @@ as a ready ``formula`` effect, marked as empirical.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, combinations_with_replacement
@@ -129,20 +130,20 @@ def products(
 ) -> Iterator[Pattern]:
     """Products of up to `order` recorded quantities, each pair or triple of different families.
 
-    A quantity may be squared; a direction and a signal stand once.
+    A position may be squared, a signal or the time only where it stands alone.
     """
     for count in range(1, order + 1):
         for chosen in combinations_with_replacement(quantities, count):
             names = [v.name for v in chosen]
             squared = {v.name for v in chosen if names.count(v.name) > 1}
-            if any(v.name in squared and v.family not in ("position", "time") for v in chosen):
+            families = Counter(v.family for v in chosen)
+            alone = count == 2 and bool(squared)
+            if any(v.name in squared and v.family == "direction" for v in chosen):
                 continue
-            if sum(v.family == "signal" for v in chosen) > 1 or (
-                sum(v.family in ("signal", "time") for v in chosen) > 1
-            ):
+            if families["signal"] + families["time"] > 1 and not alone:
                 continue
             basis = np.prod([v.value for v in chosen], axis=0)[:, None]
-            term = "*".join(scaled_term(v) for v in chosen)
+            term = term_of(chosen)
             depends = tuple(dict.fromkeys(names))
             for channel in on:
                 form = _product_form(depends, squared)
@@ -235,13 +236,27 @@ def _f64(values: ArrayLike) -> F64:
     return np.asarray(values, dtype=np.float64)
 
 
-def scaled_term(v: Variable) -> str:
-    """A quantity as a formula has it: counted from its middle, by half its range."""
+def term_of(factors: Sequence[Variable]) -> str:
+    """A product of quantities as a formula has it: each counted from its middle, by half its range.
+
+    Equal factors become a power; no factors give 1.
+    """
+    counts = Counter(v.name for v in factors)
+    by_name = {v.name: v for v in factors}
+    parts = [
+        _scaled(by_name[name]) + (f"**{power}" if power > 1 else "")
+        for name, power in counts.items()
+    ]
+    return "*".join(parts) or "1"
+
+
+def _scaled(v: Variable) -> str:
     if v.family == "direction":
         return v.name
     if v.centre == 0.0:
         return f"({v.name}/{v.scale:.6g})"
-    return f"(({v.name} - {v.centre:.6g})/{v.scale:.6g})"
+    sign = "-" if v.centre > 0.0 else "+"
+    return f"(({v.name} {sign} {abs(v.centre):.6g})/{v.scale:.6g})"
 
 
 def _product_form(names: Sequence[str], squared: set[str]) -> str:

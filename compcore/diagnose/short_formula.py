@@ -1,8 +1,10 @@
-"""A short formula for a smooth dependence: the few monomials that say most of what a surface says.
+"""A short formula for what was found: the few monomials that say most of it.
 
 A smooth function of one or two recorded quantities is found as a polynomial with many coefficients.
 Written down as it is, nobody could read it, and it would run away outside the campaign. Monomials
 are taken one by one, each time the one that lowers χ² most, as long as it is worth its coefficient.
+A product is found with its quantities counted from the middle of what was recorded; nature counts
+from elsewhere, so that its lower products are tried beside it.
 """
 
 from __future__ import annotations
@@ -10,12 +12,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compcore.diagnose.patterns import Pattern, Variable, scaled_term
+from compcore.diagnose.patterns import Pattern, Variable, term_of
 from compcore.diagnose.screening import Basis, Trial, screen
 
 F64 = NDArray[np.float64]
@@ -33,14 +35,14 @@ _WORTH = 6.0
 def shortened(
     basis: Basis, pattern: Pattern, quantities: Sequence[Variable], seen: F64, drop: float
 ) -> Pattern:
-    """The pattern with formula terms, where few say it; else as it is.
+    """The pattern with the formula terms that say it, where few do; else as it is.
 
     Parameters
     ----------
     basis
         What the model leaves.
     pattern
-        A smooth function, without terms.
+        A smooth function, or a product with its term.
     quantities
         The recorded quantities.
     seen
@@ -48,9 +50,11 @@ def shortened(
     drop
         Fall of χ² by the whole pattern.
     """
-    chosen: list[str] = []
-    left = dict(_monomials(pattern, quantities))
+    chosen = list(pattern.terms)
+    left = _lower(pattern, quantities) if chosen else _monomials(pattern, quantities)
     current, kept = basis, 0.0
+    if chosen:
+        current, kept = basis.extended(seen[:, None] * pattern.basis), drop
     while left and len(chosen) < MOST:
         names = list(left)
         trials: list[Trial] = [
@@ -80,6 +84,16 @@ def _monomials(pattern: Pattern, quantities: Sequence[Variable]) -> dict[str, F6
         if not any(powers) and not signs:
             continue
         factors = [q for q, p in zip(smooth, powers, strict=True) for _ in range(p)] + signs
-        term = "*".join(scaled_term(q) for q in factors)
-        found[term] = np.asarray(np.prod([q.value for q in factors], axis=0))
+        found[term_of(factors)] = np.asarray(np.prod([q.value for q in factors], axis=0))
+    return found
+
+
+def _lower(pattern: Pattern, quantities: Sequence[Variable]) -> dict[str, F64]:
+    """Term → column, shape (n,), of all products of some of a product's factors."""
+    by_name = {q.name: q for q in quantities}
+    factors = [by_name[name] for name in pattern.factors]
+    found: dict[str, F64] = {}
+    for count in range(len(factors) - 1, 0, -1):
+        for some in combinations(factors, count):
+            found[term_of(some)] = np.asarray(np.prod([q.value for q in some], axis=0))
     return found

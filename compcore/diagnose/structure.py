@@ -123,7 +123,7 @@ class Patterns:
 
     def _told(self, basis: Basis, structure: Structure) -> Structure:
         pattern = structure.pattern
-        if pattern.terms:
+        if pattern.terms and len(pattern.factors) < 2:
             return structure
         seen = self._seen[pattern.channel]
         return replace(

@@ -36,6 +36,9 @@ BETTER = 5.0
 """Lead in evidence with which a single description beats causes from the catalogue: what the
 catalogue holds is said by it at least as well, since descriptions cost more."""
 
+_COINCIDENCE = 8.0
+"""What each further cause costs beside one description that says the same: a coincidence."""
+
 BEYOND_DOUBT = 40.0
 """Least evidence of a cause that is found beside structure which no cause explains."""
 
@@ -200,7 +203,9 @@ def _compete(
     after = basis
     for f in chosen:
         after = after.extended(pool.found_columns(f))
-    by_causes = joint_value(basis, after, chosen) if chosen else 0.0
+    by_causes = (
+        joint_value(basis, after, chosen) - _COINCIDENCE * (len(chosen) - 1) if chosen else 0.0
+    )
     left = patterns.established(after) if chosen else strong
     better = strong[0].evidence.value > by_causes + BETTER
     # a function of one position is an error motion of its axis, however plainly it can be described

@@ -163,7 +163,7 @@ def _compared(
         unit, factor = ("µrad", 1e6) if is_rotary(axis) else ("µm", 1e3)
         shown = effect.correction[axis]
         off = max(low - shown, shown - high, 0.0) * factor
-        looks, largest = looks + 1, max(largest, abs(shown) * factor)
+        looks += 1
         if not off <= tolerance:
             place = ", ".join(f"{a} {p:.3f}" for a, p in effect.position.items())
             wrong = (
@@ -171,5 +171,5 @@ def _compared(
                 f"says {0.5 * (low + high) * factor:.2f} {unit}"
             )
         else:
-            worst = max(worst, off)
+            worst, largest = max(worst, off), max(largest, abs(shown) * factor)
     return Seen(looks, worst, largest), wrong

@@ -94,6 +94,15 @@ class SdoServer:
         self._burst: list[bytes] = []
         self._taken = self._upload_size = 0
 
+    @property
+    def amid_block(self) -> bool:
+        """Whether the next frame is a segment of a block download."""
+        return self._state == "block"
+
+    def forget(self) -> None:
+        """Give up the transfer under way."""
+        self._state = "idle"
+
     def answers(self, request: bytes) -> list[bytes]:
         """The answers to one frame: none, one, or the segments of a block."""
         self._burst = []

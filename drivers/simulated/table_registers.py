@@ -28,6 +28,7 @@ from __future__ import annotations
 
 import contextlib
 import struct
+import time
 import zlib
 from collections.abc import Callable, Sequence
 from typing import ClassVar
@@ -196,7 +197,9 @@ class TableDevice:
     def _fail(self, fault: Fault) -> None:
         self.restart()
         self.wire.answer = lambda _: ()
-        self.wire.offline = fault.seconds
+        # the port stays taken: a gateway takes connections while the control behind it boots
+        self.wire.drop = True
+        self.wire.silent_until = time.monotonic() + fault.seconds
 
     # content
 
