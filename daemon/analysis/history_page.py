@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import Any
 
 from compcore.model import Model
+from compcore.model_file import load_model, summary
 from daemon.report.page import Page, number
 from daemon.report.versions import change, error_of_versions, number_of
+
+
+def versions_of(model: Model) -> list[dict[str, Any]]:
+    """The records of all versions, oldest first, this one included once it was fitted."""
+    versions = [dict(record) for record in model.history]
+    return [*versions, dict(summary(model))] if model.fit else versions
+
+
+def page_of(path: Path) -> Page:
+    """The page of a model file."""
+    model = load_model(path)
+    return history_page(model, versions_of(model), path.name)
 
 
 def history_page(model: Model, versions: Sequence[Mapping[str, Any]], file: str) -> Page:

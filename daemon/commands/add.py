@@ -31,10 +31,15 @@ def add(
         typer.Option("--holdout", help="Campaigns that are not fitted, to see the error fall."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    report: Annotated[
+        Path | None,
+        typer.Option(help="A page with the error, version by version.", metavar="FILE.html"),
+    ] = None,
 ) -> None:
     """Add an effect to a model, refit, and watch the error fall."""
     from compcore.revise import with_effect
     from daemon.analysis import revised
+    from daemon.analysis.history_page import page_of
     from daemon.analysis.inputs import load
     from daemon.analysis.progress import shown
     from daemon.commands.assignments import split_assignments
@@ -45,9 +50,11 @@ def add(
         revision = revised.revise(
             loaded, more, measured, holdout or [], out, added=effect.spec, progress=tell
         )
+    if report is not None:
+        page_of(out).write(report)
     if as_json:
         typer.echo(json.dumps(revised.as_json(revision, effect), ensure_ascii=False))
         return
     for line in revised.as_text(revision, effect):
         typer.echo(line)
-    typer.echo(f"written: {out}")
+    typer.echo(f"written: {out}" + (f", {report}" if report else ""))

@@ -39,6 +39,10 @@ def correct(
         typer.Option("-o", "--out", help="The points with columns X_corrected, …", metavar="CSV"),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    report: Annotated[
+        Path | None,
+        typer.Option(help="A page with each effect's part at one point.", metavar="FILE.html"),
+    ] = None,
 ) -> None:
     """Correct one point, or a file of points: indicated position → where it really is.
 
@@ -49,8 +53,8 @@ def correct(
 
     if (points is None) != (out is None):
         raise typer.BadParameter("--points IN.csv and -o OUT.csv go together")
-    if points is not None and explain:
-        raise typer.BadParameter("--explain is for one point")
+    if points is not None and (explain or report):
+        raise typer.BadParameter("--explain and --report are for one point")
     loaded = load_model(model)
     given = Given.parse(arguments or [], loaded.machine)
     if points is not None and out is not None:
@@ -72,12 +76,18 @@ def correct(
     found = corrected.correct_point(loaded, at, command=command)
     warnings = doubts(loaded, given)
     _warn(warnings)
+    if report is not None:
+        from daemon.analysis.corrected_page import corrected_page
+
+        corrected_page(found, warnings, loaded.machine.name, model.name).write(report)
     if as_json:
         told = corrected.as_json(found, warnings, explain=explain)
         typer.echo(json.dumps(told, ensure_ascii=False))
         return
     for line in corrected.as_text(found, explain=explain):
         typer.echo(line)
+    if report is not None:
+        typer.echo(f"written: {report}")
 
 
 def _warn(warnings: list[str]) -> None:

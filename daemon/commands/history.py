@@ -22,16 +22,13 @@ def history(
     ] = None,
 ) -> None:
     """Show the error falling version by version, down to the noise floor, and the effects now."""
-    from compcore.model_file import load_model, summary
+    from compcore.model_file import load_model
+    from daemon.analysis.history_page import history_page, versions_of
 
     loaded = load_model(model)
-    versions = [dict(record) for record in loaded.history]
-    if loaded.fit:
-        versions.append(dict(summary(loaded)))
+    versions = versions_of(loaded)
     effects = [t.effect.spec for t in loaded.terms]
     if report is not None:
-        from daemon.analysis.history_page import history_page
-
         history_page(loaded, versions, model.name).write(report)
     if as_json:
         typer.echo(

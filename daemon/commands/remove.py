@@ -27,11 +27,16 @@ def remove(
         list[Path] | None, typer.Option("--holdout", help="Campaigns that are not fitted.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    report: Annotated[
+        Path | None,
+        typer.Option(help="A page with the error, version by version.", metavar="FILE.html"),
+    ] = None,
 ) -> None:
     """Take an effect out of a model; the others keep their values unless campaigns are given."""
     from compcore.model_file import load_model, save_model
     from compcore.revise import without_effect
     from daemon.analysis import revised
+    from daemon.analysis.history_page import page_of
     from daemon.analysis.inputs import load
     from daemon.analysis.progress import shown
 
@@ -40,12 +45,14 @@ def remove(
         loaded = load_model(model)
         less, removed = without_effect(loaded, name)
         save_model(revised.unfitted(loaded, less, removed=removed.spec), out)
+        if report is not None:
+            page_of(out).write(report)
         if as_json:
             typer.echo(json.dumps({"removed": removed.spec, "refitted": False}))
         else:
             typer.echo(f"removed: {removed.spec}; the other effects keep their values")
             typer.echo("refit them with: abbe fit, or give --campaign")
-            typer.echo(f"written: {out}")
+            typer.echo(f"written: {out}" + (f", {report}" if report else ""))
         return
     with shown("reading") as tell:
         loaded, measured = load(model, campaign)
@@ -53,10 +60,12 @@ def remove(
         revision = revised.revise(
             loaded, less, measured, holdout or [], out, removed=removed.spec, progress=tell
         )
+    if report is not None:
+        page_of(out).write(report)
     if as_json:
         typer.echo(json.dumps(revised.as_json(revision, None), ensure_ascii=False))
         return
     typer.echo(f"removed: {removed.spec}")
     for line in revised.as_text(revision, None):
         typer.echo(line)
-    typer.echo(f"written: {out}")
+    typer.echo(f"written: {out}" + (f", {report}" if report else ""))

@@ -196,12 +196,26 @@ def test_history(look: Look, tmp_path: Path) -> None:
     one, two, report = tmp_path / "1.toml", tmp_path / "2.toml", tmp_path / "history.html"
     both = ("--campaign", BRIDGE / "fit.csv", "--holdout", BRIDGE / "check.csv", "-o")
     abbe("add", BRIDGE / "model.toml", "backlash", "axis=Z", *both, one)
-    abbe("add", one, "warm_up", "direction=X", *both, two)
+    added = tmp_path / "added.html"
+    abbe("add", one, "warm_up", "direction=X", *both, two, "--report", added)
+    assert_sound(look(added), pictures=1)
     abbe("history", two, "--report", report)
     seen = look(report)
     assert_sound(seen, pictures=1)
     # three versions, fitted and held out: six bars, and the line of the noise floor
     assert seen.pictures[0]["marks"] >= 7
+
+
+def test_table_and_correct(look: Look, tmp_path: Path) -> None:
+    model, tables = tmp_path / "fitted.toml", tmp_path / "table.html"
+    corrected = tmp_path / "correct.html"
+    abbe("fit", MILL / "model.toml", MILL / "check.csv", "-o", model)
+    at = ("--at", "reference")
+    abbe("table", model, "--controller", "linuxcnc", "-o", tmp_path / "t", *at, "--report", tables)
+    assert_sound(look(tables), pictures=2)
+    warm = [f"T_{name}=21.5" for name in ("amb", "x", "y", "z", "col_front", "col_rear", "spindle")]
+    abbe("correct", model, "X=400", "Y=250", "Z=-200", *warm, "--report", corrected)
+    assert_sound(look(corrected), pictures=1)
 
 
 def test_the_look_itself_notices(look: Look, tmp_path: Path) -> None:
