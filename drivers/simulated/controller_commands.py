@@ -19,6 +19,7 @@ from .table_faults import Fault, Faults
 from .table_memory import TableMemory
 
 if TYPE_CHECKING:
+    from .canopen_tables import TableNode
     from .table_lines import TableLines
     from .table_registers import TableDevice
 
@@ -28,7 +29,7 @@ def main(arguments: Sequence[str]) -> int:
     options = _parser().parse_args(arguments)
     logging.getLogger("pymodbus_internal").setLevel(logging.CRITICAL)
     logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
-    serve = _modbus if options.protocol == "modbus" else _serial
+    serve = {"modbus": _modbus, "serial": _serial, "canopen": _canopen}[options.protocol]
     try:
         asyncio.run(serve(options))
     except OSError as error:
@@ -40,12 +41,12 @@ def main(arguments: Sequence[str]) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m drivers.simulated")
     parser.add_argument("command", choices=("controller",))
-    parser.add_argument("protocol", choices=("modbus", "serial"))
+    parser.add_argument("protocol", choices=("modbus", "serial", "canopen"))
     parser.add_argument("--memory", type=Path, help="file of the active tables; default: none")
     parser.add_argument("--capacity", type=int, default=1 << 20, help="bytes of an image")
     parser.add_argument("--host", default="127.0.0.1")
     parser.add_argument("--port", type=int, default=0, help="TCP port; 0: any free one")
-    parser.add_argument("--link", type=Path, help="serial: path that always leads to the port")
+    parser.add_argument("--link", type=Path, help="serial, canopen: path to the port")
     parser.add_argument("--die-with-stdin", action="store_true", help="take orders there")
     return parser
 
@@ -88,7 +89,41 @@ async def _serial(options: argparse.Namespace) -> None:
             await asyncio.gather(work, return_exceptions=True)
 
 
-def _orders(control: TableDevice | TableLines, faults: Faults) -> Orders:
+async def _canopen(options: argparse.Namespace) -> None:
+    from .can_wire import LawicelAdapter, Wire
+    from .canopen_tables import NODE, TableNode
+    from .pty_port import PtyPort
+
+    faults = Faults()
+    with contextlib.ExitStack() as stack:
+        link: Path | None = options.link
+        if link is None:
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="abbe-control-"))
+            link = Path(folder) / "slcan"
+        wire = Wire()
+        node = TableNode(wire, TableMemory(options.memory, options.capacity), faults)
+        adapter = LawicelAdapter(wire, lambda receive: PtyPort(link, receive))
+        adapter.port.plug()
+        stack.callback(adapter.port.unplug)
+
+        def unplug() -> None:
+            adapter.reset()
+            adapter.port.unplug()
+
+        orders: dict[str, Any] = {
+            "unplug": unplug,
+            "plug": adapter.port.plug,
+            "break": lambda: setattr(wire, "broken", True),
+            "mend": lambda: setattr(wire, "broken", False),
+            "blocks": lambda refused: setattr(node.sdo.faults, "refused", refused),
+        }
+        orders.update(_orders(node, faults))
+        node.boot()
+        announce(ready=True, protocol="canopen", interface="slcan", channel=str(link), node=NODE)
+        await serve_orders(orders, die_with_stdin=options.die_with_stdin)
+
+
+def _orders(control: TableDevice | TableLines | TableNode, faults: Faults) -> Orders:
     memory = control.memory
 
     def truth() -> dict[str, Any]:

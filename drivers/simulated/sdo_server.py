@@ -59,13 +59,21 @@ class BlockFaults:
     refused: bool = False
 
 
+def _crc_of_byte(byte: int) -> int:
+    crc = byte << 8
+    for _ in range(8):
+        crc = ((crc << 1) ^ 0x1021 if crc & 0x8000 else crc << 1) & 0xFFFF
+    return crc
+
+
+_CRC_OF = [_crc_of_byte(byte) for byte in range(256)]
+
+
 def crc16(data: bytes | bytearray) -> int:
     """CRC-16-CCITT as in CiA 301, 7.2.4.3.16: polynomial 1021h, begun with 0."""
     crc = 0
     for byte in data:
-        crc ^= byte << 8
-        for _ in range(8):
-            crc = ((crc << 1) ^ 0x1021 if crc & 0x8000 else crc << 1) & 0xFFFF
+        crc = (crc << 8) & 0xFFFF ^ _CRC_OF[crc >> 8 ^ byte]
     return crc
 
 
