@@ -29,7 +29,7 @@ from benchmarks.hidden.causes import Cause
 from benchmarks.report import write_section
 from compcore.campaign import Campaign, Kind
 from compcore.compare import compare
-from compcore.diagnose import diagnose
+from compcore.diagnose import Diagnosis, diagnose
 from compcore.effects import make_effect
 from compcore.fit import fit
 from compcore.model import Model
@@ -339,8 +339,8 @@ TEXT = f"""## Beside a black box and a sparse regression
 `python -m benchmarks.black_box`: scenarios of the diagnosis benchmark at {MULTIPLE} × noise; RMS in
 µm on 36 lines of another day that nothing was fitted to. All start from the same fitted model.
 *Abbe*: one `diagnose`, what it established added, refitted (what it calls the instrument's is not
-added; where it says `unexplained`, the empirical formula that it offers, if any). *Gaussian process*, *boosting*: scikit-learn, fitted
-to that model's residuals per measured direction, from positions, directions of approach, tool,
+added; where it says `unexplained`, the empirical formula that it offers, if any).
+*Gaussian process*, *boosting*: scikit-learn, fitted to that model's residuals per measured direction, from positions, directions of approach, tool,
 temperatures, feed, load, time and the measured direction itself; the process has one length scale
 for each, learnt from {SUBSAMPLE} rows, and then takes all rows. *Lasso*: LassoCV, set-ups left out
 whole, over all products of up to three of these (tools apart) times each component of the

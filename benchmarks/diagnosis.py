@@ -205,6 +205,10 @@ def _score(diagnosis: Diagnosis, causes: Sequence[Cause]) -> str:
     if not causes:
         return "right" if diagnosis.verdict == "complete" else "false alarm"
     known = [c for c in causes if c.answers]
+    if len(known) > 1:
+        # of several, those that can be seen at all
+        seen = [c for c in known if any(f.evidence.value > 0.0 for f in _true(diagnosis, c))]
+        known = seen or known
     if not known:
         if diagnosis.verdict == "complete":
             return "missed"

@@ -32,10 +32,6 @@ F64 = NDArray[np.float64]
 
 Verdict = Literal["complete", "missing", "unexplained"]
 
-BETTER = 5.0
-"""Lead in evidence with which a single description beats causes from the catalogue: what the
-catalogue holds is said by it at least as well, since descriptions cost more."""
-
 _COINCIDENCE = 8.0
 """What each further cause costs beside one description that says the same: a coincidence."""
 
@@ -207,7 +203,8 @@ def _compete(
         joint_value(basis, after, chosen) - _COINCIDENCE * (len(chosen) - 1) if chosen else 0.0
     )
     left = patterns.established(after) if chosen else strong
-    better = strong[0].evidence.value > by_causes + BETTER
+    # a description costs `EMPIRICAL` more: where it says more all the same, no cause is named
+    better = strong[0].evidence.value > by_causes
     # a function of one position is an error motion of its axis, however plainly it can be described
     rigid = bool(chosen) and all(f.candidate.effect.kind in RIGID for f in chosen)
     if not left and (rigid or not better):
