@@ -340,11 +340,12 @@ TEXT = f"""## Beside a black box and a sparse regression
 µm on 36 lines of another day that nothing was fitted to. All start from the same fitted model.
 *Abbe*: one `diagnose`, what it established added, refitted (what it calls the instrument's is not
 added; where it says `unexplained`, the empirical formula that it offers, if any).
-*Gaussian process*, *boosting*: scikit-learn, fitted to that model's residuals per measured direction, from positions, directions of approach, tool,
-temperatures, feed, load, time and the measured direction itself; the process has one length scale
-for each, learnt from {SUBSAMPLE} rows, and then takes all rows. *Lasso*: LassoCV, set-ups left out
-whole, over all products of up to three of these (tools apart) times each component of the
-direction, with what the model and the set-ups imitate taken out of all columns. In every case the
+*Gaussian process*, *boosting*: scikit-learn, fitted to that model's residuals per measured
+direction, from positions, directions of approach, tool, temperatures, feed, load, time and the
+measured direction itself; the process has one length scale for each, learnt from {SUBSAMPLE} rows,
+and then takes all rows. *Lasso*: LassoCV, set-ups left out whole, over all products of up to three
+of these (tools apart) times each component of the direction, with what the model and the set-ups
+imitate taken out of all columns. In every case the
 model is fitted again to what is left, so that nobody suffers from what the first fit absorbed.
 *Knows it*: the model with the true effect, where the catalogue has it."""
 
