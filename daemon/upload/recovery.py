@@ -61,7 +61,8 @@ async def recover(work: Work) -> Outcome | None:
     new = Content(first["new"])
     found = await settle(
         work.store, old, new, identity,
-        want_old=False, patience=work.setup.section.patience, tell=work.tell,
+        want_old=False, patience=work.allowed.patience, step_timeout=work.allowed.step_timeout,
+        tell=work.tell,
     )  # fmt: skip
     if found.active == "new":
         try:

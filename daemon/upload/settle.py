@@ -95,6 +95,7 @@ async def settle(
     *,
     want_old: bool,
     patience: float,
+    step_timeout: float,
     tell: Tell,
 ) -> Settled:
     """Find out which of two sets is active; put the old one back where it is neither.
@@ -109,6 +110,8 @@ async def settle(
         Put the old one back also where the new one is active.
     patience
         s for which a controller that does not answer is sought.
+    step_timeout
+        s that one attempt may take.
     tell
         Is told what is done.
     """
@@ -116,7 +119,7 @@ async def settle(
     new_seen, strange = False, ""
     while True:
         try:
-            async with asyncio.timeout(max(until - time.monotonic(), patience)):
+            async with asyncio.timeout(step_timeout):
                 await store.close()
                 await store.open()
                 check_identity(await store.identity(), identity.name, identity.serial)

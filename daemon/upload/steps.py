@@ -250,7 +250,8 @@ class Changeover:
         self.ledger.note_anyway(step, "failed", why=why)
         found = await settle(
             self.store, self.old, self.new, self.identity,
-            want_old=want_old, patience=self.allowed.patience, tell=self._tell,
+            want_old=want_old, patience=self.allowed.patience,
+            step_timeout=self.allowed.step_timeout, tell=self._tell,
         )  # fmt: skip
         if found.active == "new" and not want_old:
             # it was done, only its confirmation was lost

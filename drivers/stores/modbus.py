@@ -109,13 +109,12 @@ class ModbusStore(Store):
     async def open(self) -> None:
         """Connect and get a first answer."""
         await self.close()
-        bus = Bus(self.name, self.config.link(), LinkStatus())
+        self._bus = bus = Bus(self.name, self.config.link(), LinkStatus())
         await bus.keeper.open()
         if not bus.keeper.up:
             error = bus.keeper.down_error()
-            await bus.keeper.close()
+            await self.close()
             raise error
-        self._bus = bus
 
     async def close(self) -> None:
         """Disconnect."""

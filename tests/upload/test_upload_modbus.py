@@ -8,27 +8,11 @@ from pathlib import Path
 
 import pytest
 from upload_cases import QUICK, SLOW, Place, fill, sums, texts
-from upload_truth import attempt, check_all
+from upload_truth import attempt, cases, check_all, try_fault
 
 from drivers.simulated.process import SimulatedProcess
-from drivers.simulated.table_faults import KINDS
 
 pytestmark = pytest.mark.integration
-
-STEPS = {
-    "preflight_identity": {"at": "identity"},
-    "preflight_state": {"at": "state"},
-    "backup": {"at": "read_active"},
-    "begin": {"at": "begin"},
-    "first_block": {"at": "block"},
-    "later_block": {"at": "block", "skip": 3},
-    "compare": {"at": "read_staged", "skip": 1},
-    "ready": {"at": "state", "after": "read_staged"},
-    "activate": {"at": "commit"},
-    "verify": {"at": "read_active", "after": "commit", "skip": 1},
-    "effect": {"at": "show"},
-}
-
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -69,12 +53,56 @@ def test_first_upload_second_upload_and_roll_back(place: Place, made: Path):
     assert len(list((place.folder / "backups").iterdir())) == 3
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize(("step", "kind"), cases())
 def test_every_step_with_every_fault(place: Place, made: Path, step: str, kind: str):
-    place.configure(patience=0.5, **QUICK)
-    place.control.order("fault", kind=kind, seconds=0.4, **STEPS[step])
-    done = attempt(lambda: place.upload(made / "new"))
-    assert place.truth()["happened"], "the fault did not come about"
-    place.control.order("wake")
-    print("RESULT", step, kind, check_all(place, done, sums(made / "old"), sums(made / "new")), done[1] or done[0].outcome.lines())
+    place.configure(patience=0.1, **QUICK)
+    print(try_fault(place, made, step, kind))
+
+
+def test_a_controller_that_adds_something_else_gets_its_old_table_back(place: Place, made: Path):
+    place.configure(**SLOW)
+    place.control.order("fault", kind="lies", at="show", times=100)
+    result = place.upload(made / "new")
+    assert check_all(place, (result, ""), sums(made / "old"), sums(made / "new")) == "old"
+    assert "the controller adds" in result.outcome.why
+    assert result.outcome.step == "effect"
+
+
+def test_a_controller_that_lies_in_every_read_back_never_gets_the_new_table(
+    place: Place, made: Path
+):
+    place.configure(patience=0.3, **SLOW)
+    place.control.order("fault", kind="lies", at="read_staged", times=1000)
+    result = place.upload(made / "new")
+    assert check_all(place, (result, ""), sums(made / "old"), sums(made / "new")) == "old"
+    assert result.outcome.step == "compare"
+
+
+def test_a_controller_that_lies_about_what_is_active_is_not_believed(place: Place, made: Path):
+    place.configure(patience=0.3, **SLOW)
+    place.control.order("fault", kind="lies", at="read_active", after="commit", times=1000)
+    result = place.upload(made / "new")
+    assert result.outcome.open
+    assert check_all(place, (result, ""), sums(made / "old"), sums(made / "new")) == (
+        "open, then new"
+    )
+
+
+def test_the_power_of_the_controller_fails_between_any_two_operations(place: Place, made: Path):
+    """A power cut before each single operation of one upload in turn."""
+    place.configure(**SLOW)
+    place.upload(made / "new")
+    asked = place.truth()["asked"]
+    seen: dict[str, int] = {}
+    ends = set()
+    for operation in dict.fromkeys(asked):
+        seen[operation] = asked.count(operation)
+    for operation, count in seen.items():
+        for skip in {count // 2}:
+            place.control.order("reset")
+            place.control.order("load", files=texts(made / "old"))
+            place.control.order("fault", kind="restart", at=operation, skip=skip, seconds=0.05)
+            place.journal.unlink(missing_ok=True)
+            done = attempt(lambda: place.upload(made / "new"))
+            ends.add(check_all(place, done, sums(made / "old"), sums(made / "new")))
+    assert ends >= {"new", "old"}

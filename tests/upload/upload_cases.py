@@ -54,7 +54,7 @@ def make_tables(model_file: Path, folder: Path, options: Mapping[str, str] = OPT
     loaded = load_model(model_file)
     controller = make_controller("csv", loaded.machine, options)
     order = TableOrder(
-        model_file, controller, options, SlowState(), Volume.of(loaded.machine), points=60, by="test"
+        model_file, controller, options, SlowState(), Volume.of(loaded.machine), points=20, by="test"
     )
     make(order, loaded).made.write(folder)
     return folder
@@ -109,7 +109,7 @@ patience = {patience}
 
 SLOW = {"timeout": 10.0, "command_timeout": 20.0, "reconnect_within": 20.0}
 """Nothing goes wrong: only patience."""
-QUICK = {"timeout": 0.15, "command_timeout": 0.5, "reconnect_within": 0.6, "attempts": 3}
+QUICK = {"timeout": 0.15, "command_timeout": 0.5, "reconnect_within": 0.3, "attempts": 3}
 """Something goes wrong: it has to be noticed soon."""
 
 

@@ -3,14 +3,59 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
-from upload_cases import Place
+from upload_cases import Place, sums
 
 from compcore.errors import AbbeError
 from daemon.upload.outcome import Outcome
 
 Sums = dict[str, str]
+
+STEPS: dict[str, dict[str, Any]] = {
+    "identity": {"at": "identity"},
+    "state": {"at": "state"},
+    "backup": {"at": "read_active"},
+    "begin": {"at": "begin"},
+    "first_block": {"at": "block"},
+    "later_block": {"at": "block", "skip": 3},
+    "compare": {"at": "read_staged"},
+    "ready": {"at": "state", "after": "read_staged"},
+    "activate": {"at": "commit"},
+    "verify": {"at": "read_active", "after": "commit"},
+    "effect": {"at": "show"},
+}
+"""Step → where a fault is armed."""
+_READ = ("lost_answer", "late_answer", "twice", "bad_answer", "refuses", "lies", "restart_after",
+         "hang")  # fmt: skip
+_WRITE = ("lost_request", "bad_request", "restart", "hang_after")
+
+
+def cases() -> list[tuple[str, str]]:
+    """Every step with every fault that means something there.
+
+    What is only read has nothing to be done: a request lost and an answer lost are the same.
+    """
+    found = []
+    for step, where in STEPS.items():
+        kinds = _READ
+        if where["at"] in ("begin", "block", "commit"):
+            kinds += _WRITE
+        if where["at"] == "commit":
+            kinds += ("restart_amid",)
+        found += [(step, kind) for kind in kinds]
+    return found
+
+
+def try_fault(place: Place, made: Path, step: str, kind: str) -> str:
+    """One upload with one fault; everything that has to hold is checked."""
+    place.control.order("fault", kind=kind, seconds=0.4, **STEPS[step])
+    done = attempt(lambda: place.upload(made / "new"))
+    happened = place.truth()["happened"]
+    assert happened == [[kind, STEPS[step]["at"]]], "the fault did not come about"
+    place.control.order("wake")
+    return check_all(place, done, sums(made / "old"), sums(made / "new"))
 
 
 def attempt(do: Callable[[], Any]) -> tuple[Any, str]:
