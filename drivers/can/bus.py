@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from drivers.can.incoming import Incoming
 from drivers.can.interface import (
+    ECHOING,
     PROMPT,
     STAMPED,
     InterfaceConfig,
@@ -122,7 +123,10 @@ class CanBus:
 
     def send(self, messages: Sequence[can.Message]) -> None:
         """Send frames, from the event loop; raises as `drivers.can.outgoing.Outgoing.send`."""
-        self._open_one().outgoing.send(messages)
+        connection = self._open_one()
+        connection.outgoing.send(messages)
+        if self._config.interface in ECHOING:
+            connection.incoming.take()
 
     def send_and_wait(self, message: can.Message) -> None:
         """Send a frame from a thread that may wait for the device; raises python-can's errors."""

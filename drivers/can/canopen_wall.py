@@ -7,11 +7,7 @@ What canopen 2.4.1 does by itself, and what is done about it here:
 - An SDO answer that comes late passes for the answer to the next request for the same object. After
   a request that went unanswered, the device type (1000h) is asked for first, until its answer is
   there: a node answers in turn, so nothing older can come then.
-- A block download that fails goes on in ``close`` (which also the garbage collector calls). Here
-  the stream is taken out of service before it is dropped, and the node told to abort.
-- A segment that is lost in the last block of a download makes it raise `RuntimeError`.
-- A block upload whose end does not come makes it raise `AttributeError`; after one that failed,
-  what is still on its way is waited for, or it would pass for answers to what comes next.
+- Block transfers that break: `drivers.can.sdo_blocks`.
 - A frame that is too short (altered on a serial line) makes it raise `struct.error`.
 """
 
@@ -28,21 +24,14 @@ import canopen
 from drivers.can.bus import CanBus
 from drivers.can.expedited import Ask, Expedited
 from drivers.can.frames import frame
+from drivers.can.sdo_blocks import Done, receive_block, send_block
 from drivers.can.sdo_errors import RefusedError, TooLongError
 from drivers.link import LinkDownError, LinkError, LinkTimeoutError
 
 DEVICE_TYPE = 0x1000
-_ABORT_GENERAL = 0x08000000
 _NO_SUCH_COMMAND = 0x05040001
-_MOST_LEFT = 300
-"""Frames of a broken transfer that may still come: more than two blocks."""
 _PROBES = 3
 """Answers to something else that are passed over before a node counts as silent."""
-
-
-Done = Callable[[int], None]
-"""Is told how many bytes of a transfer are done."""
-_TELL_EVERY = 1024
 
 
 class _Feed(canopen.Network):
@@ -78,6 +67,7 @@ class Network:
         self._feed = _Feed(bus)
         self._expedited = Expedited(bus)
         self._timeout = timeout
+        self._subscribed: dict[int, Callable[[bytes], None]] = {}
         self._sdo: dict[int, Any] = {}
         """SDO clients, which canopen leaves without types."""
         self._doubtful: set[int] = set()
@@ -102,20 +92,20 @@ class Network:
 
     def subscribe(self, can_id: int, callback: Callable[[bytes], None]) -> None:
         """Have a function called with the data of every frame of an id; one per id."""
-        with contextlib.suppress(KeyError):
-            self._feed.unsubscribe(can_id)
-        self._feed.subscribe(can_id, lambda _, data, __: callback(bytes(data)))
+        self._subscribed[can_id] = callback
 
     def listen(self, can_id: int, callback: Callable[[bytes], None]) -> None:
-        """As `subscribe`, beside what canopen itself does with that id."""
+        """Have a function called beside what canopen itself does with that id."""
         self._feed.subscribe(can_id, lambda _, data, __: callback(bytes(data)))
 
     def notify(self, message: can.Message, arrived: float) -> None:
         """Take a frame in, from the event loop."""
         self.arrived = arrived
         can_id = message.arbitration_id
-        # canopen would keep answers that it did not ask for.
-        if not self._expedited.take(can_id, bytes(message.data)):
+        if (callback := self._subscribed.get(can_id)) is not None:
+            callback(bytes(message.data))
+        # canopen would keep answers that it did not ask for
+        elif not self._expedited.take(can_id, message.data):
             self._feed.notify(can_id, message.data, message.timestamp)
 
     async def ask(self, asked: Sequence[Ask]) -> list[LinkError | bytes]:
@@ -221,28 +211,7 @@ class Network:
                 if error.code != _NO_SUCH_COMMAND:
                     raise
                 return bytes(sdo.upload(index, subindex))
-            return self._receive_block(sdo, stream, progress)
-
-    @staticmethod
-    def _receive_block(sdo: Any, stream: Any, progress: Done | None) -> bytes:
-        data = bytearray()
-        try:
-            while piece := stream.read(7):
-                data += piece
-                if progress is not None and len(data) % _TELL_EVERY < len(piece):
-                    progress(len(data))
-        except BaseException as error:
-            stream._error = True  # or its close would confirm the transfer
-            stream.close()
-            if isinstance(error, canopen.SdoAbortedError | can.CanError | LinkError):
-                raise
-            sdo.abort(_ABORT_GENERAL)
-            _drain(sdo)
-            if isinstance(error, AttributeError):
-                raise canopen.SdoCommunicationError("its end did not come") from error
-            raise
-        stream.close()
-        return bytes(data)
+            return receive_block(sdo, stream, progress)
 
     def download_block(
         self,
@@ -273,7 +242,7 @@ class Network:
         with self._errors(number, index, subindex):
             self._resynchronise(number)
             try:
-                self._send_block(self._sdo[number], index, subindex, data, progress)
+                send_block(self._sdo[number], index, subindex, data, progress)
             except canopen.SdoAbortedError as error:
                 if error.code != _NO_SUCH_COMMAND:
                     raise
@@ -281,25 +250,6 @@ class Network:
                 return True
             self._sdo[number].download(index, subindex, data, force_segment=True)
             return False
-
-    @staticmethod
-    def _send_block(
-        sdo: Any, index: int, subindex: int, data: bytes, progress: Done | None
-    ) -> None:
-        stream = sdo.open(index, subindex, "wb", buffering=0, size=len(data), block_transfer=True)
-        try:
-            start = 0
-            while start < len(data):
-                start += stream.write(data[start : start + 7])
-                if progress is not None and start % _TELL_EVERY < 7:
-                    progress(start)
-        except BaseException as error:
-            stream._initialized = False  # or its close would go on with the transfer
-            stream.close()
-            if not isinstance(error, canopen.SdoAbortedError | can.CanError | LinkError):
-                sdo.abort(_ABORT_GENERAL)
-            raise
-        stream.close()
 
     def _resynchronise(self, number: int) -> None:
         """Make sure that no answer of an earlier request is on its way."""
@@ -336,11 +286,3 @@ class Network:
             raise LinkTimeoutError(f"{what}: segments were lost ({error})") from error
         except can.CanError as error:
             raise LinkDownError(f"cannot send: {error}") from error
-
-
-def _drain(sdo: Any) -> None:
-    """Wait until nothing of a broken transfer comes any more."""
-    with contextlib.suppress(canopen.SdoCommunicationError):
-        for _ in range(_MOST_LEFT):
-            with contextlib.suppress(canopen.SdoAbortedError, struct.error):
-                sdo.read_response()

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 from drivers.can.bus import CanBus
 from drivers.can.frames import frame
+from drivers.patience import Patience
 
 _HEAD = struct.Struct("<BHB")
 _REQUEST, _RESPONSE = 0x600, 0x580
@@ -99,6 +100,7 @@ class Expedited:
         self._bus = bus
         self._waiting: dict[int, Ask] = {}
         self._all_done: asyncio.Future[None] | None = None
+        self._patience = Patience(_finish)
 
     async def ask(self, asked: Sequence[Ask], timeout: float) -> None:  # noqa: ASYNC109
         """Send all requests, then wait, at most `timeout` s, for all answers.
@@ -113,27 +115,26 @@ class Expedited:
         LinkDownError
             When a frame cannot be sent, or the bus is closed meanwhile.
         """
-        loop = asyncio.get_running_loop()
         self._waiting = {_RESPONSE + one.number: one for one in asked}
-        done = self._all_done = loop.create_future()
-        give_up = loop.call_later(timeout, _finish, done)
+        done = self._all_done = asyncio.get_running_loop().create_future()
+        self._patience.begin(done, timeout)
         try:
             self._bus.send([frame(_REQUEST + one.number, one.request()) for one in asked])
             await done
         finally:
-            give_up.cancel()
+            self._patience.end()
             self._waiting, self._all_done = {}, None
         for one in asked:
             if one.too_long:
                 abort = _HEAD.pack(_ABORTED, one.index, one.subindex) + b"\0\0\0\x08"
                 self._bus.send([frame(_REQUEST + one.number, abort)])
 
-    def take(self, can_id: int, data: bytes) -> bool:
+    def take(self, can_id: int, data: bytearray) -> bool:
         """Take in a frame; whether it was for us."""
         one = self._waiting.get(can_id)
         if one is None:
             return False
-        if one.take(data):
+        if one.take(bytes(data)):
             del self._waiting[can_id]
             if not self._waiting and self._all_done is not None:
                 _finish(self._all_done)

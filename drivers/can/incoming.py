@@ -17,6 +17,8 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from drivers.can.slcan_port import BufferedPort
+
 if TYPE_CHECKING:
     import can
 
@@ -61,7 +63,8 @@ class Incoming:
         self._loop = asyncio.get_running_loop()
         self._closed = False
         self._thread: threading.Thread | None = None
-        self._port = getattr(bus, "serialPortOrig", None)
+        port = getattr(bus, "serialPortOrig", None)
+        self._port = port if isinstance(port, BufferedPort) else None
         self._more = select.poll()
         try:
             self._fd = bus.fileno()
@@ -87,6 +90,11 @@ class Incoming:
         if self._thread is not None:
             self._thread.join(limit)
 
+    def take(self) -> None:
+        """Take in what is there now, without another round of the event loop."""
+        if self._fd >= 0 and not self._closed and self._more.poll(0):
+            self._readable()
+
     def _readable(self) -> None:
         """Take all frames that are there."""
         bus = self._bus
@@ -101,15 +109,11 @@ class Incoming:
             if message is not None:
                 self._on_frame(message, self._arrival(message))
             # asking the kernel costs a tenth of asking python-can in vain
-            if not self._holds() and not self._more.poll(0):
+            if not (self._port is not None and self._port.holds) and not self._more.poll(0):
                 return
-        if self._holds():
+        if self._port is not None and self._port.holds:
             # the file descriptor does not show it
             self._loop.call_soon(self._readable)
-
-    def _holds(self) -> bool:
-        """Whether an adapter's port holds bytes that were read already."""
-        return bool(getattr(self._port, "holds", False))
 
     def _arrival(self, message: can.Message) -> float:
         now = time.monotonic()

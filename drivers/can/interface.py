@@ -21,6 +21,8 @@ PROMPT = ("socketcan", "slcan", "udp_multicast", "virtual")
 """Interfaces that send without waiting for a device, or fail."""
 STAMPED = ("socketcan", "udp_multicast")
 """Interfaces whose frames carry the time at which the kernel took them in (CLOCK_REALTIME)."""
+ECHOING = ("udp_multicast",)
+"""Interfaces that give us our own frames back, at once."""
 LINUX_ERRORS = ("socketcan", "udp_multicast")
 """Interfaces whose error frames are Linux's; others flag a frame, each with numbers of its own."""
 _OPTIONS_ARE_KNOWN = ("socketcan", "slcan", "udp_multicast", "virtual")

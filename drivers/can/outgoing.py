@@ -74,15 +74,8 @@ class Outgoing:
         LinkError
             When too many frames wait already.
         """
-        waiting = len(self._unsent) + self._queue.qsize()
-        if waiting + len(messages) > _MOST_UNSENT:
-            raise LinkError(f"{waiting} frames wait to be sent")
-        if not self._prompt:
-            for message in messages:
-                self._queue.put(message)
-            return
-        if self._unsent:
-            self._unsent.extend(messages)
+        if self._unsent or not self._prompt:
+            self._enqueue(messages)
             return
         for i, message in enumerate(messages):
             if not self._try(message):
@@ -90,6 +83,16 @@ class Outgoing:
                 self._full_since = time.monotonic()
                 self._again = self._loop.call_later(_AGAIN, self._retry)
                 return
+
+    def _enqueue(self, messages: Sequence[can.Message]) -> None:
+        waiting = len(self._unsent) + self._queue.qsize()
+        if waiting + len(messages) > _MOST_UNSENT:
+            raise LinkError(f"{waiting} frames wait to be sent")
+        if self._prompt:
+            self._unsent.extend(messages)
+        else:
+            for message in messages:
+                self._queue.put(message)
 
     def send_and_wait(self, message: can.Message) -> None:
         """Send a frame from a thread that may wait for the device; raises python-can's errors."""

@@ -11,6 +11,7 @@ from drivers.can.bus import CanBus
 from drivers.can.dbc_config import DbcConfig, RequestConfig
 from drivers.can.heard import Heard
 from drivers.link import LinkStatus
+from drivers.patience import Patience
 from drivers.quarantine import Roster
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ class Requests:
         self._status = status
         self._awaited: set[Heard] = set()
         self._answered: asyncio.Future[None] | None = None
+        self._patience = Patience(_expire)
 
     def due(self, wanted: Iterable[Heard]) -> list[Heard]:
         """Which of the messages are to be asked for now."""
@@ -70,7 +72,7 @@ class Requests:
         self._status.requests += len(asked)
         self._awaited = set(asked)
         answered = self._answered = loop.create_future()
-        give_up = loop.call_later(self._config.timeout, _expire, answered)
+        self._patience.begin(answered, self._config.timeout)
         try:
             self._bus.send([_frame(heard) for heard in asked])
             await answered
@@ -86,7 +88,7 @@ class Requests:
                 heard.asked_at = began
             raise
         finally:
-            give_up.cancel()
+            self._patience.end()
             self._awaited, self._answered = set(), None
 
     def is_awaited(self, heard: Heard) -> bool:

@@ -12,6 +12,7 @@ from drivers.can.bus import CanBus
 from drivers.can.canopen_config import CanopenConfig
 from drivers.can.frames import frame
 from drivers.link import LinkError, LinkStatus
+from drivers.patience import Patience
 
 if TYPE_CHECKING:
     from drivers.can.pdo import Pdo
@@ -38,6 +39,7 @@ class Sync:
         self._status = status
         self._awaited: set[Pdo] = set()
         self._answered: asyncio.Future[None] | None = None
+        self._patience = Patience(_finish)
 
     async def ask(self, pdos: Collection[Pdo]) -> None:
         """Send a SYNC and wait, at most one time-out, for the PDOs that answer it.
@@ -48,21 +50,20 @@ class Sync:
             When it cannot be sent, or the bus is closed meanwhile.
         """
         config = self._config
-        loop = asyncio.get_running_loop()
         began = time.monotonic()
         waited_for = {pdo for pdo in pdos if began >= pdo.not_before}
         for pdo in waited_for:
             pdo.awaited_since = began
         self._awaited = waited_for
-        answered = self._answered = loop.create_future()
-        give_up = loop.call_later(config.timeout, _finish, answered)
+        answered = self._answered = asyncio.get_running_loop().create_future()
+        self._patience.begin(answered, config.timeout)
         self._status.requests += 1
         try:
             self._bus.send([frame(_SYNC_ID, b"")])
             if waited_for:
                 await answered
         finally:
-            give_up.cancel()
+            self._patience.end()
             self._awaited, self._answered = set(), None
             for pdo in waited_for:
                 if pdo.awaited_since is not None:

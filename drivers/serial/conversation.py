@@ -15,8 +15,9 @@ import time
 from collections.abc import Callable, Collection
 
 from drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError
+from drivers.patience import Patience
 from drivers.serial.checksum import shown
-from drivers.serial.config import SerialConfig
+from drivers.serial.config import LineConfig
 from drivers.serial.lines import Splitter
 from drivers.serial.port import Port, open_port
 from drivers.serial.question import Question, RefusedError
@@ -48,7 +49,7 @@ class Conversation:
 
     def __init__(
         self,
-        config: SerialConfig,
+        config: LineConfig,
         questions: Collection[Question],
         on_lost: Callable[[str], None],
     ) -> None:
@@ -62,6 +63,7 @@ class Conversation:
         self._lines: list[bytes] = []
         self._unfit: LinkProtocolError | None = None
         self._echo: bytes | None = None
+        self._patience = Patience(_expire)
         self.round_trip = float("nan")
         self.answered_at = 0.0
 
@@ -150,7 +152,7 @@ class Conversation:
         answer: asyncio.Future[re.Match[str]] = loop.create_future()
         self._answer = answer
         began = time.monotonic()
-        give_up = loop.call_later(limit, _expire, answer)
+        self._patience.begin(answer, limit)
         try:
             port.write(data)
             found = await answer
@@ -163,7 +165,7 @@ class Conversation:
             question.asked_at = began
             raise
         finally:
-            give_up.cancel()
+            self._patience.end()
             self._current = self._answer = self._echo = None
             self.answered_at = time.monotonic()
         self.round_trip = self.answered_at - began
