@@ -185,8 +185,8 @@ class ChannelConfig(BaseModel):
         _compiled("refused", self.refused)
 
 
-class SerialConfig(QuarantineConfig, PortSettings):
-    """One serial line and what is said on it. Times are in s."""
+class LineConfig(QuarantineConfig, PortSettings):
+    """One serial line and how lines of text go over it. Times are in s."""
 
     model_config = _STRICT
 
@@ -207,6 +207,18 @@ class SerialConfig(QuarantineConfig, PortSettings):
     max_waiting: Annotated[int, Field(ge=1)] = 16
     """Calls that may wait for the line; one more is turned away at once."""
 
+    @model_validator(mode="after")
+    def _ends_are_ascii(self) -> LineConfig:
+        for key in ("terminator", "query_terminator"):
+            text = getattr(self, key)
+            if text is not None and not text.isascii():
+                raise ValueError(f"{key} {text!r} is not ASCII")
+        return self
+
+
+class SerialConfig(LineConfig):
+    """One serial line and what is said on it."""
+
     messages: dict[str, MessageConfig] = Field(default_factory=dict)
     channels: Annotated[dict[str, ChannelConfig], Field(min_length=1)]
 
@@ -218,14 +230,6 @@ class SerialConfig(QuarantineConfig, PortSettings):
     def field_of(self, channel: str) -> str:
         """Field in which a channel that is read stands."""
         return self.channels[channel].field or channel
-
-    @model_validator(mode="after")
-    def _ends_are_ascii(self) -> SerialConfig:
-        for key in ("terminator", "query_terminator"):
-            text = getattr(self, key)
-            if text is not None and not text.isascii():
-                raise ValueError(f"{key} {text!r} is not ASCII")
-        return self
 
     @model_validator(mode="after")
     def _channels_fit_together(self) -> SerialConfig:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from drivers.link import LinkProtocolError
 from drivers.quarantine import Member
 from drivers.serial.checksum import ChecksumConfig, ChecksumError, shown
-from drivers.serial.config import SerialConfig
+from drivers.serial.config import LineConfig, SerialConfig
 from drivers.serial.fields import FieldError, compile_reader
 
 Reader = Callable[[str | None], float]
@@ -163,7 +163,7 @@ class Message(Question):
             raise FieldError(f"{channel}: {error}") from None
 
 
-def framed(config: SerialConfig, text: str, checksum: ChecksumConfig | None) -> bytes:
+def framed(config: LineConfig, text: str, checksum: ChecksumConfig | None) -> bytes:
     """A line to be sent, complete with checksum and terminator."""
     line = text.encode("ascii")
     if checksum is not None and checksum.queries:

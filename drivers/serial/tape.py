@@ -120,6 +120,10 @@ class TapeLine:
             port.close()
             await port.closed()
 
+    def ask(self, data: bytes) -> None:
+        """Send at once, whether or not the other side asks: what begins a transfer."""
+        self._open_port().write(data)
+
     async def until_asked(self, within: float) -> None:
         """Wait for DC1, at most `within` s."""
         await self._until(lambda: self._go, within, "the receiver did not ask for anything (DC1)")

@@ -73,6 +73,7 @@ async def send_tape(
     blocks: Sequence[str],
     first: int = 0,
     on_confirmed: Callable[[int], None] = lambda _: None,
+    ask: bytes = b"",
 ) -> TapeReport:
     """Send a table.
 
@@ -86,6 +87,8 @@ async def send_tape(
         Block to begin with: what `on_confirmed` told last in an earlier, interrupted transfer.
     on_confirmed
         Called with the number of blocks that certainly arrived, each time it grows.
+    ask
+        What to send first to a control that is told over the line, not by its operator, to read.
 
     Raises
     ------
@@ -115,7 +118,7 @@ async def send_tape(
         line = TapeLine(settings)
         try:
             await _open_again(line, settings, patient=tapes > 1)
-            await _send_once(line, settings, blocks, confirmed, confirm)
+            await _send_once(line, settings, blocks, confirmed, confirm, ask)
             break
         except LinkDownError as error:
             if not settings.resume_within or tapes >= settings.attempts:
@@ -148,12 +151,15 @@ async def _send_once(
     blocks: Sequence[str],
     first: int,
     confirm: Callable[[int], None],
+    ask: bytes,
 ) -> None:
     """One tape: all blocks from `first` on."""
     if first >= len(blocks) > 0 and settings.verify == "echo":
         return
     end = settings.end_of_block.encode("ascii")
     blank = bytes(settings.leader)
+    if ask:
+        line.ask(ask)
     if settings.wait_for_dc1:
         await line.until_asked(settings.start_timeout)
     await line.send(blank + b"%" + end)
@@ -194,14 +200,16 @@ async def _compare_checksum(line: TapeLine, settings: TapeSettings, blocks: Sequ
         )
 
 
-async def receive_tape(settings: TapeSettings) -> list[str]:
-    """Take in a tape that a control sends (its operator presses PUNCH).
+async def receive_tape(settings: TapeSettings, ask: bytes = b"") -> list[str]:
+    """Take in a tape that a control sends (its operator presses PUNCH, or it is asked).
 
     Parameters
     ----------
     settings
         Port and control; `start_timeout` is the longest wait for the first ``%``, `stall_timeout`
         the longest pause between two characters.
+    ask
+        What to send first to a control that is told over the line to send.
 
     Returns
     -------
@@ -217,6 +225,8 @@ async def receive_tape(settings: TapeSettings) -> list[str]:
     line = TapeLine(settings)
     try:
         await line.open()
+        if ask:
+            line.ask(ask)
         await line.until_character(b"%", settings.start_timeout, "the beginning of a tape")
         tape = await line.until_character(b"%", settings.stall_timeout, "the end of the tape")
     finally:

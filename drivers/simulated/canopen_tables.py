@@ -96,7 +96,7 @@ class TableNode(CanopenNode):
     def __init__(self, wire: Wire, memory: TableMemory, faults: Faults) -> None:
         self.memory, self.faults = memory, faults
         self.protected = False
-        self._lies = False
+        self._lies = self._alters = False
         self._transfer = "status"
         self._held = memory.step()
         super().__init__(wire, NODE, 0, self._objects())
@@ -176,6 +176,8 @@ class TableNode(CanopenNode):
             raise RefusedError(_ABORTS[error.code]) from None
 
     def _stage(self, image: bytes) -> None:
+        if self._alters:
+            image = image[:-30] + bytes((image[-30] ^ 1,)) + image[-29:]
         self.memory.begin(1, len(image), zlib.crc32(image))
         self.memory.put(1, 0, image)
 
@@ -199,6 +201,8 @@ class TableNode(CanopenNode):
             return
         operation = self._operation(request)
         fault = self.faults.take(operation) if operation else None
+        if operation == "begin":
+            self._alters = False
         if fault is None:
             self._do(request, 0.0)
         else:
@@ -261,6 +265,8 @@ class TableNode(CanopenNode):
             spoil = 1 if operation in _COMMANDS else 5
         silent = kind in ("lost_answer", "restart_after", "restart_amid", "hang_after")
         self._lies = kind == "lies"
+        if operation == "begin":
+            self._alters = self._lies  # what comes is taken in differently
         self.memory.fail_amid = kind == "restart_amid"
         try:
             with contextlib.suppress(PowerFailsError):

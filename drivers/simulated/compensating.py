@@ -11,6 +11,7 @@ import re
 from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 _COLUMN = re.compile(r"E_([XYZ])([XYZ])(?: \((\+|-)\))? \[mm\]")
 _HEAD = {
@@ -104,7 +105,7 @@ def _read(name: str, text: str) -> tuple[str, list[Curve]]:
             raise NotATableError(f"{name}: {key} {told.get(key)!r} is not for this control")
     axis = titles[0][:1] if titles and titles[0] in ("X [mm]", "Y [mm]", "Z [mm]") else ""
     places = tuple(row[0] for row in rows)
-    if not axis or not rows or any(b <= a for a, b in zip(places, places[1:], strict=False)):
+    if not axis or not rows or any(b <= a for a, b in pairwise(places)):
         raise NotATableError(f"{name}: no axis, or positions that do not rise")
     turn = -1.0 if told["sign"] == "error" else 1.0
     columns: dict[str, dict[str, tuple[float, ...]]] = {}

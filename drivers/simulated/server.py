@@ -141,7 +141,7 @@ class SimulatedServer:
     ) -> ExcCodes | None:
         """Answer one request; pymodbus then sends `current`'s words or stores the written ones."""
         now = time.monotonic()
-        device, wire = self._device, self._device.wire
+        wire = self._device.wire
         if now < wire.silent_until:
             return ExcCodes.DEVICE_BUSY  # nothing takes effect; `_packet` swallows the answer
         if wire.busy > 0:
@@ -210,8 +210,8 @@ class SimulatedServer:
         if isinstance(server, ModbusTcpServer):
             for connection in list(server.active_connections.values()):
                 connection.send(data)
-        elif server is not None and server.transport is not None:
-            server.transport.write(data)
+        elif server is not None:
+            server.send(data)
 
     def _after_request(self, now: float) -> None:
         """Start the connection faults that a request may have asked for."""

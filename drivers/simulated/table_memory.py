@@ -194,7 +194,9 @@ class TableMemory:
         position, direction = {}, {}
         for k, axis in enumerate("XYZ"):
             curves = self._compensation.curves.get(axis)
-            low, high = (curves[0].positions[0], curves[0].positions[-1]) if curves else (0.0, 100.0)
+            low, high = (
+                (curves[0].positions[0], curves[0].positions[-1]) if curves else (0.0, 100.0)
+            )
             # up and down through the range in 13, 14, 15 steps each way
             phase = self.stations % (2 * (13 + k))
             up = phase < 13 + k

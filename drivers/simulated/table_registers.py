@@ -2,26 +2,26 @@
 
 All are holding registers, numbers big-endian, high word first.
 
-=========  =====  ====================================================================================
-address    words  content
-=========  =====  ====================================================================================
-0          16     name, ASCII
-16         8      serial number, ASCII
-24         1      state: bit 0 idle, 1 referenced, 2 protected
-32         18     session, staged length (2) and CRC-32 (2), active length (2) and CRC-32 (2),
-                  last block's sequence, offset (2) and CRC-32 (2), last command's token and result,
-                  three spare
-64         7      command: token, command (1 begin, 2 commit, 3 discard, 4 deactivate), length (2),
-                  CRC-32 (2), check
-128        7 + n  block: session, sequence, offset (2), bytes, CRC-32 (2), then the bytes
-256        3      pointer: area (0 staged, 1 active), offset (2)
-260        6 + n  window: area, offset (2), bytes, CRC-32 of all else (2), then the bytes
-400        33     shown: number of axes, for each its letter, direction, position and correction in mm
-                  (float64), then the CRC-32 of all before
-=========  =====  ====================================================================================
+=======  =====  ================================================================================
+address  words  content
+=======  =====  ================================================================================
+0        16     name, ASCII
+16       8      serial number, ASCII
+24       1      state: bit 0 idle, 1 referenced, 2 protected
+32       18     session, staged length (2) and CRC-32 (2), active length (2) and CRC-32 (2),
+                last block's sequence, offset (2) and CRC-32 (2), last command's token and
+                result, three spare
+64       7      command: token, command (1 begin, 2 commit, 3 discard, 4 deactivate),
+                length (2), CRC-32 (2), check
+128      7 + n  block: session, sequence, offset (2), bytes, CRC-32 (2), then the bytes
+256      3      pointer: area (0 staged, 1 active), offset (2)
+260      6 + n  window: area, offset (2), bytes, CRC-32 of all else (2), then the bytes
+400      33     shown: number of axes, for each its letter, direction, position and correction
+                in mm (float64), then the CRC-32 of all before
+=======  =====  ================================================================================
 
-The check is the low half of the CRC-32 of the words before it; a command without is ignored, and so is
-a block whose CRC-32 (of session to bytes, and the bytes) is wrong: the result says so.
+The check is the low half of the CRC-32 of the words before it; a command without is ignored, and so
+is a block whose CRC-32 (of session to bytes, and the bytes) is wrong: the result says so.
 """
 
 from __future__ import annotations

@@ -118,7 +118,7 @@ class Store(ABC):
     """Whether the active set acts only after the controller was started anew; `Store.active` then
     tells what will act, `Store.effects` what acts now."""
     adds_error: bool = False
-    """Whether `Effect.correction` is +error (a reading is corrected) and not −error (a setpoint)."""
+    """Whether `Effect.correction` is +error (a reading is corrected), not −error (a setpoint)."""
 
     def __init__(self, name: str, config: StoreConfig) -> None:
         self.name = name

@@ -1,9 +1,10 @@
 """Tables over Modbus: blocks into a staging area, read back through a window, one commit register.
 
-Nothing is believed that a register confirms by itself: numbers are read until two readings in a row
-agree, every block is checked by the controller's own checksum of it, every window carries its place
-and a checksum. A command has a token; a block has session, sequence and offset, so that a lost, late
-or repeated one cannot shift what is staged. `drivers.stores.modbus_registers` is the map.
+Nothing is believed that a register confirms by itself: numbers are read until two readings in a
+row agree, every block is checked by the controller's own checksum of it, every window carries its
+place and a checksum. A command has a token; a block has session, sequence and offset, so that a
+lost, late or repeated one cannot shift what is staged. `drivers.stores.modbus_registers` is the
+map.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import asyncio
 import secrets
 import time
 from collections.abc import Awaitable, Callable, Sequence
+from functools import partial
 from typing import Annotated, ClassVar, Literal, TypeVar
 
 from pydantic import Field, ValidationError, model_validator
@@ -152,9 +154,7 @@ class ModbusStore(Store):
         size = registers.block_bytes(self.config.registers.block_words)
         for sequence, offset in enumerate(range(0, len(image), size), start=1):
             content = image[offset : offset + size]
-            await self._again(
-                lambda s=sequence, o=offset, c=content: self._block(session, s, o, c)  # type: ignore[misc]
-            )
+            await self._again(partial(self._block, session, sequence, offset, content))
             progress((offset + len(content)) / len(image))
         status = await self._status()
         if (status.staged_length, status.staged_crc) != (len(image), crc32(image)):
@@ -250,13 +250,13 @@ class ModbusStore(Store):
             )
             image = b""
             while len(image) < length:
-                image += await self._again(lambda at=len(image): self._window(area, at))  # type: ignore[misc]
+                image += await self._again(partial(self._window, area, len(image)))
                 progress(min(1.0, len(image) / length))
             if len(image) == length and (not length or crc32(image) == crc):
                 return image
         raise LinkProtocolError(
-            f"read were {len(image)} bytes with CRC {crc32(image):08X}, the controller's own checksum "
-            f"says {length} bytes with {crc:08X}"
+            f"read were {len(image)} bytes with CRC {crc32(image):08X}, the controller's own "
+            f"checksum says {length} bytes with {crc:08X}"
         )
 
     async def _window(self, area: int, offset: int) -> bytes:

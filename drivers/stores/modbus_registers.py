@@ -1,4 +1,4 @@
-"""The register map of a controller's table memory over Modbus: where things are, how they are packed.
+"""The register map of a controller's table memory over Modbus: what stands where, how packed.
 
 The map's shape is Abbe's; a controller's programmer provides it, ``docs/upload.md`` shows it. Where
 it stands is configuration. All numbers are big-endian, the high word first.

@@ -34,7 +34,7 @@ def place(made: Path, control: SimulatedProcess, tmp_path: Path) -> Place:
     control.order("reset")
     control.order("load", files=texts(made / "old"))
     keys = {"driver": "modbus", "host": "127.0.0.1", "port": control.ready["port"]}
-    return Place(tmp_path, control, keys)
+    return Place(tmp_path, control, keys, SLOW)
 
 
 def test_first_upload_second_upload_and_roll_back(place: Place, made: Path):
@@ -55,8 +55,7 @@ def test_first_upload_second_upload_and_roll_back(place: Place, made: Path):
 
 @pytest.mark.parametrize(("step", "kind"), cases())
 def test_every_step_with_every_fault(place: Place, made: Path, step: str, kind: str):
-    place.configure(patience=0.1, **QUICK)
-    print(try_fault(place, made, step, kind))
+    try_fault(place, made, step, kind, QUICK, QUICK | {"timeout": 3.0, "command_timeout": 5.0})
 
 
 def test_a_controller_that_adds_something_else_gets_its_old_table_back(place: Place, made: Path):

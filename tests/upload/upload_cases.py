@@ -120,6 +120,7 @@ class Place:
     folder: Path
     control: SimulatedProcess
     store: dict[str, Any]
+    slow: dict[str, Any]
     said: list[str] = field(default_factory=list)
 
     @property
