@@ -28,7 +28,7 @@ from compcore.campaign_file import read_campaign
 from compcore.compare import compare
 from compcore.diagnose import Diagnosis, diagnose
 from compcore.diagnose.aliases import TOLD_APART
-from compcore.diagnose.search import Found
+from compcore.diagnose.pool import Found
 from compcore.effects import make_effect
 from compcore.effects.base import Effect
 from compcore.fit import fit

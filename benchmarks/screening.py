@@ -23,8 +23,8 @@ from benchmarks.report import machine, write_section
 from compcore.campaign import Campaign
 from compcore.campaign_file import read_campaign
 from compcore.diagnose.candidates import Candidate, candidates
+from compcore.diagnose.pool import Pool
 from compcore.diagnose.screening import Basis
-from compcore.diagnose.search import Pool
 from compcore.fit import FitResult, fit
 from compcore.model import Model
 from compcore.model_file import parse_model

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compcore.diagnose.evidence import INDISTINCT
+from compcore.diagnose.pool import Found, Pool
 from compcore.diagnose.screening import Basis, orthonormal
-from compcore.diagnose.search import Found, Pool
 from compcore.revise import identity
 
 F64 = NDArray[np.float64]

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from compcore.campaign import Campaign
 from compcore.design_matrix import Problem
+from compcore.diagnose.pool import Found
 from compcore.diagnose.practicable import practicable, rows_at
-from compcore.diagnose.search import Found
 from compcore.effects.base import Effect
 from compcore.fit import FitResult
 

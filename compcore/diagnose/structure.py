@@ -24,8 +24,8 @@ from compcore.diagnose.patterns import (
     surfaces,
     variables,
 )
+from compcore.diagnose.pool import MATERIAL, SIGNIFICANT
 from compcore.diagnose.screening import Bank, Basis, Trial, screen
-from compcore.diagnose.search import MATERIAL, SIGNIFICANT
 from compcore.diagnose.short_formula import shortened
 
 F64 = NDArray[np.float64]

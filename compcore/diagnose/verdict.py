@@ -21,8 +21,9 @@ from compcore.diagnose.candidates import RIGID, Candidate, candidates
 from compcore.diagnose.crossvalidation import folds, gain, left_out
 from compcore.diagnose.evidence import CONVINCING
 from compcore.diagnose.parameters import Estimate
+from compcore.diagnose.pool import Found, Pool
 from compcore.diagnose.screening import Basis
-from compcore.diagnose.search import Found, Pool, joint_value, search
+from compcore.diagnose.search import joint_value, search
 from compcore.diagnose.structure import Patterns, Structure
 from compcore.fit import FitResult, fit
 from compcore.model import Model
@@ -31,6 +32,9 @@ from compcore.threads import threads_for
 F64 = NDArray[np.float64]
 
 Verdict = Literal["complete", "missing", "unexplained"]
+
+_SAME = 2.0
+"""Difference in χ² that is none."""
 
 _COINCIDENCE = 8.0
 """What each further cause costs beside one description that says the same: a coincidence."""
@@ -207,7 +211,9 @@ def _compete(
     better = strong[0].evidence.value > by_causes
     # a function of one position is an error motion of its axis, however plainly it can be described
     rigid = bool(chosen) and all(f.candidate.effect.kind in RIGID for f in chosen)
-    if not left and (rigid or not better):
+    # one cause that explains as much as the description says it too, with what else belongs to it
+    covers = len(chosen) == 1 and basis.chi2 - after.chi2 > strong[0].drop - _SAME
+    if not left and (rigid or covers or not better):
         return chosen, []
     # something is left whatever the catalogue offers
     if left and chosen and not better and by_causes > strong[0].evidence.value + CONVINCING:
