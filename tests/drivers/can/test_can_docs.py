@@ -1,0 +1,130 @@
+"""docs/can.md: every example is a configuration that works, every key and option is told."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from can_links import DBC
+
+from drivers.can import canopen_config, dbc_config
+from drivers.can.canopen_config import CanopenConfig, NodeConfig
+from drivers.can.dbc_config import DbcConfig, MessageConfig, RequestConfig
+from drivers.can.error_frames import LEFT_THE_BUS
+from drivers.link import available_links, link_class
+from drivers.simulated.can_commands import _parser
+
+ROOT = Path(__file__).parents[3]
+DOC = (ROOT / "docs" / "can.md").read_text(encoding="utf-8")
+EXAMPLES: list[tuple[str, dict[str, Any]]] = [
+    (name, section)
+    for text in re.findall(r"```toml\n(.*?)```", DOC, re.S)
+    for name, section in tomllib.loads(text)["links"].items()
+]
+
+
+@pytest.mark.parametrize(("name", "section"), EXAMPLES, ids=[name for name, _ in EXAMPLES])
+def test_examples_work(name: str, section: dict[str, Any]) -> None:
+    section = dict(section)
+    kind = link_class(section.pop("driver"))
+    config = kind.Config.model_validate(section, context={"folder": DBC.parent})
+    link = kind(name, config)
+    assert set(link.channels) == set(section["channels"])
+    for channel, words in section["channels"].items():
+        told = link.info(channel)
+        assert told.writable is words.get("writable", False)
+        assert told.every == words.get("every", 0.0)
+        if "unit" in words:
+            assert told.unit == words["unit"]
+
+
+def test_there_are_examples() -> None:
+    assert [name for name, _ in EXAMPLES] == ["can", "encoders", "field", "try_nodes"]
+    assert available_links()["can"] == "drivers.can.dbc_link:DbcLink"
+    assert available_links()["canopen"] == "drivers.can.canopen_link:CanopenLink"
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        DbcConfig,
+        MessageConfig,
+        RequestConfig,
+        dbc_config.ChannelConfig,
+        CanopenConfig,
+        NodeConfig,
+        canopen_config.ChannelConfig,
+    ],
+)
+def test_every_key_is_told(config: Any) -> None:
+    for key in config.model_fields:
+        if key in ("messages", "channels", "nodes"):
+            assert f"[links.NAME.{key}." in DOC
+        elif config is RequestConfig:
+            assert re.search(rf"request.*\b{key} = ", DOC), key
+        else:
+            assert re.search(rf"`{key}\b", DOC), f"{config.__name__}.{key}"
+
+
+def test_the_defaults_are_as_told() -> None:
+    dbc = DbcConfig.model_validate(
+        {"interface": "x", "channel": 0, "dbc": "x", "channels": {"x": {"message": "M"}}}
+    )
+    nodes = CanopenConfig.model_validate(
+        {"interface": "x", "channel": 0, "nodes": {"x": {"id": 1}}}
+    )
+    for key in ("open_timeout", "timeout", "late_reply_max", "quarantine_max", "max_waiting"):
+        row = next(line for line in DOC.splitlines() if line.startswith(f"| `{key}`"))
+        assert f"| {getattr(dbc, key):g}" in row
+        assert getattr(dbc, key) == getattr(nodes, key)
+    channel = canopen_config.ChannelConfig(node="x", profile="cia406")
+    assert (channel.within, channel.every, channel.by, channel.number_type) == (
+        1.0,
+        0.0,
+        "sdo",
+        "int32",
+    )
+    assert "| `within` | 1 s |" in DOC
+    assert nodes.nodes["x"].emergency == "bad"
+
+
+def test_every_option_of_the_simulator_is_told() -> None:
+    for option in re.findall(r"--[a-z-]+", _parser().format_help()):
+        assert option in DOC or option == "--help", option
+
+
+def test_what_is_said_on_the_screen_is_what_the_code_says() -> None:
+    code = "".join(
+        path.read_text("utf-8")
+        for folder in ("drivers/can", "drivers")
+        for path in (ROOT / folder).glob("*.py")
+    )
+    plain = re.sub(r'"\s*\n\s*f?"', "", code)
+    for words in (
+        LEFT_THE_BUS,
+        "the interface reports error frames",
+        "nobody acknowledges (alone on the bus, or wrong bit rate?)",
+        "cannot send: no room for a frame in ",
+        "receiving failed: ",
+        "the other side hung up (unplugged?)",
+        "connected, and nothing comes: ",
+        ": no heartbeat for ",
+        " did not answer SYNC",
+        " did not come ",
+        "may still be answered late",
+        "none of its messages came",
+        "the interface is open, and no node answers",
+        "is in none of the node's TPDOs",
+        "locked: another program has it",
+    ):
+        assert words in plain, words
+        assert words.strip() in DOC, words
+
+
+def test_pages_lead_here_and_from_here_somewhere() -> None:
+    assert "docs/can.md" in (ROOT / "README.md").read_text("utf-8")
+    for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", DOC):
+        assert (ROOT / "docs" / target).resolve().exists(), target
