@@ -29,6 +29,7 @@ from drivers.can.sdo_errors import RefusedError, TooLongError
 from drivers.link import LinkDownError, LinkError, LinkTimeoutError
 
 DEVICE_TYPE = 0x1000
+_ABORT_GENERAL = 0x08000000
 _NO_SUCH_COMMAND = 0x05040001
 _PROBES = 3
 """Answers to something else that are passed over before a node counts as silent."""
@@ -177,6 +178,14 @@ class Network:
         """
         with self._errors(number, index, subindex):
             self._resynchronise(number)
+            try:
+                return bytes(self._sdo[number].upload(index, subindex))
+            except canopen.SdoCommunicationError as error:
+                if "No SDO response" in str(error):
+                    raise
+            # it answers something older, or is amid a transfer of somebody who has gone
+            self._doubtful.add(number)
+            self._resynchronise(number)
             return bytes(self._sdo[number].upload(index, subindex))
 
     def download(self, number: int, index: int, subindex: int, data: bytes) -> None:
@@ -252,10 +261,11 @@ class Network:
             return False
 
     def _resynchronise(self, number: int) -> None:
-        """Make sure that no answer of an earlier request is on its way."""
+        """Make sure that no transfer is under way and no answer of an earlier request comes."""
         if number not in self._doubtful:
             return
         for _ in range(_PROBES):
+            self._sdo[number].abort(_ABORT_GENERAL)
             try:
                 self._sdo[number].upload(DEVICE_TYPE, 0)
             except canopen.SdoCommunicationError as error:
