@@ -14,6 +14,7 @@ from drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("tables")

@@ -49,12 +49,20 @@ def model(size: float, backlash: float = 0.003) -> Model:
     return Model(machine, tuple(terms))
 
 
-def make_tables(model_file: Path, folder: Path, options: Mapping[str, str] = OPTIONS) -> Path:
+def make_tables(
+    model_file: Path, folder: Path, options: Mapping[str, str] = OPTIONS, points: int = 20
+) -> Path:
     """What ``abbe table --controller csv`` writes."""
     loaded = load_model(model_file)
     controller = make_controller("csv", loaded.machine, options)
     order = TableOrder(
-        model_file, controller, options, SlowState(), Volume.of(loaded.machine), points=20, by="test"
+        model_file,
+        controller,
+        options,
+        SlowState(),
+        Volume.of(loaded.machine),
+        points=points,
+        by="test",
     )
     make(order, loaded).made.write(folder)
     return folder
