@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from daemon.config import Configuration
 from daemon.pipeline.cycle import Pipeline
 from daemon.pipeline.record import Listener
+from daemon.upload.unfinished import unfinished_in
 from drivers.link import Link
 
 logger = logging.getLogger("abbe.service")
@@ -80,12 +81,20 @@ class Service:
                 gc.collect()
                 gc.freeze()
                 logger.info("running: %s", self.configuration.path)
+                self._warn_of_uploads()
                 await self._until_ended()
             finally:
                 gc.unfreeze()
                 if timer is not None:
                     timer.cancel()
                 await asyncio.gather(*(self._close(link) for link in self.links.values()))
+
+    def _warn_of_uploads(self) -> None:
+        """Say that an upload of tables was cut off: which table is active is not sure then."""
+        upload = self.configuration.upload
+        told = unfinished_in(upload.journal) if upload is not None else ""
+        if told:
+            logger.warning("%s; run abbe upload %s --recover", told, self.configuration.path)
 
     async def _until_ended(self) -> None:
         """Run the pipeline; a driver that never returns cannot keep the service from ending."""

@@ -11,7 +11,12 @@
 ``steps``        the sequence, and what happens where it breaks
 ``settle``       finding out what is active after a failure, and putting it right
 ``effect``       whether the controller adds what the table says
+``recovery``     an upload that was cut off, brought to its end
+``unfinished``   what the journal says of one
+``status``       what is active, and where it came from
 ``outcome``      how it ended, and the words for it
+``work``         what they all work with
+``speaker``      the operator at the terminal
 ``session``      all of these together, as the command uses them
 ================ =====================================================================
 """

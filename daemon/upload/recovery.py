@@ -2,43 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from compcore.errors import InputError
 from daemon.upload import backups
-from daemon.upload.content import Content, short
+from daemon.upload.content import Content
 from daemon.upload.effect import Expectation
-from daemon.upload.journal import END, Entry, read_journal
+from daemon.upload.journal import END, Entry
 from daemon.upload.outcome import Outcome
 from daemon.upload.settle import Settled, settle
 from daemon.upload.steps import Ledger
+from daemon.upload.unfinished import unfinished_words
 from daemon.upload.work import Work
 from drivers.link import LinkError
 from drivers.stores.base import Identity
-
-
-def unfinished_words(entries: Sequence[Entry]) -> str:
-    """An unfinished upload for people."""
-    first, last = entries[0], entries[-1]
-    return (
-        f"the upload of {first['time']} by {first.get('who') or 'somebody'} "
-        f"({short(first['old'])} → {short(first['new'])}) was not finished; the journal ends at "
-        f"'{last['step']}' ({last['outcome']})"
-    )
-
-
-def unfinished_in(path: Path) -> str:
-    """What a journal says of an unfinished upload, for ``abbe run``; empty when there is none.
-
-    A journal that cannot be read is told too.
-    """
-    try:
-        entries = read_journal(path).unfinished()
-    except InputError as error:
-        return str(error)
-    return unfinished_words(entries) if entries else ""
 
 
 async def recover(work: Work) -> Outcome | None:

@@ -17,8 +17,9 @@ from daemon.upload.lock import only_one
 from daemon.upload.order import Order, backup_order, load_order
 from daemon.upload.outcome import Outcome
 from daemon.upload.preflight import Cleared, check_tables, limits_of, preflight, unreachable
-from daemon.upload.recovery import recover, unfinished_words
+from daemon.upload.recovery import recover
 from daemon.upload.steps import Ledger
+from daemon.upload.unfinished import unfinished_words
 from daemon.upload.work import Voice, Work, user
 from drivers.link import LinkError
 

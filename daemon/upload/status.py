@@ -7,8 +7,8 @@ from typing import Any
 
 from daemon.upload.content import Content, short
 from daemon.upload.journal import END, Entry
-from daemon.upload.recovery import unfinished_words
 from daemon.upload.settle import check_identity
+from daemon.upload.unfinished import unfinished_words
 from daemon.upload.work import Work
 
 

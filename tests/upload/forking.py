@@ -10,10 +10,6 @@ import json
 import os
 import sys
 
-import daemon.commands.upload
-import daemon.config
-import daemon.upload.session
-import daemon.upload.speaker
 import drivers.controllers.iso_csv
 import drivers.stores.modbus  # noqa: F401
 from daemon.cli import main

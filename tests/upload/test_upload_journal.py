@@ -15,7 +15,7 @@ from daemon.upload import backups
 from daemon.upload.content import Content, checksum
 from daemon.upload.journal import FIRST, Journal, read_journal
 from daemon.upload.lock import only_one
-from daemon.upload.recovery import unfinished_in
+from daemon.upload.unfinished import unfinished_in
 
 
 def line(upload: str, step: str, outcome: str = "done", **more: object) -> dict[str, object]:

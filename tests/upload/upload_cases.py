@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 
 from compcore.effects import Backlash, Positioning
+from compcore.folding.slow import SlowState
 from compcore.machine import Axis, Machine
 from compcore.model import Model, Term, Value
 from compcore.model_file import load_model, save_model
 from compcore.structure import Structure
+from compcore.tables.volume import Volume
 from daemon.analysis.tabled import Order as TableOrder
 from daemon.analysis.tabled import make
 from daemon.config import load_config
 from daemon.upload.journal import read_journal
 from daemon.upload.session import Result, Wish, finish, roll_back, upload
 from daemon.upload.work import Voice
-from compcore.folding.slow import SlowState
-from compcore.tables.volume import Volume
 from drivers.controllers import make_controller
 from drivers.simulated.process import SimulatedProcess
 

@@ -107,7 +107,7 @@ def check_told(place: Place, outcome: Outcome, old: Sums, new: Sums) -> None:
 
 
 def check_all(place: Place, done: tuple[Any, str], old: Sums, new: Sums) -> str:
-    """Either table whole, and told truly; an upload left open is recovered. Tells what came of it."""
+    """Either table whole and told truly; what is left open is recovered. Tells what came of it."""
     result, refused = done
     if result is None:
         assert active_now(place, old, new) == "old", refused
