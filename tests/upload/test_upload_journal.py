@@ -74,8 +74,8 @@ def test_power_cuts_tear_the_last_line_and_the_next_says_so(
     path.write_bytes(whole[: max(last, len(whole) - again)])
     written(path, line("a", "end"))
     found = read_journal(path)
-    assert [e["step"] for e in found.entries][0] == "begin"
-    assert [e["step"] for e in found.entries][-1] == "end"
+    assert found.entries[0]["step"] == "begin"
+    assert found.entries[-1]["step"] == "end"
     assert not found.torn
     assert not found.unfinished()
 
@@ -130,5 +130,5 @@ def test_backups_are_never_overwritten_and_a_changed_one_is_refused(tmp_path: Pa
 
 
 def test_the_checksum_of_a_set_covers_names_and_texts():
-    assert checksum({"a": "1"}) == checksum(dict([("a", "1")]))
+    assert checksum({"a": "1", "b": "2"}) == checksum({"b": "2", "a": "1"})
     assert len({checksum({"a": "1"}), checksum({"b": "1"}), checksum({"a": "2"}), ""}) == 4

@@ -1,4 +1,4 @@
-"""A mill with a simulated control, its configuration and two sets of tables, for tests of uploads."""
+"""A mill with a simulated control, its configuration, two sets of tables: for uploads."""
 
 from __future__ import annotations
 

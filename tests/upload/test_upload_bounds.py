@@ -1,0 +1,113 @@
+"""Bounds of tables and the check of the effect, against values worked out by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from upload_cases import TRAVELS
+from upload_cases import model as mill
+
+from compcore.channel import Channel
+from compcore.folding.slow import SlowState
+from compcore.machine import Axis, Machine
+from compcore.model import Model
+from compcore.structure import Structure
+from compcore.tables.field import ErrorField
+from compcore.tables.table import Table, move
+from daemon.upload.bounds import (
+    Extent,
+    Limits,
+    OutOfBoundsError,
+    check,
+    extent,
+    largest_change,
+    largest_correction,
+)
+from daemon.upload.effect import Expectation
+from drivers.stores.base import Effect
+
+MODEL = mill(0.0)
+NO_TOOL = (0.0, 0.0, 0.0)
+
+
+def table(axis: str, component: str, nodes: list[float], up: list[float], down=None, place=None):
+    output = move(component) if place is None else Channel(place, component)
+    back = None if down is None else np.array(down)
+    return Table(output, (axis,), (np.array(nodes),), np.array(up), back)
+
+
+def test_entries_slopes_and_corrections():
+    x = table("X", "X", [0.0, 100.0, 500.0], [0.0, 0.010, -0.002], [0.003, 0.013, 0.001])
+    y = table("Y", "X", [0.0, 400.0], [0.0, -0.005])
+    z = table("Z", "Y", [-300.0, 0.0], [0.006, 0.0])
+    found = extent([x, y, z], MODEL, NO_TOOL)
+    assert found.entry_um == pytest.approx(13.0)
+    assert found.slope == pytest.approx(0.1)
+    # the largest of X by X and by Y add up, whatever their signs; Y by Z is perpendicular
+    assert found.correction_um == pytest.approx(np.hypot(18.0, 6.0))
+    assert found.entry_urad == 0.0
+
+
+def test_an_angle_counts_with_its_longest_lever():
+    """Pitch of Y, 20 µrad, on a machine `w b Y X Z t`: Z hangs 300 mm below, the tool 100 more."""
+    structure = Structure.parse("w b Y X Z t")
+    model = Model(Machine("cmm", structure, {a: Axis(a, r) for a, r in TRAVELS.items()}), ())
+    pitch = table("Y", "A", [0.0, 400.0], [0.0, 20e-6], place="Y")
+    found = extent([pitch], model, (0.0, 0.0, -100.0))
+    assert found.entry_urad == pytest.approx(20.0)
+    assert found.correction_um == pytest.approx(20e-6 * 400.0 * 1e3, rel=1e-6)
+
+
+def test_the_bound_is_never_below_what_is_found_anywhere():
+    structure = Structure.parse("w X' b Y Z t")
+    model = Model(Machine("mill", structure, {a: Axis(a, r) for a, r in TRAVELS.items()}), ())
+    rng = np.random.default_rng(3)
+    tables = []
+    for axis in "XYZ":
+        nodes = list(np.linspace(*TRAVELS[axis], 9))
+        for component in "XYZABC":
+            size = 5e-3 if component in "XYZ" else 2e-5
+            ways = [list(size * rng.normal(size=9)) for _ in range(2)]
+            tables.append(table(axis, component, nodes, *ways, place=axis))
+    tool = (10.0, -20.0, -150.0)
+    bound = largest_correction(tables, model, tool)
+    where = {a: rng.uniform(*TRAVELS[a], 4000) for a in "XYZ"}
+    field = ErrorField(model, SlowState(tool=tool))
+    worst = 0.0
+    for _ in range(8):
+        ways = {a: rng.choice([-1.0, 1.0], 4000) for a in "XYZ"}
+        worst = max(worst, np.linalg.norm(field.removed(tables, where, ways), axis=1).max())
+    assert worst <= bound < 4.0 * worst
+
+
+def test_changes_are_taken_between_the_points_of_both():
+    old = table("X", "X", [0.0, 500.0], [0.0, 0.0])
+    new = table("X", "X", [0.0, 250.0, 500.0], [0.0, 0.004, 0.0])
+    assert largest_change([new], [old], MODEL, NO_TOOL) == pytest.approx(0.004)
+    assert largest_change([old], [new], MODEL, NO_TOOL) == pytest.approx(0.004)
+    assert largest_change([new], [new], MODEL, NO_TOOL) == pytest.approx(0.0, abs=1e-15)
+    assert largest_change([], [new], MODEL, NO_TOOL) == pytest.approx(0.004)
+
+
+def test_angles_need_a_bound_of_their_own():
+    limits = Limits(10.0, None, 5.0, 20.0, 5.0)
+    check(Extent(1.0, 0.0, 1.0, 1.0), 1.0, limits)
+    with pytest.raises(OutOfBoundsError, match="upload.max_entry_urad"):
+        check(Extent(1.0, 3.0, 1.0, 1.0), 1.0, limits)
+    for wrong in (Extent(np.nan, 0.0, 1.0, 1.0), Extent(1.0, 0.0, 1.0, np.inf)):
+        with pytest.raises(OutOfBoundsError):
+            check(wrong, 1.0, limits)
+
+
+def test_a_setpoint_is_shifted_against_the_error_and_a_reading_with_it():
+    x = table("X", "X", [0.0, 500.0], [0.0, 0.010], [0.004, 0.014])
+    at = {"X": 250.0, "Y": 0.0, "Z": 0.0}
+    shown = dict.fromkeys("XYZ", 0.0)
+    expected = Expectation([x], MODEL, NO_TOOL)
+    assert expected.at(Effect(at, shown, {"X": 1}))["X"] == pytest.approx((-0.005, -0.005))
+    assert expected.at(Effect(at, shown, {"X": -1}))["X"] == pytest.approx((-0.009, -0.009))
+    # the direction is not known: either way
+    assert expected.at(Effect(at, shown, {}))["X"] == pytest.approx((-0.009, -0.005))
+    reads = Expectation([x], MODEL, NO_TOOL, adds_error=True)
+    assert reads.at(Effect(at, shown, {"X": 1}))["X"] == pytest.approx((0.005, 0.005))
+    assert not expected.comparable(Effect({"Y": 0.0}, shown))

@@ -1,0 +1,173 @@
+"""``abbe upload`` as it is typed: what it prints, its exit status, its JSON, bad configurations."""
+
+from __future__ import annotations
+
+import json
+import logging
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from upload_cases import SLOW, Place, fill, sums, texts
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "daemon"))
+from command_line import abbe
+
+from compcore.errors import InputError
+from daemon.config import load_config
+from daemon.service import Service
+from daemon.upload.journal import Journal
+from drivers.simulated.process import SimulatedProcess
+
+pytestmark = pytest.mark.integration
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("tables")
+    fill(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def control() -> Iterator[SimulatedProcess]:
+    with SimulatedProcess("controller", "modbus") as process:
+        yield process
+
+
+@pytest.fixture
+def place(made: Path, control: SimulatedProcess, tmp_path: Path) -> Place:
+    shutil.copy(made / "model.toml", tmp_path)
+    control.order("reset")
+    control.order("load", files=texts(made / "old"))
+    keys = {"driver": "modbus", "host": "127.0.0.1", "port": control.ready["port"]}
+    here = Place(tmp_path, control, keys, SLOW)
+    here.configure(**SLOW)
+    return here
+
+
+def test_a_whole_day(place: Place, made: Path):
+    """Dry run, upload, status, roll-back, nothing to recover."""
+    dry = abbe("upload", place.config, made / "new", "--dry-run")
+    assert dry.status == 0, dry.err
+    assert "how sure: syntax documented" in dry.out
+    assert "the correction changes by at most" in dry.out
+    assert dry.out.rstrip().endswith("dry run: nothing was written")
+    done = abbe("upload", place.config, made / "new", "--yes", "--by", "Ada", "--note", "warm")
+    assert done.status == 0, done.err
+    assert "is active, verified by reading it back" in done.out
+    assert "backup of what was active before" in done.out
+    first = place.entries()[0]
+    assert (first["who"], first["note"]) == ("Ada", "warm")
+    assert first["record"]["model"]["sha256"] == first["model"]["sha256"]
+    assert first["controller"] == {"name": "ABBE SIMULATED CONTROL 1.0", "serial": "SIM-4711"}
+    status = abbe("upload", place.config, "--status")
+    assert status.status == 0
+    assert "from upload" in status.out
+    assert "by Ada; version 1 of the model" in status.out
+    back = abbe("upload", place.config, "--rollback", "--yes")
+    assert back.status == 0, back.err
+    assert place.truth()["active"] == sums(made / "old")
+    assert "nothing to recover" in abbe("upload", place.config, "--recover").out
+    again = abbe("upload", place.config, made / "old", "--yes")
+    assert again.status == 0
+    assert "nothing to do" in again.out
+
+
+def test_json_is_one_object_and_nothing_else(place: Place, made: Path):
+    dry = json.loads(abbe("upload", place.config, made / "new", "--dry-run", "--json").out)
+    assert dry["dry_run"]
+    assert not dry["done"]
+    assert dry["preflight"]["change_um"] > 0.5
+    done = abbe("upload", place.config, made / "new", "--yes", "--json")
+    told = json.loads(done.out)
+    assert (told["done"], told["active"], told["journal"]) == (True, "new", "closed")
+    assert told["sha256"] == told["new"] != told["old"]
+    status = json.loads(abbe("upload", place.config, "--status", "--json").out)
+    assert status["active"] == told["new"]
+    assert status["from"]["upload"] == told["upload"]
+    assert status["unfinished"] is None
+    assert json.loads(abbe("upload", place.config, "--recover", "--json").out) == {
+        "recovered": None
+    }
+
+
+def test_a_failure_has_status_1_and_says_which_table_is_active(place: Place, made: Path):
+    place.control.order("fault", kind="refuses", at="commit")
+    failed = abbe("upload", place.config, made / "new", "--yes")
+    assert failed.status == 1
+    assert "failed at the step 'activate'" in failed.out
+    assert "the old table" in failed.out
+    assert "Traceback" not in failed.err + failed.out
+    place.control.order("fault", kind="refuses", at="commit")
+    told = json.loads(abbe("upload", place.config, made / "new", "--yes", "--json").out)
+    assert (told["done"], told["active"], told["failed_step"]) == (False, "old", "activate")
+
+
+def test_nobody_to_ask_and_wrong_usage(place: Place, made: Path):
+    silent = abbe("upload", place.config, made / "new")
+    assert silent.status == 1
+    assert "say --yes" in silent.err
+    assert abbe("upload", place.config, made / "new", "--json").status == 1
+    assert abbe("upload", place.config).status == 2
+    assert abbe("upload", place.config, made / "new", "--rollback").status == 2
+    assert abbe("upload", place.config, "--status", "--dry-run").status == 2
+    assert place.truth()["active"] == sums(made / "old")
+    assert "no upload that took effect" in abbe("upload", place.config, "--rollback", "--yes").err
+
+
+def test_a_journal_that_was_changed_stops_everything(place: Place, made: Path):
+    assert abbe("upload", place.config, made / "new", "--yes").status == 0
+    text = place.journal.read_text()
+    place.journal.write_text(text.replace('"step": "stage"', '"step": "stale"', 1))
+    for arguments in ((made / "old", "--yes"), ("--status",), ("--recover",)):
+        refused = abbe("upload", place.config, *arguments)
+        assert refused.status == 1
+        assert "the journal was changed" in refused.err
+    assert place.truth()["active"] == sums(made / "new")
+
+
+@pytest.mark.parametrize(
+    ("found", "put", "words"),
+    [
+        ('driver = "modbus"\nhost', 'driver = "morse"\nhost', "no store 'morse'; installed:"),
+        ('host = "127.0.0.1"', "hast = 1", "field 'upload.store.hast': unknown key"),
+        ('controller = "csv"', 'controller = "csw"', "field 'upload.controller'"),
+        ('holds = "moves"', 'hold = "moves"', "field 'upload.options'"),
+        ("max_entry_um = 60.0", "max_entry_um = -1.0", "field 'upload.max_entry_um'"),
+        ("max_entry_um = 60.0", "", "field 'upload.max_entry_um': missing"),
+        ("patience", "pacience", "field 'upload.pacience': unknown key"),
+    ],
+)
+def test_a_bad_section_is_named_with_file_line_and_key(
+    place: Place, found: str, put: str, words: str
+):
+    head, upload, rest = place.config.read_text().partition("[upload]")
+    assert found in rest
+    place.config.write_text(head + upload + rest.replace(found, put, 1))
+    with pytest.raises(InputError) as told:
+        load_config(place.config)
+    assert words in str(told.value)
+    assert "mill.toml, line " in str(told.value)
+
+
+def test_without_the_section_nothing_is_uploaded(place: Place, made: Path):
+    head, _, _ = place.config.read_text().partition("[upload]")
+    place.config.write_text(head)
+    refused = abbe("upload", place.config, made / "new", "--yes")
+    assert refused.status == 1
+    assert "no section [upload]" in refused.err
+
+
+async def test_the_service_warns_of_an_upload_that_was_cut_off(
+    place: Place, caplog: pytest.LogCaptureFixture
+):
+    Journal(place.journal).append(
+        {"upload": "a", "step": "begin", "outcome": "begun", "old": "", "new": "ab" * 32}
+    )
+    with caplog.at_level(logging.WARNING, "abbe.service"):
+        await Service(load_config(place.config)).run(0.05)
+    assert "was not finished" in caplog.text
+    assert "--recover" in caplog.text
