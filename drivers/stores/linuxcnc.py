@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 
 from drivers.link import LinkConfigError, LinkDownError, LinkError, LinkTimeoutError
 from drivers.linuxcnc.restarting import run_command
-from drivers.linuxcnc.running import Task, boot, find_task, since_boot
+from drivers.linuxcnc.running import Task, find_task
 from drivers.stores.base import (
     Effect,
     Files,
@@ -30,6 +30,7 @@ from drivers.stores.base import (
 )
 from drivers.stores.linuxcnc_config import LinuxCncStoreConfig
 from drivers.stores.linuxcnc_ini import NEUTRAL, Layout, read_layout
+from drivers.stores.linuxcnc_loaded import loaded, note_switch, restart_needed
 from drivers.stores.linuxcnc_running import Running, attached, largest_trim
 from drivers.stores.set_folders import SetFolders
 
@@ -53,7 +54,7 @@ class LinuxCncStore(Store):
     def __init__(self, name: str, config: LinuxCncStoreConfig) -> None:
         super().__init__(name, config)
         self._config = config
-        self._ini = Path(config.ini).expanduser().resolve()
+        self._ini = Path(config.ini)
         self._opened: tuple[Layout, SetFolders] | None = None
         self._moved = False
 
@@ -290,46 +291,8 @@ class LinuxCncStore(Store):
             yield running
 
     def _look_for_restart(self) -> None:
-        """See whether the LinuxCNC that runs has started before the last switch."""
         _, folders = self._there()
-        task = self._task()
-        self.restart_needed = False
-        if not folders.current.is_symlink():
-            return
-        facts = folders.switched()
-        if facts is None:
-            if not folders.is_own():
-                return
-            # Abbe was ended just after it switched: what runs may have started before
-            facts = self._facts("")
-            with contextlib.suppress(OSError):
-                folders.note(facts)
-        if task is None or facts["boot"] != boot():
-            return
-        if facts["task"] == list(task):
-            self.restart_needed = facts["loaded"] != str(folders.current.readlink())
-        else:
-            self.restart_needed = task.started <= facts["since_boot"]
-
-    def _facts(self, loaded: str) -> dict[str, Any]:
-        """What is known at a switch: when it was, what runs, and which set that has loaded."""
-        return {
-            "boot": boot(),
-            "since_boot": since_boot(),
-            "task": self._task(),
-            "loaded": loaded,
-        }
-
-    def _loaded(self) -> str:
-        """Which set the LinuxCNC that runs has loaded; empty when that is not known."""
-        _, folders = self._there()
-        self._look_for_restart()
-        facts = folders.switched()
-        if self.restart_needed:
-            task = self._task()
-            same = facts is not None and task is not None and facts["task"] == list(task)
-            return str(facts["loaded"]) if facts is not None and same else ""
-        return str(folders.current.readlink()) if folders.current.is_symlink() else ""
+        self.restart_needed = restart_needed(folders, self._task())
 
     async def _switch(self) -> None:
         """Switch the link, unless LinuxCNC is reading the files at this moment."""
@@ -342,11 +305,11 @@ class LinuxCncStore(Store):
                 raise RefusedError(
                     f"{self.name}: LinuxCNC is starting or ending ({error}); nothing was switched"
                 ) from error
-        loaded = self._loaded()
+        before = loaded(folders, self._task())
         self._moved = False
         try:
             folders.switch()
-            folders.note(self._facts(loaded))
+            note_switch(folders, self._task(), before)
         except OSError as error:
             raise LinkError(f"{self.name}: {error}") from error
         self._look_for_restart()

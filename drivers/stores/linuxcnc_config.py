@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, ValidationInfo, field_validator
 
 from drivers.stores.base import StoreConfig
 
@@ -13,7 +14,7 @@ class LinuxCncStoreConfig(StoreConfig):
     """A LinuxCNC on this computer. Times are in s."""
 
     ini: str
-    """Its INI file."""
+    """Its INI file; relative to the folder of the configuration."""
     python: str = "/usr/bin/python3"
     """The Python to which LinuxCNC's modules belong."""
     timeout: Annotated[float, Field(gt=0, le=60)] = 5.0
@@ -36,3 +37,9 @@ class LinuxCncStoreConfig(StoreConfig):
     """Steps each way."""
     verify_feed: Annotated[float, Field(gt=0, le=10000)] = 300.0
     """mm/min or degrees/min."""
+
+    @field_validator("ini")
+    @classmethod
+    def _from_its_folder(cls, value: str, info: ValidationInfo) -> str:
+        folder = (info.context or {}).get("folder", Path())
+        return str((Path(folder) / Path(value).expanduser()).resolve())
