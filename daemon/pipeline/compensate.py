@@ -73,7 +73,6 @@ class Compensation:
     """
 
     def __init__(self, model: Model) -> None:
-        self._model = model
         self._compensator = Compensator(model)
         self.axes = self._compensator.axes
         self.uses_directions = any(
@@ -86,7 +85,6 @@ class Compensation:
             for name in self._affected
         }
         """Signals without a first value, and what stands in for them: their directions are off."""
-        self._tool: Vec3 = (0.0, 0.0, 0.0)
         self._ready = False
         self.fault = ""
         self.faulty = 0
@@ -98,21 +96,22 @@ class Compensation:
         """
         mask = 0
         values = {}
-        late = False
+        late = []
         for name, directions in self._affected.items():
             reading = readings[name]
             if reading.fault:
                 mask |= directions
             if math.isfinite(reading.value):
                 values[name] = reading.value
-                late |= self._unseen.pop(name, None) is not None
+                if self._unseen.pop(name, None) is not None:
+                    late.append(name)
             else:
                 values[name] = self._unseen[name]
         self.faulty = mask
         try:
-            if late and self._ready:
+            for name in late if self._ready else ():
                 # lags begin in equilibrium with the first value, which the stand-in is not
-                self._compensator = Compensator(self._model, tool=self._tool)
+                self._compensator.restart_lags(name)
             self._compensator.update(time, values)
         except Exception as error:  # noqa: BLE001  (whatever it is, the guard has to act on it)
             self._failed(error)
@@ -122,7 +121,6 @@ class Compensation:
 
     def set_tool(self, offset: Vec3) -> None:
         """Change the tool's offset, mm."""
-        self._tool = offset
         self._compensator.set_tool(*offset)
 
     def step(self, positions: Sequence[float], directions: Sequence[float]) -> Vec3 | None:
