@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
-import signal
-import stat
 import subprocess
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
@@ -15,7 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from linuxcnc_machine import EXAMPLE, PATIENCE, PYTHON, Machine
+from linuxcnc_machine import EXAMPLE, PATIENCE, PYTHON
+from linuxcnc_mill import Mill
 
 from drivers.link import LinkConfigError, LinkDownError, LinkError, LinkTimeoutError
 from drivers.stores.base import Effect, Readiness, RefusedError
@@ -51,61 +49,6 @@ def told(axis: str, q: float, upward: bool, size: float) -> float:
 
 
 SMALL, LARGE = 0.02, 0.035
-
-
-class Mill(Machine):
-    """Its joints read their files through a link; a command starts it anew."""
-
-    def __init__(self) -> None:
-        super().__init__(
-            {
-                f"[JOINT_{i}]": f"[JOINT_{i}]\nCOMP_FILE = comp/current/{a}.comp\n"
-                "COMP_FILE_TYPE = 0"
-                for i, a in enumerate("xyz")
-            }
-        )
-
-    def start(self) -> None:
-        if (self.folder / "comp").exists():
-            super().start()
-
-    @property
-    def command(self) -> list[str]:
-        """Ends it and starts it again, as a service manager would; returns when it is started."""
-        name, value = self._mark.decode().split("=")
-        script = self.folder / "restart.sh"
-        script.write_text(
-            f"""#!/bin/sh
-export {name}={value}
-if [ "$(id -u)" = 0 ]; then export RTAPI_UID=65534 RTAPI_FIFO_PATH={self.folder}/fifo; fi
-linuxcnc -r mill.ini > output 2>&1 < /dev/null &
-"""
-        )
-        script.chmod(script.stat().st_mode | stat.S_IXUSR)
-        return [str(script)]
-
-    def end(self) -> None:
-        """End it and wait until nothing of it is left, so that it can be started again."""
-        screen = self._screen()
-        self._end_operator()
-        if screen is not None:
-            os.kill(screen, signal.SIGTERM)
-        deadline = time.monotonic() + PATIENCE
-        while self._all():
-            assert time.monotonic() < deadline, "LinuxCNC does not end"
-            time.sleep(0.05)
-        if self._process is not None:
-            self._process.wait(PATIENCE)
-            self._process = None
-
-    def stop(self) -> None:
-        self.end()
-        super().stop()
-
-    def ready(self) -> None:
-        """Switch on and home."""
-        assert self.order("on") == []
-        assert self.order("home") == []
 
 
 @pytest.fixture(scope="module")
@@ -217,12 +160,10 @@ async def test_upload_restart_verify_roll_back(mill: Mill) -> None:
         await upload(one, files(LARGE))
     async with store(mill) as one:
         assert one.restart_needed
-    await asyncio.to_thread(mill.end)
-    async with store(mill, restart=mill.command) as one:
-        assert not one.restart_needed
+    async with store(mill, restart=mill.restart_command()) as one:
+        assert one.restart_needed
         await one.restart()
         assert not one.restart_needed
-    await asyncio.to_thread(mill.ready)
     async with store(mill, **moving, verify_feed=3000.0) as one:
         assert await one.active() == files(LARGE)
         assert check(await one.effects(), LARGE) == EVERYWHERE
@@ -239,9 +180,9 @@ async def test_upload_restart_verify_roll_back(mill: Mill) -> None:
         assert await one.active() == {}
         assert one.restart_needed
     await asyncio.to_thread(mill.end)
-    async with store(mill, restart=mill.command, **moving) as one:
+    async with store(mill, restart=mill.restart_command(), **moving) as one:
+        assert not one.restart_needed
         await one.restart()
-        await asyncio.to_thread(mill.ready)
         effects = await one.effects()
         assert len(effects) == 12
         assert all(c == 0.0 for e in effects for c in e.correction.values())
