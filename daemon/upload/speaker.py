@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -36,11 +37,14 @@ class Speaker:
         self._quiet = quiet
         self._yes = yes
         self._bar = ExitStack()
+        self._unheard = logging.NullHandler()
         self._describe: Callable[[str], None] = lambda _: None
         self._doing = ""
 
     def __enter__(self) -> Self:
         """Nothing is shown yet."""
+        # a link's log would stand between the lines, which say the same
+        logging.getLogger("abbe").addHandler(self._unheard)
         return self
 
     def __exit__(
@@ -51,6 +55,7 @@ class Speaker:
     ) -> None:
         """Take the bar away."""
         self._bar.close()
+        logging.getLogger("abbe").removeHandler(self._unheard)
 
     def voice(self) -> Voice:
         """For the upload."""
