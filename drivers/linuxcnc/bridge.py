@@ -2,7 +2,7 @@
 
 LinuxCNC's modules ``linuxcnc`` and ``hal`` belong to the system's Python (Debian: /usr/bin/python3)
 and not to a virtual environment. So this file is run there, in a process of its own; it imports
-nothing else that is not in the standard library, and nothing of Abbe.
+the file beside it, nothing else that is not in the standard library, and nothing of Abbe.
 
 Started with one argument, a JSON object: ``offsets`` (axis letter → ``scale``, its step, and
 ``max``, both in mm or degrees), ``lease``, ``ramp``, ``servo_silence`` (s). Says ``{"ready": …}``
@@ -12,10 +12,6 @@ or ``{"error": …}`` first; then one answer for each line:
     ``{"values": [50.0, null], "why": {"no": "pin not found"}}``
 ``{"set": {"x": 0.0123}}``
     ``{"set": {"x": {"request": …, "applied": …}}, "limited": false, "why": ""}``
-
-An external offset is moved by *changes* of ``axis.L.eoffset-counts`` and zeroed by LinuxCNC at
-machine-on; what the offset really is, ``eoffset-request`` tells. So counts are set relative to a
-pair (counts, request) that was seen, and the pair is taken anew when the two no longer agree.
 
 When Abbe sets nothing for ``lease`` s, or is gone, the offsets are taken back to zero within
 ``ramp`` s. When the servo thread stands still for ``servo_silence`` s (LinuxCNC was killed), this
@@ -32,12 +28,15 @@ import sys
 import time
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from drivers.linuxcnc.external_offset import ANSWER_TIME, Offset
+else:
+    from external_offset import ANSWER_TIME, Offset  # run as a script, beside that file
 
 HAL_KEY = 0x48414C32
 """Of HAL's shared memory (hal_priv.h). Attaching to what is not there would create it."""
-ANSWER_TIME = 0.02
-"""s in which the servo thread takes up changed counts: twenty of its usual periods."""
 NAP = 0.02
 
 
@@ -50,82 +49,6 @@ def running() -> bool:
     rows = [line.split() for line in Path("/proc/sysvipc/shm").read_text().splitlines()]
     key, attached = rows[0].index("key"), rows[0].index("nattch")
     return any(int(row[key]) & 0xFFFFFFFF == HAL_KEY and int(row[attached]) > 0 for row in rows[1:])
-
-
-class Offset:
-    """The external offset of one axis.
-
-    Parameters
-    ----------
-    hal
-        LinuxCNC's module.
-    axis
-        Letter, lower case.
-    scale
-        Step: mm (degrees) per count.
-    largest
-        Most that is ever asked for, mm (degrees).
-    units
-        Machine units per mm (degree).
-    """
-
-    def __init__(self, hal: Any, axis: str, scale: float, largest: float, units: float) -> None:
-        self._hal = hal
-        self._pin = "axis." + axis + ".eoffset"
-        self.step = scale
-        self._largest = largest
-        self._changed_at = 0.0
-        self.wanted = 0.0
-        self._get = hal.get_value
-        self._units = units
-        hal.set_p(self._pin + "-scale", repr(scale * units))
-        hal.set_p(self._pin + "-enable", "1")
-        self._base = (self._get(self._pin + "-counts"), self.request)
-        self.wanted = self.request
-
-    @property
-    def request(self) -> float:
-        """What LinuxCNC takes the offset to be, mm (degrees)."""
-        return float(self._get(self._pin + "-request")) / self._units
-
-    @property
-    def applied(self) -> float:
-        """How much of it is applied: on its way, or held back by a soft limit."""
-        return float(self._get(self._pin)) / self._units
-
-    def want(self, offset: float) -> None:
-        """Ask for an offset."""
-        if not abs(offset) <= self._largest:
-            raise ValueError(
-                f"{self._pin}: {offset:g} is beyond the largest allowed, {self._largest:g}"
-            )
-        self.wanted = offset
-        self._rebase_if_moved()
-        counts, request = self._base
-        new = counts + round((offset - request) / self.step)
-        if new != self._get(self._pin + "-counts"):
-            self._hal.set_p(self._pin + "-counts", str(new))
-            self._changed_at = time.monotonic()
-
-    @property
-    def settled(self) -> bool:
-        """Whether LinuxCNC took up what is wanted."""
-        return abs(self.request - self.wanted) <= 0.6 * self.step
-
-    @property
-    def missing(self) -> float:
-        """How far what is applied is from what is wanted."""
-        return abs(self.applied - self.wanted)
-
-    def _rebase_if_moved(self) -> None:
-        """Take the pair anew when something else moved the offset (machine-on, clear)."""
-        if time.monotonic() - self._changed_at < ANSWER_TIME:
-            return  # the servo thread may not have taken up the last counts
-        counts, request = self._base
-        now = self._get(self._pin + "-counts")
-        expected = request + (now - counts) * self.step
-        if abs(self.request - expected) > 0.5 * self.step:
-            self._base = (now, self.request)
 
 
 class Bridge:

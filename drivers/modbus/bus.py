@@ -18,9 +18,10 @@ from drivers.link import (
     LinkStatus,
     LinkTimeoutError,
 )
-from drivers.modbus.client import GatewayError, ModbusClient, RefusedError
+from drivers.modbus.client import ModbusClient
 from drivers.modbus.config import ModbusConfig
 from drivers.modbus.plan import Span, signature
+from drivers.modbus.refusals import GatewayError, RefusedError
 from drivers.modbus.units import Unit, units_of
 from drivers.quarantine import Roster
 from drivers.reconnect import Keeper

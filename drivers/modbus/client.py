@@ -1,8 +1,9 @@
 """The wall around pymodbus: one connection, one request at a time, every answer checked.
 
-The only file of the drivers that imports pymodbus, besides the simulated server; it is written
-for the pinned version and reaches into its transaction context where the public interface has no
-way to do what is needed. What pymodbus 3.16.1 does by itself, and what is done about it here:
+With `drivers.modbus.framing` the only file of the drivers that imports pymodbus, besides the
+simulated server; both are written for the pinned version and reach into its transaction context
+where the public interface has no way to do what is needed. What pymodbus 3.16.1 does by itself, and
+what is done about it here:
 
 - Its RTU client takes any frame of the right unit for the answer: a reply that comes late is
   handed to the next request, a wrong position without an error. `StrictRtuFramer` lets through
@@ -30,9 +31,7 @@ from collections.abc import Callable, Sequence
 
 from pymodbus import FramerType
 from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
-from pymodbus.exceptions import ModbusIOException
-from pymodbus.framer import FramerRTU, FramerSocket
-from pymodbus.pdu import DecodePDU, ModbusPDU
+from pymodbus.pdu import ModbusPDU
 from pymodbus.pdu.bit_message import (
     ReadCoilsRequest,
     ReadDiscreteInputsRequest,
@@ -48,7 +47,9 @@ from pymodbus.pdu.register_message import (
 
 from drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError
 from drivers.modbus.config import ModbusConfig, Table
+from drivers.modbus.framing import Answer, StrictRtuFramer, StrictTcpFramer, decoder
 from drivers.modbus.plan import Span, signature
+from drivers.modbus.refusals import refusal
 
 _Client = AsyncModbusTcpClient | AsyncModbusSerialClient
 
@@ -66,119 +67,11 @@ _RTU_EXTRA = 13
 """Characters of a request and its answer beside function code and data: two units, two CRCs, two
 silences of 3.5 characters."""
 
-_MEANINGS = {
-    1: "illegal function",
-    2: "illegal data address",
-    3: "illegal data value",
-    4: "device failure",
-    5: "acknowledged, not done yet",
-    6: "device busy",
-    8: "memory parity error",
-    10: "gateway path unavailable",
-    11: "gateway target does not answer",
-}
-_GATEWAY_CODES = (10, 11)
-
 # pymodbus logs every lost request at error level; here an outage is logged once, by the bus.
 # Whoever wants its frames sets this logger's level before importing.
 _pymodbus_logger = logging.getLogger("pymodbus.logging")
 if _pymodbus_logger.level == logging.NOTSET:
     _pymodbus_logger.setLevel(logging.CRITICAL)
-
-
-class RefusedError(LinkProtocolError):
-    """The device answered with a Modbus exception, e.g. illegal data address.
-
-    Attributes
-    ----------
-    code
-        The exception code (MODBUS Application Protocol V1.1b3, 7).
-    """
-
-    def __init__(self, message: str, code: int) -> None:
-        super().__init__(message)
-        self.code = code
-
-
-class GatewayError(LinkTimeoutError):
-    """A gateway answered in place of a unit that does not."""
-
-
-class _Answer(ModbusPDU):
-    """The answer to a read, kept as bytes, where pymodbus makes a list of numbers of it."""
-
-    rtu_byte_count_pos = 2
-    payload = b""
-
-    def decode(self, data: bytes) -> None:
-        """Take the bytes behind the byte count; none where the two differ."""
-        self.payload = data[1:] if data[0] == len(data) - 1 else b""
-
-
-class _CoilAnswer(_Answer):
-    function_code = 1
-
-
-class _DiscreteAnswer(_Answer):
-    function_code = 2
-
-
-class _HoldingAnswer(_Answer):
-    function_code = 3
-
-
-class _InputAnswer(_Answer):
-    function_code = 4
-
-
-class StrictRtuFramer(FramerRTU):
-    """Finds the one frame that can answer the request in flight, and is deaf to all others.
-
-    A Modbus RTU frame does not say which request it answers. What it does say is compared here:
-    unit, function, and the number of bytes (of a read) or the address and the count (of a write).
-    The frame is found behind and between foreign bytes, too.
-    """
-
-    MAX_SIZE = 1024
-    """Bytes kept: a foreign frame (256) in front of the answer must not push it out."""
-
-    def __init__(self, decoder: DecodePDU) -> None:
-        super().__init__(decoder)
-        self._wanted: tuple[tuple[bytes, int], ...] = ()
-
-    def expect(self, unit: int, answer: bytes, size: int) -> None:
-        """Name the answer: how it begins (function code first), its size without unit and CRC."""
-        refusal = bytes((unit, answer[0] | 0x80))
-        self._wanted = ((bytes((unit,)) + answer, size + 1), (refusal, 3))
-
-    def decode(self, data: bytes) -> tuple[int, int, int, bytes]:
-        """Bytes used, unit, 0, and the frame without unit and CRC; all 0 and empty: not yet."""
-        for head, size in self._wanted:
-            at = data.find(head)
-            while at >= 0 and at + size + 2 <= len(data):
-                end = at + size
-                if self.check_CRC(data[at:end], int.from_bytes(data[end : end + 2], "big")):
-                    return end + 2, head[0], 0, data[at + 1 : end]
-                at = data.find(head, at + 1)
-        return 0, 0, 0, self.EMPTY
-
-
-class StrictTcpFramer(FramerSocket):
-    """Refuses transaction id 0, which pymodbus takes for the answer to anything."""
-
-    def decode(self, data: bytes) -> tuple[int, int, int, bytes]:
-        """As the base class, with transaction id −1, which no request has, in place of 0."""
-        used, unit, transaction, frame = super().decode(data)
-        return used, unit, transaction or -1, frame
-
-    def handleFrame(
-        self, data: bytes, exp_devid: int, exp_tid: int
-    ) -> tuple[int, ModbusPDU | None]:
-        """As the base class, but an undecodable answer is no answer and no error in asyncio."""
-        try:
-            return super().handleFrame(data, exp_devid, exp_tid)
-        except ModbusIOException:
-            return len(data), None
 
 
 class ModbusClient:
@@ -224,7 +117,7 @@ class ModbusClient:
                 reconnect_delay=0,
                 trace_connect=self._on_connect,
             )
-            client.ctx.framer = StrictTcpFramer(_decoder())
+            client.ctx.framer = StrictTcpFramer(decoder())
         else:
             client = AsyncModbusSerialClient(
                 str(config.port),
@@ -239,7 +132,7 @@ class ModbusClient:
                 reconnect_delay=0,
                 trace_connect=self._on_connect,
             )
-            self._rtu_framer = StrictRtuFramer(_decoder())
+            self._rtu_framer = StrictRtuFramer(decoder())
             client.ctx.framer = self._rtu_framer
             client.ctx.max_buffer_size = StrictRtuFramer.MAX_SIZE
         client.set_max_no_responses(_NEVER)
@@ -272,7 +165,7 @@ class ModbusClient:
         request = _READ[span.table](address=span.address, count=span.count, dev_id=span.unit)
         head = signature(span)
         answer = await self._execute(request, span, head, 2 + head[1])
-        payload: bytes = answer.payload if isinstance(answer, _Answer) else b""
+        payload: bytes = answer.payload if isinstance(answer, Answer) else b""
         if len(payload) != head[1]:
             raise LinkProtocolError(
                 f"{span}: {len(payload)} bytes came in answer, {head[1]} were asked"
@@ -346,11 +239,7 @@ class ModbusClient:
             self.answered_at = time.monotonic()
         self.round_trip = self.answered_at - began
         if reply.isError():
-            code = reply.exception_code
-            text = f"{span}: exception {code}, {_MEANINGS.get(code, 'unknown')}"
-            if code in _GATEWAY_CODES:
-                raise GatewayError(text)
-            raise RefusedError(text, code)
+            raise refusal(str(span), reply.exception_code)
         if reply.function_code != request.function_code:
             raise LinkProtocolError(
                 f"{span}: function {reply.function_code} answered, "
@@ -393,13 +282,6 @@ class ModbusClient:
     def _fail_request(self) -> None:
         if self._answer is not None and not self._answer.done():
             self._answer.set_exception(LinkDownError("the connection was lost"))
-
-
-def _decoder() -> DecodePDU:
-    decoder = DecodePDU(False)
-    for answer in (_CoilAnswer, _DiscreteAnswer, _HoldingAnswer, _InputAnswer):
-        decoder.register(answer)
-    return decoder
 
 
 def _expire(answer: asyncio.Future[ModbusPDU]) -> None:

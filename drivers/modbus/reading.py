@@ -16,10 +16,10 @@ from drivers.link import (
     Sample,
 )
 from drivers.modbus.bus import Bus
-from drivers.modbus.client import RefusedError
 from drivers.modbus.codec import NotRepresentableError
 from drivers.modbus.config import ModbusConfig
 from drivers.modbus.plan import Cut, ReadRequest, cut_of, read_plan
+from drivers.modbus.refusals import RefusedError
 from drivers.modbus.units import Unit
 
 logger = logging.getLogger("abbe.drivers.modbus")

@@ -20,9 +20,9 @@ from pydantic import Field, ValidationError, model_validator
 
 from drivers.link import LinkDownError, LinkError, LinkProtocolError, LinkStatus, LinkTimeoutError
 from drivers.modbus.bus import Bus
-from drivers.modbus.client import RefusedError as ModbusRefusedError
 from drivers.modbus.config import ChannelConfig, ModbusConfig
 from drivers.modbus.plan import Span
+from drivers.modbus.refusals import RefusedError as ModbusRefusedError
 from drivers.stores import modbus_registers as registers
 from drivers.stores.base import (
     Effect,

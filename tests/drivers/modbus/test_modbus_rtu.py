@@ -15,8 +15,8 @@ from modbus_devices import Memory, RtuDevice, crc
 from pymodbus.pdu import DecodePDU
 
 from drivers.link import LinkState, LinkTimeoutError, Quality
-from drivers.modbus.client import StrictRtuFramer
 from drivers.modbus.config import ModbusConfig
+from drivers.modbus.framing import StrictRtuFramer
 from drivers.modbus.link import ModbusLink
 
 CHANNELS: dict[str, dict[str, Any]] = {
