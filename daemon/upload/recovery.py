@@ -57,7 +57,7 @@ async def recover(work: Work) -> Outcome | None:
         upload=ledger.upload,
         backup=Path(backup) if backup else None,
         last=found.why,
-        notes=(missing,) if missing and found.active != "old" else (),
+        notes=tuple(n for n in (found.note, missing if found.active != "old" else "") if n),
     )
     ledger.note_anyway(
         "settle" if outcome.open else END,

@@ -16,7 +16,7 @@ from typing import Literal
 from compcore.errors import AbbeError
 from daemon.upload.content import Content, short
 from drivers.link import LinkError, LinkProtocolError
-from drivers.stores.base import Identity, Store
+from drivers.stores.base import Identity, RefusedError, Store
 
 Tell = Callable[[str], None]
 _PAUSE = 0.2
@@ -43,10 +43,13 @@ class Settled:
         The old or the new set, read and verified; ``unknown``.
     why
         For ``unknown``, and for the new one where the old was wanted: what stood in the way.
+    note
+        What a person still has to do.
     """
 
     active: Literal["new", "old", "unknown"]
     why: str = ""
+    note: str = ""
 
 
 def check_identity(found: Identity, name: str, serial: str) -> None:
@@ -127,7 +130,7 @@ async def settle(
                 files = await store.active()
                 new_seen = new.same(files)
                 if old.same(files):
-                    return Settled("old")
+                    return Settled("old", note=await _acting(store))
                 if new_seen and not want_old:
                     return Settled("new")
                 strange = (
@@ -137,7 +140,7 @@ async def settle(
                 await check_ready(store)
                 new_seen = False
                 await put_back(store, old)
-                return Settled("old")
+                return Settled("old", note=await _acting(store))
         except WrongControllerError as error:
             return Settled("unknown", str(error))
         except NotReadyError as error:
@@ -156,6 +159,17 @@ async def empty_staging(store: Store) -> None:
     await store.discard()
     if await store.staged():
         raise LinkProtocolError("the staging area is not empty after it was discarded")
+
+
+async def _acting(store: Store) -> str:
+    """Have what is active act where that takes a restart; what a person has to do otherwise."""
+    if not store.restart_needed:
+        return ""
+    try:
+        await store.restart()
+    except RefusedError as error:
+        return f"it acts only after the controller was restarted: {error}"
+    return ""
 
 
 async def put_back(store: Store, old: Content) -> None:

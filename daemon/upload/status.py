@@ -41,6 +41,7 @@ async def status(work: Work) -> dict[str, Any]:
         "hindrances": list(ready.hindrances),
         "active": active.sha256,
         "files": sorted(active.files or {}),
+        "restart_needed": store.restart_needed,
         "from": origin(active, work.journal.found.entries),
         "staged": staged.sha256,
         "unfinished": unfinished_words(unfinished) if unfinished else None,
@@ -77,6 +78,8 @@ def status_lines(found: dict[str, Any]) -> list[str]:
             version = came["model"].get("versions")
             of = f"; version {version} of the model" if version else ""
             lines.append(f"from upload {came['upload']} of {came['time']} by {came['who']}{of}")
+    if found["restart_needed"]:
+        lines.append("it acts after the controller was restarted")
     if found["staged"]:
         lines.append(f"staged, not active: {short(found['staged'])}")
     if found["unfinished"]:

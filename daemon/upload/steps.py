@@ -253,6 +253,8 @@ class Changeover:
             want_old=want_old, patience=self.allowed.patience,
             step_timeout=self.allowed.step_timeout, tell=self._tell,
         )  # fmt: skip
+        if found.note:
+            self._notes.append(found.note)
         if found.active == "new" and not want_old:
             # it was done, only its confirmation was lost
             self.ledger.note_anyway("settle", "new active", why=why)

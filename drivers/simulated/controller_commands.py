@@ -44,6 +44,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("protocol", choices=("modbus", "serial", "canopen"))
     parser.add_argument("--memory", type=Path, help="file of the active tables; default: none")
     parser.add_argument("--capacity", type=int, default=1 << 20, help="bytes of an image")
+    parser.add_argument("--acts-late", action="store_true", help="tables act only after a restart")
     parser.add_argument("--host", default="127.0.0.1")
     parser.add_argument("--port", type=int, default=0, help="TCP port; 0: any free one")
     parser.add_argument("--link", type=Path, help="serial, canopen: path to the port")
@@ -51,12 +52,16 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _memory(options: argparse.Namespace) -> TableMemory:
+    return TableMemory(options.memory, options.capacity, acts_late=options.acts_late)
+
+
 async def _modbus(options: argparse.Namespace) -> None:
     from .server import SimulatedServer
     from .table_registers import UNIT_ID, TableDevice
 
     faults = Faults()
-    device = TableDevice(TableMemory(options.memory, options.capacity), faults)
+    device = TableDevice(_memory(options), faults)
     server = SimulatedServer(device, UNIT_ID)
     try:
         port = await server.start_tcp(options.host, options.port)
@@ -77,7 +82,7 @@ async def _serial(options: argparse.Namespace) -> None:
         if link is None:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="abbe-control-"))
             link = Path(folder) / "control"
-        control = TableLines(TableMemory(options.memory, options.capacity), faults, link)
+        control = TableLines(_memory(options), faults, link)
         control.port.plug()
         stack.callback(control.port.unplug)
         work = asyncio.ensure_future(control.work())
@@ -101,7 +106,7 @@ async def _canopen(options: argparse.Namespace) -> None:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="abbe-control-"))
             link = Path(folder) / "slcan"
         wire = Wire()
-        node = TableNode(wire, TableMemory(options.memory, options.capacity), faults)
+        node = TableNode(wire, _memory(options), faults)
         adapter = LawicelAdapter(wire, lambda receive: PtyPort(link, receive))
         adapter.port.plug()
         stack.callback(adapter.port.unplug)

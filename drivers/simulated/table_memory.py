@@ -56,6 +56,8 @@ class TableMemory:
         Where the active image is kept; none: it does not survive the process.
     capacity
         Bytes that an image may have.
+    acts_late
+        The control reads its tables only when it is switched on.
 
     Attributes
     ----------
@@ -69,7 +71,10 @@ class TableMemory:
         How often the positions were looked at; the axes step on each time.
     """
 
-    def __init__(self, file: Path | None = None, capacity: int = 1 << 20) -> None:
+    def __init__(
+        self, file: Path | None = None, capacity: int = 1 << 20, *, acts_late: bool = False
+    ) -> None:
+        self._acts_late = acts_late
         self._file = file
         self._capacity = capacity
         self.idle = self.referenced = True
@@ -166,11 +171,10 @@ class TableMemory:
                 self.fail_amid = False
                 raise PowerFailsError
             new.replace(self._file)
-        self._take(image)
-
-    def _take(self, image: bytes) -> None:
-        self._compensation = Compensation(_files(image))
+        compensation = Compensation(_files(image))
         self.active = image
+        if not self._acts_late:
+            self._compensation = compensation
 
     # power
 
@@ -184,7 +188,8 @@ class TableMemory:
     def _load(self) -> None:
         if self._file is not None:
             self._file.with_name(self._file.name + ".new").unlink(missing_ok=True)
-            self._take(self._file.read_bytes() if self._file.exists() else b"")
+            self.active = self._file.read_bytes() if self._file.exists() else b""
+        self._compensation = Compensation(_files(self.active))
 
     # what it does
 

@@ -65,6 +65,8 @@ class ModbusStoreConfig(StoreConfig):
     """How long a lost connection is waited for."""
     command_timeout: Annotated[float, Field(gt=0, le=600)] = 20.0
     """For the controller to carry a command out."""
+    acts_after_restart: bool = False
+    """Whether the control reads its tables only when it is switched on."""
     registers: RegisterMap = RegisterMap()
 
     def link(self) -> ModbusConfig:
@@ -105,6 +107,7 @@ class ModbusStore(Store):
 
     def __init__(self, name: str, config: StoreConfig) -> None:
         super().__init__(name, config)
+        self.restart_needed = self.config.acts_after_restart
         self._bus: Bus | None = None
         self._token = secrets.randbelow(0xFFFF) + 1
 

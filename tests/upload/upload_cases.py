@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -129,6 +129,7 @@ class Place:
     control: SimulatedProcess
     store: dict[str, Any]
     slow: dict[str, Any]
+    when_restart_is_asked: Callable[[], bool] = lambda: False
     said: list[str] = field(default_factory=list)
 
     @property
@@ -146,7 +147,7 @@ class Place:
 
     def _voice(self, agrees: bool = True) -> Voice:
         async def restarted() -> bool:
-            return False
+            return self.when_restart_is_asked()
 
         return Voice(self.said.append, lambda _: None, lambda _: agrees, restarted)
 

@@ -1,0 +1,66 @@
+"""A control whose tables act only after it was restarted."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from upload_cases import SLOW, Place, fill, sums, texts
+
+from drivers.simulated.process import SimulatedProcess
+
+pytestmark = pytest.mark.integration
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("tables")
+    fill(folder)
+    return folder
+
+
+@pytest.fixture
+def place(made: Path, tmp_path: Path) -> Iterator[Place]:
+    shutil.copy(made / "model.toml", tmp_path)
+    with SimulatedProcess("controller", "modbus", "--acts-late") as control:
+        control.order("load", files=texts(made / "old"))
+        control.order("power_cut")
+        keys = {"driver": "modbus", "host": "127.0.0.1", "port": control.ready["port"]}
+        here = Place(tmp_path, control, keys | {"acts_after_restart": True}, SLOW)
+        here.configure(**SLOW)
+        yield here
+
+
+def test_the_operator_restarts_it_and_the_effect_is_checked(place: Place, made: Path):
+    def restart() -> bool:
+        place.control.order("power_cut")
+        return True
+
+    place.when_restart_is_asked = restart
+    result = place.upload(made / "new")
+    assert result.ok
+    assert "15 corrections" in result.outcome.seen
+    assert place.truth()["active"] == sums(made / "new")
+    assert "has to be restarted for the table to act" in "\n".join(place.said)
+
+
+def test_nobody_restarts_it_and_that_is_said(place: Place, made: Path):
+    result = place.upload(made / "new")
+    assert result.ok
+    assert result.outcome.seen == ""
+    assert "acts after the controller was restarted" in "\n".join(result.outcome.lines())
+    assert place.truth()["active"] == sums(made / "new")
+
+
+def test_a_restart_that_was_none_shows_in_the_effect(place: Place, made: Path):
+    """The operator says yes and did nothing: the old table still acts, and it is put back."""
+    place.when_restart_is_asked = lambda: True
+    text = place.config.read_text()
+    place.config.write_text(text.replace("patience", "effect_tolerance_um = 0.05\npatience"))
+    result = place.upload(made / "new")
+    assert not result.ok
+    assert result.outcome.step == "effect"
+    assert place.truth()["active"] == sums(made / "old")
+    assert "only after the controller was restarted" in "\n".join(result.outcome.lines())
