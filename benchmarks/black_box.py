@@ -23,7 +23,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 from sklearn.linear_model import LassoCV
 from sklearn.model_selection import GroupKFold
 
-from benchmarks.diagnosis import VALIDATION, Scenario, _campaign, _hide, scenarios
+from benchmarks.diagnosis import VALIDATION, Scenario, as_campaign, hide, scenarios
 from benchmarks.hidden.campaign import draw, model_text, simulate
 from benchmarks.hidden.causes import Cause
 from benchmarks.report import write_section
@@ -50,6 +50,9 @@ HIDDEN = (
     "cosine",
     "two positions and a temperature",
     "saddle of two positions",
+    "oscillation in time",
+    "direction of one axis over another's position",
+    "square of a temperature",
 )
 MULTIPLE = 6
 SUBSAMPLE = 300
@@ -171,10 +174,10 @@ def run(scenario: Scenario) -> Outcome:
 
 def _run(scenario: Scenario) -> Outcome:
     machine = draw(scenario.seed, scenario.kind)
-    hidden = _hide(scenario, machine)
+    hidden = hide(scenario, machine)
     model = parse_model(TomlSource(model_text(machine)))
-    campaign = _campaign(simulate(machine, scenario.seed, hidden).text, model)
-    unseen = _campaign(simulate(machine, scenario.seed, hidden, held_out=True).text, model)
+    campaign = as_campaign(simulate(machine, scenario.seed, hidden).text, model)
+    unseen = as_campaign(simulate(machine, scenario.seed, hidden, held_out=True).text, model)
     nothing = np.zeros(campaign.n), np.zeros(unseen.n)
     diagnosis = diagnose(model, campaign)
     effects = [e.found.candidate.effect for e in diagnosis.established]

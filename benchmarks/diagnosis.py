@@ -118,7 +118,7 @@ def _names() -> tuple[list[str], list[str]]:
     return known, list(nobody_knows(machine.axes, machine.travels, rng))
 
 
-def _hide(scenario: Scenario, machine: Machine) -> list[tuple[Cause, float]]:
+def hide(scenario: Scenario, machine: Machine) -> list[tuple[Cause, float]]:
     """The causes, so large that what they add to a row is at most the multiple of the noise.
 
     Less the set-up's mean, which its unknown zero swallows.
@@ -140,7 +140,8 @@ def _hide(scenario: Scenario, machine: Machine) -> list[tuple[Cause, float]]:
     return hidden
 
 
-def _campaign(text: str, model: Model) -> Campaign:
+def as_campaign(text: str, model: Model) -> Campaign:
+    """A simulated campaign's text as the reader of campaign files takes it."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "campaign.csv"
         path.write_text(text, encoding="utf-8")
@@ -150,11 +151,11 @@ def _campaign(text: str, model: Model) -> Campaign:
 def run(scenario: Scenario) -> Outcome:
     """Simulate, diagnose, add what was named, look at unseen lines."""
     machine = draw(scenario.seed, scenario.kind)
-    hidden = _hide(scenario, machine)
+    hidden = hide(scenario, machine)
     omits = [cause.omits for cause, _ in hidden if cause.omits]
     model = parse_model(TomlSource(model_text(machine, omits)))
-    campaign = _campaign(simulate(machine, scenario.seed, hidden).text, model)
-    unseen = _campaign(simulate(machine, scenario.seed, hidden, held_out=True).text, model)
+    campaign = as_campaign(simulate(machine, scenario.seed, hidden).text, model)
+    unseen = as_campaign(simulate(machine, scenario.seed, hidden, held_out=True).text, model)
     start = time.perf_counter()
     diagnosis = diagnose(model, campaign)
     seconds = time.perf_counter() - start
