@@ -1,4 +1,4 @@
-"""A real LinuxCNC whose joints read their compensation files through one link; restarted by command."""
+"""A real LinuxCNC, its compensation files behind one link, that a command starts anew."""
 
 from __future__ import annotations
 
