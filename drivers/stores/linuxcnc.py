@@ -69,6 +69,11 @@ class LinuxCncStore(Store):
             When LinuxCNC's parser cannot be run.
         """
         layout = await read_layout(self._config.python, self._ini)
+        if self._config.verify_by_moving and not layout.trivial:
+            raise LinkConfigError(
+                f"{self.name}: verify_by_moving needs [KINS] KINEMATICS = trivkins: with others an "
+                "axis moves several joints"
+            )
         folders = SetFolders(layout.root)
         try:
             folders.check()

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from drivers.link import available_links, link_class
 from drivers.linuxcnc.config import STATE_BITS, ChannelConfig, LinuxCncConfig
 from drivers.linuxcnc.link import LinuxCncLink
+from drivers.stores.linuxcnc_config import LinuxCncStoreConfig
 
 DOC = (Path(__file__).parents[3] / "docs" / "linuxcnc.md").read_text(encoding="utf-8")
 EXAMPLES = [
@@ -32,7 +33,7 @@ def test_examples_work() -> None:
     assert available_links()["linuxcnc"] == "drivers.linuxcnc.link:LinuxCncLink"
 
 
-@pytest.mark.parametrize("config", [LinuxCncConfig, ChannelConfig])
+@pytest.mark.parametrize("config", [LinuxCncConfig, ChannelConfig, LinuxCncStoreConfig])
 def test_every_key_is_told(config: Any) -> None:
     for key in config.model_fields:
         if key != "channels":

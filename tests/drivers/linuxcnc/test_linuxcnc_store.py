@@ -281,6 +281,18 @@ async def test_an_ini_file_whose_files_cannot_be_switched(
         assert part in str(caught.value)
 
 
+async def test_axes_of_other_kinematics_are_not_moved(tmp_path: Path) -> None:
+    text = (EXAMPLE / "mill.ini").read_text().replace("trivkins", "genhexkins")
+    text = text.replace("[JOINT_0]", "[JOINT_0]\nCOMP_FILE = comp/current/x.comp")
+    ini = tmp_path / "mill.ini"
+    ini.write_text(text)
+    one = LinuxCncStore("mill", LinuxCncStoreConfig(ini=str(ini), verify_by_moving=True))
+    with pytest.raises(LinkConfigError, match="needs .* trivkins"):
+        await one.open()
+    one = LinuxCncStore("mill", LinuxCncStoreConfig(ini=str(ini)))
+    await one.open()
+
+
 async def test_what_is_missing_is_told(tmp_path: Path) -> None:
     one = LinuxCncStore("mill", LinuxCncStoreConfig(ini=str(tmp_path / "no.ini")))
     with pytest.raises(LinkDownError, match="there is no such file"):
