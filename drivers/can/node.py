@@ -15,7 +15,7 @@ from drivers.can.emergencies import emergency_told
 from drivers.can.node_setup import NodeSetup, set_up
 from drivers.can.objects import decode
 from drivers.can.pdo import Pdo
-from drivers.link import Quality, Sample
+from drivers.link import LinkTimeoutError, Quality, Sample
 from drivers.quarantine import Member
 
 logger = logging.getLogger("abbe.drivers.can")
@@ -70,6 +70,7 @@ class Node(Member):
     """
 
     __slots__ = (
+        "_beat",
         "_busy",
         "_channels",
         "_config",
@@ -113,6 +114,7 @@ class Node(Member):
         self.refused: dict[str, str] = {}
         self.prepared = self._restarted = False
         self.needs_care = asyncio.Event()
+        self._beat = asyncio.Event()
         self.heard = 0.0
         self.started_at = 0.0
         self.state: int | None = None
@@ -139,20 +141,24 @@ class Node(Member):
         self.needs_care.set()
 
     async def prepare(self) -> None:
-        """Find it and set it up: heartbeat, PDOs, scales; start it.
+        """Find it and set it up: heartbeat, PDOs, scales.
 
         Raises
         ------
         LinkTimeoutError, LinkDownError
-            When it does not answer. What it refuses makes its channels bad, not the node.
+            When it does not answer, or its heartbeat is watched and does not come. What it refuses
+            makes its channels bad, not the node.
         """
         self.needs_care.clear()
+        self._beat.clear()
         self._restarted = False
         found = await self.in_thread(
             lambda: set_up(self._network, self.section, self._channels, self._config)
         )
         self._found = found
         self.refused = {name: f"{self.name}, {why}" for name, why in found.refused.items()}
+        if self.section.heartbeat is not None:
+            await self._first_heartbeat(self.section.heartbeat)
         for pdo in self.pdos:
             self._network.subscribe(pdo.cob_id, self._receiver(pdo))
         self.heard = time.monotonic()
@@ -164,6 +170,15 @@ class Node(Member):
         self.prepared = True
         # set by heartbeats that came meanwhile
         self.needs_care.clear()
+
+    async def _first_heartbeat(self, limit: float) -> None:
+        try:
+            await asyncio.wait_for(self._beat.wait(), limit)
+        except TimeoutError:
+            raise LinkTimeoutError(
+                f"{self.name} answers, and no heartbeat comes from it in {limit:g} s "
+                "(produce_heartbeat sets it)"
+            ) from None
 
     async def in_thread(self, job: Callable[[], T]) -> T:
         """Have a thread do something with this node; one thing at a time, even when given up."""
@@ -251,6 +266,7 @@ class Node(Member):
         if not data:
             return
         self.heard = time.monotonic()
+        self._beat.set()
         state = data[0] & 0x7F
         before, self.state = self.state, state
         if state == BOOTED and self.prepared:

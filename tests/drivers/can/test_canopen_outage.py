@@ -50,6 +50,12 @@ async def test_a_stopped_heart_alone_is_enough(bus: SimulatedProcess) -> None:
     async with linked(bus.ready, ENCODER_NODES, BY_SDO) as link:
         bus.order("node", number=3, heart_stopped=True)
         await until(lambda: "node x (3)" in link.status.quarantined)
+        # it answers all the same, and stays apart
+        await until(lambda: "no heartbeat comes from it in 1.5 s" in link.status.detail)
+        assert list(link.status.quarantined) == ["node x (3)"]
+        assert (await link.read(("x",)))["x"].quality is Quality.UNAVAILABLE
+        bus.order("node", number=3, heart_stopped=False)
+        await all_good(link, AXES)
 
 
 async def test_a_node_that_restarts_is_set_up_again(
