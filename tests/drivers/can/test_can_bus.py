@@ -32,7 +32,7 @@ from drivers.can import outgoing
 from drivers.can.dbc_config import DbcConfig
 from drivers.can.dbc_link import DbcLink
 from drivers.can.error_frames import told
-from drivers.link import LinkDownError, LinkState, Quality
+from drivers.link import LinkDownError, LinkError, LinkState, Quality
 from drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
@@ -173,16 +173,25 @@ async def test_frames_wait_for_a_driver_that_is_full_and_none_is_lost(
     patient = {"POSITION": {"within": 60.0}}
     async with linked(own_bus.ready, {"x": READ["x"]} | CORRECTION, messages=patient) as link:
         os.kill(pid, signal.SIGSTOP)
+        values, taken = dict.fromkeys(CORRECTION, 0.0), 0
+
+        async def fill() -> None:
+            nonlocal taken
+            while True:
+                await link.write(values | {"life": taken % 256})
+                taken += 1
+
         try:
-            values = dict.fromkeys(CORRECTION, 0.0)
-            for i in range(900):
-                await link.write(values | {"life": i % 256})
-            # a pseudo-terminal holds some 4 KB, 190 frames
+            with pytest.raises(LinkError, match="1000 frames wait to be sent"):
+                await fill()
         finally:
             os.kill(pid, signal.SIGCONT)
-        await until(lambda: own_bus.order("report")["setpoints_taken"] == 900)
+        assert taken > 1000
+        await until(lambda: own_bus.order("report")["setpoints_taken"] == taken)
         last = own_bus.order("report")["setpoints"]
-        assert [bytes.fromhex(data)[6] for data in last] == [127, 128, 129, 130, 131]
+        assert [bytes.fromhex(data)[6] for data in last] == [
+            i % 256 for i in range(taken - 5, taken)
+        ]
         assert link.status.reconnects == 0
 
 
