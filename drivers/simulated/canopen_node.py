@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import struct
 import time
+from collections import deque
 
 from .can_wire import Frame, Wire
 from .sdo_server import READ_ONLY, Entry, Key, RefusedError, SdoServer
@@ -72,6 +73,7 @@ class CanopenNode:
         self._add_communication(device_type)
         self.sdo = SdoServer(self.objects)
         self._free_at = 0.0
+        self._owed: deque[Frame] = deque()
 
     def _add_communication(self, device_type: int) -> None:
         def u32(value: int) -> Entry:
@@ -159,8 +161,10 @@ class CanopenNode:
         loop = asyncio.get_running_loop()
         self._free_at = due = max(loop.time() + late, self._free_at)
         frame = Frame(0x580 + self.number, answer)
-        if due > loop.time():
-            loop.call_at(due, self.speak, frame)
+        if due > loop.time() or self._owed:
+            # timers for one and the same moment ring in any order
+            self._owed.append(frame)
+            loop.call_at(due, lambda: self.speak(self._owed.popleft()))
         else:
             self.speak(frame)
 

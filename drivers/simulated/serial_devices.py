@@ -13,6 +13,7 @@ import math
 import operator
 import re
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -162,6 +163,7 @@ class LineServer:
         self._checksum = checksum
         self._held = b""
         self._free_at = 0.0
+        self._owed: deque[bytes] = deque()
 
     def receive(self, data: bytes) -> None:
         """Take bytes in and answer the queries that they complete."""
@@ -207,7 +209,9 @@ class LineServer:
             due = now + faults.lateness
         # A device answers in turn: never before what it owes from earlier.
         self._free_at = due = max(due, self._free_at)
-        if due > now:
-            self._later(due - now, lambda: self._send(data))
+        if due > now or self._owed:
+            # timers for one and the same moment ring in any order
+            self._owed.append(data)
+            self._later(max(0.0, due - now), lambda: self._send(self._owed.popleft()))
         else:
             self._send(data)
