@@ -305,7 +305,8 @@ class LinuxCncStore(Store):
         if self._task() is not None:
             try:
                 async with self._attached() as running:
-                    await running.state()
+                    if not self._is_ours(await running.state()):
+                        raise LinkDownError("another one runs")
             except LinkError as error:
                 raise RefusedError(
                     f"{self.name}: LinuxCNC is starting or ending ({error}); nothing was switched"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import subprocess
+import sys
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
@@ -279,6 +280,29 @@ async def test_an_ini_file_whose_files_cannot_be_switched(
         await one.open()
     for part in said:
         assert part in str(caught.value)
+
+
+async def test_while_linuxcnc_starts_nothing_is_switched(tmp_path: Path) -> None:
+    """It could read files of both tables. A process with the name and arguments of its task."""
+    ini = tmp_path / "mill.ini"
+    text = (EXAMPLE / "mill.ini").read_text()
+    ini.write_text(text.replace("[JOINT_0]", "[JOINT_0]\nCOMP_FILE = comp/current/x.comp"))
+    one = LinuxCncStore("mill", LinuxCncStoreConfig(ini=str(ini)))
+    await one.open()
+    await one.stage({"x.comp": "0 0 0\n"})
+    command = ["milltask", "-c", "import time; time.sleep(300)", "-ini", str(ini)]
+    starting = await asyncio.create_subprocess_exec(*command, executable=sys.executable)
+    try:
+        for switch in (one.activate({"x.comp": "0 0 0\n"}), one.deactivate()):
+            with pytest.raises(RefusedError, match="starting or ending.*nothing was switched"):
+                await switch
+    finally:
+        starting.kill()
+        await starting.wait()
+    assert not (tmp_path / "comp" / "current").exists()
+    await one.stage({"x.comp": "0 0 0\n"})
+    await one.activate({"x.comp": "0 0 0\n"})
+    assert (tmp_path / "comp" / "current" / "x.comp").exists()
 
 
 async def test_axes_of_other_kinematics_are_not_moved(tmp_path: Path) -> None:
