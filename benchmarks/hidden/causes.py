@@ -130,7 +130,10 @@ def catalogue(
             "thermal_offset lagged",
             POINT,
             lambda s: six(s, dk, lagged(s, "T_amb", 4000.0) - 20.0),
-            (("thermal_offset", {"direction": d, "signal": "T_amb"}),),
+            (
+                ("thermal_offset", {"direction": d, "signal": "T_amb", "tau": "fit"}),
+                ("thermal_offset", {"direction": d, "signal": "T_amb"}),
+            ),
         ),
         Cause(
             "scale_expansion",

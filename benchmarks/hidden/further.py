@@ -38,13 +38,17 @@ def further(
             lambda s: six(
                 s, along, (s[a] - fixed) / (2.0 * half) * lagged(s, "feed", 900.0) / 3000.0
             ),
-            (("screw_heating", {"axis": a, "signal": "feed"}),),
+            (
+                ("screw_heating", {"axis": a, "signal": "feed", "tau": "fit"}),
+                ("screw_heating", {"axis": a, "signal": "feed"}),
+            ),
         ),
         Cause(
             "scale_expansion lagged",
             a,
             lambda s: six(s, along, s[a] / half * (lagged(s, "T_spindle", 2500.0) - 20.0)),
             (
+                ("scale_expansion", {"axis": a, "signals": ["T_spindle"], "tau": "fit"}),
                 ("scale_expansion", {"axis": a, "signals": ["T_spindle"]}),
                 ("screw_heating", {"axis": a, "signal": "T_spindle"}),
             ),
