@@ -90,7 +90,7 @@ def test_a_controller_that_lies_about_what_is_active_is_not_believed(place: Plac
 
 def test_the_power_of_the_controller_fails_between_any_two_operations(place: Place, made: Path):
     """A power cut before each single operation of one upload in turn."""
-    place.configure(**SLOW)
+    place.configure(**(SLOW | {"timeout": 1.0}))
     place.upload(made / "new")
     asked = place.truth()["asked"]
     seen: dict[str, int] = {}

@@ -18,8 +18,7 @@ STEPS: dict[str, dict[str, Any]] = {
     "state": {"at": "state"},
     "backup": {"at": "read_active"},
     "begin": {"at": "begin"},
-    "first_block": {"at": "block"},
-    "later_block": {"at": "block", "skip": 3},
+    "block": {"at": "block", "skip": 3},
     "compare": {"at": "read_staged"},
     "ready": {"at": "state", "after": "read_staged"},
     "activate": {"at": "commit"},
@@ -60,7 +59,7 @@ def try_fault(
     for keys in (quick, quick, patient):
         place.control.order("reset")
         place.control.order("load", files=texts(made / "old"))
-        place.configure(patience=0.1, **keys)
+        place.configure(patience=0.01, **keys)
         place.control.order("fault", kind=kind, seconds=0.4, **STEPS[step])
         done = attempt(lambda: place.upload(made / "new"))
         happened = place.truth()["happened"]
