@@ -7,6 +7,7 @@ test says so and waits until it has.
 from __future__ import annotations
 
 import asyncio
+import socket
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
@@ -50,6 +51,14 @@ def interface(ready: Mapping[str, Any]) -> dict[str, Any]:
         "channel": ready["channel"],
         "options": {"port": ready["port"], "hop_limit": 0, "fd": False},
     }
+
+
+def free_port() -> int:
+    """A UDP port that nobody has."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("", 0))
+        port: int = probe.getsockname()[1]
+        return port
 
 
 def dbc_section(

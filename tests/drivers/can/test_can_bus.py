@@ -5,12 +5,9 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
-import socket
-import struct
 import time
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
-from pathlib import Path
 from typing import Any
 
 import can
@@ -19,10 +16,10 @@ from can.interfaces.udp_multicast import UdpMulticastBus
 from can.interfaces.virtual import VirtualBus
 from can_links import (
     CORRECTION,
-    FD_DBC,
     READ,
     all_good,
     dbc_section,
+    free_port,
     interface,
     linked,
     until,
@@ -38,13 +35,6 @@ from drivers.simulated.process import SimulatedProcess
 pytestmark = pytest.mark.integration
 
 GROUP = "239.74.163.87"
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 @pytest.fixture(scope="module")
@@ -274,55 +264,3 @@ async def test_an_interface_that_says_itself_that_it_is_bus_off(
         state[0] = can.BusState.ACTIVE
         await until(lambda: link.status.state is LinkState.UP)
         await all_good(link, ("T_left",))
-
-
-# CAN FD
-
-
-async def test_can_fd_frames_are_read_and_sent(tmp_path: Path) -> None:
-    """64 bytes, Motorola and Intel, short and long ids, between two sockets."""
-    (tmp_path / "fd.dbc").write_text(FD_DBC, encoding="utf-8")
-    options = {"port": free_port(), "hop_limit": 0, "fd": True}
-    section = dbc_section(
-        {
-            "first": {"message": "ARRAY"},
-            "last": {"message": "ARRAY"},
-            "sent": {"message": "LONG", "writable": True},
-        }
-    ) | {
-        "interface": "udp_multicast",
-        "channel": GROUP,
-        "options": options,
-        "dbc": str(tmp_path / "fd.dbc"),
-    }
-    link = DbcLink("bench", DbcConfig.model_validate(section))
-    with can.Bus(interface="udp_multicast", channel=GROUP, ignore_config=True, **options) as other:
-        data = struct.pack("<l", -12345) + bytes(56) + struct.pack(">l", 7)
-
-        async def send() -> None:
-            while True:
-                other.send(
-                    can.Message(arbitration_id=5, data=data, is_extended_id=False, is_fd=True)
-                )
-                await asyncio.sleep(0.02)
-
-        sending = asyncio.create_task(send())
-        await link.open()
-        try:
-            samples = await all_good(link, ("first", "last"))
-            assert [s.value for s in samples.values()] == [pytest.approx(-12.345), 3.5]
-            got: list[can.Message] = []
-
-            async def sent() -> bool:
-                await link.write({"sent": -2.0})
-                while (frame := other.recv(0)) is not None:
-                    if frame.arbitration_id == 6:
-                        got.append(frame)
-                return bool(got)
-
-            await until(sent)
-            assert (got[0].is_fd, got[0].bitrate_switch, got[0].is_extended_id) == (True,) * 3
-            assert bytes(got[0].data) == bytes(8) + struct.pack("<l", -2)
-        finally:
-            sending.cancel()
-            await link.close()

@@ -7,11 +7,10 @@ is asked for again.
 from __future__ import annotations
 
 import asyncio
-import socket
 from collections.abc import Iterator
 
 import pytest
-from can_links import ASK_Z, READ, Z, all_good, until
+from can_links import ASK_Z, READ, Z, all_good, free_port, until
 from can_links import linked as linked_messages
 from canopen_links import (
     APART,
@@ -33,13 +32,6 @@ pytestmark = pytest.mark.integration
 GROUP = "239.74.163.86"
 PACE = 0.01
 """s between two polls."""
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 @pytest.fixture(scope="module")
