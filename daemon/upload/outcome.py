@@ -37,6 +37,8 @@ class Outcome:
         What the check of the effect found.
     last
         What stood in the way when everything was to be put right.
+    puts_back
+        Whether the new one is a backup that was to be put back.
     """
 
     done: bool
@@ -50,11 +52,17 @@ class Outcome:
     notes: tuple[str, ...] = ()
     seen: str = ""
     last: str = ""
+    puts_back: bool = False
 
     @property
     def open(self) -> bool:
         """Whether the journal is left without an end, for ``--recover``."""
         return not self.done and self.active != "old"
+
+    @property
+    def name(self) -> str:
+        """What the new set is, for people."""
+        return "table of the backup" if self.puts_back else "new table"
 
     def lines(self) -> list[str]:
         """For people: what failed, what is active, what to do."""
@@ -72,7 +80,7 @@ class Outcome:
     def _state(self) -> list[str]:
         old, new = short(self.old.sha256), short(self.new.sha256)
         if self.active == "new":
-            what = "no table is active" if self.new.none else f"the new table ({new}) is active"
+            what = "no table is active" if self.new.none else f"the {self.name} ({new}) is active"
             return [f"{what}, verified by reading it back"]
         if self.active == "old":
             what = (

@@ -60,6 +60,11 @@ class Ledger:
         """The upload's name."""
         return str(self._context["upload"])
 
+    @property
+    def puts_back(self) -> bool:
+        """Whether a backup is put back."""
+        return bool(self._context.get("puts_back"))
+
     def note(self, step: str, outcome: str, **more: Any) -> None:
         """Write a line; raises `InputError` when it cannot be written."""
         self._journal.append({**self._context, "step": step, "outcome": outcome, **more})
@@ -174,7 +179,8 @@ class Changeover:
         return {"backup": str(self.backup)}
 
     async def _stage(self) -> dict[str, Any]:
-        self._tell(f"writing the new table ({short(self.new.sha256)}) into the staging area")
+        what = "table of the backup" if self.ledger.puts_back else "new table"
+        self._tell(f"writing the {what} ({short(self.new.sha256)}) into the staging area")
         await self.store.stage(self.new.files or {}, self._progress)
         return {}
 
@@ -283,6 +289,7 @@ class Changeover:
             upload=self.ledger.upload,
             backup=self.backup,
             seen=seen,
+            puts_back=self.ledger.puts_back,
             notes=tuple(dict.fromkeys(self._notes)),
         )
 
