@@ -64,3 +64,30 @@ def test_a_restart_that_was_none_shows_in_the_effect(place: Place, made: Path):
     assert result.outcome.step == "effect"
     assert place.truth()["active"] == sums(made / "old")
     assert "only after the controller was restarted" in "\n".join(result.outcome.lines())
+
+
+@pytest.mark.parametrize(("kind", "active"), [("hang", "old"), ("hang_after", "new")])
+def test_the_control_is_killed_while_it_activates_and_started_again(
+    made: Path, tmp_path: Path, kind: str, active: str
+):
+    """A power cut of the control as a whole: its process killed, a new one on the same memory."""
+    shutil.copy(made / "model.toml", tmp_path)
+    memory = str(tmp_path / "memory")
+    with SimulatedProcess("controller", "modbus", "--memory", memory) as control:
+        control.order("load", files=texts(made / "old"))
+        keys = {"driver": "modbus", "host": "127.0.0.1", "port": control.ready["port"]}
+        place = Place(tmp_path, control, keys, SLOW)
+        place.configure(patience=0.01, timeout=1.0, reconnect_within=0.3)
+        control.order("fault", kind=kind, at="commit")
+        left = place.upload(made / "new").outcome
+        assert left.open
+        assert "NOT known" in "\n".join(left.lines())
+        control.kill()
+    with SimulatedProcess("controller", "modbus", "--memory", memory) as again:
+        place.control = again
+        place.store["port"] = again.ready["port"]
+        place.configure(**SLOW)
+        outcome = place.recover()
+        assert outcome.active == active
+        assert outcome.done == (active == "new")
+        assert again.order("truth")["active"] == sums(made / active)
