@@ -15,7 +15,7 @@ from drivers.simulated.process import SimulatedProcess
 pytestmark = pytest.mark.integration
 
 SLOW = {"timeout": 10.0, "stall_timeout": 10.0}
-QUICK = {"timeout": 0.2, "stall_timeout": 0.3, "late_reply_max": 0.45, "attempts": 2}
+QUICK = {"timeout": 0.15, "stall_timeout": 0.25, "late_reply_max": 0.3, "attempts": 2}
 
 
 @pytest.fixture(scope="module")

@@ -60,7 +60,7 @@ def try_fault(
         place.control.order("reset")
         place.control.order("load", files=texts(made / "old"))
         place.configure(patience=0.01, **keys)
-        place.control.order("fault", kind=kind, seconds=0.4, **STEPS[step])
+        place.control.order("fault", kind=kind, seconds=0.25, **STEPS[step])
         done = attempt(lambda: place.upload(made / "new"))
         happened = place.truth()["happened"]
         place.control.order("wake")
