@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from compcore.errors import AbbeError, InputError
@@ -42,7 +42,6 @@ class Cleared:
     extent: Extent
     change_um: float
     order: Order
-    notes: tuple[str, ...] = field(default=())
 
     @property
     def nothing_to_do(self) -> bool:
@@ -64,7 +63,7 @@ class Cleared:
             + f", correction at most {self.extent.correction_um:.2f} µm",
             f"the correction changes by at most {self.change_um:.2f} µm",
         ]
-        return found + [f"warning: {w}" for w in (*self.order.warnings, *self.notes)]
+        return found + [f"warning: {w}" for w in self.order.warnings]
 
     def as_json(self) -> dict[str, Any]:
         """One object for ``--json``."""
@@ -77,7 +76,7 @@ class Cleared:
             "slope_um_per_mm": self.extent.slope,
             "correction_um": self.extent.correction_um,
             "change_um": self.change_um,
-            "warnings": [*self.order.warnings, *self.notes],
+            "warnings": list(self.order.warnings),
         }
 
 
