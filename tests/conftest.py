@@ -1,7 +1,28 @@
-"""What all tests share: how Hypothesis searches."""
+"""What all tests share: how Hypothesis searches, and what must not run side by side."""
 
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
 from hypothesis import settings
 
 # The machine that runs the tests is shared: no deadlines; the same examples every time.
 settings.register_profile("abbe", deadline=None, derandomize=True, print_blob=False)
 settings.load_profile("abbe")
+
+ALONE = {
+    # one LinuxCNC on a computer: its shared memory has fixed keys
+    "linuxcnc": ("test_linuxcnc_",),
+    # python-can's multicast groups and ports
+    "multicast": ("test_can_bus", "test_can_fd", "test_can_udp"),
+}
+"""Group → beginnings of the names of the files that share something there is only one of."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Give every file to one process, and the files of a group to the same one (pytest-xdist)."""
+    for item in items:
+        name = Path(item.path).stem
+        group = next((g for g, starts in ALONE.items() if name.startswith(starts)), str(item.path))
+        item.add_marker(pytest.mark.xdist_group(group))
