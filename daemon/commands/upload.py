@@ -36,6 +36,10 @@ def upload(
     status: Annotated[
         bool, typer.Option("--status", help="What is active, and where it came from.")
     ] = False,
+    check: Annotated[
+        bool,
+        typer.Option("--check", help="Whether the controller adds what the active tables say."),
+    ] = False,
     recover: Annotated[
         bool, typer.Option("--recover", help="Bring an upload that was cut off to its end.")
     ] = False,
@@ -55,14 +59,18 @@ def upload(
     from daemon.config import load_config
     from daemon.upload.session import Wish
 
-    if (tables is not None) + rollback + status + recover != 1:
-        raise typer.BadParameter("give a folder of tables, or one of --rollback --status --recover")
-    if dry_run and (status or recover):
-        raise typer.BadParameter("--dry-run does not go with --status and --recover")
+    if (tables is not None) + rollback + status + check + recover != 1:
+        raise typer.BadParameter(
+            "give a folder of tables, or one of --rollback --status --check --recover"
+        )
+    if dry_run and (status or check or recover):
+        raise typer.BadParameter("--dry-run does not go with --status, --check and --recover")
     configuration = load_config(config)
     wish = Wish(dry_run, max_change, by, note)
     if status:
         _status(configuration, as_json)
+    elif check:
+        _check(configuration, as_json)
     elif recover:
         _recover(configuration, wish, as_json)
     else:
@@ -167,3 +175,18 @@ def _status(configuration: Configuration, as_json: bool) -> None:
         return
     for line in status_lines(found):
         typer.echo(line)
+
+
+def _check(configuration: Configuration, as_json: bool) -> None:
+    import asyncio
+
+    from daemon.upload.session import check
+    from daemon.upload.speaker import Speaker
+
+    with Speaker(quiet=as_json, yes=True) as speaker:
+        seen = asyncio.run(check(configuration, speaker.voice()))
+    if as_json:
+        told = {"looks": seen.looks, "worst_um": seen.worst, "largest_um": seen.largest}
+        typer.echo(json.dumps(told, ensure_ascii=False))
+    else:
+        typer.echo(seen.words())

@@ -11,13 +11,22 @@ from compcore.errors import AbbeError
 from daemon.config import Configuration
 from daemon.config.upload import UploadSetup
 from daemon.upload import backups
-from daemon.upload.effect import Expectation
+from daemon.upload.content import Content
+from daemon.upload.effect import Expectation, Seen, check_effect
 from daemon.upload.journal import Journal, last_change
 from daemon.upload.lock import only_one
 from daemon.upload.order import Order, backup_order, load_order
 from daemon.upload.outcome import Outcome
-from daemon.upload.preflight import Cleared, check_tables, limits_of, preflight, unreachable
+from daemon.upload.preflight import (
+    Cleared,
+    check_tables,
+    limits_of,
+    preflight,
+    present_tables,
+    unreachable,
+)
 from daemon.upload.recovery import recover
+from daemon.upload.settle import check_identity, check_ready
 from daemon.upload.steps import Ledger
 from daemon.upload.unfinished import unfinished_words
 from daemon.upload.work import Voice, Work, user
@@ -175,6 +184,47 @@ async def roll_back(configuration: Configuration, wish: Wish, voice: Voice) -> R
         return Result(
             result.cleared, result.outcome, recovered or result.recovered, result.declined
         )
+
+
+async def check(configuration: Configuration, voice: Voice) -> Seen:
+    """Check what the controller adds against the tables that are active; writes nothing.
+
+    As after an upload: where the store is set up to move the machine for that, it does.
+
+    Raises
+    ------
+    AbbeError
+        When nobody answers, another controller does, it is not ready, no table is active, or it
+        adds something else than the active tables say.
+    """
+    with working(configuration, voice, "") as work:
+        section, allowed = work.setup.section, work.allowed
+        async with opened(work):
+            try:
+                check_identity(await work.store.identity(), section.identity, section.serial)
+                await check_ready(work.store)
+                active = Content.of(await work.store.active())
+                tables = present_tables(work.controller, active)
+                if not tables:
+                    raise AbbeError("no table is active: there is no effect to check")
+                return await check_effect(
+                    work.store,
+                    Expectation(tables, work.model, _tool_of(work, active), work.store.adds_error),
+                    tolerance=allowed.effect_tolerance_um,
+                    looks=allowed.effect_looks,
+                    every=allowed.effect_every,
+                )
+            except LinkError as error:
+                raise AbbeError(f"{error}. Nothing was written") from None
+
+
+def _tool_of(work: Work, active: Content) -> tuple[float, float, float]:
+    """Tool offset for which the active tables were made, mm; zero where the journal knows none."""
+    for entry in reversed(work.journal.found.entries):
+        if entry.get("new") == active.sha256 and "tool_mm" in entry:
+            x, y, z = entry["tool_mm"]
+            return float(x), float(y), float(z)
+    return 0.0, 0.0, 0.0
 
 
 async def finish(configuration: Configuration, wish: Wish, voice: Voice) -> Outcome | None:

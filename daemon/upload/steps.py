@@ -224,7 +224,7 @@ class Changeover:
             if not await self._restarted():
                 self._notes.append(
                     "it acts after the controller was restarted; its effect is not checked: run "
-                    "abbe upload CONFIG.toml --status afterwards"
+                    "abbe upload CONFIG.toml --check afterwards"
                 )
                 return {"needed": True, "restarted": False}
             await self.store.close()

@@ -67,6 +67,9 @@ def test_a_whole_day(place: Place, made: Path):
     assert status.status == 0
     assert "from upload" in status.out
     assert "by Ada; version 1 of the model" in status.out
+    checked = abbe("upload", place.config, "--check")
+    assert checked.status == 0, checked.err
+    assert "the controller adds what the table says" in checked.out
     back = abbe("upload", place.config, "--rollback", "--yes")
     assert back.status == 0, back.err
     assert place.truth()["active"] == sums(made / "old")
@@ -104,6 +107,22 @@ def test_a_failure_has_status_1_and_says_which_table_is_active(place: Place, mad
     place.control.order("fault", kind="refuses", at="commit")
     told = json.loads(abbe("upload", place.config, made / "new", "--yes", "--json").out)
     assert (told["done"], told["active"], told["failed_step"]) == (False, "old", "activate")
+
+
+def test_check_notices_a_control_that_adds_something_else(place: Place, made: Path):
+    fine = abbe("upload", place.config, "--check", "--json")
+    assert fine.status == 0, fine.err
+    assert json.loads(fine.out)["looks"] > 0
+    place.control.order("fault", kind="lies", at="show", times=100)
+    wrong = abbe("upload", place.config, "--check")
+    assert wrong.status == 1
+    assert "the table says" in wrong.err
+    place.control.order("reset")
+    place.control.order("load", files={})
+    none = abbe("upload", place.config, "--check")
+    assert none.status == 1
+    assert "no table is active" in none.err
+    assert not place.journal.exists() or not place.entries()
 
 
 def test_nobody_to_ask_and_wrong_usage(place: Place, made: Path):

@@ -158,6 +158,9 @@ def test_tables_are_uploaded_verified_on_the_machine_and_rolled_back(mill: Mill)
     mill.start()
     mill.ready()
     acts(mill, 0.02)
+    status, said = abbe(folder, "upload", "mill.toml", "--check")
+    assert status == 0, said
+    assert "the controller adds what the table says" in said
 
     status, said = upload(0.03)
     assert status == 0, said
