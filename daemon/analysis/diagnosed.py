@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -117,6 +118,11 @@ def _empirical(structure: Structure, diagnosis: Diagnosis) -> dict[str, Any] | N
     }
 
 
+def typed(spec: str) -> str:
+    """A spec as it is typed in a shell, quoted where it must be."""
+    return shlex.join(spec.split())
+
+
 def as_text(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice]) -> Iterator[str]:
     """Lines for people: how wrong, what is missing and why, what else it could be, what to do."""
     floor = floor_of_lengths(noise)
@@ -136,12 +142,12 @@ def as_text(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice]) -
         yield ""
         yield f"{i}. {established.found.candidate.effect.spec}"
         yield "   " + explanation(established, diagnosis)
-        yield f"   add it: abbe add MODEL {established.found.candidate.effect.spec}"
+        yield f"   add it: abbe add MODEL {typed(established.found.candidate.effect.spec)}"
     for structure in diagnosis.structure:
         yield ""
         yield f"structure: {description(structure)}"
         if spec := formula(structure):
-            yield f"   empirical, describes without explaining: abbe add MODEL {spec!r}"
+            yield f"   empirical, describes without explaining: abbe add MODEL {typed(spec)}"
     if advice:
         yield ""
         yield "what to measure next:"

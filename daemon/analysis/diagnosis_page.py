@@ -19,7 +19,7 @@ from compcore.diagnose.explain import (
 from compcore.diagnose.measure_next import Advice
 from compcore.diagnose.verdict import Diagnosis, Established
 from compcore.noise import NoiseFloor
-from daemon.analysis.diagnosed import told
+from daemon.analysis.diagnosed import told, typed
 from daemon.analysis.fitted import floor_of_lengths
 from daemon.report.figure import COLOURS, Trace, figure, line, points
 from daemon.report.page import Page, number
@@ -205,7 +205,7 @@ def _structure(out: Page, diagnosis: Diagnosis) -> None:
             f"on {', '.join(s.depends_on)}."
         )
         if spec := formula(s):
-            out.notes([f"Empirical, describes without explaining: abbe add MODEL '{spec}'"])
+            out.notes([f"Empirical, describes without explaining: abbe add MODEL {typed(spec)}"])
 
 
 def _candidates(out: Page, diagnosis: Diagnosis) -> None:
@@ -257,7 +257,7 @@ def _what_to_do(out: Page, diagnosis: Diagnosis, advice: Sequence[Advice]) -> No
             "Add the first cause, look whether campaigns that were not fitted agree, and diagnose "
             "again:"
         )
-        out.notes([f"abbe add MODEL {first} --campaign CAMPAIGN --holdout OTHER -o NEXT"])
+        out.notes([f"abbe add MODEL {typed(first)} --campaign CAMPAIGN --holdout OTHER -o NEXT"])
     elif diagnosis.structure:
         out.text(
             "Look for the physics behind what is described above: what was switched, moved, heated "

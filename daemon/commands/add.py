@@ -44,9 +44,12 @@ def add(
     from daemon.analysis.progress import shown
     from daemon.commands.assignments import split_assignments
 
+    # a whole spec in one pair of quotes is what 'abbe diagnose' prints, too
+    name, *more_keys = kind.split() or [kind]
     with shown("reading") as tell:
         loaded, measured = load(model, campaign)
-        more, effect = with_effect(loaded, kind, split_assignments(keys or []))
+        assigned = split_assignments([*more_keys, *(keys or [])])
+        more, effect = with_effect(loaded, name, assigned)
         revision = revised.revise(
             loaded, more, measured, holdout or [], out, added=effect.spec, progress=tell
         )

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import shlex
 import tomllib
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+from benchmarks.diagnosis import Scenario, hide
+from benchmarks.hidden.campaign import draw, model_text, simulate
 from daemon.cli import app
 from daemon.commands.lists import spread
 
@@ -61,6 +64,31 @@ def test_the_loop(tmp_path: Path) -> None:
     assert [Path(entry["file"]).name for entry in second["holdout"]] == ["check.csv"]
     assert second["added"] == " ".join(SPEC)
     assert third["removed"] == " ".join(SPEC)
+
+
+def test_an_offered_formula_is_added_as_it_is_printed(tmp_path: Path) -> None:
+    """Typed in a shell, or as one word in quotes as in the JSON."""
+    scenario = Scenario("mill", 120, ("saddle of two positions",), 6)
+    machine = draw(scenario.seed, scenario.kind)
+    model, fitted = tmp_path / "model.toml", tmp_path / "fit.csv"
+    model.write_text(model_text(machine), encoding="utf-8")
+    simulated = simulate(machine, scenario.seed, hide(scenario, machine))
+    fitted.write_text(simulated.text, encoding="utf-8")
+    runner = CliRunner()
+    said = runner.invoke(app, ["diagnose", str(model), str(fitted)])
+    assert said.exit_code == 0, said.output
+    assert "unexplained" in said.stdout
+    printed = next(part for part in said.stdout.splitlines() if "abbe add MODEL" in part)
+    words = shlex.split(printed.partition("abbe add MODEL ")[2])
+    assert words[0] == "formula"
+    assert "(" in words[2]
+    for i, spec in enumerate((words, [" ".join(words)])):
+        out = tmp_path / f"{i}.toml"
+        more = ["--campaign", str(fitted), "-o", str(out), "--json"]
+        done = runner.invoke(app, ["add", str(model), *spec, *more])
+        assert done.exit_code == 0, done.output
+        added = json.loads(done.stdout)
+        assert added["rms_after"] < 0.75 * added["rms_before"]
 
 
 def test_an_effect_that_is_there_already_is_refused(tmp_path: Path) -> None:
