@@ -17,7 +17,8 @@ from compcore.diagnose.explain import (
     parameter,
 )
 from compcore.diagnose.measure_next import Advice
-from compcore.diagnose.verdict import Diagnosis, Established
+from compcore.diagnose.structure import Structure
+from compcore.diagnose.verdict import Diagnosis
 from compcore.noise import NoiseFloor
 from daemon.analysis.diagnosed import told, typed
 from daemon.analysis.fitted import floor_of_lengths
@@ -158,17 +159,22 @@ def _why(out: Page, diagnosis: Diagnosis) -> None:
                 for e in established.estimates
             ],
         )
-        out.figure(_signature(diagnosis, established), _signature_caption(established))
+        spec = effect.spec
+        out.figure(
+            _signature(diagnosis, established.signature, "what the cause would add"),
+            f"Residuals of the model without '{spec}' against what it would add. Means on the "
+            "dashed line: it explains them.",
+        )
 
 
-def _signature(diagnosis: Diagnosis, established: Established) -> dict[str, object]:
-    """Residual against the cause's signature: on the diagonal what it explains."""
+def _signature(diagnosis: Diagnosis, signature: F64, what: str) -> dict[str, object]:
+    """Residual against a signature, (n,), mm or rad: on the diagonal what it explains."""
     campaign = diagnosis.result.problem.campaign
     rows = campaign.kind == Kind.DISPLACEMENT
     factor, unit = 1e3, "µm"
     if not rows.any():
         rows, factor, unit = campaign.kind == Kind.ROTATION, 1e6, "µrad"
-    x = established.signature[rows] * factor
+    x = signature[rows] * factor
     y = diagnosis.result.residual[rows] * factor
     order = np.argsort(x)
     count = max(1, min(24, len(x) // 25))
@@ -182,17 +188,9 @@ def _signature(diagnosis: Diagnosis, established: Established) -> dict[str, obje
             line(ends, ends, "explained fully", line={"color": COLOURS[0], "dash": "dash"}),
             points(middle, mean, "mean of residuals", marker={"size": 9, "color": COLOURS[1]}),
         ],
-        f"what the cause would add, {unit}",
+        f"{what}, {unit}",
         f"residual without it, {unit}",
         height=380,
-    )
-
-
-def _signature_caption(established: Established) -> str:
-    spec = established.found.candidate.effect.spec
-    return (
-        f"Residuals of the model without '{spec}' against what it would add. Means on the dashed "
-        "line: it explains them."
     )
 
 
@@ -200,12 +198,26 @@ def _structure(out: Page, diagnosis: Diagnosis) -> None:
     out.section("What no cause explains")
     for s in diagnosis.structure:
         share = s.drop / diagnosis.basis.chi2
+        told = description(s)
         out.text(
-            f"{description(s).capitalize()}. It makes up {share:.0%} of the residuals' χ²; depends "
+            f"{told[0].upper()}{told[1:]}. It makes up {share:.0%} of the residuals' χ²; depends "
             f"on {', '.join(s.depends_on)}."
+        )
+        out.figure(
+            _signature(diagnosis, _described(diagnosis, s), "what is described"),
+            "Residuals of the model as it is against what this describes. Means on the dashed "
+            "line: it says all of it.",
         )
         if spec := formula(s):
             out.notes([f"Empirical, describes without explaining: abbe add MODEL {typed(spec)}"])
+
+
+def _described(diagnosis: Diagnosis, structure: Structure) -> F64:
+    """What a description says of each row, beyond what the model can imitate, (n,), mm or rad."""
+    basis = diagnosis.basis
+    columns = basis.project(structure.columns)
+    fitted = columns @ np.linalg.lstsq(columns, basis.residual, rcond=1e-10)[0]
+    return np.asarray(fitted / diagnosis.result.problem.weight)
 
 
 def _candidates(out: Page, diagnosis: Diagnosis) -> None:
