@@ -209,6 +209,9 @@ class Problem:
         return self._stack(self.observation(theta), found, count)
 
     def _stack(self, observation: Observation, motions: tuple[Motion, ...], count: int) -> F64:
+        if len(motions) == 1 and motions[0].columns.shape[1] == count:
+            seen = observation.seen(motions[0].channel) * self.weight
+            return np.asarray(seen[:, None] * motions[0].columns)
         out = np.zeros((self.n, count))
         for motion in motions:
             seen = observation.seen(motion.channel) * self.weight

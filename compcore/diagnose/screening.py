@@ -91,7 +91,7 @@ class Basis:
         left apart.
         """
         parts = [rows @ self.q]
-        parts += [rows[:, own] @ basis for own, basis in self.eliminator.bases()]
+        parts += [rows[:, _span(own)] @ basis for own, basis in self.eliminator.bases()]
         return np.hstack(parts)
 
     def with_residual(self, residual: F64) -> Basis:
@@ -105,6 +105,12 @@ class Basis:
             return self
         residual = self.residual - new @ (new.T @ self.residual)
         return Basis(self.q, residual, self.eliminator, np.hstack([self.extra, new]))
+
+
+def _span(rows: NDArray[np.int64]) -> NDArray[np.int64] | slice:
+    """Rows as a slice where they follow one another: a view instead of a copy."""
+    first, last = int(rows[0]), int(rows[-1])
+    return slice(first, last + 1) if last - first == len(rows) - 1 else rows
 
 
 def orthonormal(projected: F64, original: F64) -> F64:

@@ -126,7 +126,8 @@ class LocalDefect(Effect):
         width = nonlinear["width"] if self.width is None else self.width
         position = machine.axis(self.axis).clamp(conditions.position(self.axis))
         u = 2.0 * _HALF / width * (position - centre)
-        bump = np.clip(1.0 - u * u, 0.0, None) ** 3
+        inside = np.maximum(1.0 - u * u, 0.0)
+        bump = inside * inside * inside
         return (Motion(Channel(self.axis, self.component), bump[:, None]),)
 
     def kinks(self, machine: Machine) -> dict[str, tuple[float, ...]]:
