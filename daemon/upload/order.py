@@ -145,10 +145,16 @@ def _match(tables: Sequence[Table], made: TableSet, path: Path) -> None:
 
 
 def _warnings(configuration: Configuration, told: Mapping[str, Any]) -> tuple[str, ...]:
+    found = []
     present = sha256(read_text(configuration.model_path))
-    if told.get("sha256") == present:
-        return ()
-    return (
-        "the tables were made from another version of the model than the configuration names "
-        f"({str(told.get('sha256'))[:12]}, now {present[:12]})",
-    )
+    if told.get("sha256") != present:
+        found.append(
+            "the tables were made from another version of the model than the configuration names "
+            f"({str(told.get('sha256'))[:12]}, now {present[:12]})"
+        )
+    if configuration.file.output.axes:
+        found.append(
+            "this configuration also corrects live (its section [output]): abbe run on top of "
+            "these tables would correct the machine twice"
+        )
+    return tuple(found)

@@ -125,6 +125,16 @@ def test_check_notices_a_control_that_adds_something_else(place: Place, made: Pa
     assert not place.journal.exists() or not place.entries()
 
 
+def test_live_correction_beside_tables_is_warned_of(place: Place, made: Path):
+    text = place.config.read_text()
+    channel = 'out_x = { table = "holding", address = 20, type = "int32", unit = "mm", writable = true }\n'
+    text = text.replace("[axes.X]", channel + "[axes.X]", 1)
+    place.config.write_text(text + '[output.axes.X]\ntarget = "cnc.out_x"\n')
+    dry = abbe("upload", place.config, made / "new", "--dry-run")
+    assert dry.status == 0, dry.err
+    assert "would correct the machine twice" in dry.out
+
+
 def test_nobody_to_ask_and_wrong_usage(place: Place, made: Path):
     silent = abbe("upload", place.config, made / "new")
     assert silent.status == 1
