@@ -127,7 +127,8 @@ def test_check_notices_a_control_that_adds_something_else(place: Place, made: Pa
 
 def test_live_correction_beside_tables_is_warned_of(place: Place, made: Path):
     text = place.config.read_text()
-    channel = 'out_x = { table = "holding", address = 20, type = "int32", unit = "mm", writable = true }\n'
+    place_of_x = 'table = "holding", address = 20, type = "int32", unit = "mm", writable = true'
+    channel = f"out_x = {{ {place_of_x} }}\n"
     text = text.replace("[axes.X]", channel + "[axes.X]", 1)
     place.config.write_text(text + '[output.axes.X]\ntarget = "cnc.out_x"\n')
     dry = abbe("upload", place.config, made / "new", "--dry-run")
