@@ -17,7 +17,7 @@ demo: $(VENV)/.runtime ## See a coordinate measuring machine become ten times mo
 	@$(BIN)/abbe demo
 
 test: $(VENV)/.dev $(VENV)/.debian lint types ## Run all checks and tests
-	$(BIN)/pytest -n 2 --dist loadgroup
+	$(BIN)/pytest -n 3 --dist loadgroup
 
 fast: $(VENV)/.dev ## The tests that need no other process
 	$(BIN)/pytest -m "not integration" -q
