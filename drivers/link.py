@@ -20,7 +20,7 @@ from __future__ import annotations
 import enum
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from typing import Any, ClassVar, NamedTuple
@@ -190,6 +190,21 @@ class Link(ABC):
     @abstractmethod
     def channels(self) -> Mapping[str, str]:
         """Channel name → one line for people: where it sits and how it is decoded."""
+
+    def _check_known(self, names: Iterable[str], known: Collection[str]) -> None:
+        """Refuse names that are none of the configuration's channels.
+
+        Raises
+        ------
+        LinkConfigError
+            Naming them, and those that there are.
+        """
+        unknown = [name for name in names if name not in known]
+        if unknown:
+            raise LinkConfigError(
+                f"link {self.name} has no channel {', '.join(map(repr, unknown))}; "
+                f"there are: {', '.join(known)}"
+            )
 
     def info(self, channel: str) -> ChannelInfo:
         """What the configuration says of one of `channels`; a link that knows more overrides it."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 from drivers.can.canopen_bus import NodeBus
@@ -86,7 +86,7 @@ class CanopenLink(Link):
         LinkConfigError
             When a name is not in the configuration.
         """
-        self._check_known(channels)
+        self._check_known(channels, self._config.channels)
         try:
             async with self._bus.turns:
                 return await self._reader.read(channels)
@@ -107,7 +107,7 @@ class CanopenLink(Link):
             When the read-back of a channel with ``verify`` differs.
         """
         if values:
-            self._check_known(values)
+            self._check_known(values, self._config.channels)
             await self._writer.write(values)
 
     async def download(self, node: str, index: int, subindex: int, data: bytes) -> bool:
@@ -157,14 +157,6 @@ class CanopenLink(Link):
                 f"link {self.name} has no node {name!r}; there are: {', '.join(self._config.nodes)}"
             )
         return self._bus.node(name)
-
-    def _check_known(self, names: Iterable[str]) -> None:
-        unknown = [name for name in names if name not in self._config.channels]
-        if unknown:
-            raise LinkConfigError(
-                f"link {self.name} has no channel {', '.join(map(repr, unknown))}; "
-                f"there are: {', '.join(self._config.channels)}"
-            )
 
     def _describe(self, name: str) -> str:
         section = self._config.channels[name]

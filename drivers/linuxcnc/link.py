@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from drivers.link import (
     ChannelInfo,
     Link,
     LinkConfig,
-    LinkConfigError,
     LinkDownError,
     LinkError,
     LinkProtocolError,
@@ -95,7 +94,7 @@ class LinuxCncLink(Link):
         LinkConfigError
             When a name is not in the configuration.
         """
-        self._check_known(channels)
+        self._check_known(channels, self._config.channels)
         pins = list(dict.fromkeys(pin for name in channels for pin in self._pins[name]))
         try:
             async with self._turns:
@@ -125,7 +124,7 @@ class LinuxCncLink(Link):
         """
         if not values:
             return
-        self._check_known(values)
+        self._check_known(values, self._config.channels)
         orders: dict[str, float] = {}
         for name, value in values.items():
             section = self._config.channels[name]
@@ -230,14 +229,6 @@ class LinuxCncLink(Link):
     def _disconnect(self) -> None:
         if self._bridge is not None:
             self._bridge.abandon()
-
-    def _check_known(self, names: Iterable[str]) -> None:
-        unknown = [name for name in names if name not in self._config.channels]
-        if unknown:
-            raise LinkConfigError(
-                f"link {self.name} has no channel {', '.join(map(repr, unknown))}; "
-                f"there are: {', '.join(self._config.channels)}"
-            )
 
     def _describe(self, name: str) -> str:
         section = self._config.channels[name]

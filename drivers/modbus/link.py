@@ -7,10 +7,10 @@ read (`drivers.modbus.reading`) and written (`drivers.modbus.writing`) on the on
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from drivers.link import ChannelInfo, Link, LinkConfig, LinkConfigError, Sample
+from drivers.link import ChannelInfo, Link, LinkConfig, Sample
 from drivers.modbus.bus import Bus
 from drivers.modbus.config import ModbusConfig
 from drivers.modbus.reading import Reader
@@ -33,7 +33,6 @@ class ModbusLink(Link):
     def __init__(self, name: str, config: ModbusConfig) -> None:
         super().__init__(name, config)
         self._config = config
-        self._names = frozenset(config.channels)
         self._bus = Bus(name, config, self.status)
         self._reader = Reader(name, config, self._bus)
         self._writer = Writer(name, config, self._bus)
@@ -73,7 +72,7 @@ class ModbusLink(Link):
             When a name is not in the configuration.
         """
         names = channels if type(channels) is tuple else tuple(channels)
-        self._check_known(names)
+        self._check_known(names, self._config.channels)
         return await self._reader.read(names)
 
     async def write(self, values: Mapping[str, float]) -> None:
@@ -99,16 +98,8 @@ class ModbusLink(Link):
         """
         if not values:
             return
-        self._check_known(values)
+        self._check_known(values, self._config.channels)
         await self._writer.write(values)
-
-    def _check_known(self, names: Iterable[str]) -> None:
-        if not self._names.issuperset(names):
-            unknown = [name for name in names if name not in self._names]
-            raise LinkConfigError(
-                f"link {self.name} has no channel {', '.join(map(repr, unknown))}; "
-                f"there are: {', '.join(self._config.channels)}"
-            )
 
     def _describe(self, name: str) -> str:
         config = self._config

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from drivers.link import ChannelInfo, Link, LinkConfig, LinkConfigError, LinkError, Sample
+from drivers.link import ChannelInfo, Link, LinkConfig, LinkError, Sample
 from drivers.serial.asking import AskedLine
 from drivers.serial.checksum import shown
 from drivers.serial.config import SerialConfig
@@ -28,7 +28,6 @@ class SerialLink(Link):
     def __init__(self, name: str, config: SerialConfig) -> None:
         super().__init__(name, config)
         self._config = config
-        self._names = frozenset(config.channels)
         kind = StreamingLine if config.streaming else AskedLine
         self._line: AskedLine | StreamingLine = kind(
             f"link {name} ({config.port})", config, self.status
@@ -61,7 +60,7 @@ class SerialLink(Link):
         LinkConfigError
             When a name is not in the configuration.
         """
-        self._check_known(channels)
+        self._check_known(channels, self._config.channels)
         return await self._line.read(channels)
 
     async def write(self, values: Mapping[str, float]) -> None:
@@ -74,7 +73,7 @@ class SerialLink(Link):
         """
         if not values:
             return
-        self._check_known(values)
+        self._check_known(values, self._config.channels)
         fixed = [name for name in values if not self._config.channels[name].writable]
         if fixed:
             raise LinkError(
@@ -82,14 +81,6 @@ class SerialLink(Link):
                 "(they have no command)"
             )
         await self._line.write(values)
-
-    def _check_known(self, names: Iterable[str]) -> None:
-        if not self._names.issuperset(names):
-            unknown = [name for name in names if name not in self._names]
-            raise LinkConfigError(
-                f"link {self.name} has no channel {', '.join(map(repr, unknown))}; "
-                f"there are: {', '.join(self._config.channels)}"
-            )
 
     def _describe(self, name: str) -> str:
         config, channel = self._config, self._config.channels[name]
