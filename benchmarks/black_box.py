@@ -24,8 +24,8 @@ from sklearn.linear_model import LassoCV
 from sklearn.model_selection import GroupKFold
 
 from benchmarks.diagnosis import VALIDATION, Scenario, as_campaign, hide, scenarios
-from benchmarks.hidden.campaign import draw, model_text, simulate
 from benchmarks.hidden.causes import Cause
+from benchmarks.hidden.scene import scene
 from benchmarks.report import write_section
 from compcore.campaign import Campaign, Kind
 from compcore.compare import compare
@@ -173,11 +173,12 @@ def run(scenario: Scenario) -> Outcome:
 
 
 def _run(scenario: Scenario) -> Outcome:
-    machine = draw(scenario.seed, scenario.kind)
-    hidden = hide(scenario, machine)
-    model = parse_model(TomlSource(model_text(machine)))
-    campaign = as_campaign(simulate(machine, scenario.seed, hidden).text, model)
-    unseen = as_campaign(simulate(machine, scenario.seed, hidden, held_out=True).text, model)
+    stage = scene(scenario.seed, scenario.kind)
+    hidden = hide(scenario, stage)
+    omits = [cause.omits for cause, _ in hidden if cause.omits]
+    model = parse_model(TomlSource(stage.model_text(omits)))
+    campaign = as_campaign(stage.simulate(hidden).text, model)
+    unseen = as_campaign(stage.simulate(hidden, held_out=True).text, model)
     nothing = np.zeros(campaign.n), np.zeros(unseen.n)
     diagnosis = diagnose(model, campaign)
     effects = [e.found.candidate.effect for e in diagnosis.established]

@@ -19,9 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.hidden.campaign import NOISE, STRUCTURES, Machine, draw, model_text, simulate
+from benchmarks.hidden.campaign import NOISE, STRUCTURES, draw
 from benchmarks.hidden.causes import Cause, catalogue, nobody_knows
 from benchmarks.hidden.further import further, left_out
+from benchmarks.hidden.scene import Scene, scene
 from benchmarks.report import write_section
 from compcore.campaign import Campaign
 from compcore.campaign_file import read_campaign
@@ -118,23 +119,19 @@ def _names() -> tuple[list[str], list[str]]:
     return known, list(nobody_knows(machine.axes, machine.travels, rng))
 
 
-def hide(scenario: Scenario, machine: Machine) -> list[tuple[Cause, float]]:
+def hide(scenario: Scenario, stage: Scene) -> list[tuple[Cause, float]]:
     """The causes, so large that what they add to a row is at most the multiple of the noise.
 
     Less the set-up's mean, which its unknown zero swallows.
     """
-    rng = np.random.default_rng((scenario.seed, 7))
-    causes = catalogue(machine.axes, machine.travels, rng)
-    causes |= nobody_knows(machine.axes, machine.travels, rng)
-    rng = np.random.default_rng((scenario.seed, 8))
-    causes |= further(machine.axes, machine.travels, rng) | left_out(machine.axes, rng)
+    causes = stage.causes()
     hidden = []
     for name in scenario.causes:
         cause = causes[name]
-        if cause.omits:
+        if not cause.size:
             hidden.append((cause, 0.0))
             continue
-        seen = simulate(machine, scenario.seed, [(cause, cause.size)]).hidden
+        seen = stage.simulate([(cause, cause.size)]).hidden
         size = cause.size * scenario.multiple * NOISE / float(np.abs(seen).max())
         hidden.append((cause, size))
     return hidden
@@ -150,12 +147,12 @@ def as_campaign(text: str, model: Model) -> Campaign:
 
 def run(scenario: Scenario) -> Outcome:
     """Simulate, diagnose, add what was named, look at unseen lines."""
-    machine = draw(scenario.seed, scenario.kind)
-    hidden = hide(scenario, machine)
+    stage = scene(scenario.seed, scenario.kind)
+    hidden = hide(scenario, stage)
     omits = [cause.omits for cause, _ in hidden if cause.omits]
-    model = parse_model(TomlSource(model_text(machine, omits)))
-    campaign = as_campaign(simulate(machine, scenario.seed, hidden).text, model)
-    unseen = as_campaign(simulate(machine, scenario.seed, hidden, held_out=True).text, model)
+    model = parse_model(TomlSource(stage.model_text(omits)))
+    campaign = as_campaign(stage.simulate(hidden).text, model)
+    unseen = as_campaign(stage.simulate(hidden, held_out=True).text, model)
     start = time.perf_counter()
     diagnosis = diagnose(model, campaign)
     seconds = time.perf_counter() - start

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks.diagnosis import Scenario, hide
-from benchmarks.hidden.campaign import draw, model_text, simulate
+from benchmarks.hidden.scene import scene
 from daemon.cli import app
 from daemon.commands.lists import spread
 
@@ -69,10 +69,10 @@ def test_the_loop(tmp_path: Path) -> None:
 def test_an_offered_formula_is_added_as_it_is_printed(tmp_path: Path) -> None:
     """Typed in a shell, or as one word in quotes as in the JSON."""
     scenario = Scenario("mill", 120, ("saddle of two positions",), 6)
-    machine = draw(scenario.seed, scenario.kind)
+    stage = scene(scenario.seed, scenario.kind)
     model, fitted = tmp_path / "model.toml", tmp_path / "fit.csv"
-    model.write_text(model_text(machine), encoding="utf-8")
-    simulated = simulate(machine, scenario.seed, hide(scenario, machine))
+    model.write_text(stage.model_text(), encoding="utf-8")
+    simulated = stage.simulate(hide(scenario, stage))
     fitted.write_text(simulated.text, encoding="utf-8")
     runner = CliRunner()
     said = runner.invoke(app, ["diagnose", str(model), str(fitted)])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.diagnosis import Scenario, as_campaign, hide, run
-from benchmarks.hidden.campaign import draw, model_text, simulate
+from benchmarks.hidden.scene import scene
 from compcore.campaign_file import read_campaign
 from compcore.compare import compare
 from compcore.diagnose import Diagnosis, advise, diagnose
@@ -115,11 +115,11 @@ def test_hidden_causes(kind: str, seed: int, cause: tuple[str, ...], score: str)
 def test_what_no_effect_explains_is_offered_as_a_short_formula() -> None:
     """Added, it takes the error of unseen lines down to the noise."""
     scenario = Scenario("mill", 120, ("saddle of two positions",), 6)
-    machine = draw(scenario.seed, scenario.kind)
-    hidden = hide(scenario, machine)
-    model = parse_model(TomlSource(model_text(machine)))
-    campaign = as_campaign(simulate(machine, scenario.seed, hidden).text, model)
-    unseen = as_campaign(simulate(machine, scenario.seed, hidden, held_out=True).text, model)
+    stage = scene(scenario.seed, scenario.kind)
+    hidden = hide(scenario, stage)
+    model = parse_model(TomlSource(stage.model_text()))
+    campaign = as_campaign(stage.simulate(hidden).text, model)
+    unseen = as_campaign(stage.simulate(hidden, held_out=True).text, model)
     found = diagnose(model, campaign)
     assert found.verdict == "unexplained"
     pattern = found.structure[0].pattern

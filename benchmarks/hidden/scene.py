@@ -1,0 +1,68 @@
+"""A scene: a simulated machine, what may be hidden in it, its campaigns and its user's model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from benchmarks.hidden.campaign import STRUCTURES, Machine, Simulated, draw, model_text, simulate
+from benchmarks.hidden.causes import Cause, catalogue, nobody_knows
+from benchmarks.hidden.further import further, left_out
+
+
+class Scene(Protocol):
+    """One machine on one day."""
+
+    def causes(self) -> dict[str, Cause]:
+        """What may be hidden in it, by name."""
+
+    def simulate(
+        self, causes: Sequence[tuple[Cause, float]], *, held_out: bool = False
+    ) -> Simulated:
+        """Measure it with causes hidden at their amplitudes; `held_out`: other places."""
+
+    def model_text(self, omits: Sequence[tuple[str, Mapping[str, Any]]] = ()) -> str:
+        """The model that its user brings, less what it lacks (kind and where-keys)."""
+
+
+@dataclass(frozen=True)
+class Usual:
+    """A machine with three linear axes and a user who models all its 21 errors and expansions."""
+
+    machine: Machine
+    seed: int
+
+    @classmethod
+    def drawn(cls, seed: int, kind: str) -> Usual:
+        """A scene by its seed and the machine's structure, a key of `STRUCTURES`."""
+        return cls(draw(seed, kind), seed)
+
+    def causes(self) -> dict[str, Cause]:
+        """All of `causes` and `further`."""
+        axes, travels = self.machine.axes, self.machine.travels
+        rng = np.random.default_rng((self.seed, 7))
+        found = catalogue(axes, travels, rng) | nobody_knows(axes, travels, rng)
+        rng = np.random.default_rng((self.seed, 8))
+        return found | further(axes, travels, rng) | left_out(axes, rng)
+
+    def simulate(
+        self, causes: Sequence[tuple[Cause, float]], *, held_out: bool = False
+    ) -> Simulated:
+        """Lines by laser, angles by level, through a day."""
+        return simulate(self.machine, self.seed, causes, held_out=held_out)
+
+    def model_text(self, omits: Sequence[tuple[str, Mapping[str, Any]]] = ()) -> str:
+        """Geometry and expansion, nothing fitted."""
+        return model_text(self.machine, omits)
+
+
+SCENES: dict[str, Callable[[int, str], Scene]] = dict.fromkeys(STRUCTURES, Usual.drawn)
+"""A scenario's kind → how its scene is drawn from a seed and that kind."""
+
+
+def scene(seed: int, kind: str) -> Scene:
+    """The scene of a scenario."""
+    return SCENES[kind](seed, kind)
