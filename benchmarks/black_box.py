@@ -23,8 +23,9 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 from sklearn.linear_model import LassoCV
 from sklearn.model_selection import GroupKFold
 
-from benchmarks.diagnosis import VALIDATION, Scenario, as_campaign, hide, scenarios
+from benchmarks.diagnosis import VALIDATION, as_campaign
 from benchmarks.hidden.causes import Cause
+from benchmarks.hidden.scenario import Scenario, hide, scenarios
 from benchmarks.hidden.scene import scene
 from benchmarks.report import write_section
 from compcore.campaign import Campaign, Kind

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.diagnosis import Scenario, hide
+from benchmarks.hidden.scenario import Scenario, hide
 from benchmarks.hidden.scene import scene
 from daemon.cli import app
 from daemon.commands.lists import spread

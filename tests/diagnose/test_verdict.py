@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.diagnosis import Scenario, as_campaign, hide, run
+from benchmarks.diagnosis import as_campaign, run
+from benchmarks.hidden.scenario import Scenario, hide
 from benchmarks.hidden.scene import scene
 from compcore.campaign_file import read_campaign
 from compcore.compare import compare
