@@ -36,11 +36,13 @@ class Planner:
         self.rows = Rows()
         self.free: dict[str, list[str]] = {}
         self.clock = 900.0
-        self._direction = np.zeros(3)
+        self._direction = np.zeros(len(axes))
 
     def at(self, *parts: float) -> F64:
-        """A position by parts (0 … 1) of each travel."""
-        return self.low + np.array(parts) * (self.high - self.low)
+        """A position by parts (0 … 1) of the three linear travels; rotary axes stand at 0."""
+        place = np.zeros(len(self.axes))
+        place[:3] = self.low[:3] + np.array(parts) * (self.high[:3] - self.low[:3])
+        return place
 
     def _row(self, setup: str, kind: str, place: F64, tool: F64, u: F64, step: float) -> None:
         if self.rows.position:
@@ -59,14 +61,14 @@ class Planner:
     def master(self) -> None:
         """Visit the master point, always approached from below."""
         middle = self.at(0.5, 0.5, 0.5)
-        self._direction = np.ones(3)
+        self._direction = np.ones(len(self.axes))
         for k in range(3):
             u = np.eye(3)[k]
             name = f"master_{'xyz'[k]}"
             self.free[name] = ["zero"]
             self._row(name, "displacement", middle, np.array(TOOLS[0]), u, 19.4)
-            self.rows.direction[-1] = np.ones(3)
-        self._direction = np.ones(3)
+            self.rows.direction[-1] = np.ones(len(self.axes))
+        self._direction = np.ones(len(self.axes))
 
     def line(
         self,

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.hidden.campaign import NOISE, STRUCTURES, draw
+from benchmarks.hidden.campaign import STRUCTURES, draw
 from benchmarks.hidden.causes import Cause, catalogue, nobody_knows
 from benchmarks.hidden.further import further, left_out
+from benchmarks.hidden.measuring import NOISE
 from benchmarks.hidden.scene import Scene
 
 MULTIPLES = (3, 6, 12)

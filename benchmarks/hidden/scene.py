@@ -8,9 +8,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from benchmarks.hidden.campaign import STRUCTURES, Machine, Simulated, draw, model_text, simulate
+from benchmarks.hidden.campaign import STRUCTURES, Machine, draw, model_text, simulate
 from benchmarks.hidden.causes import Cause, catalogue, nobody_knows
 from benchmarks.hidden.further import further, left_out
+from benchmarks.hidden.measuring import Hidden, Simulated
 
 
 class Scene(Protocol):
@@ -19,9 +20,7 @@ class Scene(Protocol):
     def causes(self) -> dict[str, Cause]:
         """What may be hidden in it, by name."""
 
-    def simulate(
-        self, causes: Sequence[tuple[Cause, float]], *, held_out: bool = False
-    ) -> Simulated:
+    def simulate(self, causes: Hidden, *, held_out: bool = False) -> Simulated:
         """Measure it with causes hidden at their amplitudes; `held_out`: other places."""
 
     def model_text(self, omits: Sequence[tuple[str, Mapping[str, Any]]] = ()) -> str:
@@ -48,9 +47,7 @@ class Usual:
         rng = np.random.default_rng((self.seed, 8))
         return found | further(axes, travels, rng) | left_out(axes, rng)
 
-    def simulate(
-        self, causes: Sequence[tuple[Cause, float]], *, held_out: bool = False
-    ) -> Simulated:
+    def simulate(self, causes: Hidden, *, held_out: bool = False) -> Simulated:
         """Lines by laser, angles by level, through a day."""
         return simulate(self.machine, self.seed, causes, held_out=held_out)
 
