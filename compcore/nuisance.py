@@ -92,8 +92,11 @@ def _block(campaign: Campaign, observation: Observation | None, name: str, rows:
             names.append("slope" + suffix)
             units.append(unit)
     if "frame" in free and observation is not None:
-        point = observation.chain.to_machine_axes(observation.chain.point)[rows]
-        frame = frame_columns(point, observation.toward[rows], observation.about[rows])
+        chain = observation.chain
+        toward, about = (
+            chain.to_workpiece(v)[rows] for v in (observation.toward, observation.about)
+        )
+        frame = frame_columns(chain.point[rows], toward, about)
         columns += list(frame.T)
         names += [f"frame {k}" for k in "xyzabc"]
         units += ["mm"] * 3 + ["rad"] * 3

@@ -51,12 +51,13 @@ def frame_columns(point: F64, toward: F64, about: F64) -> F64:
     """What a small rigid displacement of a whole set-up does to its rows, shape (m, 6).
 
     Three translations (mm per mm) and three rotations (mm or rad per rad) about the middle of the
-    set-up's points, all in machine axes.
+    set-up's points. All in the workpiece's frame: an artefact that is clamped to a rotary table
+    turns with it.
 
     Parameters
     ----------
     point
-        Functional points, shape (m, 3), mm, machine axes.
+        Functional points, shape (m, 3), mm, workpiece's frame.
     toward
         Directions in which a displacement is seen, shape (m, 3); 0 on rows that see none.
     about
@@ -208,7 +209,8 @@ class SetupFrame(SetupEffect):
 
     Formula
         ``value = u·(t + ω × (p − p̄))`` for displacements along u, ``u·ω`` for angles; p the
-        functional point, p̄ the middle of the set-up's points.
+        functional point, p̄ the middle of the set-up's points, all in the workpiece's frame: what is
+        clamped to a rotary table turns with it.
     Parameters
     ----------
         x, y, z in mm, within ±1 mm; a, b, c in rad, within ±1 mrad.
@@ -253,7 +255,7 @@ class SetupFrame(SetupEffect):
                     found=self.setup,
                 )
             chain = Chain(machine, conditions.rows(rows))
-            point = chain.to_machine_axes(chain.point)
-            turning = np.zeros_like(u[rows]) if self.measures == "length" else u[rows]
-            columns[rows] = frame_columns(point, u[rows] - turning, turning)
+            seen = chain.to_workpiece(u[rows])
+            turning = np.zeros_like(seen) if self.measures == "length" else seen
+            columns[rows] = frame_columns(chain.point, seen - turning, turning)
         return (Motion(MEASURED, columns),)

@@ -6,11 +6,12 @@ import pytest
 from benchmarks.sources.campaigns import Rows
 from compcore.campaign import Kind, Tool
 from compcore.design_matrix import Problem
-from compcore.effects import effect_kinds
+from compcore.effects import effect_kinds, make_effect
 from compcore.fit import fit
 from compcore.machine import Axis, Machine, Signal
 from compcore.model import Model
 from compcore.structure import Structure, is_rotary
+from drivers.simulated.truth import ExactAxis, ExactMachine, rigid
 from tests.compcore.fit_cases import random_theta, with_truth
 
 STRUCTURES = (
@@ -124,3 +125,28 @@ def test_a_fit_recovers_all_that_it_says_it_knows(code: str) -> None:
     apart = known.T @ ((result.theta - theta) / result.problem.layout.scale)
     sd = 1.0 / result.decomposition.singular[: known.shape[1]]
     assert np.sqrt(np.mean((apart / sd) ** 2)) < 1.5
+
+
+@pytest.mark.parametrize("code", ["w C' A' Y' b X Z t", "w C' X' b Z Y t"])
+def test_an_artefact_on_a_rotary_table_turns_with_it(code: str) -> None:
+    """Balls that lie elsewhere on the table than was thought: nothing but the set-up's frame."""
+    rng = np.random.default_rng(5)
+    machine = described(code)
+    rotary = {a: ExactAxis(location=(20.0, -30.0, 40.0)) for a in machine.structure.rotary}
+    exact = ExactMachine(code, rotary)
+    place = {a: rng.uniform(*machine.axes[a].travel, 60) for a in machine.structure.axes}
+    pose = exact.nominal_pose(place)
+    at = exact.point(place, (0.0, 0.0, -80.0))
+    # where the tool meets a displaced ball, it errs by the same in the table's frame
+    displaced = rigid([0.03, -0.02, 0.05, 40e-6, -70e-6, 30e-6])
+    error = at @ displaced[:3, :3].T + displaced[:3, 3] - at
+    u = rng.normal(size=(60, 3))
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    value = (np.einsum("nji,nj->ni", pose[:, :3, :3], error) * u).sum(axis=1)
+    rows = Rows(machine.structure.axes)
+    keys = {"u": u, "free": ("frame",), "tool": (0.0, 0.0, -80.0), "signals": {"T_a": 20.0}}
+    rows.add("plate", Kind.DISPLACEMENT, place, value, 1e-6, **keys)
+    axial = make_effect("rotary_axial", {"axis": "C"})
+    result = fit(Model(machine).with_effects(axial), rows.campaign("plate"))
+    assert np.abs(value).max() > 0.02
+    assert np.abs(result.residual).max() < 1e-5
