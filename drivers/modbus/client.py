@@ -41,15 +41,22 @@ from pymodbus.pdu.bit_message import (
 from pymodbus.pdu.register_message import (
     ReadHoldingRegistersRequest,
     ReadInputRegistersRequest,
-    WriteMultipleRegistersRequest,
     WriteSingleRegisterRequest,
 )
 
 from drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError
 from drivers.modbus.config import ModbusConfig, Table
-from drivers.modbus.framing import Answer, StrictRtuFramer, StrictTcpFramer, decoder
+from drivers.modbus.framing import (
+    Answer,
+    Confirmed,
+    RegistersRequest,
+    StrictRtuFramer,
+    StrictTcpFramer,
+    decoder,
+)
 from drivers.modbus.plan import Span, signature
 from drivers.modbus.refusals import refusal
+from drivers.patience import Patience
 
 _Client = AsyncModbusTcpClient | AsyncModbusSerialClient
 
@@ -91,7 +98,9 @@ class ModbusClient:
         self._on_lost = on_lost
         self._pymodbus: _Client | None = None
         self._rtu_framer: StrictRtuFramer | None = None
+        self._tcp_framer: StrictTcpFramer | None = None
         self._answer: asyncio.Future[ModbusPDU] | None = None
+        self._patience = Patience(_expire)
         self.answered_at = time.monotonic()
         """`time.monotonic()` in s of the last frame received or given up."""
         self.round_trip = float("nan")
@@ -117,7 +126,7 @@ class ModbusClient:
                 reconnect_delay=0,
                 trace_connect=self._on_connect,
             )
-            client.ctx.framer = StrictTcpFramer(decoder())
+            client.ctx.framer = self._tcp_framer = StrictTcpFramer(decoder())
         else:
             client = AsyncModbusSerialClient(
                 str(config.port),
@@ -165,6 +174,8 @@ class ModbusClient:
         request = _READ[span.table](address=span.address, count=span.count, dev_id=span.unit)
         head = signature(span)
         answer = await self._execute(request, span, head, 2 + head[1])
+        if type(answer) is Confirmed:
+            return answer.payload
         payload: bytes = answer.payload if isinstance(answer, Answer) else b""
         if len(payload) != head[1]:
             raise LinkProtocolError(
@@ -192,8 +203,15 @@ class ModbusClient:
         elif span.count == 1:
             request = WriteSingleRegisterRequest(address=at, registers=values, dev_id=unit)
         else:
-            request = WriteMultipleRegistersRequest(address=at, registers=values, dev_id=unit)
-        reply = await self._execute(request, span, signature(span, write=True), 5)
+            request = RegistersRequest(address=at, registers=values, dev_id=unit)
+        head = signature(span, write=True)
+        echo = b""
+        if span.count == 1:
+            word = 0xFF00 * bool(values[0]) if span.table == "coil" else int(values[0])
+            echo = word.to_bytes(2, "big")
+        reply = await self._execute(request, span, head, 5, echo)
+        if type(reply) is Confirmed:
+            return
         if span.count > 1:
             told, expected = (reply.address, reply.count), (at, span.count)
         elif span.table == "coil":
@@ -203,7 +221,13 @@ class ModbusClient:
         if told != expected:
             raise LinkProtocolError(f"write {span}: confirmed {told}, expected {expected}")
 
-    async def _execute(self, request: ModbusPDU, span: Span, head: bytes, size: int) -> ModbusPDU:
+    async def _execute(
+        self, request: ModbusPDU, span: Span, head: bytes, size: int, echo: bytes = b""
+    ) -> ModbusPDU:
+        """Send and wait; the answer begins with `head` (function first), is of `size` bytes.
+
+        `echo`: how a good answer goes on.
+        """
         config = self._config
         limit = config.timeout
         if self._rtu_framer is not None:
@@ -220,6 +244,9 @@ class ModbusClient:
             limit += (sent + size + _RTU_EXTRA) * config.character_time
         elif context.recv_buffer:
             raise self._out_of_step(client)
+        request.transaction_id = context.getNextTID()
+        if self._tcp_framer is not None:
+            self._tcp_framer.expect(request.transaction_id, span.unit, head + echo, size)
         began = time.monotonic()
         try:
             reply = await self._transact(client, request, limit)
@@ -238,6 +265,8 @@ class ModbusClient:
         finally:
             self.answered_at = time.monotonic()
         self.round_trip = self.answered_at - began
+        if type(reply) is Confirmed:
+            return reply
         if reply.isError():
             raise refusal(str(span), reply.exception_code)
         if reply.function_code != request.function_code:
@@ -254,16 +283,15 @@ class ModbusClient:
         time-out, has the retries, and does not notice the loss of the connection.
         """
         context = client.ctx
-        request.transaction_id = context.getNextTID()
         loop = asyncio.get_running_loop()
         answer: asyncio.Future[ModbusPDU] = loop.create_future()
         context.response_future = self._answer = answer
-        give_up = loop.call_later(limit, _expire, answer)
+        self._patience.begin(answer, limit)
         try:
             context.pdu_send(request)
             return await answer
         finally:
-            give_up.cancel()
+            self._patience.end()
 
     def _out_of_step(self, client: _Client) -> LinkDownError:
         """Close a connection whose byte stream cannot be followed any more; the error to raise."""
@@ -285,5 +313,4 @@ class ModbusClient:
 
 
 def _expire(answer: asyncio.Future[ModbusPDU]) -> None:
-    if not answer.done():
-        answer.set_exception(TimeoutError())
+    answer.set_exception(TimeoutError())

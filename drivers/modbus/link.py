@@ -72,7 +72,8 @@ class ModbusLink(Link):
             When a name is not in the configuration.
         """
         names = channels if type(channels) is tuple else tuple(channels)
-        self._check_known(names, self._config.channels)
+        if not self._reader.plans(names):
+            self._check_known(names, self._config.channels)
         return await self._reader.read(names)
 
     async def write(self, values: Mapping[str, float]) -> None:
@@ -98,8 +99,10 @@ class ModbusLink(Link):
         """
         if not values:
             return
-        self._check_known(values, self._config.channels)
-        await self._writer.write(values)
+        names = tuple(values)
+        if not self._writer.plans(names):
+            self._check_known(names, self._config.channels)
+        await self._writer.write(names, values)
 
     def _describe(self, name: str) -> str:
         config = self._config

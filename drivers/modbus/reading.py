@@ -14,6 +14,7 @@ from drivers.link import (
     LinkTimeoutError,
     Quality,
     Sample,
+    good_samples,
 )
 from drivers.modbus.bus import Bus
 from drivers.modbus.codec import NotRepresentableError
@@ -73,6 +74,10 @@ class Reader:
         self._cuts: set[Cut] = set()
         self._views: dict[tuple[str, ...], _View] = {}
 
+    def plans(self, names: tuple[str, ...]) -> bool:
+        """Whether this set was asked for before, and so is known to be in the configuration."""
+        return names in self._views
+
     async def read(self, names: tuple[str, ...]) -> dict[str, Sample]:
         """As `drivers.modbus.link.ModbusLink.read`."""
         bus = self._bus
@@ -83,7 +88,7 @@ class Reader:
                 view = self._views.get(names) or self._view(names)
                 await self._read_all(self._due(view))
                 last = self._last
-                return {name: last[name] for name in names}
+                return dict(zip(names, map(last.__getitem__, names), strict=True))
         except LinkError as exc:
             lost = Sample(_NAN, time.monotonic(), Quality.UNAVAILABLE, str(exc))
             return dict.fromkeys(names, lost)
@@ -121,14 +126,18 @@ class Reader:
             raise bus.keeper.down_error()
 
     def _keep(self, request: ReadRequest, answer: bytes, at: float) -> None:
-        last = self._last
-        for name, reader, raw in zip(
-            request.names, request.readers, request.decode(answer), strict=True
-        ):
-            try:
-                last[name] = Sample(reader(raw), at)
-            except NotRepresentableError as exc:
-                last[name] = Sample(_NAN, at, Quality.BAD, f"{name}: {exc}")
+        last, numbers = self._last, request.decode(answer)
+        try:
+            # all of them good is by far the most frequent answer, so a short way
+            values = [reader(raw) for reader, raw in zip(request.readers, numbers, strict=True)]
+        except NotRepresentableError:
+            for name, reader, raw in zip(request.names, request.readers, numbers, strict=True):
+                try:
+                    last[name] = Sample(reader(raw), at)
+                except NotRepresentableError as exc:
+                    last[name] = Sample(_NAN, at, Quality.BAD, f"{name}: {exc}")
+        else:
+            last.update(zip(request.names, good_samples(values, at), strict=True))
 
     def _mark(self, request: ReadRequest, quality: Quality, why: str) -> None:
         sample = Sample(_NAN, time.monotonic(), quality, why)

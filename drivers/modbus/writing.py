@@ -40,9 +40,12 @@ class Writer:
         self._bus = bus
         self._plans: dict[tuple[str, ...], WritePlan] = {}
 
-    async def write(self, values: Mapping[str, float]) -> None:
-        """As `drivers.modbus.link.ModbusLink.write`."""
-        names = tuple(values)
+    def plans(self, names: tuple[str, ...]) -> bool:
+        """Whether this set was written before, and so is known to be in the configuration."""
+        return names in self._plans
+
+    async def write(self, names: tuple[str, ...], values: Mapping[str, float]) -> None:
+        """As `drivers.modbus.link.ModbusLink.write`; `names` are the keys of `values`, in order."""
         plan = self._plans.get(names) or self._plan(names)
         raw: dict[str, float] = {}
         wrong = []
