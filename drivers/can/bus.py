@@ -17,6 +17,8 @@ from drivers.can.interface import (
     open_interface,
 )
 from drivers.can.outgoing import Outgoing
+from drivers.can.slcan_port import BufferedPort
+from drivers.can.slcan_status import AdapterStatus
 from drivers.link import LinkDownError
 
 if TYPE_CHECKING:
@@ -33,6 +35,7 @@ class _Connection(NamedTuple):
     opened: Opened
     incoming: Incoming
     outgoing: Outgoing
+    status: AdapterStatus | None
 
 
 class CanBus:
@@ -47,6 +50,9 @@ class CanBus:
     on_lost
         Called once in the event loop, with the reason, when the interface is lost; not when it is
         closed.
+    on_state
+        Called in the event loop when an adapter tells its controller's state: in words (none when
+        all is well), and whether it has left the bus.
     """
 
     def __init__(
@@ -54,10 +60,12 @@ class CanBus:
         config: InterfaceConfig,
         on_frame: Callable[[can.Message, float], None],
         on_lost: Callable[[str], None],
+        on_state: Callable[[str, bool], None],
     ) -> None:
         self._config = config
         self._on_frame = on_frame
         self._on_lost = on_lost
+        self._on_state = on_state
         self._connection: _Connection | None = None
         self._closing: asyncio.Future[None] | None = None
 
@@ -103,7 +111,12 @@ class CanBus:
         outgoing = Outgoing(
             opened.bus, prompt=config.interface in PROMPT, name=config.where, on_lost=lose
         )
-        self._connection = _Connection(opened, incoming, outgoing)
+        port = getattr(opened.bus, "serialPortOrig", None)
+        status = None
+        if isinstance(port, BufferedPort):
+            dialect = config.adapter_status
+            status = AdapterStatus(port, outgoing.lock, dialect, self._on_state, lose)
+        self._connection = _Connection(opened, incoming, outgoing, status)
 
     def abandon(self) -> None:
         """Close the interface without waiting for it; safe to call at any time."""
@@ -112,6 +125,8 @@ class CanBus:
             return
         connection.incoming.close()
         connection.outgoing.close()
+        if connection.status is not None:
+            connection.status.close()
         self._closing = asyncio.get_running_loop().run_in_executor(None, _end, connection)
 
     async def close(self) -> None:

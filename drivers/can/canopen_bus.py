@@ -71,11 +71,11 @@ class NodeBus:
         )
         self.turns = Turns(self.keeper, config.max_waiting)
         self.nodes: dict[str, Node] = {}
-        self._bus = CanBus(config, self._take, self.keeper.lost)
-        self.sync = Sync(self._bus, config, status)
         self._errors = BusErrors(
             self.keeper.lost, self._show, linux=config.interface in LINUX_ERRORS
         )
+        self._bus = CanBus(config, self._take, self.keeper.lost, self._errors.state)
+        self.sync = Sync(self._bus, config, status)
         self._roster = Roster((), config, self.keeper, logger, "node")
         self._threads: ThreadPoolExecutor | None = None
         self._network: Network | None = None
@@ -267,9 +267,14 @@ class NodeBus:
             When the interface does not open or no node answers.
         """
         async with self.turns.lock:
+            self._errors.renew()
             await self._bus.open()
-            if self._care is not None:
+            if self._care is None:
+                return
+            try:
                 await self._care.find_all()
+            except LinkTimeoutError as error:
+                raise self._errors.explained(error) from None
 
     def _up(self) -> None:
         if self._care is None:

@@ -70,11 +70,11 @@ class MessageBus:
             logger,
             self._up,
         )
-        self._bus = CanBus(config, self._take, self.keeper.lost)
-        self._roster = Roster(self._heard, config, self.keeper, logger, "message")
         self._errors = BusErrors(
             self.keeper.lost, self._show, linux=config.interface in LINUX_ERRORS
         )
+        self._bus = CanBus(config, self._take, self.keeper.lost, self._errors.state)
+        self._roster = Roster(self._heard, config, self.keeper, logger, "message")
         self._turns = Turns(self.keeper, config.max_waiting)
         self._requests = Requests(self._bus, config, self._roster, status)
         self._first: asyncio.Future[None] | None = None
@@ -160,8 +160,12 @@ class MessageBus:
         async with self._turns.lock:
             for heard in self._heard:
                 heard.clear()
+            self._errors.renew()
             await self._bus.open()
-            await self._first_frame()
+            try:
+                await self._first_frame()
+            except LinkTimeoutError as error:
+                raise self._errors.explained(error) from None
 
     async def _first_frame(self) -> None:
         if self._cyclic:
@@ -188,6 +192,7 @@ class MessageBus:
     def _up(self) -> None:
         self._up_at = time.monotonic()
         self._roster.renew()
+        self._show()
         self._look_later()
 
     def _disconnect(self) -> None:

@@ -1,9 +1,11 @@
-"""What CAN error frames say (Linux, ``linux/can/error.h``), and for how long it matters."""
+"""What is wrong with a bus: CAN error frames (Linux, ``linux/can/error.h``), an adapter's state."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+
+from drivers.link import LinkDownError, LinkError
 
 BUS_OFF = 0x40
 LEFT_THE_BUS = "bus-off: the controller has left the bus"
@@ -76,8 +78,6 @@ class BusErrors:
     ----------
     count
         Error frames so far.
-    text
-        What is wrong now, for people; empty when nothing is.
     """
 
     LINGER = 5.0
@@ -90,8 +90,19 @@ class BusErrors:
         self._on_bus_off = on_bus_off
         self._on_change = on_change
         self._last = 0.0
+        self._framed = ""
+        self._state = ""
+        self._left = ""
         self.count = 0
-        self.text = ""
+
+    @property
+    def text(self) -> str:
+        """What is wrong now, for people; empty when nothing is."""
+        return "; ".join(filter(None, (self._framed, self._state)))
+
+    def renew(self) -> None:
+        """The interface is opened anew: nothing is known."""
+        self._framed = self._state = self._left = ""
 
     def take(self, identifier: int, data: bytes) -> None:
         """An error frame came."""
@@ -100,17 +111,35 @@ class BusErrors:
         if not self._linux:
             text = "the interface reports error frames"
         elif is_bus_off(identifier):
-            self.text = ""
-            self._on_bus_off(f"{LEFT_THE_BUS} ({told(identifier, data)})")
+            self._leave(told(identifier, data))
             return
         else:
             text = "" if is_recovery(identifier, data) else told(identifier, data)
-        if text != self.text:
-            self.text = text
+        if text != self._framed:
+            self._framed = text
             self._on_change()
+
+    def state(self, text: str, bus_off: bool) -> None:
+        """An adapter told its controller's state, which holds until it tells another one."""
+        if bus_off:
+            self._leave(text)
+        elif text != self._state:
+            self._state = text
+            self._on_change()
+
+    def explained(self, error: LinkError) -> LinkError:
+        """Why nothing was heard since `renew`, if the bus itself said why."""
+        if self._left:
+            return LinkDownError(self._left)
+        return type(error)(f"{error}; {self.text}") if self.text else error
 
     def forget_old(self) -> None:
         """Call now and then."""
-        if self.text and time.monotonic() - self._last > self.LINGER:
-            self.text = ""
+        if self._framed and time.monotonic() - self._last > self.LINGER:
+            self._framed = ""
             self._on_change()
+
+    def _leave(self, why: str) -> None:
+        self._framed = self._state = ""
+        self._left = f"{LEFT_THE_BUS} ({why})"
+        self._on_bus_off(self._left)

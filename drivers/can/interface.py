@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from pydantic import Field
 
+from drivers.can.slcan_status import Dialect
 from drivers.link import LinkConfigError, LinkDownError
 from drivers.quarantine import QuarantineConfig
 
@@ -23,7 +24,7 @@ STAMPED = ("socketcan", "udp_multicast")
 """Interfaces whose frames carry the time at which the kernel took them in (CLOCK_REALTIME)."""
 ECHOING = ("udp_multicast",)
 """Interfaces that give us our own frames back, at once."""
-LINUX_ERRORS = ("socketcan", "udp_multicast")
+LINUX_ERRORS = ("socketcan", "socketcand", "udp_multicast")
 """Interfaces whose error frames are Linux's; others flag a frame, each with numbers of its own."""
 _OPTIONS_ARE_KNOWN = ("socketcan", "slcan", "udp_multicast", "virtual")
 """Interfaces whose options all stand in their signature; others take more than it says."""
@@ -48,6 +49,8 @@ class InterfaceConfig(QuarantineConfig):
     """More for python-can, by its names."""
     open_timeout: Annotated[float, Field(gt=0)] = 10.0
     """s for the interface to open."""
+    adapter_status: Dialect | None = None
+    """For ``slcan``: whose status flags the adapter has; none: it is not asked for them."""
 
     @property
     def where(self) -> str:
@@ -99,6 +102,11 @@ def check_interface(config: InterfaceConfig, *packages: str) -> None:
         known = ", ".join(sorted(can.VALID_INTERFACES))
         raise LinkConfigError(
             f"python-can has no interface {config.interface!r}; it has: {known}", ("interface",)
+        )
+    if config.adapter_status is not None and config.interface != "slcan":
+        raise LinkConfigError(
+            f"adapter_status is for slcan adapters, not for {config.interface}",
+            ("adapter_status",),
         )
     if config.interface in _OPTIONS_ARE_KNOWN:
         _check_options(config, can.interface._get_class_for_interface(config.interface))

@@ -2,7 +2,8 @@
 
 python-can 4.6.1 reads it one byte at a time (two system calls each, some 100 µs a frame), and after
 each frame that it sends waits until the driver has sent it (tcdrain). Both happen in here, where
-`BufferedPort` takes the place of pyserial's port once that is open and configured.
+`BufferedPort` takes the place of pyserial's port once that is open and configured. It also takes
+out what the adapter says of itself, which python-can would pass over.
 """
 
 from __future__ import annotations
@@ -12,7 +13,13 @@ import errno
 import fcntl
 import os
 import termios
+from collections.abc import Callable
 from typing import Any
+
+from drivers.can.slcan_status import LINE
+
+_LONGEST = 512
+"""Bytes of an unfinished line beyond which it is no line of any adapter."""
 
 
 class BufferedPort:
@@ -27,6 +34,10 @@ class BufferedPort:
     ----------
     write_timeout
         Set by python-can; nothing is ever waited for.
+    on_status
+        Called with a line that says something of the adapter, without its end.
+    on_refused
+        Called when the adapter refused something.
     """
 
     def __init__(self, port: Any) -> None:
@@ -34,8 +45,11 @@ class BufferedPort:
         self._fd: int = port.fileno()
         self._held = b""
         self._at = 0
+        self._begun = b""
         self._unsent = b""
         self.write_timeout: float | None = None
+        self.on_status: Callable[[bytes], None] = _pass_over
+        self.on_refused: Callable[[], None] = _pass_over
         os.set_blocking(self._fd, False)
         # pyserial's VMIN = 0 makes "nothing there" and "hung up" the same.
         attributes = termios.tcgetattr(self._fd)
@@ -45,7 +59,7 @@ class BufferedPort:
 
     @property
     def in_waiting(self) -> int:
-        """Bytes that are there.
+        """Bytes that are there, of whole lines.
 
         Raises
         ------
@@ -54,17 +68,34 @@ class BufferedPort:
         """
         self._send_rest()
         left = len(self._held) - self._at
-        if left:
+        if left > 0:
             return left
+        self._held, self._at = b"", 0
         try:
-            self._held = os.read(self._fd, 4096)
+            came = os.read(self._fd, 4096)
         except BlockingIOError:
-            self._held = b""
-        else:
-            if not self._held:
-                raise OSError("the other side hung up (unplugged?)")
-        self._at = 0
+            return 0
+        if not came:
+            raise OSError("the other side hung up (unplugged?)")
+        self._held = self._frames_in(came)
         return len(self._held)
+
+    def _frames_in(self, came: bytes) -> bytes:
+        """Whole lines that came, but for what they say of the adapter; the rest is kept."""
+        text = self._begun + came
+        end = max(text.rfind(b"\r"), text.rfind(b"\a")) + 1
+        whole, self._begun = text[:end], text[end:]
+        if len(self._begun) > _LONGEST:
+            self._begun = b""
+        told = LINE.findall(whole)
+        if told:
+            whole = LINE.sub(b"", whole)
+        refused = b"\a" in whole
+        for line in told:
+            self.on_status(line)
+        if refused:
+            self.on_refused()
+        return whole
 
     @property
     def holds(self) -> bool:
@@ -107,7 +138,7 @@ class BufferedPort:
 
     def reset_input_buffer(self) -> None:
         """Forget what came."""
-        self._held, self._at, self._unsent = b"", 0, b""
+        self._held, self._at, self._begun, self._unsent = b"", 0, b"", b""
         self._port.reset_input_buffer()
 
     def fileno(self) -> int:
@@ -120,3 +151,7 @@ class BufferedPort:
             with contextlib.suppress(OSError):
                 fcntl.ioctl(self._fd, termios.TIOCNXCL)
             self._port.close()
+
+
+def _pass_over(*_: object) -> None:
+    """Nobody wants to know."""

@@ -11,10 +11,11 @@ import tempfile
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
+from .can_adapter import LawicelAdapter, Reports
 from .can_devices import ENCODERS, Controller, FrameSender, encoder, thermometer
-from .can_wire import Frame, LawicelAdapter, MulticastEnd, Wire
+from .can_wire import Frame, MulticastEnd, Wire
 from .pty_port import PtyPort
 from .remote_control import Orders, announce, serve_orders
 from .sdo_server import BlockFaults
@@ -42,6 +43,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--udp", metavar="GROUP:PORT", help="python-can's udp_multicast instead of an adapter"
+    )
+    parser.add_argument(
+        "--reports",
+        choices=get_args(Reports),
+        default="nothing",
+        help="how the adapter tells its controller's state: not, as status flags, as lines",
     )
     parser.add_argument(
         "--frames", type=float, default=0.0, metavar="S", help="send machine.dbc's so often; 0: not"
@@ -122,6 +129,7 @@ async def _serve(options: argparse.Namespace) -> None:
         "mute": mute,
         "page": page,
         "report": report,
+        "fault": wire.set_faults,
         "break": lambda: setattr(wire, "broken", True),
         "mend": lambda: setattr(wire, "broken", False),
     }
@@ -153,7 +161,7 @@ def _open(
     if link is None:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="abbe-can-"))
         link = Path(folder) / "slcan"
-    adapter = LawicelAdapter(wire, lambda receive: PtyPort(link, receive))
+    adapter = LawicelAdapter(wire, lambda receive: PtyPort(link, receive), options.reports)
     adapter.port.plug()
     stack.callback(adapter.port.unplug)
 
@@ -161,11 +169,21 @@ def _open(
         adapter.reset()
         adapter.port.unplug()
 
+    def adapter_report() -> dict[str, Any]:
+        faults = adapter.faults
+        return {
+            "openings": adapter.openings,
+            "state": faults.state,
+            "errors": {"transmit": faults.transmit, "receive": faults.receive},
+        }
+
     more: Orders = {
+        "adapter": adapter_report,
         "unplug": unplug,
         "plug": adapter.port.plug,
         "reset_adapter": adapter.reset,
         "deaf_adapter": lambda deaf: setattr(adapter, "deaf", deaf),
+        "hung_adapter": lambda hung: setattr(adapter, "hung", hung),
     }
     orders.update(more)
     return {"interface": "slcan", "channel": str(link)}

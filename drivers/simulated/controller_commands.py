@@ -95,7 +95,8 @@ async def _serial(options: argparse.Namespace) -> None:
 
 
 async def _canopen(options: argparse.Namespace) -> None:
-    from .can_wire import LawicelAdapter, Wire
+    from .can_adapter import LawicelAdapter
+    from .can_wire import Wire
     from .canopen_tables import NODE, TableNode
     from .pty_port import PtyPort
 

@@ -105,6 +105,40 @@ ramp = 0.5
 """
 
 
+FIELD = """format = "abbe-config/1"
+model = "model.toml"
+
+[links.encoders]
+driver = "canopen"
+interface = "slcan"
+channel = "{encoders}"
+bitrate = 500000
+sync = "read"
+nodes = {{ x = {{ id = 3 }}, y = {{ id = 4 }}, z = {{ id = 5 }} }}
+[links.encoders.channels]
+x = {{ node = "x", profile = "cia406", by = "pdo", unit = "count" }}
+y = {{ node = "y", profile = "cia406", by = "pdo", unit = "count" }}
+z = {{ node = "z", profile = "cia406", by = "pdo", unit = "count" }}
+
+[links.field]
+driver = "canopen"
+interface = "slcan"
+channel = "{field}"
+bitrate = 500000
+adapter_status = "usbtin"
+nodes = {{ t = {{ id = 6 }} }}
+[links.field.channels]
+T_x = {{ node = "t", profile = "cia404", input = 2, every = 0.2, unit = "degC" }}
+T_y = {{ node = "t", profile = "cia404", input = 3, every = 0.2, unit = "degC" }}
+
+[signals.T_x]
+source = "field.T_x"
+[signals.T_y]
+source = "field.T_y"
+"""
+"""Positions from one bus, temperatures from another."""
+
+
 @contextmanager
 def buses(folder: Path) -> Iterator[tuple[SimulatedProcess, Path]]:
     """Two buses in processes of their own, and a configuration for them."""
@@ -148,6 +182,42 @@ def test_positions_from_can_are_corrected_and_a_lost_encoder_is_named(tmp_path: 
         check_positions(run.until(compensating, since=healed))
         assert run.end() == 0
         assert "Traceback" not in run.journal
+
+
+def test_bus_off_of_the_thermometers_bus_is_named_and_the_correction_ramped_down(
+    tmp_path: Path,
+) -> None:
+    """CAN-H and CAN-L touch: held, ramped to zero, positions unaffected; mended: back."""
+    axes = CONFIG[CONFIG.index("[axes.X]") : CONFIG.index("[signals.T_x]")]
+    guard = CONFIG[CONFIG.index("[guard]") :]
+    (tmp_path / "model.toml").write_text(MODEL, encoding="utf-8")
+    config = tmp_path / "config.toml"
+    with SimulatedProcess("can") as encoders, SimulatedProcess("can", "--reports", "flags") as bus:
+        text = (FIELD + axes + guard).format(
+            encoders=encoders.ready["channel"], field=bus.ready["channel"]
+        )
+        config.write_text(text, encoding="utf-8")
+        with live_run(config) as run:
+            good = run.until(compensating)
+            assert good["corrected"]["X"] - good["indicated"]["X"] > 1e-3
+            shorted = len(run.cycles)
+            bus.order("fault", shorted=True)
+            named = run.until(lambda c: "bus-off" in c["faults"].get("link field", ""), shorted)
+            assert "the controller has left the bus" in named["faults"]["link field"]
+            run.until(lambda c: c["guard"]["states"]["X"] == "holding", since=shorted)
+            run.until(lambda c: c["guard"]["states"]["X"] == "falling", since=shorted)
+            off = run.until(lambda c: c["guard"]["states"]["X"] == "off", since=shorted)
+            assert off["corrected"] == off["indicated"]
+            assert None not in off["indicated"].values()
+            assert "bus-off" in off["faults"]["link field"]
+            mended = len(run.cycles)
+            bus.order("fault")
+            back = run.until(compensating, since=mended)
+            assert back["corrected"]["X"] - back["indicated"]["X"] > 1e-3
+            assert "link field" not in back["faults"]
+            assert run.end() == 0
+            assert "bus-off" in run.journal
+            assert "Traceback" not in run.journal
 
 
 def test_check_says_what_would_be_linked_without_a_bus(tmp_path: Path) -> None:
