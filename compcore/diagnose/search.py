@@ -12,9 +12,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from compcore.diagnose.evidence import CONVINCING, INDISTINCT
-from compcore.diagnose.pool import Found, Pool
+from compcore.diagnose.pool import SIGNIFICANT, Found, Pool
 from compcore.diagnose.screening import Basis, orthonormal
 from compcore.revise import identity
 
@@ -41,7 +42,7 @@ def search(pool: Pool, basis: Basis) -> tuple[list[Found], list[Found]]:
     established: list[Found] = []
     current, first = basis, ranked
     while len(established) < _MOST:
-        leader = _simplest([pool.refined(current, f) for f in first[:_LEADERS]])
+        leader = _simplest(pool, current, [pool.refined(current, f) for f in first[:_LEADERS]])
         if leader is None or not leader.established(basis.n):
             break
         established.append(leader)
@@ -79,7 +80,8 @@ def _settled(pool: Pool, basis: Basis, established: Sequence[Found]) -> list[Fou
                 beside = beside.extended(pool.found_columns(g))
             ranked = pool.ranked(beside, frozenset(g.key for g in rest))
             (now,) = pool.weighed(beside, [f])
-            best = _simplest([pool.refined(beside, r) for r in [now, *ranked[:_LEADERS]]]) or now
+            leaders = [pool.refined(beside, r) for r in [now, *ranked[:_LEADERS]]]
+            best = _simplest(pool, beside, leaders) or now
             if not best.established(basis.n):
                 out, changed = rest, True
             elif best.key != f.key and best.evidence.value > now.evidence.value + _CLEARLY:
@@ -91,11 +93,18 @@ def _settled(pool: Pool, basis: Basis, established: Sequence[Found]) -> list[Fou
     return sorted(out, key=lambda f: -f.evidence.value)
 
 
-def _simplest(leaders: Sequence[Found]) -> Found | None:
-    """The strongest; of one cause in more or less detail the plainer, unless clearly worse."""
+def _simplest(pool: Pool, basis: Basis, leaders: Sequence[Found]) -> Found | None:
+    """The strongest; where a plainer one says the same, that one, unless it is clearly worse.
+
+    Plainer is one cause in less detail, and a cause that is a special case of the strongest: a
+    scale factor of a positioning error, a squareness of a straightness.
+    """
     if not leaders:
         return None
     best = max(leaders, key=lambda f: f.evidence.value)
+    special = [f for f in leaders if _special_case(pool, basis, f, best)]
+    if special:
+        best = max(special, key=lambda f: f.evidence.value)
     alike = [
         f
         for f in leaders
@@ -106,6 +115,34 @@ def _simplest(leaders: Sequence[Found]) -> Found | None:
         alike,
         key=lambda f: (f.screened.rank + f.candidate.nonlinear_count, -f.evidence.value),
     )
+
+
+def _special_case(pool: Pool, basis: Basis, plain: Found, wide: Found) -> bool:
+    """Whether one candidate is a special case of another, which says nothing significant beyond it.
+
+    What the plain one explains the wide one must be able to imitate within the noise; what the
+    wide one explains further is tested as its further coefficients alone deserve, whatever speaks
+    for an error motion of a rigid axis beforehand.
+    """
+    further = wide.screened.rank - plain.screened.rank
+    if further <= 0 or not plain.established(basis.n):
+        return False
+    dof = max(1, basis.dof - wide.screened.rank)
+    variance = (basis.chi2 - wide.screened.drop) / dof
+    beyond = (wide.screened.drop - plain.screened.drop) / variance
+    if stats.f.logsf(beyond / further, further, dof) < SIGNIFICANT:
+        return False
+    span = _span(pool, basis, wide)
+    own = _span(pool, basis, plain)
+    signature = own @ (own.T @ basis.residual)
+    missed = signature - span @ (span.T @ signature)
+    return bool(missed @ missed < variance)
+
+
+def _span(pool: Pool, basis: Basis, found: Found) -> F64:
+    """Orthonormal basis of what a candidate can explain beside a model, shape (n, rank)."""
+    columns = pool.found_columns(found)
+    return orthonormal(basis.project(columns), np.linalg.norm(columns, axis=0))
 
 
 def _after_pair(pool: Pool, basis: Basis, found: Sequence[Found]) -> list[Found]:
@@ -149,10 +186,7 @@ def _best_pair(
     leading = sorted(ranked, key=lambda f: -f.screened.drop / f.screened.rank)[:_PAIRS_OF]
     by_value = [f for f in ranked[:_PAIRS_OF] if f not in leading]
     leading = [*leading, *by_value]
-    spans = []
-    for f in leading:
-        c = pool.found_columns(f)
-        spans.append(orthonormal(basis.project(c), np.linalg.norm(c, axis=0)))
+    spans = [_span(pool, basis, f) for f in leading]
     if len(spans) < 2:
         return None
     stacked = np.hstack(spans)

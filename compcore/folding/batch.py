@@ -24,12 +24,17 @@ Index = NDArray[np.intp]
 
 _CHUNK = 16_384
 _MOST_BUCKETS = 65_536
+_MOST_TIMES = 12
+"""Cells that the smallest segment may have on an even grid."""
+_ON_THE_GRID = 1e-9
+"""How far from a grid's edge, in cells, a node counts as on it."""
 
 
 class Finder:
     """The segment of a table in which each of many positions lies.
 
-    Equal spacing needs one multiplication. Else a grid of buckets, each with two nodes at most,
+    Nodes that stand on an even grid, as those of a fold do between knots that are evenly spaced,
+    need one multiplication and one look-up. Else a grid of buckets, each with two nodes at most,
     leaves two comparisons; where nodes stand too unevenly for that, bisection.
     """
 
@@ -38,15 +43,19 @@ class Finder:
         self._low = float(nodes[0])
         self._bucket: Index | None = None
         self._cells = self._compare = 0
+        self._even = False
         count = len(nodes) - 1
         if not count:
             return
         length = float(nodes[-1]) - self._low
-        even = self._low + length / count * np.arange(count + 1)
-        if float(np.abs(nodes - even).max()) < 1e-9 * length / count:
-            self._cells = count
+        cells = _even_cells((nodes - self._low) / length)
+        if cells:
+            self._cells, self._even = cells, True
+            if cells > count:
+                middles = self._low + length / cells * (np.arange(-1, cells + 1) + 0.5)
+                self._bucket = nodes.searchsorted(middles, side="right")
         cells = count
-        while not (self._cells and self._compare < 2) and cells < _MOST_BUCKETS:
+        while not (self._even or (self._cells and self._compare < 2)) and cells < _MOST_BUCKETS:
             cells *= 2
             edges = self._low + length / cells * np.arange(cells)
             below = np.append(nodes.searchsorted(edges, side="right"), len(nodes))
@@ -57,12 +66,14 @@ class Finder:
         self._per_mm = self._cells / length
 
     def __call__(self, position: F64) -> Index:
-        """Number of nodes at or below each position, (n,); a position that is NaN: any."""
+        """Number of nodes at or below each position, (n,); a position that is NaN: any.
+
+        To be taken with ``mode="clip"``: outside of the nodes it may be too small or too large.
+        """
         if not self._cells:
             return self._nodes[:-1].searchsorted(position, side="right")
         scaled = position * self._per_mm
         scaled += 1.0 - self._low * self._per_mm
-        np.clip(scaled, 0.0, self._cells + 1.0, out=scaled)
         with np.errstate(invalid="ignore"):
             cell = scaled.astype(np.intp)
         if self._bucket is None:
@@ -71,6 +82,19 @@ class Finder:
         for _ in range(self._compare):
             row += position >= self._nodes.take(row, mode="clip")
         return row
+
+
+def _even_cells(parts: F64) -> int:
+    """Cells of the coarsest even grid on which nodes from 0 to 1 stand; 0: too fine a one."""
+    least = float(np.diff(parts).min())
+    for times in range(1, _MOST_TIMES + 1):
+        cells = round(times / least)
+        if cells > _MOST_BUCKETS:
+            break
+        at = parts * cells
+        if float(np.abs(at - np.round(at)).max()) < _ON_THE_GRID:
+            return cells
+    return 0
 
 
 @dataclass(frozen=True, eq=False)

@@ -153,6 +153,8 @@ class Group:
         """Evaluate those effects anew whose conditions have changed; whether there were any."""
         conditions: Conditions | None = None
         for i, source in enumerate(self.sources):
+            if self._seen[i] is not None and not source.reads.slow:
+                continue
             seen = state.seen_by(source.reads)
             if seen != self._seen[i]:
                 conditions = conditions or self._rows.conditions(state)

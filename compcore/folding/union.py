@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,21 +37,51 @@ class Union:
         self.columns = tuple(sorted({k for group, _ in members for k in group.channels}))
         self.nodes = np.unique(np.concatenate([group.lines[v].nodes for group, v in members]))
         self._axis = members[0][0].lines[members[0][1]].index
-        self._slow = [(group, v) for group, v in members if group.slow]
-        self._still = self._sum([(group, v) for group, v in members if not group.slow])
-
-    def _sum(self, members: Sequence[tuple[Group, int]]) -> F64:
-        """Values at the nodes, then the slopes below and above them, (nodes + 2, columns)."""
-        total = np.zeros((len(self.nodes) + 2, len(self.columns)))
-        for group, v in members:
-            own = group.table(v)
-            if isinstance(own, AxisTable):
-                at = [self.columns.index(k) for k in group.channels]
-                total[:-2, at] += own.look_up(self.nodes)
-                total[-2:, at] += own.slope[[0, -1]]
-        return total
+        parts = [_Part.of(group, v, self) for group, v in members]
+        self._slow = [part for part in parts if part.group.slow]
+        empty = np.zeros((len(self.nodes) + 1, len(self.columns)))
+        self._still = AxisTable(self._axis, self.nodes, empty, empty.copy())
+        for part in parts:
+            if not part.group.slow:
+                part.add_to(self._still)
 
     def table(self) -> AxisTable:
         """The table as the groups stand now."""
-        total = self._still + self._sum(self._slow) if self._slow else self._still
-        return AxisTable.through(self._axis, self.nodes, total[:-2], total[-2], total[-1])
+        still = self._still
+        if not self._slow:
+            return still
+        found = AxisTable(self._axis, self.nodes, still.intercept.copy(), still.slope.copy())
+        for part in self._slow:
+            part.add_to(found)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """One group's table as a part of a union.
+
+    Attributes
+    ----------
+    rows
+        The group's own segment in which each of the union's segments lies.
+    columns
+        Which of the union's columns the group's are.
+    """
+
+    group: Group
+    v: int
+    rows: NDArray[np.intp]
+    columns: list[int]
+
+    @classmethod
+    def of(cls, group: Group, v: int, union: Union) -> _Part:
+        own = group.lines[v].nodes.searchsorted(union.nodes, side="right")
+        columns = [union.columns.index(k) for k in group.channels]
+        return cls(group, v, np.append(0, own), columns)
+
+    def add_to(self, total: AxisTable) -> None:
+        """Add the group's table, as it stands now, to one with the union's nodes and columns."""
+        own = self.group.table(self.v)
+        if isinstance(own, AxisTable):
+            total.intercept[:, self.columns] += own.intercept[self.rows]
+            total.slope[:, self.columns] += own.slope[self.rows]

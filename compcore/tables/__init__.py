@@ -7,6 +7,8 @@
 ``grid``          spatial grids, straight from the model
 ``capability``    what a controller can hold, as data
 ``marginal``      the part of a field that depends on one axis (least squares over the volume)
+``products``      the parts that grow evenly with another axis's position (levers)
+``choice``        which tables, where a controller has fewer than would be of use
 ``motions``       the six error motions of each axis, for controllers that know levers
 ``nodes``         where the points of a table stand best
 ``hats``          values at given points, by least squares

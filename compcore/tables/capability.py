@@ -98,6 +98,8 @@ class Holds:
         Axes that may be looked up; of a ``plane`` the two in order. None: all.
     outputs
         Axes that may be corrected. None: all.
+    takes
+        How many of the `Capability.most_tables` one takes, alike both ways and with two directions.
     """
 
     form: Form
@@ -114,6 +116,13 @@ class Holds:
     per_output: int | None = None
     inputs: tuple[str, ...] | None = None
     outputs: tuple[str, ...] | None = None
+    takes: tuple[int, int] = (1, 1)
+
+    def serves(self, axis: str, output: str) -> bool:
+        """Whether a table may look up an axis and correct another, or the same."""
+        return (self.inputs is None or axis in self.inputs) and (
+            self.outputs is None or output in self.outputs
+        )
 
     def spacing_of(self, axis: str) -> Spacing:
         """The rule for points on one axis."""
@@ -162,6 +171,10 @@ class Capability:
     def form(self, form: Form) -> Holds | None:
         """The family of a form, None where there is none."""
         return next((h for h in self.holds if h.form == form), None)
+
+    def without(self, form: Form) -> Capability:
+        """The same without tables of a form."""
+        return replace(self, holds=tuple(h for h in self.holds if h.form != form))
 
     def unlimited(self) -> Capability:
         """The same kinds of tables without limits of points, resolution and range."""

@@ -47,6 +47,11 @@ class Curve:
     reach: float = 1.0
     lever: tuple[str, float] | None = None
 
+    @property
+    def directional(self) -> bool:
+        """Whether the two directions differ."""
+        return bool(np.abs(self.values[0] - self.values[1]).max() > _SAME)
+
     def table(self) -> Table:
         """All of it as one table."""
         up, down = self.values
@@ -131,7 +136,7 @@ def _nodes(group: Sequence[Curve], capability: Capability, tolerance: float) -> 
 
 def _different(curve: Curve) -> Iterable[F64]:
     up, down = curve.values
-    return (up,) if np.abs(up - down).max() <= _SAME else (up, down)
+    return (up, down) if curve.directional else (up,)
 
 
 def _table(

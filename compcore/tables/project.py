@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 from compcore.channel import Channel
 from compcore.errors import InputError
 from compcore.machine import own_component
-from compcore.structure import is_rotary
 from compcore.tables.capability import Capability, Holds
+from compcore.tables.choice import chosen
 from compcore.tables.curve import Curve, fit_tables
 from compcore.tables.field import ErrorField
 from compcore.tables.grid import spatial_grid
 from compcore.tables.marginal import Marginal, fine_positions, marginal
 from compcore.tables.motions import LETTERS, axis_motions
 from compcore.tables.plane import plane_tables
+from compcore.tables.products import counted_from, lever_origin, product_curves
 from compcore.tables.table import Sign, Table, move
 from compcore.tables.volume import Volume
 
@@ -123,18 +124,19 @@ class _Job:
         """Axis, cross, product and plane tables."""
         turns = self._rotary_positioning()
         mean, marginals = self._marginals(turns)
-        curves = [*turns]
         planes = [h for h in self.capability.holds if h.form == "plane"]
-        chosen: list[Curve] = []
+        curves: list[Curve] = []
         for holds in self.capability.holds:
             if holds.form in ("axis", "cross"):
-                chosen += self._axis_curves(holds, marginals)
+                curves += self._axis_curves(holds, marginals)
             elif holds.form == "product":
-                chosen += self._product_curves(holds, marginals)
-        chosen = self._most(chosen, len(turns))
-        self._give_constant(chosen, mean)
+                self._count_present_from(holds)
+                curves += product_curves(holds, marginals, self.volume, self.present)
+        kept, left_out = chosen(curves, self.capability, turns)
+        self._not_made(left_out)
+        self._give_constant(kept, mean)
         tables, notes = fit_tables(
-            self._with_present([*curves, *chosen]), self.capability, self.tolerance
+            self._with_present([*turns, *kept]), self.capability, self.tolerance
         )
         self.notes += notes
         made = list(tables)
@@ -151,7 +153,7 @@ class _Job:
         found: list[Curve] = []
         own = [h for h in self.capability.holds if h.form == "axis"]
         for axis in self.machine.structure.rotary:
-            holds = next((h for h in own if _may(h, axis, axis)), None)
+            holds = next((h for h in own if h.serves(axis, axis)), None)
             if holds is None:
                 continue
             channel = Channel(axis, LETTERS["XYZABC".index(own_component(axis))])
@@ -215,65 +217,22 @@ class _Job:
             mine = []
             for axis, part in marginals.items():
                 same = axis == output
-                if same == (holds.form == "axis") and _may(holds, axis, output):
+                if same == (holds.form == "axis") and holds.serves(axis, output):
                     values = part.mean[:, :, k]
-                    inside = self._inside(part)
+                    inside = self.volume.inside(axis, part.positions)
                     centred = values - values[:, inside].mean()
                     mine.append(Curve(holds, move(output), axis, part.positions, centred))
             if holds.per_output is not None and len(mine) > holds.per_output:
                 mine.sort(key=lambda c: -float(c.values.std()))
-                left_out = [c.table().name for c in mine[holds.per_output :]]
-                self.notes.append("the controller has no table for " + ", ".join(left_out))
+                self._not_made(mine[holds.per_output :])
                 mine = mine[: holds.per_output]
             found += mine
         return found
 
-    def _inside(self, part: Marginal) -> NDArray[np.bool_]:
-        low, high = self.volume.ranges[part.axis]
-        return (part.positions >= low) & (part.positions <= high)
-
-    def _product_curves(self, holds: Holds, marginals: Mapping[str, Marginal]) -> list[Curve]:
-        """Parts that grow evenly with another axis's position; what two have in common once."""
-        found = []
-        for k, output in enumerate("XYZ"):
-            taken: set[frozenset[str]] = set()
-            for axis, part in marginals.items():
-                for lever, slope in part.slope.items():
-                    if not _may(holds, axis, output) or is_rotary(lever):
-                        continue
-                    inside = self._inside(part)
-                    values = slope[:, :, k]
-                    values = values - values[:, inside].mean()
-                    pair = frozenset((axis, lever))
-                    if pair in taken:
-                        # the twisted plane, both axes' product, is in the first of the two
-                        offset = part.positions - self.volume.middle(axis)
-                        even = values.mean(axis=0)[inside] @ offset[inside]
-                        values = values - even / (offset[inside] @ offset[inside]) * offset
-                    taken.add(pair)
-                    found.append(
-                        Curve(
-                            holds, move(output), axis, part.positions, values,
-                            self.volume.half(lever), (lever, self.volume.middle(lever)),
-                        )
-                    )  # fmt: skip
-        return found
-
-    def _most(self, curves: list[Curve], taken: int) -> list[Curve]:
-        """As many tables as the controller has beside those taken, those that do most first."""
-        by_effect = sorted(curves, key=lambda c: -float((c.values * c.reach).std()))
-        kept: list[Curve] = []
-        for curve in by_effect:
-            same = sum(k.output == curve.output for k in kept)
-            per_output, most = self.capability.per_output, self.capability.most_tables
-            if (per_output is None or same < per_output) and (
-                most is None or len(kept) + taken < most
-            ):
-                kept.append(curve)
-        if len(kept) < len(curves):
-            left_out = [c.table().name for c in curves if not any(c is k for k in kept)]
-            self.notes.append("the controller has no table for " + ", ".join(left_out))
-        return [c for c in curves if any(c is k for k in kept)]
+    def _not_made(self, curves: Sequence[Curve]) -> None:
+        if curves:
+            names = ", ".join(c.table().name for c in curves)
+            self.notes.append(f"the controller has no table for {names}")
 
     def _give_constant(self, curves: list[Curve], mean: F64) -> None:
         """The mean over the volume goes into an axis's own table, or the first that moves it."""
@@ -288,7 +247,7 @@ class _Job:
 
     def motions(self, holds: Holds) -> Projection:
         """Six tables an axis."""
-        axes = [a for a in self.axes if _may(holds, a, a)]
+        axes = [a for a in self.axes if holds.serves(a, a)]
         found = axis_motions(self.field, self.volume, {a: self._fine(a) for a in axes})
         curves = [
             Curve(
@@ -337,6 +296,18 @@ class _Job:
             total.append(curve)
         return total
 
+    def _count_present_from(self, holds: Holds) -> None:
+        """Products in the controller as they count here; what that leaves has no lever."""
+        self.present = [
+            part
+            for table in self.present
+            for part in (
+                (table,)
+                if table.lever is None
+                else counted_from(table, lever_origin(holds, self.volume, table.lever[0]))
+            )
+        ]
+
     def _sum(self, made: Sequence[Table]) -> list[Table]:
         total = []
         for table in made:
@@ -356,12 +327,6 @@ class _Job:
                 expected=", ".join(t.name for t in tables),
             )
         return Projection(tuple(tables), tuple(self.notes))
-
-
-def _may(holds: Holds, axis: str, output: str) -> bool:
-    return (holds.inputs is None or axis in holds.inputs) and (
-        holds.outputs is None or output in holds.outputs
-    )
 
 
 def _rounded(table: Table, holds: Holds) -> Table:

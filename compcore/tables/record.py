@@ -56,7 +56,9 @@ def tables_record(tables: Sequence[Table]) -> list[dict[str, Any]]:
     """Each table in a line."""
     found = []
     for table in tables:
-        rotation = table.output.rotation
+        factor, unit = (1e6, "urad") if table.output.rotation else (1e3, "um")
+        if table.lever is not None:
+            factor, unit = 1e6, "um/m"
         found.append(
             {
                 "table": table.name,
@@ -65,8 +67,8 @@ def tables_record(tables: Sequence[Table]) -> list[dict[str, Any]]:
                 "to": [float(n[-1]) * unit_of_position(a)[1] for a, n in _axes(table)],
                 "position_unit": ["deg" if is_rotary(a) else "mm" for a in table.inputs],
                 "directions": 2 if table.directional else 1,
-                "largest": table.largest() * (1e6 if rotation else 1e3),
-                "unit": "urad" if rotation else "um",
+                "largest": table.largest() * factor,
+                "unit": unit,
             }
         )
     return found

@@ -144,6 +144,10 @@ class Table:
             values = values * (conditions.position(axis) - origin)
         return values * self.sign.factor
 
+    def reach(self, travel: tuple[float, float]) -> float:
+        """What a lever multiplies the values by at most, its axis in a travel, mm; 1 without."""
+        return 1.0 if self.lever is None else max(abs(end - self.lever[1]) for end in travel)
+
     def on(self, *nodes: F64) -> Table:
         """The same table read at other nodes; exact where they include the present ones."""
         mesh = np.meshgrid(*nodes, indexing="ij")

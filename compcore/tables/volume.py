@@ -78,6 +78,11 @@ class Volume:
         low, high = self.ranges[axis]
         return 0.5 * (high - low)
 
+    def inside(self, axis: str, positions: F64) -> NDArray[np.bool_]:
+        """Which positions of an axis are in its range, (n,)."""
+        low, high = self.ranges[axis]
+        return (positions >= low) & (positions <= high)
+
     def spread(self, axes: Sequence[str], count: int) -> dict[str, F64]:
         """At least `count` points over the ranges of some axes, each (n,), mm or rad.
 
