@@ -259,7 +259,7 @@ class Compensator:
         self._linear: tuple[F64, F64] | None = None
         self._nine: F64 | None = None
         if first and not machine.structure.rotary:
-            moves = influences(machine, channels, self._state, rows)
+            moves = influences(machine, channels, self._state.conditions(rows, {}))
             per_mm = (moves[1:] - moves[0]) / _FAR
             per_mm[np.abs(per_mm) < _NO_LEVER] = 0.0
             self._linear = moves[0], per_mm

@@ -220,7 +220,7 @@ class Fold:
             self.refresh(state)
             truth = same + self._sum(slow, state.conditions(where, moved))
             off = self.tables.motions(*rows) - truth
-            moves = influences(self._machine, self.channels, state, where)
+            moves = influences(self._machine, self.channels, state.conditions(where, {}))
             error = np.einsum("nck,nk->nc", moves, off)
             bad |= np.linalg.norm(error, axis=1) > _SEEN_GOOD * self._tolerance
         return {a: where[a][bad].tolist() for a in axes} if bad.any() else {}

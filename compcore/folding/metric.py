@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compcore.channel import Channel
+from compcore.conditions import Conditions
 from compcore.folding.slow import SlowState
 from compcore.kinematics import Chain
 from compcore.machine import Machine
@@ -20,13 +22,11 @@ _BETWEEN_SAMPLES = 1.1
 """Levers between random samples of a rotary machine's volume may be longer than at them."""
 
 
-def influences(
-    machine: Machine, channels: Sequence[Channel], state: SlowState, positions: dict[str, F64]
-) -> F64:
-    """Moves of X, Y, Z (mm) per unit of each error motion at n positions, (n, 3, channels)."""
-    chain = Chain(machine, state.conditions(positions, {}))
+def influences(machine: Machine, channels: Sequence[Channel], conditions: Conditions) -> F64:
+    """Moves of X, Y, Z (mm) per unit of each error motion on n rows, (n, 3, channels)."""
+    chain = Chain(machine, conditions)
     if not channels:
-        return np.zeros((chain.conditions.n, 3, 0))
+        return np.zeros((conditions.n, 3, 0))
     moved = np.stack([chain.influence(c)[0] for c in channels], axis=2)
     return np.asarray(np.linalg.solve(chain.axis_moves(), moved))
 
@@ -55,16 +55,15 @@ class Metric:
         else:
             rng = np.random.default_rng(230)
             ends = np.array([rng.uniform(low, high, _SAMPLES) for low, high in corners]).T
-        found = []
-        both = (-reach, reach)
-        for x, y, z in itertools.product(both, both, both):
-            # the bare tool vector: a spindle that turns it cannot make it longer than `reach`
-            bare = SlowState(tool=(x, y, z))
-            where = {a: ends[:, i] for i, a in enumerate(axes)}
-            found.append(influences(machine, channels, bare, where))
-        every = np.concatenate(found)
+        # the bare tool vector: a spindle that turns it cannot make it longer than `reach`
+        tools = np.array(list(itertools.product((-reach, reach), repeat=3)))
+        rows = np.tile(ends, (len(tools), 1))
+        where = {a: rows[:, i] for i, a in enumerate(axes)}
+        conditions = SlowState().conditions(where, {})
+        tool = np.repeat(tools, len(ends), axis=0)
+        every = influences(machine, channels, replace(conditions, tool=tool))
         if self._vectors:
-            self._matrix = np.unique(np.round(every, 9), axis=0)
+            self._matrix = every[_distinct(every)]
         else:
             largest = np.linalg.norm(every, axis=1).max(axis=0) * _BETWEEN_SAMPLES
             self._matrix = np.diag(largest)[None]
@@ -87,7 +86,7 @@ class Metric:
         """The w components at the q corners that differ, and their matrix (channels, w·q)."""
         if channels not in self._some:
             matrix = self._matrix[:, :, channels]
-            matrix = matrix[np.unique(np.round(matrix, 9), axis=0, return_index=True)[1]]
+            matrix = matrix[_distinct(matrix)]
             q, w, k = matrix.shape
             self._some[channels] = w, q, matrix.transpose(2, 1, 0).reshape(k, w * q)
         return self._some[channels]
@@ -98,3 +97,12 @@ class Metric:
             x, y, z = (projected[..., i, :] for i in range(3))
             return np.asarray(np.sqrt(x * x + y * y + z * z))
         return np.asarray(np.abs(projected).sum(axis=-2))
+
+
+def _distinct(rows: F64) -> list[int]:
+    """The first of each of those rows that differ, (rows, …)."""
+    rounded = np.round(rows, 9) + 0.0
+    first: dict[bytes, int] = {}
+    for i, row in enumerate(rounded):
+        first.setdefault(row.tobytes(), i)
+    return list(first.values())

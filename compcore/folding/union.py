@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compcore.folding.group import Group
+from compcore.folding.layout import increasing
 from compcore.folding.tables import AxisTable
 
 F64 = NDArray[np.float64]
@@ -35,7 +36,7 @@ class Union:
 
     def __init__(self, members: Sequence[tuple[Group, int]]) -> None:
         self.columns = tuple(sorted({k for group, _ in members for k in group.channels}))
-        self.nodes = np.unique(np.concatenate([group.lines[v].nodes for group, v in members]))
+        self.nodes = increasing(np.concatenate([group.lines[v].nodes for group, v in members]))
         self._axis = members[0][0].lines[members[0][1]].index
         parts = [_Part.of(group, v, self) for group, v in members]
         self._slow = [part for part in parts if part.group.slow]
