@@ -200,6 +200,8 @@ async def test_a_node_answers_sync_again(bus: SimulatedProcess) -> None:
     async with linked(
         bus.ready, nodes, BY_PDO, sync="read", timeout=0.2, late_reply_max=0.2
     ) as link:
+        # started: the order to fall silent goes another way than the order to start
+        await all_good(link, AXES)
         bus.order("node", number=5, silent=True)
         assert not (await link.read(AXES))["z"].good
         bus.order("node", number=5, silent=False)
