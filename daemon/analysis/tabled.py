@@ -26,6 +26,7 @@ from drivers.controllers import Confidence, Controller
 NONE = "no compensation"
 IDEAL = "without limits"
 FULL = "L-VOL"
+SINGLE = "without products"
 _WORTH = 1e-4
 """mm: what limits cost is told from here on."""
 
@@ -83,8 +84,9 @@ class Tabled:
     new
         What the tables remove of the model's error: the tables less those that were present.
     remaining
-        What is left without compensation, with these tables, with the same kinds of tables without
-        limits, and with all error motions of a rigid machine.
+        What is left without compensation, with the controller's tables over single axes where it
+        also holds products, with these tables, with the same kinds of tables without limits, and
+        with all error motions of a rigid machine.
     notes
         Where limits were felt.
     """
@@ -125,7 +127,14 @@ def make(order: Order, model: Model | None = None) -> Tabled:
     files = controller.write(tables)
     new = _less(tables, present)
     trial = Trial.over(error, volume)
-    remaining = {NONE: trial.remainder(), controller.name: trial.remainder(new)}
+    remaining = {NONE: trial.remainder()}
+    if capability.form("product") is not None:
+        single = project(
+            error, volume, capability.without("product"), points=order.points,
+            tolerance=order.tolerance,
+        )  # fmt: skip
+        remaining[SINGLE] = trial.remainder(single.tables)
+    remaining[controller.name] = trial.remainder(new)
     if capability.form("grid") is None:
         ideal = project(error, volume, capability.unlimited()).tables
         remaining[IDEAL] = trial.remainder(ideal)
@@ -155,9 +164,12 @@ def _less(tables: Sequence[Table], present: Sequence[Table]) -> tuple[Table, ...
     """Tables less those that were there before."""
     found = list(tables)
     for held in present:
-        for i, table in enumerate(found):
-            if table.same_number(held):
-                found[i] = table.plus(held.scaled(-1.0))
+        less = held.scaled(-1.0)
+        same = next((i for i, t in enumerate(found) if t.same_number(held)), None)
+        if same is None:
+            found.append(less)
+        else:
+            found[same] = found[same].plus(less)
     return tuple(found)
 
 
@@ -209,9 +221,11 @@ def as_text(done: Tabled, written: Sequence[Path]) -> Iterator[str]:
         yield f"  {row['table']:<10} {size:>7} points{ways}, largest {row['largest']:.1f} {unit}"
     yield ""
     yield "Left of the error in the working volume (a shift of the whole taken off), µm:"
-    yield f"  {'':<34}{'largest':>9}{'rms':>9}"
-    for name, left in remaining_rows(done):
-        yield f"  {name:<34}{left.largest * 1e3:>9.1f}{left.rms * 1e3:>9.1f}"
+    rows = remaining_rows(done)
+    wide = max(34, *(len(name) for name, _ in rows))
+    yield f"  {'':<{wide}}{'largest':>9}{'rms':>9}"
+    for name, left in rows:
+        yield f"  {name:<{wide}}{left.largest * 1e3:>9.1f}{left.rms * 1e3:>9.1f}"
     for note in done.notes:
         yield f"note: {note}"
     yield ""
@@ -239,10 +253,12 @@ def remaining_rows(done: Tabled) -> list[tuple[str, Remainder]]:
     """What is left, named for people."""
     controller = done.order.controller
     types = "+".join(held_types(done)[:2])
+    products = " with products" if SINGLE in done.remaining else ""
     names = {
         NONE: NONE,
-        controller.name: f"{controller.name}, {types}",
-        IDEAL: f"{types} without limits",
+        SINGLE: f"{controller.name}, {types}",
+        controller.name: f"{controller.name}, {types}{products}",
+        IDEAL: f"{types}{products} without limits",
         FULL: "L-VOL (a controller with levers)",
     }
     own = done.remaining[controller.name]

@@ -108,11 +108,11 @@ def _remaining(page: Page, done: Tabled) -> None:
 def _curves(page: Page, tables: Sequence[Table]) -> None:
     for axis in dict.fromkeys(t.inputs[0] for t in tables if len(t.inputs) == 1):
         unit, factor = unit_of_position(axis)
-        for rotation in (False, True):
+        for of in ("error, µm", "error, µrad", "error, µm per m of the lever"):
             traces = []
-            mine = [t for t in tables if t.inputs == (axis,) and t.output.rotation == rotation]
+            mine = [t for t in tables if t.inputs == (axis,) and _what(t) == of]
             for i, table in enumerate(mine):
-                scale = 1e6 if rotation else 1e3
+                scale = 1e3 if of == "error, µm" else 1e6
                 where = table.nodes[0] * factor
                 colour = {"color": COLOURS[i % len(COLOURS)]}
                 name = f"{table.name} (+)" if table.directional else table.name
@@ -126,8 +126,13 @@ def _curves(page: Page, tables: Sequence[Table]) -> None:
                     )
             if traces:
                 shown = "°" if unit == "deg" else unit
-                what = "error, µrad" if rotation else "error, µm"
-                page.figure(figure(traces, f"{axis}, {shown}", what, height=360))
+                page.figure(figure(traces, f"{axis}, {shown}", of, height=360))
+
+
+def _what(table: Table) -> str:
+    if table.lever is not None:
+        return "error, µm per m of the lever"
+    return "error, µrad" if table.output.rotation else "error, µm"
 
 
 def _conditions(page: Page, done: Tabled) -> None:

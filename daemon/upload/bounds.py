@@ -134,13 +134,13 @@ def _largest(table: Table, model: Model) -> float:
     """The largest entry, a lever multiplied in."""
     if table.lever is None:
         return table.largest()
-    axis, origin = table.lever
-    return table.largest() * max(abs(end - origin) for end in model.machine.axes[axis].travel)
+    return table.largest() * table.reach(model.machine.axes[table.lever[0]].travel)
 
 
 def _slope(table: Table, model: Model) -> float:
     """The steepest rise along any linear axis, mm/mm."""
-    steepest = 0.0
+    # along a lever the values are the slope themselves
+    steepest = 0.0 if table.lever is None else table.largest()
     factor = _largest(table, model) / table.largest() if table.largest() > 0.0 else 1.0
     for k, (axis, nodes) in enumerate(zip(table.inputs, table.nodes, strict=True)):
         if is_rotary(axis) or len(nodes) < 2:

@@ -77,6 +77,7 @@ class Expectation:
     def comparable(self, effect: Effect) -> bool:
         """Whether the positions that the tables look up are all known."""
         needed = {a for t in self.tables for a in t.inputs}
+        needed |= {t.lever[0] for t in self.tables if t.lever is not None}
         if any(not t.direct for t in self.tables):
             needed |= set(self.model.machine.axes)
         return needed <= set(effect.position)

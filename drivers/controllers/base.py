@@ -160,10 +160,18 @@ class Controller(ABC):
 
         Raises
         ------
+        InputError
+            For products, where the controller holds none.
         AbbeError
             When what was written does not read back as what was to be written.
         """
         errors = [t.as_sign(Sign.ERROR) for t in tables]
+        products = [t.name for t in errors if t.lever is not None]
+        if products and self.capability.form("product") is None:
+            raise InputError(
+                f"{self.name} as it is set holds no products of two axes' positions",
+                found=", ".join(products), expected="tables over single axes",
+            )  # fmt: skip
         files = self._format([t.scaled(self._turn) for t in errors])
         self.check(errors, files)
         return files
@@ -182,6 +190,11 @@ class Controller(ABC):
         """The finest step of such values, mm or rad."""
         steps = (h.step(table.output.rotation) for h in self.capability.holds)
         return min((s for s in steps if s > 0.0), default=0.0)
+
+    def _reach(self, table: Table) -> float:
+        """What a table's values are multiplied by at most, mm; 1 without a lever."""
+        lever = table.lever
+        return 1.0 if lever is None else table.reach(self.machine.axis(lever[0]).travel)
 
     @property
     def _turn(self) -> float:
@@ -202,8 +215,9 @@ class Controller(ABC):
                 raise AbbeError(
                     f"{self.name}: {table.name} is in the files {len(mine)} times, not once"
                 )
-            off = table.difference(mine[0])
-            slack = max(1e-9 * max(1e-3, table.largest()), _SLACK * self._step(table))
+            reach = max(self._reach(t) for t in (table, mine[0]))
+            off = table.difference(mine[0]) * reach
+            slack = max(1e-9 * max(1e-3, table.largest() * reach), _SLACK * self._step(table))
             if not off <= slack:
                 unit = "µrad" if table.output.rotation else "µm"
                 factor = 1e6 if table.output.rotation else 1e3

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, ClassVar, Literal
@@ -13,14 +12,7 @@ from pydantic import Field
 from compcore.errors import InputError
 from compcore.tables.capability import Capability, Holds, Spacing
 from compcore.tables.table import Table
-from drivers.controllers.axes import (
-    DEGREE,
-    F64,
-    equidistant,
-    moved_axis,
-    output_of,
-    position_unit,
-)
+from drivers.controllers.axes import DEGREE, F64, moved_axis, output_of, position_unit
 from drivers.controllers.base import (
     Confidence,
     Controller,
@@ -29,11 +21,21 @@ from drivers.controllers.base import (
     NumberPerAxis,
     Trust,
 )
-from drivers.controllers.text import fixed, number, numbered_lines
-
-_DECIMALS = 6
-_ASSIGNED = re.compile(r"\$A([AN])_([A-Z_]+)\s*\[([^\]]*)\]\s*=\s*([^;]+?)\s*(?:;.*)?")
-_FRAME = ("CHANDATA(1)", "M17")
+from drivers.controllers.siemens_archive import (
+    DECIMALS,
+    POSITION_DECIMALS,
+    Cec,
+    EncComp,
+    framed,
+    read_archive,
+)
+from drivers.controllers.siemens_products import (
+    RESOLUTION,
+    TABLES,
+    four_tables,
+    held,
+    read_products,
+)
 
 
 class Siemens840DOptions(ControllerOptions):
@@ -51,6 +53,8 @@ class Siemens840DOptions(ControllerOptions):
     """Most points of a CEC table (MD18342); 200 on the 828D."""
     cec_tables: Annotated[int, Field(ge=0, le=200)] = 62
     """CEC tables that there are; 8 on the 828D."""
+    products: Literal["none", "mirrored"] = "none"
+    """Products of two axes' positions, for levers: none, or four CEC tables each."""
     first_table: Annotated[int, Field(ge=0, le=199)] = 0
     """Index of the first CEC table that may be used."""
     reference: NumberPerAxis = Field(default_factory=dict)
@@ -62,8 +66,10 @@ class Siemens840D(Controller):
 
     ENC_COMP is added to the *actual* value: a positive value moves the axis in the negative
     direction. CEC is an additional *setpoint*. So the two have opposite signs. Products of tables
-    (MULT_BY_TABLE), which could hold levers, are not written: text and example of the manuals do
-    not agree on whether the factors act by themselves as well, and that would be millimetres.
+    (MULT_BY_TABLE) hold levers. Text and example of the manual do not agree on whether the factors
+    act by themselves as well; products=mirrored writes each product a second time with both
+    factors turned round, so that whatever they do by themselves cancels. It has not been tried:
+    the trial in docs/tables.md comes first.
     """
 
     name: ClassVar[str] = "siemens-840d"
@@ -75,14 +81,14 @@ class Siemens840D(Controller):
     )
     source: ClassVar[str] = (
         "SINUMERIK Extended Functions 6FC5397-1BP40-3BA1, K3 p. 238-268; 808D diagnostics manual "
-        "p. 106; 802D sl function manual p. 222-224"
+        "p. 106; 802D sl function manual p. 215-224"
     )
     trust: ClassVar[Trust] = Trust(
         Confidence.DOCUMENTED,
         Confidence.UNVERIFIED,
         Confidence.DOCUMENTED,
         "the sign of ENC_COMP is documented; that of CEC is derived from 'output as an additional "
-        "setpoint' and has not been tried",
+        "setpoint' and has not been tried, nor have products (products=mirrored)",
     )
     Options: ClassVar[type[ControllerOptions]] = Siemens840DOptions
     options: Siemens840DOptions
@@ -91,9 +97,10 @@ class Siemens840D(Controller):
     def capability(self) -> Capability:
         """L-POS, L-STR (L-SQU as its slope) and their rotary relatives, equidistant."""
         bidirectional = self.options.pitch == "cec"
-        spacing = Spacing("equidistant", least=0.1, unit=1e-3)
-        turning = Spacing("equidistant", least=0.01 * DEGREE, unit=1e-3 * DEGREE)
-        step, turn = 10.0**-_DECIMALS, 10.0**-_DECIMALS * DEGREE
+        unit = 10.0**-POSITION_DECIMALS
+        spacing = Spacing("equidistant", least=0.1, unit=unit)
+        turning = Spacing("equidistant", least=0.01 * DEGREE, unit=unit * DEGREE)
+        step, turn = 10.0**-DECIMALS, 10.0**-DECIMALS * DEGREE
         axis = Holds(
             "axis",
             ("L-POS", "R-POS"),
@@ -104,6 +111,7 @@ class Siemens840D(Controller):
             resolution=step,
             rotary_resolution=turn,
             zero_at="zero",
+            takes=(1, 2) if bidirectional else (0, 0),
         )
         cross = replace(
             axis,
@@ -111,188 +119,132 @@ class Siemens840D(Controller):
             types=("L-STR", "L-SQU", "R-RAX"),
             points=self.options.cec_points,
             directional=True,
+            takes=(1, 2),
+        )
+        product = replace(
+            cross,
+            form="product",
+            types=("L-ANG", "R-ANG"),
+            directional=False,
+            resolution=RESOLUTION,
+            zero_at=None,
+            takes=(TABLES, TABLES),
         )
         reference = {a: q * position_unit(a) for a, q in self.options.reference.items()}
-        return Capability((axis, cross), lookup="command", reference=reference)
+        return Capability(
+            (axis, cross) if self.options.products == "none" else (axis, cross, product),
+            lookup="command",
+            most_tables=self.options.cec_tables,
+            reference=reference,
+        )
 
-    def _name(self, axis: str) -> str:
-        return self.options.axes.get(axis, f"{axis}1")
+    def adapted(self, tables: Sequence[Table]) -> tuple[Table, ...]:
+        """Products in steps of their own."""
+        return tuple(t if t.lever is None else held(t, self.machine) for t in tables)
+
+    @property
+    def _names(self) -> dict[str, str]:
+        """Axis → machine axis name."""
+        return {a: self.options.axes.get(a, f"{a}1") for a in self.machine.axes}
 
     def _format(self, tables: Sequence[Table]) -> dict[str, str]:
-        enc: list[Table] = []
-        cec: list[Table] = []
+        names = self._names
+        enc: list[EncComp] = []
+        cec: list[Cec] = []
         for table in tables:
-            own = moved_axis(table) == table.inputs[0]
-            (enc if own and self.options.pitch == "enc" else cec).append(table)
+            start, step, values = _grid(table)
+            source, moved = names[table.inputs[0]], names[moved_axis(table)]
+            index = self.options.first_table + len(cec)
+            if table.lever is not None:
+                cec += four_tables(table, self.machine, names, index)
+            elif source == moved and self.options.pitch == "enc":
+                enc.append(EncComp(self.options.encoder, source, start, step, values[0]))
+            elif table.directional:
+                up, down = (Cec(index + k, source, moved, start, step, -v, 1 - 2 * k)
+                            for k, v in enumerate(values))  # fmt: skip
+                cec += [up, down]
+            else:
+                cec.append(Cec(index, source, moved, start, step, -values[0]))
+        if len(cec) > self.options.cec_tables:
+            raise InputError(
+                "the control has no more CEC tables", field="cec_tables", found=len(cec),
+                expected=f"at most {self.options.cec_tables}",
+            )  # fmt: skip
         files = {}
         if enc:
-            lines = [line for table in enc for line in self._enc(table)]
-            files["ax_eec.ini"] = _framed("%_N_AX_EEC_INI", lines)
+            lines = [line for one in enc for line in one.lines()]
+            files["ax_eec.ini"] = framed("%_N_AX_EEC_INI", lines)
         if cec:
-            lines = []
-            index = self.options.first_table
-            for table in cec:
-                ways = ((table.forward, 1), (table.downward, -1))
-                for values, direction in ways if table.directional else ((table.forward, 0),):
-                    lines += self._cec(table, values, direction, index)
-                    index += 1
-            if index > self.options.first_table + self.options.cec_tables:
-                raise InputError(
-                    "the control has no more CEC tables", field="cec_tables",
-                    found=index - self.options.first_table,
-                    expected=f"at most {self.options.cec_tables}",
-                )  # fmt: skip
-            files["nc_cec.ini"] = _framed("%_N_NC_CEC_INI", lines)
+            lines = [line for one in cec for line in one.lines()]
+            files["nc_cec.ini"] = framed("%_N_NC_CEC_INI", lines)
         return files
 
-    def _grid(self, table: Table) -> tuple[str, str, str]:
-        """Least position, greatest, distance."""
-        q = table.nodes[0] / position_unit(table.inputs[0])
-        return fixed(float(q[0]), 3), fixed(float(q[-1]), 3), fixed(float(q[1] - q[0]), 3)
-
-    def _enc(self, table: Table) -> list[str]:
-        axis = self._name(table.inputs[0])
-        encoder = self.options.encoder
-        base = position_unit(moved_axis(table))
-        low, high, step = self._grid(table)
-        lines = [
-            f"$AA_ENC_COMP[{encoder},{i},{axis}]={fixed(float(v) / base, _DECIMALS)}"
-            for i, v in enumerate(table.forward)
-        ]
-        where = f"[{encoder},{axis}]"
-        return [
-            *lines,
-            f"$AA_ENC_COMP_STEP{where}={step}",
-            f"$AA_ENC_COMP_MIN{where}={low}",
-            f"$AA_ENC_COMP_MAX{where}={high}",
-            f"$AA_ENC_COMP_IS_MODULO{where}=0",
-        ]
-
-    def _cec(self, table: Table, values: F64, direction: int, index: int) -> list[str]:
-        base = position_unit(moved_axis(table))
-        low, high, step = self._grid(table)
-        lines = [
-            f"$AN_CEC[{index},{i}]={fixed(-float(v) / base, _DECIMALS)}"
-            for i, v in enumerate(values)
-        ]
-        told = {
-            "INPUT_AXIS": f"({self._name(table.inputs[0])})",
-            "OUTPUT_AXIS": f"({self._name(moved_axis(table))})",
-            "STEP": step,
-            "MIN": low,
-            "MAX": high,
-            "DIRECTION": str(direction),
-            "MULT_BY_TABLE": "0",
-            "IS_MODULO": "0",
-        }
-        return [*lines, *(f"$AN_CEC_{key}[{index}]={value}" for key, value in told.items())]
-
     def _parse(self, files: Mapping[str, str]) -> Sequence[Table]:
+        axes = {name: axis for axis, name in self._names.items()}
         found: list[Table] = []
         for name, text in files.items():
-            values: dict[str, dict[int, float]] = {}
-            keys: dict[tuple[str, str], str] = {}
-            for i, line in numbered_lines(text):
-                if not line or line.startswith((";", "%")) or line in _FRAME:
-                    continue
-                match = _ASSIGNED.fullmatch(line)
-                if match is None:
-                    raise InputError(
-                        "not an assignment of a compensation table", file=name, line=i, found=line,
-                        expected="$AA_ENC_COMP[…]=… or $AN_CEC[…]=…",
-                    )  # fmt: skip
-                kind, variable, inside, value = match.groups()
-                index = [p.strip() for p in inside.split(",")]
-                if (kind, variable) == ("A", "ENC_COMP"):
-                    table = f"A{index[2]}"
-                    values.setdefault(table, {})[int(index[1])] = number(value, name, i, variable)
-                elif (kind, variable) == ("N", "CEC"):
-                    table = f"N{index[0]}"
-                    values.setdefault(table, {})[int(index[1])] = number(value, name, i, variable)
+            enc, cec = read_archive(name, text)
+            for one in enc:
+                axis = _axis(one.axis, axes, name)
+                found.append(_table(axis, axis, one, 1.0))
+            products, plain = read_products(cec, axes, name)
+            ways: dict[tuple[str, str], dict[int, Table]] = {}
+            for cross in plain:
+                source, moved = (_axis(a, axes, name) for a in (cross.source, cross.moved))
+                table = _table(source, moved, cross, -1.0)
+                if cross.direction == 0:
+                    found.append(table)
                 else:
-                    keys[f"{kind}{index[-1]}", variable] = value
-            found += self._tables(name, values, keys)
+                    ways.setdefault((source, moved), {})[cross.direction] = table
+            found += [*(_joined(pair, name) for pair in ways.values()), *products]
         return found
-
-    def _tables(
-        self,
-        name: str,
-        values: Mapping[str, Mapping[int, float]],
-        keys: Mapping[tuple[str, str], str],
-    ) -> list[Table]:
-        machine = {self._name(a): a for a in self.machine.axes}
-
-        def key(table: str, variable: str) -> str:
-            if (table, variable) not in keys:
-                raise InputError(
-                    "a table's variable is missing", file=name, field=f"{variable} of {table[1:]}"
-                )
-            return keys[table, variable]
-
-        def axis_of(text: str) -> str:
-            if text.strip('()" ') not in machine:
-                raise InputError(
-                    "an axis that the machine does not have", file=name, found=text,
-                    expected="one of " + ", ".join(machine) + "; see the option axes",
-                )  # fmt: skip
-            return machine[text.strip('()" ')]
-
-        found: list[Table] = []
-        ways: dict[tuple[str, str], dict[int, Table]] = {}
-        for table, entries in values.items():
-            prefix = "ENC_COMP_" if table[0] == "A" else "CEC_"
-            if key(table, f"{prefix}IS_MODULO") != "0":
-                raise InputError(
-                    "modulo tables are not read", file=name, field=f"{prefix}IS_MODULO"
-                )
-            low, high, step = (float(key(table, prefix + k)) for k in ("MIN", "MAX", "STEP"))
-            count = round((high - low) / step) + 1
-            if sorted(entries) != list(range(count)):
-                raise InputError(
-                    "a table's points are not complete", file=name, field=table[1:],
-                    found=len(entries), expected=f"points 0 to {count - 1}",
-                )  # fmt: skip
-            if table[0] == "A":
-                source = moved = axis_of(table[1:])
-                turn = 1.0
-            else:
-                source, moved = (axis_of(key(table, f"CEC_{k}_AXIS")) for k in ("INPUT", "OUTPUT"))
-                turn = -1.0
-                if key(table, "CEC_MULT_BY_TABLE") != "0":
-                    raise InputError(
-                        "multiplied tables are not read", file=name, field="CEC_MULT_BY_TABLE"
-                    )
-            nodes = equidistant(low, step, count) * position_unit(source)
-            numbers = np.array([entries[i] for i in range(count)]) * (turn * position_unit(moved))
-            one = Table(output_of(moved), (source,), (nodes,), numbers)
-            direction = int(keys.get((table, "CEC_DIRECTION"), "0"))
-            if direction == 0:
-                found.append(one)
-            else:
-                ways.setdefault((source, moved), {})[direction] = one
-        return [*found, *(_joined(pair, name) for pair in ways.values())]
 
     def activation(self) -> tuple[str, ...]:
         """Sizes, files, machine data."""
-        names = ", ".join(self._name(a) for a in self.machine.axes)
+        names = ", ".join(self._names.values())
+        products = () if self.options.products == "none" else _MIRRORED
         return (
             "Save the NC archive first: changing MD38000 or MD18342 re-allocates memory.",
             "Set MD38000 $MA_MM_ENC_COMP_MAX_POINTS and MD18342 $MN_MM_CEC_MAX_POINTS to at least "
-            "the "
-            "points in the files (the 828D has 8 CEC tables of 200).",
-            "With MD32700 $MA_ENC_COMP_ENABLE = 0, load ax_eec.ini; load nc_cec.ini.",
-            f"Set MD32700 = 1 for ENC_COMP; MD32710 $MA_CEC_ENABLE = 1 for each corrected axis "
-            f"({names}) "
-            "and SD41300 $SN_CEC_TABLE_ENABLE[t] = 1 for each table; check MD32720 and MD32730, "
-            "the "
-            "limits of CEC.",
+            "the points in the files (the 828D has 8 CEC tables of 200).",
+            "With MD32700 $MA_ENC_COMP_ENABLE = 0, load ax_eec.ini; with MD32710 $MA_CEC_ENABLE = "
+            "0 of every axis, load nc_cec.ini.",
+            *products,
+            "Set SD41300 $SN_CEC_TABLE_ENABLE[t] = 1 for each table; check MD32720 and MD32730, "
+            "the limits of CEC; then MD32700 = 1 for ENC_COMP, MD32710 = 1 for each corrected axis "
+            f"({names}).",
             "Power on, and reference: tables act on referenced axes only.",
             "Check one point of a CEC table with an indicator before cutting: its sign is derived.",
         )
 
 
-def _framed(name: str, lines: Sequence[str]) -> str:
-    return "\n".join([name, _FRAME[0], *lines, _FRAME[1], ""])
+_MIRRORED = (
+    "Products: make the trial of docs/tables.md once on this control. All tables of an axis belong "
+    "together: set SD41300 of all of them, SD41310 $SN_CEC_TABLE_WEIGHT = 1, before MD32710.",
+    "Products: set MD32720 $MA_CEC_MAX_SUM to little more than the largest correction; a factor "
+    "without its counterpart then raises an alarm and moves the axis no further.",
+)
+
+
+def _grid(table: Table) -> tuple[float, float, tuple[F64, F64]]:
+    """Least position and distance, values up and down, all in mm or degrees."""
+    q = table.nodes[0] / position_unit(table.inputs[0])
+    base = position_unit(moved_axis(table))
+    return float(q[0]), float(q[1] - q[0]), (table.forward / base, table.downward / base)
+
+
+def _axis(name: str, axes: Mapping[str, str], file: str) -> str:
+    if name not in axes:
+        raise InputError(
+            "an axis that the machine does not have", file=file, found=name,
+            expected="one of " + ", ".join(axes) + "; see the option axes",
+        )  # fmt: skip
+    return axes[name]
+
+
+def _table(source: str, moved: str, held: Cec | EncComp, turn: float) -> Table:
+    values = held.values * (turn * position_unit(moved))
+    return Table(output_of(moved), (source,), (held.nodes * position_unit(source),), values)
 
 
 def _joined(ways: Mapping[int, Table], file: str) -> Table:

@@ -100,6 +100,36 @@ def test_the_screen_says_sign_and_confidence(model, tmp_path):
     assert "WARNING" not in tried.out
 
 
+def test_products_are_told_beside_what_single_axes_leave(model, tmp_path):
+    order = ("table", model, "--controller", "siemens-840d", *AT, "--set", "products=mirrored")
+    done = abbe(*order, "-o", tmp_path / "a", "--report", tmp_path / "r.html")
+    assert done.status == 0, done.err
+    for words in (
+        "holds L-POS, L-STR, L-SQU, L-ANG;",
+        "siemens-840d, L-POS+L-STR  ",
+        "siemens-840d, L-POS+L-STR with products  ",
+        "E_XY·Z",
+        "µm/m",
+        "nor have products",
+        "make the trial of docs/tables.md",
+    ):
+        assert words in done.out, words
+    assert "µm per m of the lever" in (tmp_path / "r.html").read_text(encoding="utf-8")
+    # on themselves: angles and their levers twice, the same left
+    twice = abbe(*order, "-o", tmp_path / "b", "--on", tmp_path / "a", "--json")
+    assert twice.status == 0, twice.err
+    left = json.loads(twice.out)["remaining"]
+    record = json.loads((tmp_path / "a" / "abbe-tables.json").read_text(encoding="utf-8"))
+    first = record["remaining"]["siemens-840d"]["rms"]
+    assert left["siemens-840d"]["rms"] == pytest.approx(first, rel=0.01)
+    assert first < left["without products"]["rms"] < left["no compensation"]["rms"]
+    read = make_controller("siemens-840d", load_model(model).machine).read
+    one, two = (
+        {t.name: t for t in read({"c": (tmp_path / f / "nc_cec.ini").read_text()})} for f in "ab"
+    )
+    assert two["E_XY·Z"].difference(one["E_XY·Z"].scaled(2.0)) * 175.0 < 2e-4
+
+
 def test_superposed_on_what_the_controller_holds(model, tmp_path):
     """Tables for the bare machine, put on themselves, are twice as large."""
     first, second = tmp_path / "a", tmp_path / "b"

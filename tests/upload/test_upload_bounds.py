@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from upload_cases import TRAVELS
@@ -46,6 +48,24 @@ def test_entries_slopes_and_corrections():
     # the largest of X by X and by Y add up, whatever their signs; Y by Z is perpendicular
     assert found.correction_um == pytest.approx(np.hypot(18.0, 6.0))
     assert found.entry_urad == 0.0
+
+
+def test_a_product_counts_with_the_end_of_its_lever():
+    """20 µrad of Y at its end; Z counts from −100, so its lever reaches 200 mm down to −300."""
+    product = replace(table("Y", "X", [0.0, 400.0], [0.0, 20e-6]), lever=("Z", -100.0))
+    found = extent([product], MODEL, NO_TOOL)
+    assert found.entry_um == pytest.approx(4.0)
+    assert found.entry_urad == 0.0
+    assert found.correction_um == pytest.approx(4.0)
+    # along Z 20 nm a mm; along Y 4 µm over 400 mm
+    assert found.slope == pytest.approx(0.02)
+    shifted = replace(product, lever=("Z", -200.0))
+    assert largest_change([product], [shifted], MODEL, NO_TOOL) == pytest.approx(20e-6 * 100.0)
+    expected = Expectation([product], MODEL, NO_TOOL)
+    assert not expected.comparable(Effect({"Y": 400.0}, {"X": 0.0}))
+    there = Effect({"Y": 400.0, "Z": -300.0}, {"X": 0.004})
+    assert expected.comparable(there)
+    assert expected.at(there)["X"] == pytest.approx((0.004, 0.004))
 
 
 def test_an_angle_counts_with_its_longest_lever():

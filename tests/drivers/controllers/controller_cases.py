@@ -96,6 +96,13 @@ SIEMENS = [
     one("Z", "Y", [0, 50, 100], [-0.001, -0.010, -0.012]),
     one("X", "Z", [-50, -25, 0], [0.002, 0.001, 0.0], [0.004, 0.002, 0.001]),
 ]
+PRODUCT = [
+    one("Y", "Y", [0, 50, 100], [0.0, 0.001, 0.0]),
+    one("X", "Z", [-50, -25, 0], [0.002, 0.001, 0.0]),
+    # X carried along by an angle of Y, 16 µrad at Y = 50, with the height above Z = -25
+    Table(move("X"), ("Y",), (np.array([0.0, 50.0, 100.0]),), np.array([0.0, 1.6e-5, -8e-6]),
+          lever=("Z", -25.0)),
+]  # fmt: skip
 ISO = [
     *motions("X", [0, 50, 100], [[0.0] * 6, [0.0015, 0.0, 0.0, 1e-5, 0.0, -2e-6],
                                  [0.0019, 0.002, -0.003, 2e-5, 0.0, 4e-6]]),
@@ -154,6 +161,7 @@ CASES = [
     Case("siemens-840d", [one("X", "X", [-100, 0, 100], [0.003, 0.0, 0.012],
                               [0.005, 0.001, 0.011])],
          {"pitch": "cec", "axes": "X:AX1,Y:AX2,Z:AX3"}, "cec"),
+    Case("siemens-840d", PRODUCT, {"products": "mirrored"}, "products"),
     Case("siemens-840d", [ROTARY[0].on(np.array([-90.0, -45.0, 0.0, 45.0]) * DEGREE), ROTARY[1]],
          {}, "rotary", "w C' b X Y Z t"),
     Case("twincat-isg", ISG),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from controller_cases import CASES, SIEMENS, machine, one
+from controller_cases import CASES, PRODUCT, SIEMENS, machine, one
 
 from compcore.errors import InputError
 from drivers.controllers import make_controller
@@ -83,6 +83,30 @@ CHANGES = [
     ("siemens-840d", "nc_cec.ini", "MULT_BY_TABLE[0]=0", "MULT_BY_TABLE[0]=2", "multiplied"),
     ("siemens-840d", "nc_cec.ini", "DIRECTION[2]=-1", "DIRECTION[2]=1", "no partner"),
     ("siemens-840d", "nc_cec.ini", "$AN_CEC_STEP[0]=50.000\n", "", "variable is missing"),
+    ("siemens-840d-products", "nc_cec.ini", "$AN_CEC[3,1]=0.002000", "$AN_CEC[3,1]=0.003000",
+     "without its counterpart"),
+    ("siemens-840d-products", "nc_cec.ini", "MULT_BY_TABLE[3]=5", "MULT_BY_TABLE[3]=0",
+     "without its counterpart"),
+    ("siemens-840d-products", "nc_cec.ini", "MULT_BY_TABLE[3]=5", "MULT_BY_TABLE[3]=3",
+     "without its counterpart"),
+    ("siemens-840d-products", "nc_cec.ini", "MULT_BY_TABLE[3]=5", "MULT_BY_TABLE[3]=4",
+     "no lever"),
+    ("siemens-840d-products", "nc_cec.ini", "MULT_BY_TABLE[2]=0", "MULT_BY_TABLE[2]=5",
+     "no lever"),
+    ("siemens-840d-products", "nc_cec.ini", "$AN_CEC[2,1]=0.000000", "$AN_CEC[2,1]=0.010000",
+     "no lever"),
+    ("siemens-840d-products", "nc_cec.ini", "OUTPUT_AXIS[4]=(X1)", "OUTPUT_AXIS[4]=(Y1)",
+     "no lever"),
+    ("siemens-840d-products", "nc_cec.ini", "DIRECTION[1]=0", "DIRECTION[1]=1", "no lever"),
+    ("siemens-840d-products", "nc_cec.ini", "INPUT_AXIS[1]=(Y1)", "INPUT_AXIS[1]=(W1)",
+     "without its counterpart"),
+    ("siemens-840d-products", "nc_cec.ini", "CEC_STEP[0]=25.000", "CEC_STEP[0]=0.000",
+     "not a range"),
+    ("siemens-840d-products", "nc_cec.ini", "CEC_STEP[0]=25.000", "CEC_STEP[0]=abc",
+     "not a number"),
+    ("siemens-840d-products", "nc_cec.ini", "DIRECTION[0]=0", "DIRECTION[0]=up",
+     "not a whole number"),
+    ("siemens-840d-products", "nc_cec.ini", "$AN_CEC[0,1]", "$AN_CEC[0.1]", "number of a table"),
     ("twincat-isg", "volcomp1.csv", "EXX", "EXY", "not a component error of the block's axis"),
     ("twincat-isg", "volcomp1.csv", "X\tEXX", "A\tEXA", "not over one axis"),
     ("twincat-isg", "volcomp1.csv", "10.000\t0.0000000\t", "10.000\t", "wrong number of columns"),
@@ -134,9 +158,19 @@ def test_negcor_of_an_aerotech_file_turns_its_sign():
     assert turned[0].forward == pytest.approx(-plain[0].forward)
 
 
+@pytest.mark.parametrize("name", ["siemens-840d", "weihong", "csv"])
+def test_a_controller_that_holds_no_products_is_given_none(name):
+    with pytest.raises(InputError, match="holds no products") as raised:
+        make_controller(name, machine()).write(PRODUCT)
+    assert raised.value.found == "E_XY·Z"
+
+
 def test_more_tables_or_points_than_the_control_has():
     with pytest.raises(InputError, match="no more CEC tables"):
         make_controller("siemens-840d", machine(), {"cec_tables": "2"}).write(SIEMENS)
+    few = {"products": "mirrored", "cec_tables": "4"}
+    with pytest.raises(InputError, match="no more CEC tables"):
+        make_controller("siemens-840d", machine(), few).write(PRODUCT)
     long = [one(a, a, [0.0, 50.0, 100.0], [0.0, 1e-3, 2e-3]) for a in "XYZ"]
     table = one("Y", "Y", [0.0, 100.0], [0.0, 1e-3])
     with pytest.raises(InputError, match="more tables than motors"):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -17,7 +19,11 @@ from drivers.controllers import controller_kinds, make_controller
 OPTIONS = {
     "linuxcnc": [{}, {"type": "1"}, {"units": "inch"}],
     "fanuc": [{}, {"limit": "127", "bidirectional": "true", "format": "16i"}],
-    "siemens-840d": [{}, {"pitch": "cec", "encoder": "1", "first_table": "3"}],
+    "siemens-840d": [
+        {},
+        {"pitch": "cec", "encoder": "1", "first_table": "3"},
+        {"products": "mirrored", "first_table": "2"},
+    ],
     "twincat-isg": [{}, {"form": "axes"}],
     "csv": [
         {},
@@ -90,7 +96,14 @@ def curves(controller, drawn: dict) -> list[Curve]:
             for output in outputs:
                 size = drawn["size"] * (1e-2 if output.rotation else 1.0)
                 values = wavy(rng, positions, size)
-                found.append(Curve(holds, output, axis, positions, values))
+                curve = Curve(holds, output, axis, positions, values)
+                if holds.form == "product":
+                    lever = next(a for a in "XYZ" if a != axis)
+                    low, high = owner.axis(lever).travel
+                    half, part = 0.5 * (high - low), rng.uniform(0.2, 0.8)
+                    about = (lever, round(low + part * (high - low), 3))
+                    curve = replace(curve, values=values / half, reach=half, lever=about)
+                found.append(curve)
     return found
 
 

@@ -11,7 +11,7 @@ import re
 
 import numpy as np
 import pytest
-from controller_cases import machine, motions, one, plane
+from controller_cases import PRODUCT, machine, motions, one, plane
 
 from compcore.tables.table import Sign, Table, move
 from drivers.controllers import controller_kinds, make_controller
@@ -54,6 +54,21 @@ def test_siemens_cec_is_an_additional_setpoint():
     assert "$AN_CEC_DIRECTION[0]=1" in text
     assert "$AN_CEC[1,1]=-0.012000" in text
     assert "$AN_CEC_DIRECTION[1]=-1" in text
+
+
+def test_siemens_product_is_against_the_error():
+    """Angle 16 µrad at Y = 50, lever 25 mm up to Z = 0: X stands 0.4 µm too far, −0.4 µm it is.
+
+    Each of the two products gives half: −0.002 mm times 0.1 mm, taken in mm.
+    """
+    text = written("siemens-840d", PRODUCT, products="mirrored")["nc_cec.ini"]
+    for line in (
+        "$AN_CEC[1,1]=-0.002000", "$AN_CEC[2,2]=0.100000", "$AN_CEC_MULT_BY_TABLE[1]=3",
+        "$AN_CEC[3,1]=0.002000", "$AN_CEC[4,2]=-0.100000", "$AN_CEC_MULT_BY_TABLE[3]=5",
+    ):  # fmt: skip
+        assert line in text.splitlines()
+    correction = 2 * -0.002 * 0.100
+    assert correction == pytest.approx(-16e-6 * 25.0)
 
 
 def test_isg_leadscrew_list_is_actual_minus_setpoint():
