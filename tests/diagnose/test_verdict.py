@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.diagnosis import as_campaign, run
 from benchmarks.hidden.scenario import Scenario, hide
 from benchmarks.hidden.scene import scene
+from benchmarks.hidden.trial import as_campaign, run
 from compcore.campaign_file import read_campaign
 from compcore.compare import compare
 from compcore.diagnose import Diagnosis, advise, diagnose

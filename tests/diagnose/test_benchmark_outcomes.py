@@ -1,0 +1,124 @@
+"""The benchmark of hidden causes: outcomes kept between runs, what others' terms tell."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.hidden import outcome, table
+from benchmarks.hidden.causes import POINT, Cause, State, six
+from benchmarks.hidden.inputs import Term, inputs
+from benchmarks.hidden.outcome import Outcome
+from benchmarks.hidden.readable import readable
+from benchmarks.hidden.scenario import Scenario, hide, scenarios
+from benchmarks.hidden.scene import scene
+from benchmarks.hidden.trial import as_campaign, run
+from compcore.fit import fit
+from compcore.model_file import parse_model
+from compcore.toml_source import TomlSource
+
+
+def _none(state: State) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    return six(state, 0, np.zeros(len(np.asarray(state["t"]))))
+
+
+def _cause(kind: str, **where: object) -> Cause:
+    return Cause(kind, POINT, _none, ((kind, where),))
+
+
+def _outcome(name: str, score: str, rms: dict[str, float]) -> Outcome:
+    values = dict.fromkeys(("before", "oracle", "abbe", "process", "boosting", "lasso"), 1e-3) | rms
+    scenario = Scenario("mill", 1, (name,) if name else (), 6 if name else 0)
+    seconds = {"abbe": 4.0, "process": 2.0, "boosting": 0.1, "lasso": 3.0}
+    return Outcome(scenario, "missing", (name,), "", score, True, values, 1, (), "yes", seconds)
+
+
+def test_outcomes_come_back_from_the_file_as_they_were(tmp_path: Path) -> None:
+    path = tmp_path / "kept.jsonl"
+    assert outcome.read(path) == []
+    found = [_outcome("backlash", "named", {"abbe": 0.5e-3}), _outcome("", "right", {})]
+    outcome.write(path, found)
+    assert outcome.read(path) == found
+    unknown = _outcome("drift", "named", {"oracle": math.nan})
+    outcome.write(path, [unknown])
+    (again,) = outcome.read(path)
+    assert math.isnan(again.rms["oracle"])
+    assert again.scenario == unknown.scenario
+
+
+def test_the_table_counts_what_it_shows() -> None:
+    found = [
+        _outcome("backlash", "named", {"abbe": 0.5e-3, "oracle": 0.5e-3}),
+        _outcome("drift", "wrong", {"abbe": 2e-3, "lasso": 0.9e-3}),
+        _outcome("", "right", {"boosting": 1.1e-3}),
+    ]
+    text = table.summary(found)
+    assert "one cause at 6 × noise: 1 of 2 named first" in text
+    assert "nothing hidden: 1 of 1 told complete" in text
+    abbe, _, boosting, lasso, _ = text.splitlines()[-5:]
+    assert "best or within 0.5% of the best in 1 of 2" in abbe
+    assert "within 10% of the oracle in 1 of 2" in abbe
+    assert "worse than adding nothing in 1;" in abbe
+    assert "best or within 0.5% of the best in 1 of 2" in lasso
+    assert "where nothing is hidden, worse than adding nothing in 1 of 1" in boosting
+    rows = table.table(found).splitlines()
+    assert (
+        rows[2] == "| backlash | 6× | named | 1.000 | 0.500 | 0.500 | 1.000 | 1.000 | 1.000 | yes |"
+    )
+
+
+@pytest.mark.parametrize(
+    ("cause", "term", "says"),
+    [
+        (_cause("backlash", axis="X"), Term(("X_dir",), "X"), "yes"),
+        (_cause("backlash", axis="X"), Term(("X_dir",), "Y"), "no"),
+        (_cause("scale_expansion", axis="Y", signals=["T"]), Term(("Y", "T"), "Y"), "yes"),
+        (_cause("scale_expansion", axis="Y", signals=["T"]), Term(("T",), "Y"), "no"),
+        # through an angle: a lever, and not along the direction about which it turns
+        (_cause("thermal_tilt", axis="Y", about="X", signals=["T"]), Term(("Z", "T"), "Y"), "yes"),
+        (_cause("thermal_tilt", axis="Y", about="X", signals=["T"]), Term(("Z", "T"), "X"), "no"),
+        (_cause("warm_up", direction="Z"), Term(("t", "t"), "Z"), "yes"),
+        (_cause("length_bias"), Term(("distance",), ""), "yes"),
+        (_cause("rotary_radial", axis="C", direction="X"), Term(("sin C", "cos C"), "X"), "yes"),
+        # of one set-up: nothing in the library says it
+        (_cause("cosine", setup="d"), Term(("X",), "X"), "no"),
+    ],
+)
+def test_what_a_term_tells(cause: Cause, term: Term, says: str) -> None:
+    assert readable([term], [cause]) == says
+    assert readable([], [cause]) == "no"
+    assert readable([term], []) == "–"
+
+
+def test_inputs_are_what_was_recorded() -> None:
+    chosen = next(s for s in scenarios() if s.causes == ("backlash",))
+    stage = scene(chosen.seed, chosen.kind)
+    model = parse_model(TomlSource(stage.model_text()))
+    hidden = hide(chosen, stage)
+    campaign = as_campaign(stage.simulate(hidden).text, model)
+    unseen = as_campaign(stage.simulate(hidden, held_out=True).text, model)
+    seen, other = inputs(fit(model, campaign), unseen)
+    assert seen.names == other.names
+    assert {"X", "X_dir", "T_amb", "feed", "load", "t"} <= set(seen.names)
+    # scaled as the campaign, the unseen lines too
+    x = campaign.conditions.position("X")
+    at = seen.names.index("X")
+    assert seen.columns[:, at] == pytest.approx((x - x.mean()) / x.std())
+    there = unseen.conditions.position("X")
+    assert other.columns[:, at] == pytest.approx((there - x.mean()) / x.std())
+    terms, library = seen.library
+    row = int(np.flatnonzero(seen.rows)[100])
+    where = [str(t) for t in terms].index("X·X_dir·T_amb·u_Z")
+    own = [seen.columns[row, seen.names.index(n)] for n in ("X", "X_dir", "T_amb")]
+    assert library[row, where] == pytest.approx(np.prod(own) * seen.toward[row, 2])
+
+
+def test_unseen_lines_are_measured_without_the_instruments_error() -> None:
+    """A wrong wavelength in the campaign: what is fitted of it is no part of the prediction."""
+    found = run(Scenario("bridge", 90, ("air_refraction",), 12))
+    assert found.score == "named"
+    assert found.rms["oracle"] < 0.98 * found.rms["before"]
+    assert found.rms["abbe"] == pytest.approx(found.rms["oracle"], rel=0.02)
