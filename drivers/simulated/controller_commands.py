@@ -47,6 +47,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--acts-late", action="store_true", help="tables act only after a restart")
     parser.add_argument("--host", default="127.0.0.1")
     parser.add_argument("--port", type=int, default=0, help="TCP port; 0: any free one")
+    parser.add_argument("--rtu", action="store_true", help="modbus: RTU over a pseudo-terminal")
+    parser.add_argument("--baudrate", type=int, default=115200, help="RTU: not paced")
     parser.add_argument("--link", type=Path, help="serial, canopen: path to the port")
     parser.add_argument("--die-with-stdin", action="store_true", help="take orders there")
     return parser
@@ -57,20 +59,30 @@ def _memory(options: argparse.Namespace) -> TableMemory:
 
 
 async def _modbus(options: argparse.Namespace) -> None:
+    from .pty_pair import PtyPair
     from .server import SimulatedServer
     from .table_registers import UNIT_ID, TableDevice
 
     faults = Faults()
     device = TableDevice(_memory(options), faults)
     server = SimulatedServer(device, UNIT_ID)
+    cable: PtyPair | None = None
+    where: dict[str, object]
     try:
-        port = await server.start_tcp(options.host, options.port)
-        announce(
-            ready=True, protocol="tcp", host=options.host, port=port, unit=UNIT_ID, pid=os.getpid()
-        )
+        if options.rtu:
+            cable = PtyPair()
+            cable.start()
+            await server.start_rtu(cable.near, options.baudrate)
+            where = {"protocol": "rtu", "device": cable.far, "baudrate": options.baudrate}
+        else:
+            port = await server.start_tcp(options.host, options.port)
+            where = {"protocol": "tcp", "host": options.host, "port": port}
+        announce(ready=True, **where, unit=UNIT_ID, pid=os.getpid())
         await serve_orders(_orders(device, faults), die_with_stdin=options.die_with_stdin)
     finally:
         await server.stop()
+        if cable is not None:
+            cable.close()
 
 
 async def _serial(options: argparse.Namespace) -> None:
