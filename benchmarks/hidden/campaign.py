@@ -115,9 +115,7 @@ def _effects(machine: Machine, omits: Sequence[tuple[str, Mapping[str, Any]]]) -
     for kind, where in _geometry(machine.axes):
         if any(k == kind and where.items() >= w.items() for k, w in omits):
             continue
-        yield "[[effects]]"
-        yield f'kind = "{kind}"'
-        yield from (f"{key} = {json.dumps(value)}" for key, value in where.items())
+        yield from effect_text(kind, where)
 
 
 def _geometry(axes: Sequence[str]) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -134,18 +132,39 @@ def _geometry(axes: Sequence[str]) -> Iterator[tuple[str, dict[str, Any]]]:
             yield "squareness", {"axes": [one, two]}
 
 
+def effect_text(kind: str, where: Mapping[str, Any]) -> Iterator[str]:
+    """The lines of a model file for one effect, not fitted."""
+    yield "[[effects]]"
+    yield f'kind = "{kind}"'
+    yield from (f"{key} = {json.dumps(value)}" for key, value in where.items())
+
+
 def _head(machine: Machine) -> list[str]:
+    return [
+        *machine_text(machine.structure, machine.travels),
+        *signals_text(machine.axes),
+    ]
+
+
+def machine_text(structure: str, travels: Mapping[str, tuple[float, float]]) -> list[str]:
+    """The head of a model file: the machine and its linear axes."""
     lines = [
         'format = "abbe-model/1"',
         "",
         "[machine]",
         'name = "hidden"',
-        f'structure = "{machine.structure}"',
+        f'structure = "{structure}"',
         "reference_temperature = 20.0",
     ]
-    for axis, (low, high) in machine.travels.items():
+    for axis, (low, high) in travels.items():
         lines += [f"[machine.axes.{axis}]", f"travel = [{low}, {high}]"]
-    for sensor in shop.sensors(machine.axes):
+    return lines
+
+
+def signals_text(axes: tuple[str, ...]) -> list[str]:
+    """The signals that a machine with these linear axes records."""
+    lines = []
+    for sensor in shop.sensors(axes):
         lines += [
             f"[machine.signals.{sensor.name}]",
             f'unit = "{sensor.unit}"',

@@ -68,8 +68,10 @@ def measure(
     u, tool = np.array(planner.rows.u), np.array(planner.rows.tool)
     rotation = state["rotation"]
 
+    bed = _bed(exact(()).structure, state)
+
     def seen(hidden: Hidden) -> F64:
-        return _seen(exact(hidden), hidden, state, tool, u)
+        return _seen(exact(hidden), hidden, state, tool, bed)
 
     value = seen(causes)
     hidden = value - seen(())
@@ -79,6 +81,12 @@ def measure(
     offsets = np.zeros(len(value))
     for name in dict.fromkeys(planner.rows.setup):
         rows = setups == name
+        if "frame" in planner.free[name]:
+            # a ball that lies a little elsewhere on the workpiece
+            place = _into(bed, u)[rows]
+            offsets[rows] = place @ rng.normal(0.0, 0.02, 3)
+            hidden[rows] -= place @ np.linalg.lstsq(place, hidden[rows])[0]
+            continue
         offsets[rows] = rng.normal(0.0, 0.02 if not rotation[rows][0] else 30e-6)
         hidden[rows] -= hidden[rows].mean()
     measured = value + offsets + sd * rng.standard_normal(len(value))
@@ -100,12 +108,29 @@ def _conditions(
     return state, {name: np.interp(time, clock, c) for name, c in recorded.items()}
 
 
-def _seen(exact: ExactMachine, causes: Hidden, state: dict[str, Any], tool: F64, u: F64) -> F64:
+def _bed(structure: str, state: dict[str, Any]) -> F64 | None:
+    """Turn of machine axes as seen from the workpiece, (n, 3, 3); None where nothing turns it."""
+    table = structure.split(" b ")[0].split()[1:]
+    if not any(word[0] in "ABC" for word in table):
+        return None
+    pose = ExactMachine(" ".join(["w", *table, "b", "t"])).nominal_pose(state)
+    return np.asarray(pose[:, :3, :3])
+
+
+def _into(bed: F64 | None, vector: F64) -> F64:
+    """Vectors (n, 3) in machine axes as seen from the workpiece."""
+    return vector if bed is None else np.asarray(np.einsum("nij,nj->ni", bed, vector))
+
+
+def _seen(
+    exact: ExactMachine, causes: Hidden, state: dict[str, Any], tool: F64, bed: F64 | None
+) -> F64:
     """What an instrument without noise reads, (n,), mm or rad."""
+    u = _into(bed, state["u"])
     error = exact.error(state, tool)
     for cause, size in causes:
         if cause.place == POINT:
-            error = error + size * cause.motion(state)[:, :3]
+            error = error + size * _into(bed, cause.motion(state)[:, :3])
     turn = exact.orientation_error(state)
     value = np.where(state["rotation"], (turn * u).sum(axis=1), (error * u).sum(axis=1))
     for cause, size in causes:
@@ -115,7 +140,7 @@ def _seen(exact: ExactMachine, causes: Hidden, state: dict[str, Any], tool: F64,
 
 
 def _lengths(planner: Planner, rotation: NDArray[np.bool_]) -> F64:
-    q = np.array(planner.rows.position)
+    q = np.array(planner.rows.position)[:, :3]
     setups = np.array(planner.rows.setup)
     out = np.zeros(len(q))
     for name in np.unique(setups):

@@ -70,6 +70,11 @@ class Planner:
             self.rows.direction[-1] = np.ones(len(self.axes))
         self._direction = np.ones(len(self.axes))
 
+    def point(self, name: str, place: F64, u: F64, tool: F64) -> None:
+        """One displacement of a set-up that leaves its zero unknown, unless it says otherwise."""
+        self.free.setdefault(name, ["zero"])
+        self._row(name, "displacement", place, tool, u, 11.8)
+
     def line(
         self,
         name: str,

@@ -8,10 +8,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from benchmarks.hidden import bare
 from benchmarks.hidden.campaign import STRUCTURES, Machine, draw, model_text, simulate
 from benchmarks.hidden.causes import Cause, catalogue, nobody_knows
 from benchmarks.hidden.further import further, left_out
 from benchmarks.hidden.measuring import Hidden, Simulated
+from benchmarks.hidden.rotary import Rotary
+from benchmarks.hidden.rotary_plan import LAYOUTS
 
 
 class Scene(Protocol):
@@ -56,7 +59,11 @@ class Usual:
         return model_text(self.machine, omits)
 
 
-SCENES: dict[str, Callable[[int, str], Scene]] = dict.fromkeys(STRUCTURES, Usual.drawn)
+SCENES: dict[str, Callable[[int, str], Scene]] = {
+    **dict.fromkeys(STRUCTURES, Usual.drawn),
+    **dict.fromkeys(LAYOUTS, Rotary.drawn),
+    **dict.fromkeys(bare.kinds(tuple(bare.MODELLED)), bare.Bare.drawn),
+}
 """A scenario's kind → how its scene is drawn from a seed and that kind."""
 
 
