@@ -19,8 +19,17 @@ from compcore.model import Model
 from compcore.revise import identity
 from compcore.survey import Survey
 
-RIGID = ("positioning", "straightness", "angular")
-"""Error motions of a rigid axis: any function of the axis's own position."""
+RIGID = (
+    "positioning",
+    "straightness",
+    "angular",
+    "rotary_location",
+    "rotary_positioning",
+    "rotary_radial",
+    "rotary_axial",
+    "rotary_tilt",
+)
+"""Error motions of a rigid axis, linear or rotary: any function of the axis's own position."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from compcore.diagnose.candidates import RIGID
 from compcore.diagnose.evidence import CONVINCING, INDISTINCT
 from compcore.diagnose.pool import SIGNIFICANT, Found, Pool
 from compcore.diagnose.screening import Basis, orthonormal
@@ -118,14 +119,19 @@ def _simplest(pool: Pool, basis: Basis, leaders: Sequence[Found]) -> Found | Non
 
 
 def _special_case(pool: Pool, basis: Basis, plain: Found, wide: Found) -> bool:
-    """Whether one candidate is a special case of another, which says nothing significant beyond it.
+    """Whether one candidate is a special case of an error motion that says nothing beyond it.
 
-    What the plain one explains the wide one must be able to imitate within the noise; what the
-    wide one explains further is tested as its further coefficients alone deserve, whatever speaks
-    for an error motion of a rigid axis beforehand.
+    What the plain one explains the error motion must be able to imitate within the noise; what
+    that explains further is tested as its further coefficients alone deserve: that every axis has
+    such a motion (`RIGID_BODY`) is no reason to prefer it to one of its own special cases.
     """
-    further = wide.screened.rank - plain.screened.rank
-    if further <= 0 or not plain.established(basis.n):
+    further = wide.screened.rank - plain.screened.rank - plain.candidate.nonlinear_count
+    one, other = plain.candidate.effect, wide.candidate.effect
+    if other.kind not in RIGID or one.kind in RIGID or further <= 0:
+        return False
+    if not set(one.signals_needed()) <= set(other.signals_needed()):
+        return False
+    if not plain.established(basis.n):
         return False
     dof = max(1, basis.dof - wide.screened.rank)
     variance = (basis.chi2 - wide.screened.drop) / dof
