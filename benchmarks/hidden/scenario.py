@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.hidden import bare, rotary_causes, rotary_plan
 from benchmarks.hidden.campaign import STRUCTURES, draw
 from benchmarks.hidden.causes import Cause, catalogue, nobody_knows
 from benchmarks.hidden.further import further, left_out
@@ -24,8 +25,13 @@ PAIRS = (
     ("feed_lag", "thermal_bending"),
     ("backlash", "oscillation in time"),
 )
-ELSEWHERE: Mapping[str, tuple[str, ...]] = {}
+ELSEWHERE: Mapping[str, tuple[str, ...]] = {
+    **{name: bare.kinds(words) for name, words in bare.HIDDEN.items()},
+    **rotary_causes.HIDDEN,
+}
 """Causes that need other scenes than the usual ones → the kinds of scene, taken in turn."""
+EMPTY_ELSEWHERE = (*bare.kinds(tuple(bare.MODELLED))[::2], *rotary_plan.LAYOUTS)
+"""Other scenes in which nothing is hidden."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +70,8 @@ def scenarios() -> Iterator[Scenario]:
             # by the name, so that a further cause moves no other's seed
             seed = 1000 + 20 * (zlib.crc32(name.encode()) % 10_000) + multiple
             yield Scenario(scenes[seed % len(scenes)], seed, (name,), multiple)
+    for kind in EMPTY_ELSEWHERE:
+        yield Scenario(kind, 1000 + 20 * (zlib.crc32(kind.encode()) % 10_000), (), 0)
 
 
 def _names() -> list[str]:
