@@ -65,11 +65,12 @@ def scenarios() -> Iterator[Scenario]:
     for _ in range(EMPTY):
         yield Scenario(kinds[i % len(kinds)], 100 + i, (), 0)
         i += 1
-    for multiple in MULTIPLES:
+    for k, multiple in enumerate(MULTIPLES):
         for name, scenes in ELSEWHERE.items():
             # by the name, so that a further cause moves no other's seed
-            seed = 1000 + 20 * (zlib.crc32(name.encode()) % 10_000) + multiple
-            yield Scenario(scenes[seed % len(scenes)], seed, (name,), multiple)
+            code = zlib.crc32(name.encode())
+            seed = 1000 + 20 * (code % 10_000) + multiple
+            yield Scenario(scenes[(code + k) % len(scenes)], seed, (name,), multiple)
     for kind in EMPTY_ELSEWHERE:
         yield Scenario(kind, 1000 + 20 * (zlib.crc32(kind.encode()) % 10_000), (), 0)
 
