@@ -52,13 +52,24 @@ def model_record(model: Model, file: str, sha256: str) -> dict[str, Any]:
     }
 
 
+def unit_of_entries(table: Table) -> tuple[str, float]:
+    """Unit in which a record tells a table's values, and the factor to it.
+
+    >>> import numpy as np
+    >>> from compcore.tables.table import move
+    >>> unit_of_entries(Table(move("X"), ("Y",), (np.zeros(1),), np.zeros(1), lever=("Z", 0.0)))
+    ('um/m', 1000000.0)
+    """
+    if table.lever is not None:
+        return "um/m", 1e6
+    return ("urad", 1e6) if table.output.rotation else ("um", 1e3)
+
+
 def tables_record(tables: Sequence[Table]) -> list[dict[str, Any]]:
     """Each table in a line."""
     found = []
     for table in tables:
-        factor, unit = (1e6, "urad") if table.output.rotation else (1e3, "um")
-        if table.lever is not None:
-            factor, unit = 1e6, "um/m"
+        unit, factor = unit_of_entries(table)
         found.append(
             {
                 "table": table.name,

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from compcore.errors import AbbeError, InputError
+from compcore.tables.record import unit_of_entries
 from compcore.tables.table import Table
 from compcore.tables.table_set import RECORD_NAME, TableSet, read_text, sha256
 from daemon.config import Configuration
@@ -133,7 +134,7 @@ def _match(tables: Sequence[Table], made: TableSet, path: Path) -> None:
             if table.largest() > 0.0:
                 raise AbbeError(f"{path}: the files hold {table.name}, the record does not")
             continue
-        factor = 1e6 if table.output.rotation else 1e3
+        _, factor = unit_of_entries(table)
         off = abs(table.largest() * factor - row["largest"])
         if not off <= max(_ROUNDED, 0.01 * abs(row["largest"])):
             raise AbbeError(

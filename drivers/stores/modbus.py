@@ -42,6 +42,7 @@ T = TypeVar("T")
 _BUSY = (5, 6)
 """Exceptions of a device that asks for patience."""
 _STAGED, _ACTIVE = 0, 1
+_RTU = ("baudrate", "parity", "stopbits", "pause", "local_echo", "late_reply_max")
 _LOOK = 0.02
 """s between two looks at something that is to change."""
 
@@ -57,6 +58,12 @@ class ModbusStoreConfig(StoreConfig):
     baudrate: Annotated[int, Field(ge=50)] = 19200
     parity: Literal["N", "E", "O"] = "N"
     stopbits: Literal[1, 2] = 1
+    pause: Annotated[float, Field(ge=0, le=1)] | None = None
+    """RTU, s of silence before a request; more than the protocol's own for slow units."""
+    local_echo: bool = False
+    """RTU: the adapter hears what it sends (two-wire RS-485 without echo suppression)."""
+    late_reply_max: Annotated[float, Field(gt=0, le=60)] = 2.0
+    """RTU, s after a request beyond which its reply cannot come any more."""
     timeout: Annotated[float, Field(gt=0, le=60)] = 1.0
     """For one answer."""
     attempts: Annotated[int, Field(ge=1, le=20)] = 4
@@ -71,11 +78,11 @@ class ModbusStoreConfig(StoreConfig):
 
     def link(self) -> ModbusConfig:
         """The same as a link's section."""
-        rtu: dict[str, object] = (
-            {}
-            if self.transport == "tcp"
-            else {"baudrate": self.baudrate, "parity": self.parity, "stopbits": self.stopbits}
-        )
+        rtu = {
+            key: getattr(self, key)
+            for key in _RTU
+            if self.transport == "rtu" or key in self.model_fields_set
+        }
         state = ChannelConfig(table="holding", address=self.registers.state, type="uint16")
         return ModbusConfig.model_validate(
             {

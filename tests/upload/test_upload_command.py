@@ -10,12 +10,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from upload_cases import SLOW, Place, fill, sums, texts
+from upload_cases import SLOW, Place, fill, make_tables, model, sums, texts
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "daemon"))
 from command_line import abbe
 
+from compcore.effects import Angular
 from compcore.errors import InputError
+from compcore.model import Model, Term, Value
+from compcore.model_file import save_model
 from daemon.config import load_config
 from daemon.service import Service
 from daemon.upload.journal import Journal
@@ -46,6 +49,38 @@ def place(made: Path, control: SimulatedProcess, tmp_path: Path) -> Place:
     here = Place(tmp_path, control, keys, SLOW)
     here.configure(**SLOW)
     return here
+
+
+def test_products_are_looked_at_and_called_not_tried(place: Place, tmp_path: Path):
+    """A dialect that nobody has tried, with levers: the pre-flight says so, and bounds them."""
+    bare = model(0.010)
+    pitch = Angular(axis="X", about="Y", shape="polynomial:1")
+    value = {p.name: Value(4e-5) for p in pitch.linear(bare.machine)}
+    save_model(Model(bare.machine, (*bare.terms, Term(pitch, value))), place.folder / "model.toml")
+    options = {"products": "mirrored"}
+    tables = make_tables(
+        place.folder / "model.toml", tmp_path / "levers", options, 20, "siemens-840d"
+    )
+    text = place.config.read_text()
+    text = text.replace('"csv"', '"siemens-840d"').replace(
+        'holds = "moves"', 'products = "mirrored"'
+    )
+    place.config.write_text(text)
+    place.control.order("load", files={})
+    dry = abbe("upload", place.config, tables, "--dry-run")
+    assert dry.status == 0, dry.err
+    assert "sign unverified" in dry.out
+    assert "nor have products (products=mirrored)" in dry.out
+    assert "WARNING: not all of this has been tried" in dry.out
+    place.config.write_text(text.replace("max_entry_um = 60.0", "max_entry_um = 1.0"))
+    refused = abbe("upload", place.config, tables, "--dry-run")
+    assert refused.status == 1
+    assert "upload.max_entry_um allows 1 µm" in refused.err
+    place.config.write_text(text.replace('products = "mirrored"', 'products = "none"'))
+    other = abbe("upload", place.config, tables, "--dry-run")
+    assert other.status == 1
+    assert "products" in other.err
+    assert place.truth()["active"] == {}
 
 
 def test_a_whole_day(place: Place, made: Path):

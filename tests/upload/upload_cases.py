@@ -50,11 +50,15 @@ def model(size: float, backlash: float = 0.003) -> Model:
 
 
 def make_tables(
-    model_file: Path, folder: Path, options: Mapping[str, str] = OPTIONS, points: int = 20
+    model_file: Path,
+    folder: Path,
+    options: Mapping[str, str] = OPTIONS,
+    points: int = 20,
+    dialect: str = "csv",
 ) -> Path:
     """What ``abbe table --controller csv`` writes."""
     loaded = load_model(model_file)
-    controller = make_controller("csv", loaded.machine, options)
+    controller = make_controller(dialect, loaded.machine, options)
     order = TableOrder(
         model_file,
         controller,
