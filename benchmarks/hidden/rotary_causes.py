@@ -24,6 +24,7 @@ HIDDEN: dict[str, tuple[str, ...]] = {
     "rotary_radial": tuple(LAYOUTS),
     "rotary_axial": tuple(LAYOUTS),
     "rotary_tilt": tuple(LAYOUTS),
+    "lobes of a rotary axis": tuple(LAYOUTS),
     "backlash of a rotary axis": tuple(LAYOUTS),
     "spindle growth beside rotary axes": tuple(LAYOUTS),
 }
@@ -99,6 +100,15 @@ def causes(layout: Layout, rng: np.random.Generator) -> dict[str, Cause]:
             (("rotary_tilt", {"axis": full, "direction": "XYZ"[tilted]}),),
             size=5e-6,
             omits=("rotary_tilt", {"axis": full, "direction": "XYZ"[tilted]}),
+        ),
+        Cause(
+            "lobes of a rotary axis",
+            full,
+            lambda s: six(s, d, wave(s, full, 3)),
+            (
+                ("rotary_radial", {"axis": full, "direction": "XYZ"[d], "harmonics": 4}),
+                ("rotary_radial", {"axis": full, "direction": "XYZ"[d]}),
+            ),
         ),
         Cause(
             "backlash of a rotary axis",

@@ -13,6 +13,7 @@ from compcore.campaign import Campaign
 from compcore.diagnose.evidence import RIGID_BODY, cost_of
 from compcore.effects.base import Effect
 from compcore.effects.registry import effect_kinds
+from compcore.effects.rotary_axes import RotaryMotion
 from compcore.errors import InputError
 from compcore.machine import Machine
 from compcore.model import Model
@@ -84,21 +85,29 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
 
 
 def _refinements(model: Model, campaign: Campaign) -> Iterator[Candidate]:
-    """Splines and polynomials of the model with twice the coefficients."""
+    """Splines, polynomials and waves of the model with twice the coefficients."""
     machine = model.machine
     for i, effect in enumerate(model.effects):
-        shape = getattr(effect, "shape", None)
-        match = re.fullmatch(r"(spline|polynomial):(\d+)", shape or "")
         axis = getattr(effect, "axis", None)
-        if match is None or axis is None or axis not in campaign.conditions.positions:
+        if axis is None or axis not in campaign.conditions.positions:
             continue
-        distinct = len(np.unique(campaign.conditions.position(axis)))
+        detail = _finer(effect, len(np.unique(campaign.conditions.position(axis))))
+        if detail:
+            refined = effect.model_copy(update=detail)
+            yield Candidate(refined, cost_of(refined, machine, 1), refines=i)
+
+
+def _finer(effect: Effect, distinct: int) -> dict[str, object]:
+    """Where-keys with twice the detail, as far as so many positions show it; empty for none."""
+    match = re.fullmatch(r"(spline|polynomial):(\d+)", getattr(effect, "shape", None) or "")
+    if match is not None:
         order = int(match[2])
         finer = min(2 * order, distinct, 20 if match[1] == "polynomial" else 200)
-        if finer <= order:
-            continue
-        refined = effect.model_copy(update={"shape": f"{match[1]}:{finer}"})
-        yield Candidate(refined, cost_of(refined, machine, 1), refines=i)
+        return {"shape": f"{match[1]}:{finer}"} if finer > order else {}
+    if isinstance(effect, RotaryMotion) and effect.shape is None:
+        finer = min(2 * effect.waves, (distinct - 1) // 2, 32)
+        return {"harmonics": finer} if finer > effect.waves else {}
+    return {}
 
 
 def _choices(effect: Effect, machine: Machine, survey: Survey) -> Iterator[Mapping[str, float]]:

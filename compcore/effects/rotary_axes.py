@@ -131,6 +131,11 @@ class RotaryMotion(Effect):
         super().check(machine)
         require_rotary(machine, self.axis, self.kind)
 
+    @property
+    def waves(self) -> int:
+        """The highest wave in a turn, where there is no shape."""
+        return self.harmonics or 2
+
     def _shape(self) -> Shape | None:
         if self.shape is None:
             return None
@@ -143,7 +148,7 @@ class RotaryMotion(Effect):
         if shape := self._shape():
             names = shape.names
         else:
-            names = tuple(f"{k}{h}" for h in range(1, (self.harmonics or 2) + 1) for k in "AB")
+            names = tuple(f"{k}{h}" for h in range(1, self.waves + 1) for k in "AB")
         return tuple(
             Parameter(name, channel.unit, (-most, most), f"{channel}, {name}") for name in names
         )
@@ -157,7 +162,7 @@ class RotaryMotion(Effect):
         if shape := self._shape():
             columns = shape.basis(angle, machine.axis(self.axis))
         else:
-            phase = np.outer(angle, np.arange(1, (self.harmonics or 2) + 1))
+            phase = np.outer(angle, np.arange(1, self.waves + 1))
             columns = np.stack([np.cos(phase), np.sin(phase)], axis=2).reshape(len(angle), -1)
         return (Motion(Channel(self.axis, self.component()), columns),)
 
