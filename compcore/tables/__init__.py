@@ -7,6 +7,7 @@
 ``grid``          spatial grids, straight from the model
 ``capability``    what a controller can hold, as data
 ``marginal``      the part of a field that depends on one axis (least squares over the volume)
+``single_axes``   what tables over single axes are to hold
 ``products``      the parts that grow evenly with another axis's position (levers)
 ``choice``        which tables, where a controller has fewer than would be of use
 ``motions``       the six error motions of each axis, for controllers that know levers

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,16 +10,21 @@ from numpy.typing import NDArray
 
 from compcore.channel import Channel
 from compcore.errors import InputError
-from compcore.machine import own_component
 from compcore.tables.capability import Capability, Holds
 from compcore.tables.choice import chosen
 from compcore.tables.curve import Curve, fit_tables
 from compcore.tables.field import ErrorField
 from compcore.tables.grid import spatial_grid
-from compcore.tables.marginal import Marginal, fine_positions, marginal
+from compcore.tables.marginal import fine_positions
 from compcore.tables.motions import LETTERS, axis_motions
 from compcore.tables.plane import plane_tables
 from compcore.tables.products import counted_from, lever_origin, product_curves
+from compcore.tables.single_axes import (
+    axis_curves,
+    longest_lever,
+    marginals_beside,
+    turning_curves,
+)
 from compcore.tables.table import Sign, Table, move
 from compcore.tables.volume import Volume
 
@@ -27,7 +32,6 @@ F64 = NDArray[np.float64]
 
 TOLERANCE = 1e-4
 """mm: interpolation error at the functional point that points need not better."""
-_POINTS = 987
 _GRID_POINTS = 11
 
 
@@ -116,19 +120,22 @@ class _Job:
         self.present = list(present)
         self.tolerance = 0.0
         self.notes: list[str] = []
-        self.reversing = field.reversing()
 
     # -- moves of the axes themselves -----------------------------------------------------------
 
     def moves(self) -> Projection:
         """Axis, cross, product and plane tables."""
-        turns = self._rotary_positioning()
-        mean, marginals = self._marginals(turns)
+        turns = turning_curves(self.field, self.volume, self.capability, self._fine)
+        mean, marginals = marginals_beside(
+            turns, self.field, self.volume, self.capability, self._fine
+        )
         planes = [h for h in self.capability.holds if h.form == "plane"]
         curves: list[Curve] = []
         for holds in self.capability.holds:
             if holds.form in ("axis", "cross"):
-                curves += self._axis_curves(holds, marginals)
+                found, left_out = axis_curves(holds, marginals, self.volume)
+                curves += found
+                self._not_made(left_out)
             elif holds.form == "product":
                 self._count_present_from(holds)
                 curves += product_curves(holds, marginals, self.volume, self.present)
@@ -141,93 +148,17 @@ class _Job:
         self.notes += notes
         made = list(tables)
         for holds in planes:
-            found, notes = plane_tables(
+            over_two, notes = plane_tables(
                 self.field, self.volume, holds, made, self.tolerance, self.present
             )
-            made += found
+            made += over_two
             self.notes += notes
         return self._done(made)
-
-    def _rotary_positioning(self) -> list[Curve]:
-        """Rotary axes corrected by their own angle: their positioning error motion itself."""
-        found: list[Curve] = []
-        own = [h for h in self.capability.holds if h.form == "axis"]
-        for axis in self.machine.structure.rotary:
-            holds = next((h for h in own if h.serves(axis, axis)), None)
-            if holds is None:
-                continue
-            channel = Channel(axis, LETTERS["XYZABC".index(own_component(axis))])
-
-            def turning(
-                where: Mapping[str, F64],
-                facing: Mapping[str, F64],
-                channel: Channel = channel,
-            ) -> F64:
-                n = len(where[channel.place])
-                value = self.field.motions(where, facing).get(channel, np.zeros(n))
-                return np.broadcast_to(value, (n,))[:, None]
-
-            part = marginal(
-                turning, self.machine, self.volume, axis, self._fine(axis),
-                reverses=axis in self.reversing,
-            )  # fmt: skip
-            found.append(
-                Curve(holds, channel, axis, part.positions, part.mean[:, :, 0], self._reach(axis))
-            )
-        return found
-
-    def _reach(self, axis: str) -> float:
-        """The longest lever of a turn of an axis in the volume, mm: sum of half the travels."""
-        linear = self.machine.structure.linear
-        tool = float(np.linalg.norm(self.field.state.tool))
-        return tool + sum(2.0 * self.volume.half(a) for a in linear if a != axis)
-
-    def _marginals(self, turns: Sequence[Curve]) -> tuple[F64, dict[str, Marginal]]:
-        turned = [c.table() for c in turns]
-
-        def left(where: Mapping[str, F64], facing: Mapping[str, F64]) -> F64:
-            error = self.field(where, facing)
-            return error - self.field.removed(turned, where, facing) if turned else error
-
-        where = self.volume.spread(self.axes, _POINTS)
-        mean = left(where, {}).mean(axis=0)
-        looked_up = dict.fromkeys(
-            a
-            for h in self.capability.holds
-            if h.form in ("axis", "cross", "product")
-            for a in (h.inputs or self.axes)
-            if a in self.axes
-        )
-        return mean, {
-            axis: marginal(
-                left, self.machine, self.volume, axis, self._fine(axis),
-                reverses=axis in self.reversing,
-            )
-            for axis in looked_up
-        }  # fmt: skip
 
     def _fine(self, axis: str) -> F64:
         more = [n for t in self.present for a, ns in zip(t.inputs, t.nodes, strict=True)
                 if a == axis for n in ns]  # fmt: skip
         return fine_positions(self.field, axis, more)
-
-    def _axis_curves(self, holds: Holds, marginals: Mapping[str, Marginal]) -> list[Curve]:
-        found = []
-        for k, output in enumerate("XYZ"):
-            mine = []
-            for axis, part in marginals.items():
-                same = axis == output
-                if same == (holds.form == "axis") and holds.serves(axis, output):
-                    values = part.mean[:, :, k]
-                    inside = self.volume.inside(axis, part.positions)
-                    centred = values - values[:, inside].mean()
-                    mine.append(Curve(holds, move(output), axis, part.positions, centred))
-            if holds.per_output is not None and len(mine) > holds.per_output:
-                mine.sort(key=lambda c: -float(c.values.std()))
-                self._not_made(mine[holds.per_output :])
-                mine = mine[: holds.per_output]
-            found += mine
-        return found
 
     def _not_made(self, curves: Sequence[Curve]) -> None:
         if curves:
@@ -256,7 +187,7 @@ class _Job:
                 axis,
                 found[axis].positions,
                 found[axis].values[:, :, k],
-                self._reach("") if letter in "ABC" else 1.0,
+                longest_lever(self.field, self.volume) if letter in "ABC" else 1.0,
             )
             for axis in axes
             for k, letter in enumerate(LETTERS)

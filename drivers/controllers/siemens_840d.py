@@ -52,7 +52,7 @@ class Siemens840DOptions(ControllerOptions):
     cec_points: Annotated[int, Field(ge=2, le=2000)] = 200
     """Most points of a CEC table (MD18342); 200 on the 828D."""
     cec_tables: Annotated[int, Field(ge=0, le=200)] = 62
-    """CEC tables that there are; 8 on the 828D."""
+    """CEC tables that there are; 8 on the 828D, 2 on the 802D sl."""
     products: Literal["none", "mirrored"] = "none"
     """Products of two axes' positions, for levers: none, or four CEC tables each."""
     first_table: Annotated[int, Field(ge=0, le=199)] = 0
