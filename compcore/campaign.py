@@ -173,11 +173,15 @@ class Campaign:
             rows = order[(ends[i - 1] if i else 0) : ends[i]]
             kinds = frozenset(Kind(k).name.lower() for k in np.unique(self.kind[rows]))
             along = across = 0.0
+            spread = 0
             if c.u is not None:
+                spread = int(
+                    np.linalg.matrix_rank(c.u[rows].T @ c.u[rows], tol=1e-6, hermitian=True)
+                )
                 step = at[rows] - at[rows[0]]
                 part = np.einsum("ni,ni->n", step, c.u[rows])
                 along = float(np.ptp(part))
                 across = float(np.linalg.norm(step - part[:, None] * c.u[rows], axis=1).max())
             duration = float(np.ptp(c.time[rows]))
-            found[name] = SetupSurvey(kinds, len(rows), duration, along, across, free)
+            found[name] = SetupSurvey(kinds, len(rows), duration, along, across, free, spread)
         return found

@@ -23,6 +23,8 @@ class SetupSurvey:
         from the first row, mm.
     free
         What its placing leaves unknown.
+    spread
+        Dimensions of the space that its measured directions span, 0 … 3.
     """
 
     kinds: frozenset[str]
@@ -31,6 +33,7 @@ class SetupSurvey:
     along: float = 0.0
     across: float = 0.0
     free: tuple[str, ...] = ()
+    spread: int = 0
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ State = Mapping[str, Any]
 
 POINT = "point"
 READING = "reading"
+SENSOR = "sensor"
 
 
 @dataclass(frozen=True)
@@ -30,9 +31,11 @@ class Cause:
     name
         For the table.
     place
-        An axis, `POINT` (translation of the functional point) or `READING` (the instrument).
+        An axis, `POINT` (translation of the functional point), `READING` (the instrument), or
+        `SENSOR` (what the thermometer in `depends` reads).
     motion
-        State → six error motions of the place, (n, 6), at amplitude 1; for `READING` (n,), mm.
+        State → six error motions of the place, (n, 6), at amplitude 1; for `READING` (n,), mm; for
+        `SENSOR` (n,), K too much.
     answers
         (kind, where-keys) that name it rightly; empty for what is in no catalogue.
     depends

@@ -60,23 +60,16 @@ class Inputs:
     def of(cls, campaign: Campaign, like: Campaign, toward: F64) -> Inputs:
         """The inputs of a campaign; `toward` from its measurement equations."""
         own, other = _recorded(campaign), _recorded(like)
+        extra, other_extra = _others(campaign, like), _others(like, like)
         far = campaign.kind == Kind.DISTANCE
-        ends, other_ends = _ends(campaign), _ends(like)
-        extra = np.hstack([campaign.conditions.tool, ends])
         marks: dict[str, F64] = {}
-        if far.any():
-            marks = {"distance": far * 1.0, "length": far * campaign.value / 1e3}
-            marks |= {f"from {b}": far * (campaign.conditions.base == b) for b in campaign.bases}
+        if like.bases:
+            marks = {"distance": far * 1.0, "length": np.where(far, campaign.value, 0.0) / 1e3}
+            marks |= {f"from {b}": far * np.equal(_bases(campaign), b) for b in like.bases}
         return cls(
             tuple(own),
             np.stack([_scaled(own[k], other[k], k) for k in own], axis=1),
-            np.stack(
-                [
-                    _scaled(extra[:, i], v, "")
-                    for i, v in enumerate(np.hstack([like.conditions.tool, other_ends]).T)
-                ],
-                axis=1,
-            ),
+            np.stack([_scaled(*v, "") for v in zip(extra.T, other_extra.T, strict=True)], axis=1),
             toward,
             marks,
             far | (campaign.kind == Kind.DISPLACEMENT),
@@ -119,13 +112,22 @@ def _recorded(campaign: Campaign) -> dict[str, F64]:
     return found | dict(c.signals) | {"t": c.time}
 
 
-def _ends(campaign: Campaign) -> F64:
-    """Base points of distances, (n, 3), mm; nothing, (n, 0), where there are none."""
+def _others(campaign: Campaign, like: Campaign) -> F64:
+    """Tool offset and, where `like` has base points, the row's own, (n, m), mm.
+
+    A row without one counts as if it had the middle of all.
+    """
+    if not like.bases:
+        return campaign.conditions.tool
+    middle = np.mean(list(like.bases.values()), axis=0)
+    ends = [like.bases.get(str(name), middle) for name in _bases(campaign)]
+    return np.hstack([campaign.conditions.tool, np.array(ends)])
+
+
+def _bases(campaign: Campaign) -> NDArray[np.str_]:
+    """Each row's base point by name; empty where there is none."""
     base = campaign.conditions.base
-    if base is None or not campaign.bases:
-        return np.zeros((campaign.n, 0))
-    middle = np.mean(list(campaign.bases.values()), axis=0)
-    return np.array([campaign.bases.get(str(b), middle) for b in base])
+    return np.full(campaign.n, "") if base is None else base
 
 
 def _scaled(values: F64, like: F64, name: str) -> F64:
@@ -151,16 +153,4 @@ def inputs(result: FitResult, unseen: Campaign) -> tuple[Inputs, Inputs]:
     beside = compare(result.model, unseen)
     toward = result.problem.observation(result.theta).toward
     there = beside.problem.observation(beside.theta).toward
-    seen = Inputs.of(campaign, campaign, toward)
-    other = Inputs.of(unseen, campaign, there)
-    if other.others.shape[1] < seen.others.shape[1]:  # no base points there: the middle of all
-        blank = np.zeros((unseen.n, seen.others.shape[1] - other.others.shape[1]))
-        other = Inputs(
-            other.names,
-            other.columns,
-            np.hstack([other.others, blank]),
-            other.toward,
-            {k: np.zeros(unseen.n) for k in seen.marks},
-            other.rows,
-        )
-    return seen, other
+    return Inputs.of(campaign, campaign, toward), Inputs.of(unseen, campaign, there)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.hidden import shop
-from benchmarks.hidden.causes import POINT, READING, Cause
+from benchmarks.hidden.causes import POINT, READING, SENSOR, Cause
 from benchmarks.hidden.plan import Planner
 from drivers.simulated.truth import ExactMachine
 
@@ -48,6 +48,8 @@ def measure(
     planner: Planner,
     rng: np.random.Generator,
     causes: Hidden,
+    *,
+    weather: bool = False,
 ) -> Simulated:
     """Carry out a plan through a day.
 
@@ -63,8 +65,10 @@ def measure(
         Of the day: temperatures, noise.
     causes
         What is hidden.
+    weather
+        Whether a barometer is recorded.
     """
-    state, signals = _conditions(planner, linear, rng)
+    state, signals = conditions(planner, linear, rng, weather=weather)
     u, tool = np.array(planner.rows.u), np.array(planner.rows.tool)
     rotation = state["rotation"]
 
@@ -75,6 +79,14 @@ def measure(
 
     value = seen(causes)
     hidden = value - seen(())
+    for cause, size in causes:
+        if cause.place == SENSOR:
+            # what its user's correction gets wrong is as large as the error it corrects
+            (name,) = cause.depends
+            wrong = size * cause.motion(state)
+            signals[name] = signals[name] + wrong
+            corrected = state | {name: state[name] + wrong}
+            hidden += seen(()) - _seen(exact(()), (), corrected, tool, bed)
     sd = np.where(rotation, ANGLE_NOISE, NOISE + NOISE_LENGTH * _lengths(planner, rotation))
     # where the instrument was placed is unknown: each set-up has its own zero, some their slope
     setups = np.array(planner.rows.setup)
@@ -87,18 +99,23 @@ def measure(
             offsets[rows] = place @ rng.normal(0.0, 0.02, 3)
             hidden[rows] -= place @ np.linalg.lstsq(place, hidden[rows])[0]
             continue
+        if "zero" not in planner.free[name]:
+            continue
         offsets[rows] = rng.normal(0.0, 0.02 if not rotation[rows][0] else 30e-6)
         hidden[rows] -= hidden[rows].mean()
     measured = value + offsets + sd * rng.standard_normal(len(value))
     return Simulated(_text(planner, state, signals, measured, sd, rotation), hidden)
 
 
-def _conditions(
-    planner: Planner, linear: tuple[str, ...], rng: np.random.Generator
+def conditions(
+    planner: Planner, linear: tuple[str, ...], rng: np.random.Generator, *, weather: bool = False
 ) -> tuple[dict[str, Any], dict[str, F64]]:
+    """The state at each row of a plan, and what is recorded of its signals."""
     rows = planner.rows
     time = np.array(rows.time)
     clock, true, recorded = shop.record(rng, linear, float(time[-1]) + 60.0)
+    if weather:
+        true["P_air"], recorded["P_air"] = shop.weather(rng, clock)
     q, s = np.array(rows.position), np.array(rows.direction)
     state: dict[str, Any] = {a: q[:, k] for k, a in enumerate(planner.axes)}
     state |= {f"{a}_dir": s[:, k] for k, a in enumerate(planner.axes)}

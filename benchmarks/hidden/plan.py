@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -102,10 +103,18 @@ def unit(vector: F64) -> F64:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def calibration(axes: tuple[str, ...], travels: dict[str, tuple[float, float]]) -> Planner:
-    """Three rounds through a day: every axis's lines and angles, then diagonals, other tools."""
+def calibration(
+    axes: tuple[str, ...],
+    travels: dict[str, tuple[float, float]],
+    between: Callable[[Planner], None] = lambda _: None,
+) -> Planner:
+    """Three rounds through a day: every axis's lines and angles, then diagonals, other tools.
+
+    `between`: what else is measured before each round and after the last.
+    """
     p = Planner(axes, travels)
     for cycle in range(3):
+        between(p)
         for a in range(3):
             letter = "xyz"[a]
             along = np.eye(3)[a]
@@ -128,6 +137,7 @@ def calibration(axes: tuple[str, ...], travels: dict[str, tuple[float, float]]) 
                     name = f"c{cycle}_{letter}_rot{'xyz'[b]}"
                     p.line(name, *ends, np.eye(3)[b], kind="rotation")
         _diagonals(p, cycle)
+    between(p)
     return p
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.hidden import bare, rotary_causes, rotary_plan
+from benchmarks.hidden import bare, distances, instrument, rotary_causes, rotary_plan
 from benchmarks.hidden.campaign import STRUCTURES, draw
 from benchmarks.hidden.causes import Cause, catalogue, nobody_knows
 from benchmarks.hidden.further import further, left_out
@@ -28,9 +28,16 @@ PAIRS = (
 ELSEWHERE: Mapping[str, tuple[str, ...]] = {
     **{name: bare.kinds(words) for name, words in bare.HIDDEN.items()},
     **rotary_causes.HIDDEN,
+    **{name: instrument.kinds(words) for name, words in instrument.HIDDEN.items()},
+    **dict.fromkeys(distances.HIDDEN, distances.kinds()),
 }
 """Causes that need other scenes than the usual ones → the kinds of scene, taken in turn."""
-EMPTY_ELSEWHERE = (*bare.kinds(tuple(bare.MODELLED))[::2], *rotary_plan.LAYOUTS)
+EMPTY_ELSEWHERE = (
+    *bare.kinds(tuple(bare.MODELLED))[::2],
+    *rotary_plan.LAYOUTS,
+    *instrument.kinds(instrument.WORDS)[::5],
+    *distances.kinds()[::3],
+)
 """Other scenes in which nothing is hidden."""
 
 

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from benchmarks.hidden import bare
+from benchmarks.hidden import bare, distances, instrument
 from benchmarks.hidden.campaign import STRUCTURES, Machine, draw, model_text, simulate
 from benchmarks.hidden.causes import Cause, catalogue, nobody_knows
 from benchmarks.hidden.further import further, left_out
@@ -63,6 +63,8 @@ SCENES: dict[str, Callable[[int, str], Scene]] = {
     **dict.fromkeys(STRUCTURES, Usual.drawn),
     **dict.fromkeys(LAYOUTS, Rotary.drawn),
     **dict.fromkeys(bare.kinds(tuple(bare.MODELLED)), bare.Bare.drawn),
+    **dict.fromkeys(instrument.kinds(instrument.WORDS), instrument.Measured.drawn),
+    **dict.fromkeys(distances.kinds(), distances.Distances.drawn),
 }
 """A scenario's kind → how its scene is drawn from a seed and that kind."""
 

@@ -70,6 +70,12 @@ def follow(time: F64, course: F64, tau: float) -> F64:
     return y
 
 
+def weather(rng: np.random.Generator, clock: F64) -> tuple[F64, F64]:
+    """Pressure of the air while a front passes, hPa: true, and as a barometer records it."""
+    course = 1008.0 + wander(rng, clock, 5.0) + rng.uniform(-6.0, 6.0) * clock / clock[-1]
+    return course, course + rng.normal(0.0, 0.05, len(clock))
+
+
 def record(
     rng: np.random.Generator, axes: tuple[str, ...], duration: float
 ) -> tuple[F64, dict[str, F64], dict[str, F64]]:

@@ -259,3 +259,14 @@ class SetupFrame(SetupEffect):
             turning = np.zeros_like(seen) if self.measures == "length" else seen
             columns[rows] = frame_columns(chain.point, seen - turning, turning)
         return (Motion(MEASURED, columns),)
+
+    @classmethod
+    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[SetupFrame]:
+        """Set-ups that see an artefact's place in two directions or more, and whose frame is known.
+
+        A line along one direction sees of its frame no more than its zero and its slope.
+        """
+        for name, seen in survey.setup_details.items():
+            artefact = seen.kinds == {"displacement"} and seen.spread > 1 and seen.rows > 6
+            if artefact and "frame" not in seen.free:
+                yield cls.model_validate(cls.keys_of(survey, name))
