@@ -11,12 +11,9 @@ import asyncio
 import struct
 import time
 from collections.abc import Awaitable, Callable, Sequence
-from typing import Annotated, Any, ClassVar, TypeVar
-
-from pydantic import Field
+from typing import ClassVar, TypeVar
 
 from drivers.can.canopen_bus import NodeBus
-from drivers.can.canopen_config import CanopenConfig
 from drivers.can.canopen_wall import Network
 from drivers.can.sdo_errors import RefusedError as SdoRefusedError
 from drivers.link import LinkDownError, LinkError, LinkProtocolError, LinkStatus, LinkTimeoutError
@@ -30,54 +27,14 @@ from drivers.stores.base import (
     Store,
     StoreConfig,
 )
-from drivers.stores.canopen_objects import Object, ObjectMap, number, shown, shown_objects
+from drivers.stores.canopen_config import NODE, CanopenStoreConfig
+from drivers.stores.canopen_objects import Object, number, shown, shown_objects
 from drivers.stores.image import crc32, pack, unpack
 
 T = TypeVar("T")
 
-_NODE = "control"
 _LOOK = 0.02
 """s between two looks at something that is to change."""
-
-
-class CanopenStoreConfig(StoreConfig):
-    """A CAN interface, a node on its bus, and its objects. Times are in s."""
-
-    interface: str
-    """As python-can calls it: ``socketcan``, ``slcan``, …"""
-    channel: str | int
-    """``can0``, ``/dev/ttyACM0``, …"""
-    bitrate: Annotated[int, Field(ge=1000)] | None = None
-    """bit/s; for socketcan the operating system's business."""
-    options: dict[str, Any] = Field(default_factory=dict)
-    """More for python-can, by its names."""
-    node: Annotated[int, Field(ge=1, le=127)]
-    """Node id."""
-    timeout: Annotated[float, Field(gt=0, le=60)] = 1.0
-    """For one SDO answer."""
-    attempts: Annotated[int, Field(ge=1, le=20)] = 4
-    """How often a read, or a transfer into the staging area, is tried."""
-    reconnect_within: Annotated[float, Field(gt=0, le=600)] = 10.0
-    """How long a node or an adapter that is gone is waited for."""
-    command_timeout: Annotated[float, Field(gt=0, le=600)] = 20.0
-    """For the controller to carry a command out."""
-    objects: ObjectMap = ObjectMap()
-
-    def link(self) -> CanopenConfig:
-        """The same as a link's section."""
-        section = {
-            "interface": self.interface,
-            "channel": self.channel,
-            "options": self.options,
-            "timeout": self.timeout,
-            "reconnect_min": 0.1,
-            "reconnect_max": 1.0,
-            "quarantine_max": 1.0,
-            "nodes": {_NODE: {"id": self.node, "start": False, "emergency": "report"}},
-        }
-        if self.bitrate is not None:
-            section["bitrate"] = self.bitrate
-        return CanopenConfig.model_validate(section)
 
 
 class CanopenStore(Store):
@@ -281,7 +238,7 @@ class CanopenStore(Store):
 
     async def _transfer(self, job: Callable[[Network], T]) -> T:
         bus = self._connected()
-        return await bus.transfer(bus.node(_NODE), job)
+        return await bus.transfer(bus.node(NODE), job)
 
     async def _again(self, do: Callable[[], Awaitable[T]]) -> T:
         """Do what does no harm twice, until it succeeds or `attempts` are used up."""
@@ -304,9 +261,9 @@ class CanopenStore(Store):
         bus = self._connected()
         until = time.monotonic() + self.config.reconnect_within
         await asyncio.sleep(_LOOK)
-        while not (bus.keeper.up and bus.node(_NODE).prepared):
+        while not (bus.keeper.up and bus.node(NODE).prepared):
             if time.monotonic() > until:
-                why = bus.node(_NODE).why if bus.keeper.up else ""
+                why = bus.node(NODE).why if bus.keeper.up else ""
                 raise LinkTimeoutError(why) if why else bus.keeper.down_error()
             await asyncio.sleep(_LOOK)
 

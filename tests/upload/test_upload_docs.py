@@ -11,9 +11,9 @@ from daemon.cli import app
 from daemon.config import load_config
 from daemon.config.upload import UploadSection
 from daemon.table_watch import words
-from drivers.stores.modbus import ModbusStoreConfig
+from drivers.stores.modbus_config import ModbusStoreConfig
 from drivers.stores.modbus_registers import RegisterMap
-from drivers.stores.serial import Texts
+from drivers.stores.serial_config import Texts
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "upload.md").read_text(encoding="utf-8")

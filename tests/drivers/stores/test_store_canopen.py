@@ -19,7 +19,8 @@ from pydantic import ValidationError
 from drivers.link import LinkDownError, LinkError, LinkTimeoutError
 from drivers.simulated.process import SimulatedProcess
 from drivers.stores.base import RefusedError, store_class
-from drivers.stores.canopen import CanopenStore, CanopenStoreConfig
+from drivers.stores.canopen import CanopenStore
+from drivers.stores.canopen_config import CanopenStoreConfig
 
 pytestmark = pytest.mark.integration
 

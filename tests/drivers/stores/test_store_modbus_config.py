@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError
 
-from drivers.stores.modbus import ModbusStoreConfig
+from drivers.stores.modbus_config import ModbusStoreConfig
 
 
 def test_a_serial_line_is_set_as_a_links():
