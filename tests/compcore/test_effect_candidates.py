@@ -183,6 +183,8 @@ def test_instrument_effects_only_where_they_could_be_told():
         "edge": SetupSurvey(frozenset({"displacement"}), 20, 300.0, 0.0, 500.0, ("zero",)),
         "level": SetupSurvey(frozenset({"rotation"}), 20, 300.0, 500.0, 0.0, ()),
         "short": SetupSurvey(frozenset({"displacement"}), 3, 300.0, 500.0, 0.0, ("zero",)),
+        "plate": SetupSurvey(frozenset({"displacement"}), 60, 300.0, 0.0, 500.0, (), 3),
+        "loose": SetupSurvey(frozenset({"displacement"}), 60, 300.0, 0.0, 500.0, ("frame",), 3),
     }
     survey = Survey(setups=tuple(details), setup_details=details, duration=1e4)
 
@@ -190,8 +192,12 @@ def test_instrument_effects_only_where_they_could_be_told():
         return [e.spec for e in effect_class(kind).candidates(MILL, survey)]
 
     assert specs("cosine") == ["cosine setup=tied", "cosine setup=short"]
-    assert specs("setup_slope") == ["setup_slope setup=edge"]
-    assert specs("setup_zero") == ["setup_zero setup=level measures=angle"]
+    assert specs("setup_slope") == ["setup_slope setup=edge", "setup_slope setup=plate"]
+    assert specs("setup_zero") == [
+        "setup_zero setup=level measures=angle",
+        "setup_zero setup=plate",
+    ]
+    assert specs("setup_frame") == ["setup_frame setup=plate"]
     assert "instrument_drift setup=short" not in specs("instrument_drift")
     assert "instrument_drift setup=level measures=angle" in specs("instrument_drift")
     assert specs("dead_path") == [], "no signal of the air varied"
@@ -205,6 +211,7 @@ def test_what_a_campaign_tells_of_its_set_ups():
         [CAMPAIGNS["mill"][1].conditions.setup == "line"]))  # fmt: skip
     assert seen["line"].across == pytest.approx(0.0, abs=1e-9)
     assert seen["plate"].free == ("frame",)
+    assert (seen["line"].spread, seen["plate"].spread) == (1, 3)
     assert (CAMPAIGNS["mill"][1].conditions.kind == Kind.DISTANCE).sum() == seen["bar"].rows
 
 

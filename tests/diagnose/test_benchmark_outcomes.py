@@ -16,6 +16,7 @@ from benchmarks.hidden.readable import readable
 from benchmarks.hidden.scenario import Scenario, hide, scenarios
 from benchmarks.hidden.scene import scene
 from benchmarks.hidden.trial import as_campaign, run
+from compcore.campaign import Kind
 from compcore.fit import fit
 from compcore.model_file import parse_model
 from compcore.toml_source import TomlSource
@@ -122,3 +123,45 @@ def test_unseen_lines_are_measured_without_the_instruments_error() -> None:
     assert found.score == "named"
     assert found.rms["oracle"] < 0.98 * found.rms["before"]
     assert found.rms["abbe"] == pytest.approx(found.rms["oracle"], rel=0.02)
+
+
+def test_distances_are_simulated_and_learnt_from_as_what_they_are() -> None:
+    """Without noise and error a distance is that from base point to tip; a bias is added to all."""
+    stage = scene(170626, "distances column")
+    model = parse_model(TomlSource(stage.model_text()))
+    cause = stage.causes()["length_bias"]
+    plain = as_campaign(stage.simulate([]).text, model)
+    biased = as_campaign(stage.simulate([(cause, 0.3)]).text, model)
+    assert biased.value - plain.value == pytest.approx(0.3, abs=1e-6)
+    rows = plain.kind == Kind.DISTANCE
+    assert rows.sum() == 8 * 150
+    at = plain.conditions
+    assert at.base is not None
+    tip = np.stack([at.position(a) for a in "XYZ"], axis=1) + at.tool
+    ends = np.array([plain.bases[str(b)] for b in at.base])
+    nominal = np.linalg.norm(tip - ends, axis=1)[rows]
+    # the machine errs by micrometres, the base points are known to 0.05 mm
+    assert plain.value[rows] == pytest.approx(nominal, abs=0.3)
+    unseen = as_campaign(stage.simulate([], held_out=True).text, model)
+    seen, other = inputs(fit(model, biased), unseen)
+    assert seen.features.shape[1] == other.features.shape[1]
+    towards = (tip - ends)[rows] / nominal[:, None]
+    assert seen.toward[rows] == pytest.approx(towards, abs=5e-3)
+    assert seen.marks["distance"].sum() == rows.sum()
+    assert not other.marks["distance"].any()
+    assert seen.library[1].shape[1] == other.library[1].shape[1]
+
+
+def test_what_is_declared_known_is_measured_without_a_zero_of_its_own() -> None:
+    """All set-ups on one zero: simulated displacements are the machine's error, not shifted."""
+    own, common = (scene(61586, f"{way} bridge") for way in ("plate", "common"))
+    model = parse_model(TomlSource(common.model_text()))
+    values = {}
+    for way, stage in (("own", own), ("common", common)):
+        c = as_campaign(stage.simulate([]).text, model)
+        line = c.conditions.setup == "c2_diag6"
+        values[way] = c.value[line]
+        assert c.setups["c2_diag6"].free == (("zero",) if way == "own" else ())
+    shift = values["own"] - values["common"]
+    assert shift.std() < 2e-3
+    assert abs(shift.mean()) > 3e-3

