@@ -10,9 +10,10 @@ import numpy as np
 
 from benchmarks.hidden import bare, distances, instrument, rotary_causes, rotary_plan
 from benchmarks.hidden.campaign import STRUCTURES, draw
-from benchmarks.hidden.causes import Cause, catalogue, nobody_knows
+from benchmarks.hidden.causes import Cause, catalogue
 from benchmarks.hidden.further import further, left_out
 from benchmarks.hidden.measuring import NOISE
+from benchmarks.hidden.nobody import nobody_knows
 from benchmarks.hidden.scene import Scene
 
 MULTIPLES = (3, 6, 12)

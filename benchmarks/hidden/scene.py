@@ -10,9 +10,10 @@ import numpy as np
 
 from benchmarks.hidden import bare, distances, instrument
 from benchmarks.hidden.campaign import STRUCTURES, Machine, draw, model_text, simulate
-from benchmarks.hidden.causes import Cause, catalogue, nobody_knows
+from benchmarks.hidden.causes import Cause, catalogue
 from benchmarks.hidden.further import further, left_out
 from benchmarks.hidden.measuring import Hidden, Simulated
+from benchmarks.hidden.nobody import nobody_knows
 from benchmarks.hidden.rotary import Rotary
 from benchmarks.hidden.rotary_plan import LAYOUTS
 
