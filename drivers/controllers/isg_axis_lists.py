@@ -108,7 +108,7 @@ def _listed(
     file: str,
 ) -> Table:
     """The table of one compensation list."""
-    count = len(columns["setpoint"])
+    count = len(columns.get("setpoint", {}))
     base, step = (ANGLE if is_rotary(a) else LENGTH for a in (source, axis))
 
     def column(which: str) -> list[float]:

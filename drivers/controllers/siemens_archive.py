@@ -175,7 +175,7 @@ class _Raw:
                 found=f"{low:g} to {high:g} by {step:g}",
             )  # fmt: skip
         count = round((high - low) / step) + 1
-        if sorted(self.entries) != list(range(count)):
+        if len(self.entries) != count or set(self.entries) != set(range(count)):
             raise InputError(
                 "a table's points are not complete", file=self.file, field=key,
                 found=len(self.entries), expected=f"points 0 to {count - 1}",
