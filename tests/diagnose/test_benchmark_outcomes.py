@@ -13,10 +13,11 @@ from benchmarks.hidden.causes import POINT, Cause, State, six
 from benchmarks.hidden.inputs import Term, inputs
 from benchmarks.hidden.outcome import Outcome
 from benchmarks.hidden.readable import readable
-from benchmarks.hidden.scenario import Scenario, hide, scenarios
+from benchmarks.hidden.scenario import MULTIPLES, Scenario, hide, scenarios
 from benchmarks.hidden.scene import scene
 from benchmarks.hidden.trial import as_campaign, run
 from compcore.campaign import Kind
+from compcore.effects import effect_kinds
 from compcore.fit import fit
 from compcore.model_file import parse_model
 from compcore.toml_source import TomlSource
@@ -165,3 +166,14 @@ def test_what_is_declared_known_is_measured_without_a_zero_of_its_own() -> None:
     shift = values["own"] - values["common"]
     assert shift.std() < 2e-3
     assert abs(shift.mean()) > 3e-3
+
+
+def test_every_effect_of_the_catalogue_is_hidden_in_three_sizes() -> None:
+    found: dict[str, set[int]] = {}
+    for s in scenarios():
+        if len(s.causes) == 1:
+            cause = scene(s.seed, s.kind).causes()[s.causes[0]]
+            kind = cause.answers[0][0] if cause.answers else "formula"
+            found.setdefault(kind, set()).add(s.multiple)
+    own = {k for k, c in effect_kinds().items() if c.__module__.startswith("compcore.")}
+    assert {k: found.get(k) for k in sorted(own)} == {k: set(MULTIPLES) for k in sorted(own)}
