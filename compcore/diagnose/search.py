@@ -207,6 +207,8 @@ def _best_pair(
             index = np.r_[a, b]
             values, vectors = np.linalg.eigh(gram[np.ix_(index, index)])
             seen = values > 1e-4
+            if seen.sum() <= max(a.stop - a.start, b.stop - b.start):
+                continue  # one imitates the other: they are no two causes
             part = vectors[:, seen].T @ moment[index]
             drop = float((part**2 / values[seen]).sum())
             left = max(basis.chi2 - drop, 1e-12 * basis.chi2)
