@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, combinations_with_replacement
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -25,7 +26,14 @@ from compcore.structure import is_rotary
 F64 = NDArray[np.float64]
 
 SURFACE_DEGREE = 4
-_PERIODS_PER_OCTAVE = 60
+_DEGREES: Mapping[str, tuple[int, ...]] = {
+    "signal": (2, 8),
+    "difference": (2,),
+    "time": (8, 20),
+}
+"""Of smooth functions of one quantity; a restless drift takes many."""
+_FINE, _COARSE = 0.25, 0.5
+"""Steps of frequency, as parts of the resolution 1/span."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +51,9 @@ class Variable:
     unit
         Unit inside the code, for people.
     family
-        ``position``, ``signal``, ``time`` or ``direction``.
+        ``position``, ``signal``, ``difference`` (of two signals), ``time`` or ``direction``.
+    of
+        Of a difference: the two recorded quantities' names; else empty.
     """
 
     name: str
@@ -52,6 +62,21 @@ class Variable:
     scale: float
     unit: str
     family: str
+    of: tuple[str, ...] = ()
+
+    @property
+    def recorded(self) -> tuple[str, ...]:
+        """Names of the recorded quantities that it is made of."""
+        return self.of or (self.name,)
+
+
+class Wave(NamedTuple):
+    """An oscillation in `v`, growing along an axis or not, with so many harmonics."""
+
+    v: Variable
+    period: float
+    along: Variable | None
+    harmonics: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +97,10 @@ class Pattern:
         Formula terms, one per column; empty where no short formula says it.
     factors
         Of a product: its factors' names, a squared one twice.
+    wave
+        Of an oscillation: what it is made of.
+    made_of
+        Names of the variables in it where they are not those of `depends_on`.
     """
 
     depends_on: tuple[str, ...]
@@ -80,17 +109,23 @@ class Pattern:
     basis: F64
     terms: tuple[str, ...] = ()
     factors: tuple[str, ...] = ()
+    wave: Wave | None = None
+    made_of: tuple[str, ...] = ()
 
 
 def variables(machine: Machine, conditions: Conditions) -> list[Variable]:
-    """The recorded quantities that varied: positions, signals, time, approach directions."""
+    """The recorded quantities that varied: positions, signals, time, approach directions.
+
+    Beside them the differences of temperatures of one role: two sensors on a column tell what bends
+    it.
+    """
     found: list[Variable] = []
 
-    def add(name: str, value: F64, unit: str, family: str) -> None:
+    def add(name: str, value: F64, unit: str, family: str, of: tuple[str, ...] = ()) -> None:
         low, high = float(value.min()), float(value.max())
         if high > low:
             centre, scale = 0.5 * (low + high), 0.5 * (high - low)
-            found.append(Variable(name, (value - centre) / scale, centre, scale, unit, family))
+            found.append(Variable(name, (value - centre) / scale, centre, scale, unit, family, of))
 
     for axis in machine.structure.axes:
         unit = "rad" if machine.axis(axis).rotary else "mm"
@@ -98,6 +133,11 @@ def variables(machine: Machine, conditions: Conditions) -> list[Variable]:
     for name, value in conditions.signals.items():
         declared = machine.signals.get(name)
         add(name, value, declared.unit if declared else "", "signal")
+    for a, b in combinations(conditions.signals, 2):
+        one, two = machine.signals.get(a), machine.signals.get(b)
+        if one and two and one.temperature and one.role == two.role:
+            difference = conditions.signals[a] - conditions.signals[b]
+            add(f"({a} - {b})", difference, one.unit, "difference", (a, b))
     add("t", conditions.time, "s", "time")
     for axis in machine.structure.axes:
         direction = conditions.direction(axis)
@@ -130,23 +170,25 @@ def products(
 ) -> Iterator[Pattern]:
     """Products of up to `order` recorded quantities, each pair or triple of different families.
 
-    A position may be squared, a signal or the time only where it stands alone.
+    A position may be squared, a signal or the time only where it stands alone; two signals make a
+    product of their own.
     """
     for count in range(1, order + 1):
         for chosen in combinations_with_replacement(quantities, count):
             names = [v.name for v in chosen]
             squared = {v.name for v in chosen if names.count(v.name) > 1}
             families = Counter(v.family for v in chosen)
-            alone = count == 2 and bool(squared)
+            alone = count == 2 and (bool(squared) or families["signal"] == 2)
             if any(v.name in squared and v.family == "direction" for v in chosen):
                 continue
-            if families["signal"] + families["time"] > 1 and not alone:
+            slow = families["signal"] + families["difference"] + families["time"]
+            if (slow > 1 and not alone) or (count == 1 and families["difference"]):
                 continue
             basis = np.prod([v.value for v in chosen], axis=0)[:, None]
             term = term_of(chosen)
-            depends = tuple(dict.fromkeys(names))
+            depends = tuple(dict.fromkeys(n for v in chosen for n in v.recorded))
+            form = _product_form(tuple(dict.fromkeys(names)), squared)
             for channel in on:
-                form = _product_form(depends, squared)
                 yield Pattern(depends, form, channel, basis, (term,), tuple(names))
 
 
@@ -158,11 +200,13 @@ def surfaces(
     A function of one position alone is an error motion of that axis: the catalogue has it, as such
     or as more detail of what the model has.
     """
-    smooth = [v for v in quantities if v.family != "direction"]
-    for v in (v for v in smooth if v.family != "position"):
-        basis = _f64(chebyshev.chebvander(v.value, 2 * degree)[:, 1:])
-        for channel in on:
-            yield Pattern((v.name,), f"smooth function of {v.name}", channel, basis)
+    for v in quantities:
+        for most in _DEGREES.get(v.family, ()):
+            basis = _f64(chebyshev.chebvander(v.value, most)[:, 1:])
+            for channel in on:
+                form = f"smooth function of {v.name}"
+                yield Pattern(v.recorded, form, channel, basis, made_of=(v.name,))
+    smooth = [v for v in quantities if v.family not in ("direction", "difference")]
     for a, b in combinations(smooth, 2):
         if a.family != "position":
             continue
@@ -173,6 +217,13 @@ def surfaces(
             yield Pattern(
                 (a.name, b.name), f"smooth function of {a.name} and {b.name}", channel, basis
             )
+    for a in (q for q in quantities if q.family == "position"):
+        for b in (q for q in quantities if q.family in ("signal", "difference")):
+            basis = _f64(chebyshev.chebvander(a.value, degree) * b.value[:, None])
+            form = f"proportional to {b.name}, by a smooth function of {a.name}"
+            for channel in on:
+                depends = (a.name, *b.recorded)
+                yield Pattern(depends, form, channel, basis, made_of=(a.name, b.name))
     for v in (q for q in quantities if q.family == "direction"):
         for w in (q for q in smooth if q.family in ("position", "signal")):
             basis = _f64(v.value[:, None] * chebyshev.chebvander(w.value, degree))
@@ -196,33 +247,74 @@ def oscillations(
         if v.family not in ("time", "position") or v.name not in shortest:
             continue
         span = 2.0 * v.scale
-        for period in period_grid(shortest[v.name], 0.8 * span, span):
-            phase = 2.0 * np.pi * (v.value * v.scale + v.centre) / period
-            basis = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+        for period in period_grid(shortest[v.name], 0.8 * span, _FINE / span):
+            basis = _waves(v, period)
             for channel in on:
-                yield oscillation(v, period, channel, basis)
+                yield oscillation(v, period, channel, basis=basis)
 
 
-def oscillation(v: Variable, period: float, channel: Channel, basis: F64 | None = None) -> Pattern:
-    """One oscillation of a period, in the unit of the quantity."""
+def swings(
+    quantities: Sequence[Variable], on: Sequence[Channel], shortest: Mapping[str, float]
+) -> Iterator[Pattern]:
+    """Oscillations in time that grow along an axis from its middle: what tilts or stretches.
+
+    Periods from twice `shortest` on, on a coarser grid.
+    """
+    (time,) = (q for q in quantities if q.family == "time")
+    if time.name not in shortest:
+        return
+    span = 2.0 * time.scale
+    positions = [q for q in quantities if q.family == "position"]
+    for period in period_grid(2.0 * shortest[time.name], 0.8 * span, _COARSE / span):
+        waves = _waves(time, period)
+        for along in positions:
+            basis = along.value[:, None] * waves
+            for channel in on:
+                yield oscillation(time, period, channel, along, basis=basis)
+
+
+def oscillation(
+    v: Variable,
+    period: float,
+    channel: Channel,
+    along: Variable | None = None,
+    *,
+    harmonics: int = 1,
+    basis: F64 | None = None,
+) -> Pattern:
+    """One oscillation of a period (in the unit of the quantity), perhaps growing along an axis.
+
+    With `harmonics` above 1 it repeats, but is not a sine.
+    """
     if basis is None:
-        phase = 2.0 * np.pi * (v.value * v.scale + v.centre) / period
-        basis = np.stack([np.cos(phase), np.sin(phase)], axis=1)
-    argument = f"2*pi*{v.name}/{period:.6g}"
+        basis = np.hstack([_waves(v, period / k) for k in range(1, harmonics + 1)])
+        basis = basis if along is None else along.value[:, None] * basis
+    grown = "" if along is None else f"{term_of([along])}*"
+    arguments = [f"{2 * k}*pi*{v.name}/{period:.6g}" for k in range(1, harmonics + 1)]
+    form = f"oscillation in {v.name} with a period of {_readable(period, v.unit)}"
+    if along is not None:
+        form += f", growing along {along.name}"
+    if harmonics > 1:
+        form += ", not a sine"
     return Pattern(
-        (v.name,),
-        f"oscillation in {v.name} with a period of {_readable(period, v.unit)}",
+        (v.name,) if along is None else (along.name, v.name),
+        form,
         channel,
         basis,
-        (f"cos({argument})", f"sin({argument})"),
+        tuple(f"{grown}{wave}({a})" for a in arguments for wave in ("cos", "sin")),
+        wave=Wave(v, period, along, harmonics),
     )
 
 
-def period_grid(shortest: float, longest: float, span: float) -> F64:
-    """Periods whose frequencies lie a quarter of the resolution ``1/span`` apart."""
+def _waves(v: Variable, period: float) -> F64:
+    phase = 2.0 * np.pi * (v.value * v.scale + v.centre) / period
+    return np.stack([np.cos(phase), np.sin(phase)], axis=1)
+
+
+def period_grid(shortest: float, longest: float, step: float) -> F64:
+    """Periods whose frequencies lie `step` apart."""
     if not 0.0 < shortest < longest:
         return np.zeros(0)
-    step = 0.25 / span
     return np.asarray(1.0 / np.arange(1.0 / longest, 1.0 / shortest, step))
 
 

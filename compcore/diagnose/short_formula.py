@@ -76,7 +76,8 @@ def shortened(
 
 def _monomials(pattern: Pattern, quantities: Sequence[Variable]) -> dict[str, F64]:
     """Term → column, shape (n,), of products of powers; a direction stands in each of them."""
-    own = [q for q in quantities if q.name in pattern.depends_on]
+    names = pattern.made_of or pattern.depends_on
+    own = [q for q in quantities if q.name in names]
     signs = [q for q in own if q.family == "direction"]
     smooth = [q for q in own if q.family != "direction"]
     found: dict[str, F64] = {}

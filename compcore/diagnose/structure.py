@@ -11,17 +11,20 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from compcore.channel import Channel
 from compcore.design_matrix import Problem
 from compcore.diagnose.evidence import CONVINCING, Evidence, weigh
 from compcore.diagnose.patterns import (
     Pattern,
     Variable,
+    Wave,
     channels,
     lever_axes,
     oscillation,
     oscillations,
     products,
     surfaces,
+    swings,
     variables,
 )
 from compcore.diagnose.pool import MATERIAL, SIGNIFICANT
@@ -39,6 +42,9 @@ TILT = 6.0
 _MANY_ROWS = 20_000
 
 _KEPT = 12
+
+_HARMONICS = 3
+"""Of what repeats and is not a sine."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +101,7 @@ class Patterns:
             list(products(self._quantities, on, order)),
             list(surfaces(self._quantities, on[:3])),
             list(oscillations(self._quantities, on[:3], shortest)),
+            list(swings(self._quantities, on[:3], shortest)),
         ]
         self._banks = [Bank(fitted, partial(self._trials, f)) for f in self._families]
 
@@ -145,9 +152,19 @@ class Patterns:
         return np.hstack([structure.columns, *lower])
 
     def _weighed(self, basis: Basis, pattern: Pattern, tests: int) -> Structure:
-        refined = 0
-        if pattern.form.startswith("oscillation"):
-            pattern, refined = self._refined_period(basis, pattern), 1
+        if pattern.wave is None:
+            return self._weighed_as_it_is(basis, pattern, tests, 0)
+        refined = self._refined_period(basis, pattern.wave, pattern.channel)
+        wave = refined.wave or pattern.wave
+        repeated = oscillation(
+            wave.v, wave.period, pattern.channel, wave.along, harmonics=_HARMONICS
+        )
+        both = [self._weighed_as_it_is(basis, p, tests, 1) for p in (refined, repeated)]
+        return max(both, key=lambda s: s.evidence.value)
+
+    def _weighed_as_it_is(
+        self, basis: Basis, pattern: Pattern, tests: int, refined: int
+    ) -> Structure:
         columns = self.columns(pattern)
         (s,) = screen(basis, [(0, {}, lambda: columns)])
         cost = EMPIRICAL + (TILT if pattern.channel.rotation else 0.0)
@@ -156,14 +173,12 @@ class Patterns:
         depends = tuple(dict.fromkeys((*pattern.depends_on, *levers)))
         return Structure(pattern, columns, evidence, s.drop, depends)
 
-    def _refined_period(self, basis: Basis, pattern: Pattern) -> Pattern:
+    def _refined_period(self, basis: Basis, wave: Wave, channel: Channel) -> Pattern:
         """The same oscillation with its period moved to the best place nearby."""
-        (name,) = pattern.depends_on
-        v = next(q for q in self._quantities if q.name == name)
-        frequency = 1.0 / _period_of(pattern)
-        step = 0.25 / (2.0 * v.scale)
+        frequency = 1.0 / wave.period
+        step = 0.25 / (2.0 * wave.v.scale)
         trials = [
-            oscillation(v, 1.0 / (frequency + part * step), pattern.channel)
+            oscillation(wave.v, 1.0 / (frequency + part * step), channel, wave.along)
             for part in np.linspace(-1.0, 1.0, 21)
         ]
         drops = screen(basis, self._trials(trials))
@@ -173,10 +188,6 @@ class Patterns:
 def _value(basis: Basis, drop: float, rank: int) -> float:
     left = max(basis.chi2 - drop, 1e-12 * basis.chi2)
     return basis.dof * math.log(basis.chi2 / left) - rank * math.log(basis.n)
-
-
-def _period_of(pattern: Pattern) -> float:
-    return float(pattern.terms[0].rsplit("/", 1)[1].rstrip(")"))
 
 
 def _shortest(quantities: Sequence[Variable]) -> dict[str, float]:
