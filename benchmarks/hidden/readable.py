@@ -56,14 +56,17 @@ def _is(found: frozenset[str], component: str, kind: str, where: Mapping[str, An
         one, two = where["axes"]
         return (found, component) in (({one}, two), ({two}, one))
     wanted = [set(w) for w in _depends(kind, axis, where)]
-    levers = set(_LINEAR) if "about" in where or "tilt" in kind else set()
+    turns = "about" in where or (
+        axis != "" and axis[0] in "ABC" and kind not in ("rotary_radial", "rotary_axial")
+    )
+    levers = set(_LINEAR) if turns else set()
     if not any(w <= found and found <= w | levers for w in wanted):
         return False
     if kind in ("workpiece_expansion", "air_refraction"):
         return component in found
     towards = set(_LINEAR)
-    if "about" in where:
-        towards -= {str(where["about"])}
+    if "about" in where or kind == "rotary_tilt":
+        towards -= {str(where.get("about", where.get("direction")))}
     elif "direction" in where:
         towards = {str(where["direction"])}
     elif axis in _LINEAR:

@@ -33,6 +33,14 @@ greatest contribution to a row beyond its set-up's mean. *alias*: named among wh
 cannot tell from the leader. *described*: the verdict is `unexplained` and names what the structure
 depends on.
 
+Five machines with three linear axes, whose users model all 21 error motions and the scales'
+expansion, are measured in three rounds through a day: laser lines, straightness, angles, diagonals,
+three tools, a master point between. Where such a model would imitate the cause, or such a campaign
+could not show it, others stand in: machines with few errors and users who model no more; machines
+with rotary axes and a ball on the table; lasers that stay all day with one zero, in air whose
+pressure changes; displacements read against one zero; a ball plate in a fixture; one thermometer
+for all scales; distances from four base points.
+
 Held-out RMS in µm: lines of another day that nothing was fitted to, measured by a faultless
 instrument. *Before*: the user's model, fitted. *Oracle*: with the true effect added (where the
 catalogue has none, the true formula). *Abbe*: one `diagnose`, what it established added, and the

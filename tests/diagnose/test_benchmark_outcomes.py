@@ -85,6 +85,8 @@ def test_the_table_counts_what_it_shows() -> None:
         (_cause("warm_up", direction="Z"), Term(("t", "t"), "Z"), "yes"),
         (_cause("length_bias"), Term(("distance",), ""), "yes"),
         (_cause("rotary_radial", axis="C", direction="X"), Term(("sin C", "cos C"), "X"), "yes"),
+        (_cause("rotary_positioning", axis="C"), Term(("X", "cos C"), "Y"), "yes"),
+        (_cause("rotary_axial", axis="C"), Term(("X", "cos C"), "Z"), "no"),
         # of one set-up: nothing in the library says it
         (_cause("cosine", setup="d"), Term(("X",), "X"), "no"),
     ],
