@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.hidden import bare, distances, instrument, rotary_causes, rotary_plan
+from benchmarks.hidden import bare, beyond, distances, instrument, rotary_causes, rotary_plan
 from benchmarks.hidden.campaign import STRUCTURES, draw
 from benchmarks.hidden.causes import Cause, catalogue
 from benchmarks.hidden.further import further, left_out
@@ -31,8 +31,10 @@ ELSEWHERE: Mapping[str, tuple[str, ...]] = {
     **rotary_causes.HIDDEN,
     **{name: instrument.kinds(words) for name, words in instrument.HIDDEN.items()},
     **dict.fromkeys(distances.HIDDEN, distances.kinds()),
+    **dict.fromkeys(beyond.NAMES, tuple(STRUCTURES)),
 }
-"""Causes that need other scenes than the usual ones → the kinds of scene, taken in turn."""
+"""Causes that need other scenes than the usual ones, or came later → the kinds of scene, taken in
+turn."""
 EMPTY_ELSEWHERE = (
     *bare.kinds(tuple(bare.MODELLED))[::2],
     *rotary_plan.LAYOUTS,

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from benchmarks.hidden import bare, distances, instrument
+from benchmarks.hidden.beyond import beyond
 from benchmarks.hidden.campaign import STRUCTURES, Machine, draw, model_text, simulate
 from benchmarks.hidden.causes import Cause, catalogue
 from benchmarks.hidden.further import further, left_out
@@ -49,7 +50,8 @@ class Usual:
         rng = np.random.default_rng((self.seed, 7))
         found = catalogue(axes, travels, rng) | nobody_knows(axes, travels, rng)
         rng = np.random.default_rng((self.seed, 8))
-        return found | further(axes, travels, rng) | left_out(axes, rng)
+        found |= further(axes, travels, rng) | left_out(axes, rng)
+        return found | beyond(axes, travels, np.random.default_rng((self.seed, 9)))
 
     def simulate(self, causes: Hidden, *, held_out: bool = False) -> Simulated:
         """Lines by laser, angles by level, through a day."""
