@@ -74,8 +74,8 @@ class Bare:
             has = np.zeros(6)
             has["XYZ".index(axis)] = "positioning" in modelled
             waves[axis] = np.stack([own[0] * has[:, None], own[1], own[2]])
-        perfect = dict.fromkeys(whole.mounts, (0.0,) * 6)
-        mounts = whole.mounts if "squareness" in modelled else perfect
+        square = "squareness" not in modelled
+        mounts = {a: (0.0,) * 6 if square else mount for a, mount in whole.mounts.items()}
         return cls(replace(whole, waves=waves, mounts=mounts), modelled, seed)
 
     def causes(self) -> dict[str, Cause]:
@@ -97,7 +97,9 @@ class Bare:
 
     def model_text(self, omits: Sequence[tuple[str, Mapping[str, Any]]] = ()) -> str:
         """What the machine has."""
-        lacking = [(kind, {}) for kind in _GEOMETRY if kind not in self.modelled]
+        lacking: list[tuple[str, Mapping[str, Any]]] = [
+            (kind, {}) for kind in _GEOMETRY if kind not in self.modelled
+        ]
         return model_text(self.machine, [*omits, *lacking])
 
 
