@@ -171,7 +171,7 @@ def products(
     """Products of up to `order` recorded quantities, each pair or triple of different families.
 
     A position may be squared, a signal or the time only where it stands alone; two signals make a
-    product of their own.
+    product of their own, each counted from anywhere.
     """
     for count in range(1, order + 1):
         for chosen in combinations_with_replacement(quantities, count):
@@ -184,12 +184,15 @@ def products(
             slow = families["signal"] + families["difference"] + families["time"]
             if (slow > 1 and not alone) or (count == 1 and families["difference"]):
                 continue
-            basis = np.prod([v.value for v in chosen], axis=0)[:, None]
-            term = term_of(chosen)
+            parts = [chosen]
+            if families["signal"] == 2 and not squared:
+                parts += [chosen[:1], chosen[1:]]
+            basis = np.stack([np.prod([v.value for v in part], axis=0) for part in parts], axis=1)
+            terms = tuple(term_of(part) for part in parts)
             depends = tuple(dict.fromkeys(n for v in chosen for n in v.recorded))
             form = _product_form(tuple(dict.fromkeys(names)), squared)
             for channel in on:
-                yield Pattern(depends, form, channel, basis, (term,), tuple(names))
+                yield Pattern(depends, form, channel, basis, terms, tuple(names))
 
 
 def surfaces(

@@ -100,6 +100,12 @@ def test_a_short_campaign_is_diagnosed_without_inventing_anything() -> None:
         ("bridge", 8548, ("square of a temperature",), "described"),
         # seen equally through three axes: the one that carries the other comes first
         ("bridge", 5034, ("cross_angular",), "named"),
+        # each of these was once told as two or three thermal or instrument's causes
+        ("bridge", 8800, ("expansion along a guideway by one temperature",), "described"),
+        ("mill", 8806, ("two temperatures together",), "described"),
+        ("column", 8807, ("swing that grows along an axis",), "described"),
+        ("gantry", 8809, ("sawtooth in time",), "described"),
+        ("bridge", 8810, ("square of a gradient",), "described"),
         # an artefact that is believed to be aligned, and is not
         ("plate column", 192326, ("setup_frame",), "named"),
     ],
