@@ -22,7 +22,7 @@ from drivers.controllers.base import (
     PerAxis,
     Trust,
 )
-from drivers.controllers.text import fixed, number, numbered_lines
+from drivers.controllers.text import above_zero, fixed, number, numbered_lines, whole_number
 
 _DECIMALS = 3
 """Of values in µm."""
@@ -146,7 +146,13 @@ class Aerotech2D(Controller):
     def _tables(
         self, name: str, heads: Sequence[str], values: Sequence[Sequence[float]]
     ) -> list[Table]:
-        row, column, first, second, *rest = heads[0].split()
+        told = heads[0].split()
+        if len(told) != 7:
+            raise InputError(
+                "not the head of a table", file=name, line=2, found=heads[0],
+                expected="four axis numbers, two distances, the number of columns",
+            )  # fmt: skip
+        row, column, first, second, *rest = told
         keys = dict(_KEY.findall(" ".join(heads[1:]).upper()))
         letters = {str(n): a for a, n in self._numbers().items()}
         outputs = [first, second, *([keys["OUTAXIS3"]] if "OUTAXIS3" in keys else [])]
@@ -166,8 +172,16 @@ class Aerotech2D(Controller):
             )  # fmt: skip
         factor = 1e-3 if keys["CORUNIT"].endswith("/1000") else 1.0
         factor *= 1.0 if "NEGCOR" in " ".join(heads).upper().split() else -1.0
-        step_row, step_column = (float(v) for v in rest[:2])
-        count = int(rest[2])
+        step_row, step_column = (
+            above_zero(number(v, name, 2, k), name, 2, k)
+            for v, k in zip(rest, ("SampDistRow", "SampDistCol"), strict=False)
+        )
+        count = whole_number(rest[2], name, 2, "NumCols")
+        if not values or count < 1:
+            raise InputError(
+                "a table without points", file=name, found=f"{len(values)} rows of {count}",
+                expected="one at least",
+            )  # fmt: skip
         for i, line in enumerate(values, start=1):
             if len(line) != count * len(outputs):
                 raise InputError(
@@ -175,8 +189,11 @@ class Aerotech2D(Controller):
                     expected=f"{count} columns of {len(outputs)}",
                 )  # fmt: skip
         table = np.array(values).reshape(len(values), count, len(outputs)) * factor
-        rows = equidistant(-float(keys.get("OFFSETROW", 0.0)), step_row, len(values))
-        columns = equidistant(-float(keys.get("OFFSETCOL", 0.0)), step_column, count)
+        start_row, start_column = (
+            -number(keys.get(k, "0"), name, 3, k) for k in ("OFFSETROW", "OFFSETCOL")
+        )
+        rows = equidistant(start_row, step_row, len(values))
+        columns = equidistant(start_column, step_column, count)
         return [
             Table(
                 move(letters[out]),

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compcore.channel import Channel, Component
+from compcore.errors import InputError
 from compcore.machine import Machine, own_component
 from compcore.structure import is_rotary
 from compcore.tables.table import Table, move
@@ -55,5 +56,17 @@ def output_of(axis: str) -> Channel:
 
 
 def equidistant(start: float, step: float, count: int) -> F64:
-    """Positions from a start at one distance, (count,)."""
-    return np.asarray(start + step * np.arange(count), dtype=np.float64)
+    """Positions from a start at one distance, (count,).
+
+    Raises
+    ------
+    InputError
+        When they do not increase: no distance, or too small a one so far out.
+    """
+    found = np.asarray(start + step * np.arange(count), dtype=np.float64)
+    if not (np.diff(found) > 0.0).all():
+        raise InputError(
+            "positions that do not increase", field="distance", found=f"{step:g} from {start:g}",
+            expected="a distance above 0",
+        )  # fmt: skip
+    return found

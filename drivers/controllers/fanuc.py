@@ -15,7 +15,8 @@ from compcore.tables.capability import Capability, Holds, Increment, Spacing
 from compcore.tables.table import Table
 from drivers.controllers.axes import DEGREE, axis_numbers, equidistant, output_of, position_unit
 from drivers.controllers.base import Confidence, Controller, ControllerOptions, PerAxis, Trust
-from drivers.controllers.text import numbered_lines
+from drivers.controllers.text import above_zero, numbered_lines
+from drivers.controllers.text import number as to_number
 
 F64 = NDArray[np.float64]
 
@@ -155,7 +156,7 @@ class Fanuc(Controller):
         entries: dict[int, int] = {}
         for line, number, items in _blocks(text, name):
             if number >= _FIRST:
-                entries[number - _FIRST] = _entry(items[0], name, line)
+                entries[number - _FIRST] = _entry(items, name, line)
             else:
                 for axis, value in items.items():
                     parameters[number, axis] = value
@@ -191,10 +192,17 @@ class Fanuc(Controller):
 
         base, unit = self._unit(axis)
         reference, first, last = (int(parameter(p)) for p in (3620, 3621, 3622))
-        size = int(parameter(3623))
-        interval = parameter(3624) * (1.0 if self.options.format == "30i" else 1e-3)
+        size = int(above_zero(parameter(3623), file, None, f"N03623 A{number}"))
+        interval = above_zero(parameter(3624), file, None, f"N03624 A{number}")
+        interval *= 1.0 if self.options.format == "30i" else 1e-3
         count = last - first + 2
         zero = reference - first + 1
+        if not (0 <= first <= last <= _HIGHEST and 0 <= zero < count):
+            raise InputError(
+                "numbers of points that do not go together", file=file,
+                field=f"N03620 to N03622 A{number}", found=f"{reference}, {first}, {last}",
+                expected=f"first ≤ last ≤ {_HIGHEST}, the reference point at one of them",
+            )  # fmt: skip
         nodes = equidistant(-zero * interval * base, interval * base, count)
         forward = _added_up(entries, first, count, zero, 0)
         backward = None
@@ -259,11 +267,14 @@ def _blocks(text: str, file: str) -> Iterator[tuple[int, int, dict[int, float]]]
                 "not a parameter or pitch block", file=file, line=i, found=line,
                 expected="N…P… or N…A…P…",
             )  # fmt: skip
-        items = {int(a): float(v) for a, v in _ITEM.findall(match[3])}
-        yield i, int(match[1]), items or {0: float(match[3][1:])}
+        items = {int(a): to_number(v, file, i, f"A{a}") for a, v in _ITEM.findall(match[3])}
+        yield i, int(match[1]), items or {0: to_number(match[3][1:], file, i, "P")}
 
 
-def _entry(value: float, file: str, line: int) -> int:
+def _entry(items: Mapping[int, float], file: str, line: int) -> int:
+    value = items.get(0)
+    if value is None:
+        raise InputError("a pitch block is of no axis", file=file, line=line, expected="N…P…")
     if value != int(value):
         raise InputError("a pitch entry is a whole number", file=file, line=line, found=value)
     return int(value)

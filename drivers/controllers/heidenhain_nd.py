@@ -14,9 +14,11 @@ from compcore.tables.capability import Capability, Form, Holds, Spacing
 from compcore.tables.table import Table, move
 from drivers.controllers.axes import equidistant
 from drivers.controllers.base import Confidence, Controller, ControllerOptions, PerAxis, Trust
-from drivers.controllers.text import fixed, number
+from drivers.controllers.text import fixed, number, whole_number
 
 _POINTS = 64
+_MOST_SPACING = 30
+"""2^30 µm is a kilometre."""
 _UNSET = "----------"
 _LINE = re.compile(r"(?P<key>.*?)\s*=\s*(?P<value>.*)")
 
@@ -134,14 +136,20 @@ class HeidenhainND(Controller):
                 expected="one of " + ", ".join(f"{n} ({a})" for n, a in names.items()),
             )  # fmt: skip
         power, line = found("SPACING")
-        distance = self.options.spacing_um * 1e-3 * 2.0 ** number(power, name, line, "SPACING")
+        exponent = whole_number(power, name, line, "SPACING")
+        if not 0 <= exponent <= _MOST_SPACING:
+            raise InputError(
+                "a spacing that no unit has", file=name, line=line, field="SPACING", found=exponent,
+                expected=f"0 to {_MOST_SPACING}",
+            )  # fmt: skip
+        distance = self.options.spacing_um * 1e-3 * 2.0**exponent
         datum, line = found("DATUM")
         start = number(datum.replace(" ", ""), name, line, "DATUM")
         values: list[float] = []
         for line, key, value in rows:
             if " NR. " not in key or value == _UNSET:
                 continue
-            if int(key.rpartition(" ")[2]) != len(values):
+            if whole_number(key.rpartition(" ")[2], name, line, key) != len(values):
                 raise InputError("a point is missing", file=name, line=line, found=key)
             values.append(number(value.replace(" ", ""), name, line, key))
         if not values or values[0] != 0.0:

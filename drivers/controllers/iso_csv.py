@@ -182,7 +182,7 @@ class IsoCsv(Controller):
         table = np.array(rows).reshape(-1, len(head))
         base = DEGREE if position[2] == "deg" else 1.0
         nodes = increasing(list(table[:, 0]), name, 1, head[0]) * base
-        origin = float(told.get("origin", "0")) * base
+        origin = number(told.get("origin", "0"), name, None, "origin") * base
         parts_of: dict[Component, dict[str, F64]] = {}
         for k, column in enumerate(head[1:], start=1):
             match = _COLUMN.fullmatch(column)

@@ -28,7 +28,7 @@ from drivers.controllers.base import (
     PerAxis,
     Trust,
 )
-from drivers.controllers.text import numbered_lines, whole
+from drivers.controllers.text import above_zero, numbered_lines, whole
 
 _FINE = 16
 """Entries are sixteenths of a count."""
@@ -228,10 +228,11 @@ class Pmac(Controller):
                 found=f"#{source}, #{target}", expected="motors of " + ", ".join(axes.values()),
             )  # fmt: skip
         axis, moved = axes[source], axes[target]
-        step = int(heading["span"]) / int(heading["entries"]) * self._count(axis)
+        count = len(values)
+        span = above_zero(int(heading["span"]), file, line, "DEFINE COMP")
+        step = span / above_zero(count, file, line, "entries") * self._count(axis)
         low, high = self.machine.axis(axis).travel
         below = 0 if low >= 0.0 else math.ceil(-low / step - 1e-6)
-        count = len(values)
         above = count if not below and count * step <= high + 1e-6 else count - 1 - below
         entry = [0 if k == 0 else values[(k - 1) % count] for k in range(-below, above + 1)]
         nodes = equidistant(-below * step, step, below + above + 1)

@@ -37,7 +37,7 @@ def whole(value: float, step: float, what: str) -> int:
     return round(count)
 
 
-def number(text: str, file: str, line: int, what: str) -> float:
+def number(text: str, file: str, line: int | None, what: str) -> float:
     """A finite number.
 
     Raises
@@ -52,6 +52,38 @@ def number(text: str, file: str, line: int, what: str) -> float:
     if not math.isfinite(value):
         raise InputError(
             "not a number", file=file, line=line, field=what, found=text, expected="a number"
+        )
+    return value
+
+
+def whole_number(text: str, file: str, line: int | None, what: str) -> int:
+    """A whole number.
+
+    Raises
+    ------
+    InputError
+        With the place.
+    """
+    value = number(text, file, line, what)
+    if value != int(value):
+        raise InputError(
+            "not a whole number", file=file, line=line, field=what, found=text,
+            expected="a whole number",
+        )  # fmt: skip
+    return int(value)
+
+
+def above_zero(value: float, file: str, line: int | None, what: str) -> float:
+    """A number that must be greater than 0, such as a distance.
+
+    Raises
+    ------
+    InputError
+        With the place.
+    """
+    if not value > 0.0:
+        raise InputError(
+            "not above 0", file=file, line=line, field=what, found=value, expected="above 0"
         )
     return value
 
