@@ -183,8 +183,9 @@ class LinkConfig(BaseModel):
 class Link(ABC):
     """One owner of one physical bus.
 
-    A link never blocks the event loop, bounds every wait, reconnects by itself, and hands back a
-    `Sample` for every channel asked for: an outage shows as quality, not as an exception.
+    A link never blocks the event loop (for longer than `drivers.awaited` says), bounds every wait,
+    reconnects by itself, and hands back a `Sample` for every channel asked for: an outage shows as
+    quality, not as an exception.
     """
 
     Config: ClassVar[type[LinkConfig]]

@@ -6,9 +6,9 @@ import asyncio
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
+from drivers.can.datagrams import Datagrams
 from drivers.can.incoming import Incoming
 from drivers.can.interface import (
-    ECHOING,
     PROMPT,
     STAMPED,
     InterfaceConfig,
@@ -33,6 +33,7 @@ class _Connection(NamedTuple):
     """One opening of the interface."""
 
     opened: Opened
+    datagrams: Datagrams | None
     incoming: Incoming
     outgoing: Outgoing
     status: AdapterStatus | None
@@ -101,8 +102,9 @@ class CanBus:
                 self.abandon()
                 self._on_lost(why)
 
+        datagrams = Datagrams(opened.bus) if config.interface == "udp_multicast" else None
         incoming = Incoming(
-            opened.bus,
+            datagrams or opened.bus,
             stamped=config.interface in STAMPED,
             name=config.where,
             on_frame=self._on_frame,
@@ -116,7 +118,7 @@ class CanBus:
         if isinstance(port, BufferedPort):
             dialect = config.adapter_status
             status = AdapterStatus(port, outgoing.lock, dialect, self._on_state, lose)
-        self._connection = _Connection(opened, incoming, outgoing, status)
+        self._connection = _Connection(opened, datagrams, incoming, outgoing, status)
 
     def abandon(self) -> None:
         """Close the interface without waiting for it; safe to call at any time."""
@@ -138,10 +140,12 @@ class CanBus:
 
     def send(self, messages: Sequence[can.Message]) -> None:
         """Send frames, from the event loop; raises as `drivers.can.outgoing.Outgoing.send`."""
-        connection = self._open_one()
+        connection = self._connection or self._open_one()
         connection.outgoing.send(messages)
-        if self._config.interface in ECHOING:
-            connection.incoming.take()
+
+    def wait(self, seconds: float) -> bool:
+        """Wait on the spot for frames; as `drivers.can.incoming.Incoming.wait`."""
+        return self._connection is not None and self._connection.incoming.wait(seconds)
 
     def send_and_wait(self, message: can.Message) -> None:
         """Send a frame from a thread that may wait for the device; raises python-can's errors."""
@@ -168,6 +172,8 @@ class CanBus:
 def _end(connection: _Connection) -> None:
     connection.incoming.join(_END_OF_THREAD)
     connection.outgoing.join(_END_OF_THREAD)
+    if connection.datagrams is not None:
+        connection.datagrams.close()
     lock = connection.outgoing.lock
     held = lock.acquire(timeout=_END_OF_THREAD)
     try:

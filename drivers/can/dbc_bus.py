@@ -94,7 +94,7 @@ class MessageBus:
         LinkError
             When the bus is down, or too many wait for it. Silence is none: it shows in `Heard`.
         """
-        asked = self._requests.due(self.of[name] for name in channels if name in self.of)
+        asked = self._requests.due([self.of[name] for name in channels if name in self.of])
         if asked:
             async with self._turns:
                 await self._requests.ask(asked)
@@ -113,8 +113,10 @@ class MessageBus:
         if frame.is_error_frame:
             self._errors.take(frame.arbitration_id, bytes(frame.data))
             return
+        if frame.is_remote_frame:
+            return
         heard = self._by_id.get((frame.arbitration_id, frame.is_extended_id))
-        if heard is None or frame.is_remote_frame:
+        if heard is None:
             return
         if heard.request is not None and not self._requests.is_awaited(heard):
             return

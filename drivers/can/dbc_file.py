@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -113,20 +113,43 @@ def within_of(message: Message, stated: float | None) -> float:
     return max(_LEAST_WITHIN, MISSING_AFTER * cycle) if cycle else _DEFAULT_WITHIN
 
 
-def decode(message: Message, data: bytes) -> Mapping[str, Any]:
-    """Signal → physical value; of a multiplexed message those that this frame carries.
+def decoder(message: Message, used: Collection[str]) -> Callable[[bytes], Mapping[str, Any]]:
+    """What makes the physical values of some signals from a frame's bytes, worked out beforehand.
 
-    Raises
-    ------
-    ValueError
-        When the frame is too short.
+    The function that is handed back raises `ValueError` when the frame is too short. Of a
+    multiplexed message it hands back the signals that the frame carries.
     """
-    if len(data) < message.length:
-        raise ValueError(
-            f"{message.name}: {len(data)} bytes came, the DBC file says {message.length}"
-        )
-    values: Mapping[str, Any] = message.decode(data, decode_choices=False)  # type: ignore[assignment]
-    return values
+    from cantools.database.utils import create_encode_decode_formats
+
+    length, name = message.length, message.name
+
+    def whole(data: bytes) -> bytes:
+        if len(data) < length:
+            raise ValueError(f"{name}: {len(data)} bytes came, the DBC file says {length}")
+        return data[:length]
+
+    if message.is_multiplexed():
+
+        def decode_page(data: bytes) -> Mapping[str, Any]:
+            values: Mapping[str, Any] = message.decode(whole(data), decode_choices=False)  # type: ignore[assignment]
+            return values
+
+        return decode_page
+
+    signals = [signal for signal in message.signals if signal.name in used]
+    formats = create_encode_decode_formats(signals, length)
+    big = any(signal.byte_order == "big_endian" for signal in signals)
+    little = any(signal.byte_order == "little_endian" for signal in signals)
+    physical = [(signal.name, signal.conversion.raw_to_scaled) for signal in signals]
+
+    def decode(data: bytes) -> Mapping[str, Any]:
+        data = whole(data)
+        raw: dict[str, Any] = formats.big_endian.unpack(data) if big else {}
+        if little:
+            raw.update(formats.little_endian.unpack(data[::-1]))
+        return {signal: convert(raw[signal], False) for signal, convert in physical}
+
+    return decode
 
 
 def encode(message: Message, values: Mapping[str, float]) -> bytes:

@@ -46,6 +46,7 @@ class DbcLink(Link):
         super().__init__(name, config)
         check_interface(config, "cantools")
         self._config = config
+        self._known = frozenset(config.channels)
         self._messages = load(config)
         self._bus = MessageBus(name, config, self._messages, self.status)
         self._sending = Sending(name, config, self._messages)
@@ -87,7 +88,8 @@ class DbcLink(Link):
         LinkConfigError
             When a name is not in the configuration.
         """
-        self._check_known(channels, self._config.channels)
+        if not self._known.issuperset(channels):
+            self._check_known(channels, self._config.channels)
         try:
             await self._bus.ask_for(channels)
         except LinkError as error:

@@ -8,14 +8,14 @@ Whatever is longer is left to that package (`drivers.can.canopen_wall`).
 
 from __future__ import annotations
 
-import asyncio
+import contextlib
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from drivers.awaited import Awaited
 from drivers.can.bus import CanBus
 from drivers.can.frames import frame
-from drivers.patience import Patience
 
 _HEAD = struct.Struct("<BHB")
 _REQUEST, _RESPONSE = 0x600, 0x580
@@ -99,8 +99,7 @@ class Expedited:
     def __init__(self, bus: CanBus) -> None:
         self._bus = bus
         self._waiting: dict[int, Ask] = {}
-        self._all_done: asyncio.Future[None] | None = None
-        self._patience = Patience(_finish)
+        self._all_done: Awaited[None] = Awaited(bus.wait)
 
     async def ask(self, asked: Sequence[Ask], timeout: float) -> None:  # noqa: ASYNC109
         """Send all requests, then wait, at most `timeout` s, for all answers.
@@ -116,14 +115,15 @@ class Expedited:
             When a frame cannot be sent, or the bus is closed meanwhile.
         """
         self._waiting = {_RESPONSE + one.number: one for one in asked}
-        done = self._all_done = asyncio.get_running_loop().create_future()
-        self._patience.begin(done, timeout)
+        done = self._all_done
+        done.begin()
         try:
             self._bus.send([frame(_REQUEST + one.number, one.request()) for one in asked])
-            await done
+            with contextlib.suppress(TimeoutError):
+                await done.get(timeout)
         finally:
-            self._patience.end()
-            self._waiting, self._all_done = {}, None
+            done.end()
+            self._waiting = {}
         for one in asked:
             if one.too_long:
                 abort = _HEAD.pack(_ABORTED, one.index, one.subindex) + b"\0\0\0\x08"
@@ -136,16 +136,10 @@ class Expedited:
             return False
         if one.take(bytes(data)):
             del self._waiting[can_id]
-            if not self._waiting and self._all_done is not None:
-                _finish(self._all_done)
+            if not self._waiting:
+                self._all_done.give(None)
         return True
 
     def fail(self, error: Exception) -> None:
         """End a wait with an error."""
-        if self._all_done is not None and not self._all_done.done():
-            self._all_done.set_exception(error)
-
-
-def _finish(done: asyncio.Future[None]) -> None:
-    if not done.done():
-        done.set_result(None)
+        self._all_done.fail(error)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from drivers.can.dbc_config import DbcConfig
-from drivers.can.dbc_file import decode, signal_of, within_of
+from drivers.can.dbc_file import decoder, signal_of, within_of
 from drivers.link import Quality, Sample
 from drivers.quarantine import Member
 
@@ -30,14 +30,15 @@ class Heard(Member):
     """
 
     __slots__ = (
-        "asked_at", "came", "channels", "data", "every", "fresh", "message", "request", "values",
-        "within",
+        "_decode", "_multiplexed", "asked_at", "came", "channels", "data", "every", "fresh",
+        "message", "request", "values", "within",
     )  # fmt: skip
 
     def __init__(self, message: Message, config: DbcConfig) -> None:
         super().__init__(f"message {message.name}")
         section = config.messages.get(message.name)
         self.message = message
+        self._multiplexed = message.is_multiplexed()
         self.within = within_of(message, section.within if section else None)
         self.request = section.request if section else None
         self.every = section.every if section else 0.0
@@ -46,6 +47,7 @@ class Heard(Member):
             for name, channel in config.channels.items()
             if channel.message == message.name and not channel.writable
         }
+        self._decode = decoder(message, {signal for signal, _ in self.channels.values()})
         self.clear()
 
     def clear(self) -> None:
@@ -60,7 +62,7 @@ class Heard(Member):
         """A frame came."""
         self.data, self.came, self.fresh = data, arrived, True
         self.asked_at = None
-        if self.message.is_multiplexed():
+        if self._multiplexed:
             self.work_out()
 
     def work_out(self) -> None:
@@ -71,7 +73,7 @@ class Heard(Member):
         values: Mapping[str, Any] = {}
         why = ""
         try:
-            values = decode(self.message, self.data)
+            values = self._decode(self.data)
         except ValueError as error:
             why = str(error)
         for name, (signal, channel) in self.channels.items():

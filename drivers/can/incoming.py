@@ -17,10 +17,13 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from drivers.awaited import is_there
 from drivers.can.slcan_port import BufferedPort
 
 if TYPE_CHECKING:
     import can
+
+    from drivers.can.datagrams import Datagrams
 
 _MOST_AT_ONCE = 256
 """Frames that are taken before others get their turn in the event loop: all that fit into a serial
@@ -35,7 +38,7 @@ class Incoming:
     Parameters
     ----------
     bus
-        python-can's.
+        python-can's, or what receives in its place.
     stamped
         Whether the kernel says when a frame came (CLOCK_REALTIME): after we were stalled, what
         waited for us is not new.
@@ -49,7 +52,7 @@ class Incoming:
 
     def __init__(
         self,
-        bus: can.BusABC,
+        bus: can.BusABC | Datagrams,
         *,
         stamped: bool,
         name: str,
@@ -90,30 +93,49 @@ class Incoming:
         if self._thread is not None:
             self._thread.join(limit)
 
-    def take(self) -> None:
-        """Take in what is there now, without another round of the event loop."""
-        if self._fd >= 0 and not self._closed and self._more.poll(0):
+    def wait(self, seconds: float) -> bool:
+        """Wait on the spot for frames, at most so long (s), and take them in; False when none came.
+
+        Also False where there is no file descriptor: what comes, comes by the event loop.
+        """
+        if self._closed or self._fd < 0:
+            return False
+        if not self._stamped:
+            if not is_there(self._fd, seconds):
+                return False
             self._readable()
+            return True
+        # python-can waits for these by itself
+        if (message := self._next(seconds)) is None:
+            return False
+        self._on_frame(message, self._arrival(message))
+        return True
+
+    def _next(self, seconds: float) -> can.Message | None:
+        """The next frame; None when there is none, or receiving failed, which is told."""
+        try:
+            return self._bus.recv(seconds)
+        except Exception as error:  # noqa: BLE001 - each interface raises its own
+            self._on_lost(f"receiving failed: {error}")
+            return None
 
     def _readable(self) -> None:
         """Take all frames that are there."""
-        bus = self._bus
         for _ in range(_MOST_AT_ONCE):
             if self._closed:
                 return
-            try:
-                message = bus.recv(0)
-            except Exception as error:  # noqa: BLE001 - each interface raises its own
-                self._on_lost(f"receiving failed: {error}")
-                return
+            message = self._next(0.0)
             if message is not None:
                 self._on_frame(message, self._arrival(message))
             # asking the kernel costs a tenth of asking python-can in vain
-            if not (self._port is not None and self._port.holds) and not self._more.poll(0):
+            if self._closed or not (self._holds() or self._more.poll(0)):
                 return
-        if self._port is not None and self._port.holds:
-            # the file descriptor does not show it
+        if self._holds():
             self._loop.call_soon(self._readable)
+
+    def _holds(self) -> bool:
+        """Whether something has come that the file descriptor does not show."""
+        return self._port is not None and self._port.holds
 
     def _arrival(self, message: can.Message) -> float:
         now = time.monotonic()

@@ -21,9 +21,8 @@ if TYPE_CHECKING:
 PROMPT = ("socketcan", "slcan", "udp_multicast", "virtual")
 """Interfaces that send without waiting for a device, or fail."""
 STAMPED = ("socketcan", "udp_multicast")
-"""Interfaces whose frames carry the time at which the kernel took them in (CLOCK_REALTIME)."""
-ECHOING = ("udp_multicast",)
-"""Interfaces that give us our own frames back, at once."""
+"""Interfaces that are sockets: their frames carry the time at which the kernel took them in
+(CLOCK_REALTIME), and python-can waits for them without using up the processor."""
 LINUX_ERRORS = ("socketcan", "socketcand", "udp_multicast")
 """Interfaces whose error frames are Linux's; others flag a frame, each with numbers of its own."""
 _OPTIONS_ARE_KNOWN = ("socketcan", "slcan", "udp_multicast", "virtual")

@@ -7,11 +7,11 @@ import time
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
+from drivers.awaited import Awaited
 from drivers.can.bus import CanBus
 from drivers.can.dbc_config import DbcConfig, RequestConfig
 from drivers.can.heard import Heard
 from drivers.link import LinkStatus
-from drivers.patience import Patience
 from drivers.quarantine import Roster
 
 if TYPE_CHECKING:
@@ -39,15 +39,15 @@ class Requests:
         self._roster = roster
         self._status = status
         self._awaited: set[Heard] = set()
-        self._answered: asyncio.Future[None] | None = None
-        self._patience = Patience(_expire)
+        self._frames: dict[Heard, can.Message] = {}
+        self._answered: Awaited[None] = Awaited(bus.wait)
 
     def due(self, wanted: Iterable[Heard]) -> list[Heard]:
         """Which of the messages are to be asked for now."""
         now = time.monotonic()
         asked: dict[Heard, None] = {}
         for heard in wanted:
-            if heard.request is None or now - heard.came < heard.every:
+            if heard.request is None or (heard.every and now - heard.came < heard.every):
                 continue
             if heard.failures and heard.refusal(now):
                 continue
@@ -65,17 +65,18 @@ class Requests:
         LinkError
             When a request cannot be sent, or the interface is closed meanwhile.
         """
-        loop = asyncio.get_running_loop()
         began = time.monotonic()
+        frames = []
         for heard in asked:
             heard.asked = True
-        self._status.requests += len(asked)
+            frames.append(self._frames.get(heard) or self._frame(heard))
         self._awaited = set(asked)
-        answered = self._answered = loop.create_future()
-        self._patience.begin(answered, self._config.timeout)
+        answered = self._answered
+        answered.begin()
         try:
-            self._bus.send([_frame(heard) for heard in asked])
-            await answered
+            self._bus.send(frames)
+            self._status.requests += len(asked)
+            await answered.get(self._config.timeout)
             self._status.round_trip = time.monotonic() - began
         except TimeoutError:
             for heard in list(self._awaited):
@@ -88,8 +89,13 @@ class Requests:
                 heard.asked_at = began
             raise
         finally:
-            self._patience.end()
-            self._awaited, self._answered = set(), None
+            answered.end()
+            self._awaited = set()
+
+    def _frame(self, heard: Heard) -> can.Message:
+        """The frame that asks for a message, kept for the next time."""
+        made = self._frames[heard] = _asking(heard)
+        return made
 
     def is_awaited(self, heard: Heard) -> bool:
         """Whether a frame of a message that is asked for is an answer; late ones are none."""
@@ -101,17 +107,16 @@ class Requests:
     def took(self, heard: Heard) -> None:
         """An answer was taken in; the last one ends the wait."""
         self._awaited.discard(heard)
-        if not self._awaited and self._answered is not None and not self._answered.done():
-            self._answered.set_result(None)
+        if not self._awaited:
+            self._answered.give(None)
 
     def fail(self, error: Exception) -> None:
         """End a wait with an error."""
-        if self._answered is not None and not self._answered.done():
-            self._answered.set_exception(error)
+        self._answered.fail(error)
 
 
-def _frame(heard: Heard) -> can.Message:
-    """The frame that asks for a message."""
+def _asking(heard: Heard) -> can.Message:
+    """The frame that asks for a message; interfaces only read it."""
     import can
 
     if isinstance(heard.request, RequestConfig):
@@ -127,8 +132,3 @@ def _frame(heard: Heard) -> can.Message:
         is_remote_frame=True,
         dlc=heard.message.length,
     )
-
-
-def _expire(answered: asyncio.Future[None]) -> None:
-    if not answered.done():
-        answered.set_exception(TimeoutError())

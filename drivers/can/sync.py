@@ -8,11 +8,11 @@ import time
 from collections.abc import Collection
 from typing import TYPE_CHECKING
 
+from drivers.awaited import Awaited
 from drivers.can.bus import CanBus
 from drivers.can.canopen_config import CanopenConfig
 from drivers.can.frames import frame
 from drivers.link import LinkError, LinkStatus
-from drivers.patience import Patience
 
 if TYPE_CHECKING:
     from drivers.can.pdo import Pdo
@@ -38,8 +38,7 @@ class Sync:
         self._config = config
         self._status = status
         self._awaited: set[Pdo] = set()
-        self._answered: asyncio.Future[None] | None = None
-        self._patience = Patience(_finish)
+        self._answered: Awaited[None] = Awaited(bus.wait)
 
     async def ask(self, pdos: Collection[Pdo]) -> None:
         """Send a SYNC and wait, at most one time-out, for the PDOs that answer it.
@@ -55,16 +54,17 @@ class Sync:
         for pdo in waited_for:
             pdo.awaited_since = began
         self._awaited = waited_for
-        answered = self._answered = asyncio.get_running_loop().create_future()
-        self._patience.begin(answered, config.timeout)
+        answered = self._answered
+        answered.begin()
         self._status.requests += 1
         try:
             self._bus.send([frame(_SYNC_ID, b"")])
             if waited_for:
-                await answered
+                with contextlib.suppress(TimeoutError):
+                    await answered.get(config.timeout)
         finally:
-            self._patience.end()
-            self._awaited, self._answered = set(), None
+            answered.end()
+            self._awaited = set()
             for pdo in waited_for:
                 if pdo.awaited_since is not None:
                     # its answer may still come, and is not to pass for the next one's
@@ -83,18 +83,12 @@ class Sync:
 
     def look(self) -> None:
         """A PDO may have come; the last one ends the wait."""
-        if self._answered is None:
+        if not self._answered.waiting:
             return
         self._awaited = {pdo for pdo in self._awaited if pdo.awaited_since is not None}
         if not self._awaited:
-            _finish(self._answered)
+            self._answered.give(None)
 
     def fail(self, error: Exception) -> None:
         """End a wait with an error."""
-        if self._answered is not None and not self._answered.done():
-            self._answered.set_exception(error)
-
-
-def _finish(answered: asyncio.Future[None]) -> None:
-    if not answered.done():
-        answered.set_result(None)
+        self._answered.fail(error)

@@ -203,11 +203,11 @@ class AskedLine:
 
     def _keep(self, message: Message, found: re.Match[str]) -> None:
         at, last = self._talk.answered_at, self._last
-        for channel in message.readers:
+        for channel, (field, reader) in message.readers.items():
             try:
-                last[channel] = Sample(message.value(channel, found), at)
+                last[channel] = Sample(reader(found[field]), at)
             except FieldError as error:
-                last[channel] = Sample(_NAN, at, Quality.BAD, str(error))
+                last[channel] = Sample(_NAN, at, Quality.BAD, f"{channel}: {error}")
 
     def _mark(self, message: Message, quality: Quality, why: str) -> None:
         sample = Sample(_NAN, time.monotonic(), quality, why)

@@ -12,10 +12,10 @@ from __future__ import annotations
 import asyncio
 import re
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 
+from drivers.awaited import Awaited
 from drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError
-from drivers.patience import Patience
 from drivers.serial.checksum import shown
 from drivers.serial.config import LineConfig
 from drivers.serial.lines import Splitter
@@ -54,16 +54,17 @@ class Conversation:
         on_lost: Callable[[str], None],
     ) -> None:
         self._config = config
-        self._questions = questions
+        self._pause = config.pause
+        self._character_time = config.character_time
+        self._questions = tuple(questions)
         self._on_lost = on_lost
         self._port: Port | None = None
         self._splitter = Splitter(config.terminator.encode("ascii"), config.max_line)
         self._current: Question | None = None
-        self._answer: asyncio.Future[re.Match[str]] | None = None
+        self._answer: Awaited[re.Match[str]] = Awaited(self._wait)
         self._lines: list[bytes] = []
         self._unfit: LinkProtocolError | None = None
         self._echo: bytes | None = None
-        self._patience = Patience(_expire)
         self.round_trip = float("nan")
         self.answered_at = 0.0
 
@@ -92,18 +93,23 @@ class Conversation:
         if port is not None:
             await port.closed()
 
-    def _refusal(self, question: Question) -> str:
-        """Why a question must not be asked now, because of an answer that may still come."""
+    def _pending(self) -> list[Question]:
+        """Questions to which an answer may still come late."""
+        return [question for question in self._questions if question.asked_at is not None]
+
+    def _refuse(self, question: Question, pending: Sequence[Question]) -> None:
+        """Refuse to ask now because of an answer that may still come."""
         now = time.monotonic()
-        for other in self._questions:
+        for other in pending:
             if other.asked_at is None:
                 continue
             wait = other.asked_at + self._config.late_reply_max - now
             if wait <= 0:
                 other.asked_at = None
             elif question.confusable(other):
-                return f"{other.name} may still be answered late; asked again in {wait:.1f} s"
-        return ""
+                raise LateAnswerError(
+                    f"{other.name} may still be answered late; asked again in {wait:.1f} s"
+                )
 
     def tell(self, data: bytes) -> None:
         """Send something that is not answered.
@@ -134,28 +140,27 @@ class Conversation:
         """
         config = self._config
         port = self._open_port()
-        if why := self._refusal(question):
-            raise LateAnswerError(why)
-        wait = self.answered_at + config.pause - time.monotonic()
-        if wait > 0:
-            await asyncio.sleep(wait)
+        if pending := self._pending():
+            self._refuse(question, pending)
+        if self._pause:
+            wait = self.answered_at + self._pause - time.monotonic()
+            if wait > 0:
+                await asyncio.sleep(wait)
         port.drain()
-        if all(q.asked_at is None for q in self._questions):
+        if not pending or not self._pending():
             self._splitter.clear()
         port = self._open_port()
-        limit = config.timeout + config.character_time * (
+        limit = config.timeout + self._character_time * (
             len(data) + question.lines * config.max_line
         )
-        loop = asyncio.get_running_loop()
         self._current, self._lines, self._unfit = question, [], None
         self._echo = data if config.local_echo else None
-        answer: asyncio.Future[re.Match[str]] = loop.create_future()
-        self._answer = answer
+        answer = self._answer
         began = time.monotonic()
-        self._patience.begin(answer, limit)
+        answer.begin()
         try:
             port.write(data)
-            found = await answer
+            found = await answer.get(limit)
         except TimeoutError:
             if self._unfit is not None:
                 raise self._unfit from None
@@ -165,8 +170,8 @@ class Conversation:
             question.asked_at = began
             raise
         finally:
-            self._patience.end()
-            self._current = self._answer = self._echo = None
+            answer.end()
+            self._current = self._echo = None
             self.answered_at = time.monotonic()
         self.round_trip = self.answered_at - began
         return found
@@ -181,6 +186,9 @@ class Conversation:
             raise LinkDownError("the port is closed")
         return self._port
 
+    def _wait(self, seconds: float) -> bool:
+        return self._port is not None and self._port.wait(seconds)
+
     def _receive(self, data: bytes) -> None:
         if self._echo is not None:
             # Our own query comes first, byte by byte the same.
@@ -194,20 +202,20 @@ class Conversation:
                 self._take(line)
 
     def _take(self, line: bytes) -> None:
-        late = next((q for q in self._questions if q.asked_at is not None and q.fits(line)), None)
-        if late is not None:
-            late.asked_at = None
-            return
+        for late in self._pending():
+            if late.fits(line):
+                late.asked_at = None
+                return
         question, answer = self._current, self._answer
-        if question is None or answer is None or answer.done():
+        if question is None or not answer.waiting:
             return
         self._lines.append(line)
         if len(self._lines) < question.lines:
             return
         try:
-            answer.set_result(question.match(self._lines))
+            answer.give(question.match(self._lines))
         except RefusedError as error:
-            answer.set_exception(error)
+            answer.fail(error)
         except LinkProtocolError as error:
             self._unfit = error
             del self._lines[0]
@@ -217,10 +225,4 @@ class Conversation:
         self._on_lost(why)
 
     def _fail(self, why: str) -> None:
-        if self._answer is not None and not self._answer.done():
-            self._answer.set_exception(LinkDownError(why))
-
-
-def _expire(answer: asyncio.Future[re.Match[str]]) -> None:
-    if not answer.done():
-        answer.set_exception(TimeoutError())
+        self._answer.fail(LinkDownError(why))

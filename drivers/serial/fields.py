@@ -54,12 +54,15 @@ def compile_reader(channel: ChannelConfig) -> Callable[[str | None], float]:
 
         return read_hex
     comma = channel.decimal == ","
+    is_number = _NUMBER.fullmatch
 
     def read_decimal(text: str | None) -> float:
-        number = "" if text is None else text.replace(" ", "")
+        number = text or ""
+        if " " in number:
+            number = number.replace(" ", "")
         if comma:
             number = number.replace(".", "!").replace(",", ".")
-        if not _NUMBER.fullmatch(number):
+        if not is_number(number):
             raise FieldError(f"found {text!r}, expected a number")
         value = float(number) * scale + offset
         if value - value != 0.0:

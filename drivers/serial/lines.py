@@ -34,6 +34,11 @@ class Splitter:
 
     def feed(self, data: bytes) -> list[bytes]:
         """Take bytes in; hands back the lines that they complete, without their terminators."""
+        if not self._held and not self._skipping and len(data) <= self._longest:
+            # nearly always one whole line comes, or none
+            line, found, rest = data.partition(self._terminator)
+            if found and not rest:
+                return [line]
         *lines, self._held = (self._held + data).split(self._terminator)
         if self._skipping and lines:
             del lines[0]

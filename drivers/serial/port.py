@@ -21,11 +21,13 @@ import contextlib
 import errno
 import fcntl
 import os
+import select
 import termios
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
+from drivers.awaited import is_there
 from drivers.link import LinkDownError, LinkError
 from drivers.serial.settings import PortSettings
 
@@ -64,6 +66,12 @@ class Port(Protocol):
 
     def drain(self) -> None:
         """Hand over now what has come already, so that it cannot pass for what is asked next."""
+
+    def wait(self, seconds: float) -> bool:
+        """Wait on the spot until something has come, at most so long (s), and hand it over.
+
+        False when nothing came, or the port cannot be waited for.
+        """
 
     @property
     def unsent(self) -> int:
@@ -184,6 +192,8 @@ class FdPort:
         self._unsent = bytearray()
         self._closing: asyncio.Future[None] | None = None
         self._loop = asyncio.get_running_loop()
+        self._there = select.poll()
+        self._there.register(fd, select.POLLIN)
         os.set_blocking(fd, False)
         self._loop.add_reader(fd, self._readable)
 
@@ -203,8 +213,15 @@ class FdPort:
 
     def drain(self) -> None:
         """As `Port.drain`."""
-        if self._closing is None:
+        if self._closing is None and self._there.poll(0):
             self._readable()
+
+    def wait(self, seconds: float) -> bool:
+        """As `Port.wait`."""
+        if self._closing is not None or not is_there(self._fd, seconds):
+            return False
+        self._readable()
+        return True
 
     @property
     def unsent(self) -> int:

@@ -76,6 +76,10 @@ class ThreadedPort:
     def drain(self) -> None:
         """Nothing to do: what the reader has is on its way already."""
 
+    def wait(self, seconds: float) -> bool:
+        """Not to be waited for on the spot: what comes, comes by the event loop."""
+        return False
+
     @property
     def unsent(self) -> int:
         """Bytes not yet handed to pyserial."""

@@ -26,6 +26,7 @@ from can_links import (
 )
 
 from drivers.can import outgoing
+from drivers.can.datagrams import Datagrams
 from drivers.can.dbc_config import DbcConfig
 from drivers.can.dbc_link import DbcLink
 from drivers.can.error_frames import told
@@ -94,24 +95,24 @@ def test_error_frames_in_words(identifier: int, data: str, words: str) -> None:
 
 
 class Broken:
-    """Makes python-can's receiving fail from some moment on."""
+    """Makes receiving fail from some moment on."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, kind: type, method: str) -> None:
         self.now = False
-        receive = UdpMulticastBus._recv_internal
+        receive = getattr(kind, method)
 
         def failing(bus: Any, timeout: float | None) -> Any:
             if self.now:
                 raise can.CanOperationError("the interface went down")
             return receive(bus, timeout)
 
-        monkeypatch.setattr(UdpMulticastBus, "_recv_internal", failing)
+        monkeypatch.setattr(kind, method, failing)
 
 
 async def test_a_receive_error_is_an_outage_and_is_overcome(
     udp: SimulatedProcess, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    broken = Broken(monkeypatch)
+    broken = Broken(monkeypatch, Datagrams, "recv")
     async with linked(udp.ready, READ) as link:
         await all_good(link, ("x",))
         broken.now = True
@@ -126,7 +127,7 @@ async def test_python_can_s_notifier_would_die_silently(
     udp: SimulatedProcess, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What the test above guards against: the stock way to receive in asyncio."""
-    broken = Broken(monkeypatch)
+    broken = Broken(monkeypatch, UdpMulticastBus, "_recv_internal")
     complaints: list[dict[str, Any]] = []
     asyncio.get_running_loop().set_exception_handler(lambda _, what: complaints.append(what))
     frames: list[can.Message] = []

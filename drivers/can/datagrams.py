@@ -1,0 +1,85 @@
+"""Frames that come over python-can's ``udp_multicast``, taken from its socket in one step each.
+
+python-can waits, looks at the time, filters and checks anew for each frame, our own included, which
+this interface gives back; that is half of what a request costs here. And where one datagram of the
+group is no frame, its receiving fails. Here such a one is passed over.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import struct
+from typing import TYPE_CHECKING
+
+from drivers.awaited import is_there
+
+if TYPE_CHECKING:
+    import can
+
+_LONGEST = 4096
+"""Bytes; python-can's own limit."""
+_TIME = struct.Struct("@ll")
+_TIMESTAMP = 35
+"""SO_TIMESTAMPNS, which python-can has switched on: seconds and nanoseconds at arrival."""
+
+
+class Datagrams:
+    """What receives in place of an open ``udp_multicast`` bus.
+
+    Parameters
+    ----------
+    bus
+        python-can's; it goes on sending.
+    """
+
+    def __init__(self, bus: can.BusABC) -> None:
+        import can
+        import msgpack
+
+        self._message = can.Message
+        self._unpack = msgpack.unpackb
+        self._takes_fd = bus.protocol is can.CanProtocol.CAN_FD
+        self._socket = socket.socket(fileno=os.dup(bus.fileno()))
+        self._fd = self._socket.fileno()
+        self._space = socket.CMSG_SPACE(_TIME.size)
+
+    def fileno(self) -> int:
+        """The socket's file descriptor."""
+        return self._fd
+
+    def close(self) -> None:
+        """Receive nothing more; the bus itself stays open."""
+        self._socket.close()
+
+    def recv(self, timeout: float | None) -> can.Message | None:
+        """The next frame, waited for at most so long (s); None when none came, or what is none.
+
+        Raises
+        ------
+        OSError
+            When the network is gone.
+        """
+        if not is_there(self._fd, timeout or 0.0):
+            return None
+        try:
+            data, more, _, _ = self._socket.recvmsg(_LONGEST, self._space, socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            return None
+        try:
+            fields = self._unpack(data)
+            if fields["is_fd"] and not self._takes_fd:
+                return None
+            fields["timestamp"] = _stamp(more)
+            return self._message(**fields)
+        except Exception:  # noqa: BLE001 - whatever somebody else sent to the group, it is no frame
+            return None
+
+
+def _stamp(more: list[tuple[int, int, bytes]]) -> float:
+    """When the kernel took a datagram in (CLOCK_REALTIME, s); 0 where it does not say."""
+    for level, kind, data in more:
+        if level == socket.SOL_SOCKET and kind == _TIMESTAMP:
+            seconds, nanoseconds = _TIME.unpack(data)
+            return float(seconds + nanoseconds * 1e-9)
+    return 0.0
