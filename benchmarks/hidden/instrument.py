@@ -36,6 +36,8 @@ WORDS = ("laser", "common", "plate", "thermometer")
 STANDS = "xy"
 """Axes along which a laser stands all day."""
 PLATES = 4
+ALIGNED = 0.3
+"""Difference of temperatures in the column at which the machine was aligned, K."""
 
 
 def kinds(words: Sequence[str]) -> tuple[str, ...]:
@@ -163,7 +165,7 @@ def _causes(machine: Machine, rng: np.random.Generator) -> list[Cause]:
         return f"(({axis}-({centre[axis]:g}))/{half[axis]:g})"
 
     def gradient(s: State) -> F64:
-        return np.asarray(s["T_col_front"] - s["T_col_rear"])
+        return np.asarray(s["T_col_front"] - s["T_col_rear"] - ALIGNED)
 
     return [
         Cause(
@@ -199,7 +201,10 @@ def _causes(machine: Machine, rng: np.random.Generator) -> list[Cause]:
             POINT,
             lambda s: six(s, "XYZ".index(d), scaled(s, one) * scaled(s, two) * gradient(s)),
             depends=(one, two, "T_col_front", "T_col_rear"),
-            formula=(f"d{d}", (f"{written(one)}*{written(two)}*(T_col_front-T_col_rear)",)),
+            formula=(
+                f"d{d}",
+                (f"{written(one)}*{written(two)}*(T_col_front-T_col_rear-{ALIGNED})",),
+            ),
         ),
     ]
 
