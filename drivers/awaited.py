@@ -118,9 +118,11 @@ class Awaited(Generic[T]):
                 self._look()
             else:
                 turn = self._turn or self._first_turn()
-                if turn.left() < LONGEST:
+                left = turn.left()
+                if left < LONGEST:
                     await asyncio.sleep(0)
-                self._on_the_spot(turn)
+                    left = turn.left()
+                self._on_the_spot(max(0.0, min(LONGEST, left)))
             if self.waiting:
                 await self._by_the_loop(seconds)
             if self._error is not None:
@@ -140,10 +142,9 @@ class Awaited(Generic[T]):
             if not self.waiting or not self._wait(0.0):
                 return
 
-    def _on_the_spot(self, turn: _Turn) -> None:
-        """Wait for a moment."""
-        left = may = max(0.0, min(LONGEST, turn.left()))
-        until = time.monotonic() + left
+    def _on_the_spot(self, may: float) -> None:
+        """Wait for a moment (s)."""
+        left, until = may, time.monotonic() + may
         while self.waiting and self._wait(left):
             left = until - time.monotonic()
             if left <= 0.0:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import socket
 import struct
+import time
 from typing import TYPE_CHECKING
 
 from drivers.awaited import is_there
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
 _LONGEST = 4096
 """Bytes; python-can's own limit."""
+_MOST_PASSED_OVER = 64
+"""Datagrams in a row."""
 _TIME = struct.Struct("@ll")
 _TIMESTAMP = 35
 """SO_TIMESTAMPNS, which python-can has switched on: seconds and nanoseconds at arrival."""
@@ -53,22 +56,35 @@ class Datagrams:
         self._socket.close()
 
     def recv(self, timeout: float | None) -> can.Message | None:
-        """The next frame, waited for at most so long (s); None when none came, or what is none.
+        """The next frame, waited for at most so long (s); None when none came.
+
+        Passed over: what is no frame, FD frames where they are not wanted, and remote frames, ours
+        and others', which nobody here answers.
 
         Raises
         ------
         OSError
             When the network is gone.
         """
-        if not is_there(self._fd, timeout or 0.0):
-            return None
+        left = timeout or 0.0
+        until = time.monotonic() + left
+        for _ in range(_MOST_PASSED_OVER):
+            if not is_there(self._fd, left):
+                return None
+            if (frame := self._take()) is not None:
+                return frame
+            left = max(0.0, until - time.monotonic())
+        return None
+
+    def _take(self) -> can.Message | None:
+        """A frame out of what is there; None when it is none, or a request, ours or another's."""
         try:
             data, more, _, _ = self._socket.recvmsg(_LONGEST, self._space, socket.MSG_DONTWAIT)
         except BlockingIOError:
             return None
         try:
             fields = self._unpack(data)
-            if fields["is_fd"] and not self._takes_fd:
+            if fields["is_remote_frame"] or (fields["is_fd"] and not self._takes_fd):
                 return None
             fields["timestamp"] = _stamp(more)
             return self._message(**fields)

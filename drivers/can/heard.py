@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from drivers.can.dbc_config import DbcConfig
 from drivers.can.dbc_file import decoder, signal_of, within_of
@@ -70,22 +69,21 @@ class Heard(Member):
         self.fresh = False
         if self.data is None:
             return
-        values: Mapping[str, Any] = {}
-        why = ""
+        came = self.came
         try:
             values = self._decode(self.data)
         except ValueError as error:
-            why = str(error)
+            self.values = dict.fromkeys(self.channels, Sample(_NAN, came, Quality.BAD, str(error)))
+            return
         for name, (signal, channel) in self.channels.items():
-            if why:
-                self.values[name] = Sample(_NAN, self.came, Quality.BAD, why)
-            elif signal in values:
-                value = float(values[signal]) * channel.scale + channel.offset
-                if value - value == 0.0:
-                    self.values[name] = Sample(value, self.came)
-                else:
-                    why_not = f"{self.message.name}.{signal} is {value}"
-                    self.values[name] = Sample(_NAN, self.came, Quality.BAD, why_not)
+            if signal not in values:
+                continue
+            value = float(values[signal]) * channel.scale + channel.offset
+            if value - value == 0.0:
+                self.values[name] = Sample(value, came)
+            else:
+                why_not = f"{self.message.name}.{signal} is {value}"
+                self.values[name] = Sample(_NAN, came, Quality.BAD, why_not)
 
     def sample(self, channel: str, now: float) -> Sample:
         """A channel's last value; unavailable when it did not come again for too long."""
