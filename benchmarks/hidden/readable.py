@@ -33,7 +33,7 @@ def _distinct(terms: Sequence[Term]) -> list[Term]:
 
 def _quantities(term: Term) -> frozenset[str]:
     """What a term depends on; sine and cosine of a rotary axis count as the axis."""
-    return frozenset(q.split()[-1] for q in term.quantities)
+    return frozenset(q.removeprefix("sin ").removeprefix("cos ") for q in term.quantities)
 
 
 def _says(term: Term, cause: Cause) -> bool:

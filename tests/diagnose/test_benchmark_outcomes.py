@@ -84,6 +84,8 @@ def test_the_table_counts_what_it_shows() -> None:
         (_cause("thermal_tilt", axis="Y", about="X", signals=["T"]), Term(("Z", "T"), "X"), "no"),
         (_cause("warm_up", direction="Z"), Term(("t", "t"), "Z"), "yes"),
         (_cause("length_bias"), Term(("distance",), ""), "yes"),
+        (_cause("length_bias", base="B2"), Term(("from B2",), ""), "yes"),
+        (_cause("length_bias", base="B2"), Term(("distance",), ""), "no"),
         (_cause("rotary_radial", axis="C", direction="X"), Term(("sin C", "cos C"), "X"), "yes"),
         (_cause("rotary_positioning", axis="C"), Term(("X", "cos C"), "Y"), "yes"),
         (_cause("rotary_axial", axis="C"), Term(("X", "cos C"), "Z"), "no"),
