@@ -25,6 +25,7 @@ from compcore.diagnose.patterns import (
     products,
     surfaces,
     swings,
+    term_of,
     variables,
 )
 from compcore.diagnose.pool import MATERIAL, SIGNIFICANT
@@ -42,6 +43,9 @@ TILT = 6.0
 _MANY_ROWS = 20_000
 
 _KEPT = 12
+_KEPT_PRODUCTS = 40
+"""Of a family's patterns those that are looked at closely; of a product of three half may be
+elsewhere, in a product of two."""
 
 _HARMONICS = 3
 """Of what repeats and is not a sine."""
@@ -119,7 +123,8 @@ class Patterns:
         for family, bank in zip(self._families, self._banks, strict=True):
             screened = [s for s in bank.screen(basis) if s.rank]
             screened.sort(key=lambda s: -_value(basis, s.drop, s.rank))
-            found += [self._weighed(basis, family[s.key], len(family)) for s in screened[:_KEPT]]
+            kept = _KEPT_PRODUCTS if family and family[0].factors else _KEPT
+            found += [self._weighed(basis, family[s.key], len(family)) for s in screened[:kept]]
         found.sort(key=lambda s: -s.evidence.value)
         return _distinct(basis, found, most)
 
@@ -153,7 +158,9 @@ class Patterns:
 
     def _weighed(self, basis: Basis, pattern: Pattern, tests: int) -> Structure:
         if pattern.wave is None:
-            return self._weighed_as_it_is(basis, pattern, tests, 0)
+            forms = [pattern, *self._counted_from_elsewhere(pattern)]
+            weighed = [self._weighed_as_it_is(basis, p, tests, 0) for p in forms]
+            return max(weighed, key=lambda s: s.evidence.value)
         refined = self._refined_period(basis, pattern.wave, pattern.channel)
         wave = refined.wave or pattern.wave
         repeated = oscillation(
@@ -161,6 +168,24 @@ class Patterns:
         )
         both = [self._weighed_as_it_is(basis, p, tests, 1) for p in (refined, repeated)]
         return max(both, key=lambda s: s.evidence.value)
+
+    def _counted_from_elsewhere(self, pattern: Pattern) -> Iterator[Pattern]:
+        """A product of three quantities with one of its products of two beside it.
+
+        (X − x₀)·(Y − y₀)·(T − T₀) has a part in X·Y alone for any T₀ but the middle of what was
+        recorded; either part alone may look like something else.
+        """
+        if len(pattern.factors) < 3:
+            return
+        by_name = {q.name: q for q in self._quantities}
+        factors = [by_name[name] for name in pattern.factors]
+        for pair in dict.fromkeys(combinations(factors, 2)):
+            lower = np.prod([q.value for q in pair], axis=0)[:, None]
+            yield replace(
+                pattern,
+                basis=np.hstack([pattern.basis, lower]),
+                terms=(*pattern.terms, term_of(pair)),
+            )
 
     def _weighed_as_it_is(
         self, basis: Basis, pattern: Pattern, tests: int, refined: int

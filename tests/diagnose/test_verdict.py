@@ -141,3 +141,12 @@ def test_what_no_effect_explains_is_offered_as_a_short_formula() -> None:
     assert before > 0.8e-3
     assert after < 0.6e-3
     assert diagnose(more, campaign).verdict == "complete"
+
+
+def test_a_product_counted_from_elsewhere_is_no_cause_of_its_own() -> None:
+    """Half of it is a product of two: neither half alone may be named as something else."""
+    outcome = run(Scenario("plate bridge", 144392, ("formula",), 12))
+    assert outcome.score == "described", outcome
+    assert outcome.named == ()
+    assert outcome.offered.startswith("channel=dX")
+    assert outcome.ratio == pytest.approx(1.0, abs=0.1)
