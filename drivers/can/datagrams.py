@@ -22,6 +22,10 @@ _LONGEST = 4096
 """Bytes; python-can's own limit."""
 _MOST_PASSED_OVER = 64
 """Datagrams in a row."""
+_REMOTE = b"\xafis_remote_frame\xc3"
+"""What a remote frame's datagram has in it: a key of 15 characters, true."""
+_CLASSIC = 166
+"""Bytes: shorter datagrams have no payload (17 bytes, CAN FD) that could hold it by itself."""
 _TIME = struct.Struct("@ll")
 _TIMESTAMP = 35
 """SO_TIMESTAMPNS, which python-can has switched on: seconds and nanoseconds at arrival."""
@@ -69,18 +73,24 @@ class Datagrams:
         left = timeout or 0.0
         until = time.monotonic() + left
         for _ in range(_MOST_PASSED_OVER):
-            if not is_there(self._fd, left):
-                return None
-            if (frame := self._take()) is not None:
+            try:
+                # our own frame is there as soon as it is sent
+                found = self._socket.recvmsg(_LONGEST, self._space, socket.MSG_DONTWAIT)
+            except BlockingIOError:
+                if not is_there(self._fd, left):
+                    return None
+                left = 0.0
+                continue
+            if (frame := self._frame(found[0], found[1])) is not None:
                 return frame
             left = max(0.0, until - time.monotonic())
+            if not is_there(self._fd, left):
+                return None
         return None
 
-    def _take(self) -> can.Message | None:
-        """A frame out of what is there; None when it is none, or a request, ours or another's."""
-        try:
-            data, more, _, _ = self._socket.recvmsg(_LONGEST, self._space, socket.MSG_DONTWAIT)
-        except BlockingIOError:
+    def _frame(self, data: bytes, more: list[tuple[int, int, bytes]]) -> can.Message | None:
+        """The frame in a datagram; None when it is none, or a request, ours or another's."""
+        if len(data) < _CLASSIC and _REMOTE in data:
             return None
         try:
             fields = self._unpack(data)
