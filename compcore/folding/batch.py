@@ -26,6 +26,8 @@ _CHUNK = 16_384
 _MOST_BUCKETS = 65_536
 _MOST_TIMES = 12
 """Cells that the smallest segment may have on an even grid."""
+_FINEST = 1e9
+"""Cells per mm beyond which cells far away could no longer be counted; bisection then."""
 _ON_THE_GRID = 1e-9
 """How far from a grid's edge, in cells, a node counts as on it."""
 
@@ -63,6 +65,9 @@ class Finder:
             if crowd == 1 or (crowd == 2 and not self._cells):
                 self._cells, self._compare = cells, crowd
                 self._bucket = np.concatenate([[0], below]).astype(np.intp)
+        if self._cells > _FINEST * length:
+            self._cells = 0
+            return
         self._per_mm = self._cells / length
 
     def __call__(self, position: F64) -> Index:
@@ -88,9 +93,9 @@ def _even_cells(parts: F64) -> int:
     """Cells of the coarsest even grid on which nodes from 0 to 1 stand; 0: too fine a one."""
     least = float(np.diff(parts).min())
     for times in range(1, _MOST_TIMES + 1):
-        cells = round(times / least)
-        if cells > _MOST_BUCKETS:
+        if times > _MOST_BUCKETS * least:
             break
+        cells = round(times / least)
         at = parts * cells
         if float(np.abs(at - np.round(at)).max()) < _ON_THE_GRID:
             return cells

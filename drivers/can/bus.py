@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import logging
+import threading
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
 from drivers.can.datagrams import Datagrams
@@ -23,6 +26,8 @@ from drivers.link import LinkDownError
 
 if TYPE_CHECKING:
     import can
+
+logger = logging.getLogger("abbe.drivers.can")
 
 _CLOSE_TIMEOUT = 5.0
 _END_OF_THREAD = 1.0
@@ -129,7 +134,9 @@ class CanBus:
         connection.outgoing.close()
         if connection.status is not None:
             connection.status.close()
-        self._closing = asyncio.get_running_loop().run_in_executor(None, _end, connection)
+        closed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._closing = closed
+        _in_background(lambda: _end(connection), closed)
 
     async def close(self) -> None:
         """Close the interface and wait (bounded) until it can be opened again."""
@@ -186,4 +193,29 @@ def _end(connection: _Connection) -> None:
 def _close_late(opening: asyncio.Future[Opened]) -> None:
     """Close an interface that opened after all."""
     if not opening.cancelled() and opening.exception() is None:
-        asyncio.get_running_loop().run_in_executor(None, close_interface, opening.result())
+        opened = opening.result()
+        _in_background(lambda: close_interface(opened))
+
+
+def _in_background(work: Callable[[], None], done: asyncio.Future[None] | None = None) -> None:
+    """Do what may take a while in a thread of its own.
+
+    Not in the event loop's executor: where the loop is just ending that takes nothing any more, and
+    a port would stay locked.
+    """
+    loop = asyncio.get_running_loop()
+
+    def told() -> None:
+        if done is not None and not done.done():
+            done.set_result(None)
+
+    def run() -> None:
+        try:
+            work()
+        except Exception as error:  # noqa: BLE001 - each interface raises its own; it is closed now
+            logger.debug("closing a CAN interface: %s", error)
+        finally:
+            with suppress(RuntimeError):  # the loop has ended; nobody waits
+                loop.call_soon_threadsafe(told)
+
+    threading.Thread(target=run, name="close CAN interface").start()

@@ -151,6 +151,8 @@ def test_what_an_effect_reads_is_noted() -> None:
 )
 @example(nodes=np.linspace(-360.0, 0.0, 101), seed=0)
 @example(nodes=np.array([0.0, 1e-13, 1.0]), seed=0)
+@example(nodes=np.array([-1.0, 0.0, 4e-36]), seed=0)
+@example(nodes=np.array([0.0, 4e-36]), seed=0)
 @example(nodes=900.0 / 1280 * np.unique(np.array([0, 3, 16, 17, 18, 256, 700, 1280])), seed=0)
 def test_the_segment_of_many_positions(nodes: np.ndarray, seed: int) -> None:
     """Within rounding, where either neighbour serves: tables are continuous."""
