@@ -263,8 +263,8 @@ def swings(
 
     Periods from twice `shortest` on, on a coarser grid.
     """
-    (time,) = (q for q in quantities if q.family == "time")
-    if time.name not in shortest:
+    time = next((q for q in quantities if q.family == "time"), None)
+    if time is None or time.name not in shortest:
         return
     span = 2.0 * time.scale
     positions = [q for q in quantities if q.family == "position"]

@@ -83,6 +83,13 @@ def test_a_short_campaign_is_diagnosed_without_inventing_anything() -> None:
     assert found.verdict == "complete"
 
 
+def test_a_campaign_without_a_clock_is_diagnosed() -> None:
+    model = load_model(DATA / "p02-bridge" / "model.toml")
+    campaign = read_campaign(DATA / "p02-bridge" / "fit.csv", model.machine)
+    still = replace(campaign.conditions, time=np.zeros(campaign.n))
+    assert diagnose(model, replace(campaign, conditions=still)).verdict == "complete"
+
+
 @pytest.mark.parametrize(
     ("kind", "seed", "cause", "score"),
     [
