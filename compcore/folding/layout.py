@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from compcore.folding.distinct import distinct, increasing
+
 F64 = NDArray[np.float64]
 Profile = Callable[[F64], F64]
 """Positions (m,) → (m, w, f): f functions of position with w components in mm."""
@@ -17,8 +19,6 @@ _FEWEST = 4
 _INSIDE = np.array([0.25, 0.5, 0.75])
 """Where interpolation within a cell is checked; the middle also by every refold."""
 _EACH = len(_INSIDE) + 1
-_SAME = 1e9
-"""Per mm: functions alike to a millionth of a micrometre are the same."""
 _JUMP = 1e-9
 """A cell this small, as a part of the whole range, stands for a jump and is not split again."""
 
@@ -63,7 +63,7 @@ class Layout:
         values = profile(self._x)
         bent = values - self._straight(values)
         # functions that differ by straight lines only are one and the same to a table
-        self._kept = _distinct(bent)
+        self._kept = distinct(np.moveaxis(bent, 2, 0))
         self._bent = bent[:, :, self._kept]
         self.off = float(self._size(self._bent).max())
         """How far off, in mm, a table with nodes at the breaks only is."""
@@ -146,18 +146,3 @@ class Layout:
         v = values.reshape(*x.shape, *values.shape[1:])
         line = v[:, :1] + _INSIDE[:, None, None] * (v[:, -1:] - v[:, :1])
         return np.asarray(self._size(v[:, 1:-1] - line).max(axis=(1, 2)))
-
-
-def increasing(values: F64) -> F64:
-    """Values (n,) in order, each once; as ``np.unique``, which would import masked arrays."""
-    ordered = np.sort(values)
-    return np.asarray(ordered[np.append(True, np.diff(ordered) > 0.0)])
-
-
-def _distinct(values: F64) -> list[int]:
-    """Which of f functions, (m, w, f), differ from one another."""
-    rounded = np.round(values * _SAME) + 0.0
-    first: dict[bytes, int] = {}
-    for f in range(values.shape[2]):
-        first.setdefault(rounded[:, :, f].tobytes(), f)
-    return list(first.values())

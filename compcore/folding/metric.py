@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from compcore.channel import Channel
 from compcore.conditions import Conditions
+from compcore.folding.distinct import distinct
 from compcore.folding.slow import SlowState
 from compcore.kinematics import Chain
 from compcore.machine import Machine
@@ -63,7 +64,7 @@ class Metric:
         tool = np.repeat(tools, len(ends), axis=0)
         every = influences(machine, channels, replace(conditions, tool=tool))
         if self._vectors:
-            self._matrix = every[_distinct(every)]
+            self._matrix = every[distinct(every)]
         else:
             largest = np.linalg.norm(every, axis=1).max(axis=0) * _BETWEEN_SAMPLES
             self._matrix = np.diag(largest)[None]
@@ -86,7 +87,7 @@ class Metric:
         """The w components at the q corners that differ, and their matrix (channels, w·q)."""
         if channels not in self._some:
             matrix = self._matrix[:, :, channels]
-            matrix = matrix[_distinct(matrix)]
+            matrix = matrix[distinct(matrix)]
             q, w, k = matrix.shape
             self._some[channels] = w, q, matrix.transpose(2, 1, 0).reshape(k, w * q)
         return self._some[channels]
@@ -97,12 +98,3 @@ class Metric:
             x, y, z = (projected[..., i, :] for i in range(3))
             return np.asarray(np.sqrt(x * x + y * y + z * z))
         return np.asarray(np.abs(projected).sum(axis=-2))
-
-
-def _distinct(rows: F64) -> list[int]:
-    """The first of each of those rows that differ, (rows, …)."""
-    rounded = np.round(rows, 9) + 0.0
-    first: dict[bytes, int] = {}
-    for i, row in enumerate(rounded):
-        first.setdefault(row.tobytes(), i)
-    return list(first.values())

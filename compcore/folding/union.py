@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from compcore.folding.distinct import increasing
 from compcore.folding.group import Group
-from compcore.folding.layout import increasing
 from compcore.folding.tables import AxisTable
 
 F64 = NDArray[np.float64]
