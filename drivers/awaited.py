@@ -20,7 +20,7 @@ from drivers.patience import Patience
 
 T = TypeVar("T")
 
-LONGEST = 0.5e-3
+LONGEST = 1e-3
 """s that one answer is waited for on the spot."""
 IN_A_ROW = 2e-3
 """s without a turn of the event loop after which it gets one."""

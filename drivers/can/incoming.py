@@ -30,6 +30,11 @@ _MOST_AT_ONCE = 256
 driver's 4 KB."""
 _LONGEST_WAIT = 60.0
 """s that a frame can have waited for us; more is a clock that was set."""
+_TOGETHER = 50e-6
+"""s between two readings of a clock that count as one moment."""
+_READINGS = 4
+"""Of both clocks at most: who is stalled between the two takes an answer for older than its
+question."""
 
 
 class Incoming:
@@ -139,11 +144,15 @@ class Incoming:
 
     def _arrival(self, message: can.Message) -> float:
         now = time.monotonic()
-        if self._stamped:
-            waited = time.time() - message.timestamp
-            if 0.0 < waited < _LONGEST_WAIT:
-                return now - waited
-        return now
+        if not self._stamped:
+            return now
+        for _ in range(_READINGS):
+            before, clock = now, time.time()
+            now = time.monotonic()
+            if now - before < _TOGETHER:
+                break
+        waited = clock - message.timestamp
+        return now - waited if 0.0 < waited < _LONGEST_WAIT else now
 
     def _receive(self) -> None:
         """As `_readable`, in a thread, for interfaces without a file descriptor."""

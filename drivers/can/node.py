@@ -255,9 +255,7 @@ class Node(Member):
 
     def _receiver(self, pdo: Pdo) -> Callable[[bytes], None]:
         def receive(data: bytes) -> None:
-            came = self._network.arrived
-            if came >= pdo.not_before:
-                pdo.data, pdo.came, pdo.awaited_since = data, came, None
+            if pdo.take(data, self._network.arrived):
                 self._on_pdo()
 
         return receive

@@ -57,6 +57,14 @@ class Pdo:
         """Whether the node sends it at a SYNC."""
         return self.transmission <= _LAST_SYNCHRONOUS
 
+    def take(self, data: bytes, came: float) -> bool:
+        """A frame of it came (monotonic, s); False when it is too old to be believed."""
+        since = self.awaited_since
+        if came < self.not_before or (since is not None and came < since):
+            return False
+        self.data, self.came, self.awaited_since = data, came, None
+        return True
+
     def number_in(self, wanted: Object, kind: Type) -> float:
         """An object's number in the last frame.
 
