@@ -3,6 +3,9 @@
 python-can waits, looks at the time, filters and checks anew for each frame, our own included, which
 this interface gives back; that is half of what a request costs here. And where one datagram of the
 group is no frame, its receiving fails. Here such a one is passed over.
+
+Datagrams of one id from one sender differ in the time and in the data alone, and where these stand
+follows from the bytes before them. So the rest is unpacked once and known from then on.
 """
 
 from __future__ import annotations
@@ -11,7 +14,10 @@ import os
 import socket
 import struct
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivers.awaited import is_there
 
@@ -22,13 +28,20 @@ _LONGEST = 4096
 """Bytes; python-can's own limit."""
 _MOST_PASSED_OVER = 64
 """Datagrams in a row."""
-_REMOTE = b"\xafis_remote_frame\xc3"
-"""What a remote frame's datagram has in it: a key of 15 characters, true."""
-_CLASSIC = 166
-"""Bytes: shorter datagrams have no payload (17 bytes, CAN FD) that could hold it by itself."""
+_TIME_AT = 12
+"""Bytes before a datagram's time: python-can packs a map of eleven fields, that one first."""
+_REST_AT = _TIME_AT + 8
+"""Where the fields behind the time begin."""
+_ONE = struct.pack(">d", 1.0)
+_DATA = b"\xa4data\xc4"
+"""What stands before the data: its key, and that one byte of length and so many bytes follow."""
+_MOST_KNOWN = 4096
+"""Kinds of datagrams that are remembered: twice as many as there are 11-bit ids."""
 _TIME = struct.Struct("@ll")
 _TIMESTAMP = 35
 """SO_TIMESTAMPNS, which python-can has switched on: seconds and nanoseconds at arrival."""
+
+_Make: TypeAlias = "Callable[..., can.Message | None] | None"
 
 
 class Datagrams:
@@ -50,6 +63,9 @@ class Datagrams:
         self._socket = socket.socket(fileno=os.dup(bus.fileno()))
         self._fd = self._socket.fileno()
         self._space = socket.CMSG_SPACE(_TIME.size)
+        self._known: dict[tuple[bytes, bytes, bytes], _Make] = {}
+        """What stands before the time, before the data and behind it → what makes a frame of time
+        and data; None for one that is passed over."""
 
     def fileno(self) -> int:
         """The socket's file descriptor."""
@@ -90,16 +106,45 @@ class Datagrams:
 
     def _frame(self, data: bytes, more: list[tuple[int, int, bytes]]) -> can.Message | None:
         """The frame in a datagram; None when it is none, or a request, ours or another's."""
-        if len(data) < _CLASSIC and _REMOTE in data:
+        try:
+            begin, end = _where_data_is(data)
+            make = self._known[data[:_TIME_AT], data[_REST_AT:begin], data[end:]]
+        except (ValueError, IndexError, KeyError):
+            make = self._unpacked
+            begin, end = 0, len(data)
+        if make is None or end > len(data):
             return None
+        return make(timestamp=_stamp(more), data=data[begin:end])
+
+    def _unpacked(self, timestamp: float, data: bytes) -> can.Message | None:
+        """The frame in a datagram of a kind that did not come yet, which is remembered."""
         try:
             fields = self._unpack(data)
-            if fields["is_remote_frame"] or (fields["is_fd"] and not self._takes_fd):
-                return None
-            fields["timestamp"] = _stamp(more)
-            return self._message(**fields)
+            frame = self._message(**fields | {"timestamp": timestamp}, check=True)
         except Exception:  # noqa: BLE001 - whatever somebody else sent to the group, it is no frame
             return None
+        passed_over = frame.is_remote_frame or (frame.is_fd and not self._takes_fd)
+        make = None if passed_over else partial(self._message, **fields)
+        with suppress(ValueError, IndexError):  # not as python-can lays them out
+            self._learn(data, fields, make)
+        return None if passed_over else frame
+
+    def _learn(self, data: bytes, fields: dict[str, Any], make: _Make) -> None:
+        """Remember what becomes of datagrams like this one, where only time and data can differ."""
+        begin, end = _where_data_is(data)
+        other = bytes(0xFF ^ byte for byte in data[begin:end])
+        changed = data[:_TIME_AT] + _ONE + data[_REST_AT:begin] + other + data[end:]
+        if self._unpack(changed) != fields | {"timestamp": 1.0, "data": other}:
+            return
+        if len(self._known) >= _MOST_KNOWN:
+            self._known.clear()
+        self._known[data[:_TIME_AT], data[_REST_AT:begin], data[end:]] = make
+
+
+def _where_data_is(data: bytes) -> tuple[int, int]:
+    """Where in a datagram the data begins and ends; raises ValueError, IndexError without it."""
+    begin = data.index(_DATA, _REST_AT) + len(_DATA) + 1
+    return begin, begin + data[begin - 1]
 
 
 def _stamp(more: list[tuple[int, int, bytes]]) -> float:

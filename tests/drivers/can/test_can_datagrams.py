@@ -10,7 +10,10 @@ from contextlib import ExitStack, closing
 import can
 import msgpack
 import pytest
+from can.interfaces.udp_multicast.utils import pack_message
 from can_links import free_port
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from drivers.can.datagrams import Datagrams
 
@@ -101,6 +104,62 @@ def test_what_is_no_frame_is_passed_over(group: Group, garbage: bytes) -> None:
     got = group.datagrams.recv(30.0)
     assert got is not None
     assert got.arbitration_id == 0x123
+
+
+def packed(frame: can.Message, **other: object) -> bytes:
+    """A frame as python-can sends it, or with other fields."""
+    return bytes(msgpack.packb(msgpack.unpackb(pack_message(frame)) | other))
+
+
+KINDS = [
+    *map(packed, [*FRAMES, REMOTE, FD]),
+    packed(FRAMES[0], channel="can0"),
+    packed(FRAMES[0], channel=b"\xa4data\xc4\x02ab"),  # what looks like the data
+    packed(FRAMES[0], channel={"data": b"\x01\x02"}),
+    packed(FRAMES[0], timestamp=12.5),
+    packed(FRAMES[0], timestamp=7),
+    packed(FRAMES[0], data=[1, 2]),
+    msgpack.packb({"data": b"ab", "dlc": 2, "arbitration_id": 5, "is_fd": False}),
+]
+
+
+@st.composite
+def damaged(draw: st.DrawFn) -> bytes:
+    """A datagram of a known kind, some of whose bytes are others, or lost, or too many."""
+    data = bytearray(draw(st.sampled_from(KINDS)))
+    for _ in range(draw(st.integers(0, 3))):
+        data[draw(st.integers(0, len(data) - 1))] = draw(st.integers(0, 255))
+    if draw(st.booleans()):
+        return bytes(data[: draw(st.integers(0, len(data)))]) + draw(st.binary(max_size=4))
+    return bytes(data)
+
+
+@given(st.lists(damaged(), max_size=8))
+@settings(max_examples=200)
+def test_what_is_known_changes_nothing(datagrams: list[bytes]) -> None:
+    """Who has seen many kinds of datagrams takes each for what who sees it first does."""
+    with ExitStack() as stack:
+        bus = stack.enter_context(
+            can.Bus(interface="udp_multicast", channel=GROUP, port=free_port(), ignore_config=True)
+        )
+        old = stack.enter_context(closing(Datagrams(bus)))
+        for data in [*KINDS, *datagrams, *datagrams]:
+            new = stack.enter_context(closing(Datagrams(bus)))
+            expected = new._frame(data, [])
+            got = old._frame(data, [])
+            assert (got is None) is (expected is None)
+            if got is not None and expected is not None:
+                assert got.equals(expected, timestamp_delta=None)
+
+
+def test_kinds_that_are_frames_are_taken() -> None:
+    """So that the comparison above compares something; FD frames are wanted here."""
+    with ExitStack() as stack:
+        group = Group(stack, fd=True)
+        for kind in KINDS:
+            group.throw(kind)
+            wanted = kind != packed(REMOTE)
+            assert (group.datagrams.recv(30.0 if wanted else 0.02) is not None) is wanted
 
 
 def test_closing_leaves_the_bus_open() -> None:
