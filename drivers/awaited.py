@@ -20,14 +20,18 @@ from drivers.patience import Patience
 
 T = TypeVar("T")
 
-LONGEST = 1e-3
+LONGEST = 0.75e-3
 """s that one answer is waited for on the spot."""
+MOST = 1.5e-3
+"""s that answers of several devices, which are waited for together, are at most."""
 IN_A_ROW = 2e-3
 """s without a turn of the event loop after which it gets one."""
 _MOST_AT_ONCE = 8
 """Things that are taken in, of what is there already, before the event loop gets its turn."""
 _MOST_FDS = 1024
 """File descriptors that ``select`` knows; nothing else waits for less than a millisecond."""
+_LITTLE = 1e-5
+"""s that every wait on the spot counts as."""
 _PAUSE = 4
 """Answers that must come soon before the next one is waited for, after one that did not."""
 
@@ -76,15 +80,17 @@ class Awaited(Generic[T]):
         self._future: asyncio.Future[None] | None = None
         self._value: T | None = None
         self._error: Exception | None = None
+        self._longest = LONGEST
         self._began = 0.0
         self._given_at = 0.0
         self.waiting = False
         """Whether an answer is still wanted."""
 
-    def begin(self) -> None:
-        """From now on an answer is wanted; to be followed by `get`, or by `end`."""
+    def begin(self, parts: int = 1) -> None:
+        """From now on an answer is wanted, which so many devices give; then `get`, or `end`."""
         self._value = self._error = None
         self.waiting = True
+        self._longest = LONGEST if parts == 1 else min(parts * LONGEST, MOST)
         self._began = time.monotonic()
 
     def give(self, value: T) -> None:
@@ -118,11 +124,14 @@ class Awaited(Generic[T]):
                 self._look()
             else:
                 turn = self._turn or self._first_turn()
-                left = turn.left()
-                if left < LONGEST:
-                    await asyncio.sleep(0)
-                    left = turn.left()
-                self._on_the_spot(max(0.0, min(LONGEST, left)))
+                may = self._longest
+                while self.waiting and may > 0.0:
+                    if (left := turn.left()) <= 0.0:
+                        await asyncio.sleep(0)
+                        left = turn.left()
+                    may -= self._on_the_spot(min(may, left))
+                if self.waiting:
+                    self._pause = _PAUSE
             if self.waiting:
                 await self._by_the_loop(seconds)
             if self._error is not None:
@@ -142,15 +151,15 @@ class Awaited(Generic[T]):
             if not self.waiting or not self._wait(0.0):
                 return
 
-    def _on_the_spot(self, may: float) -> None:
-        """Wait for a moment (s)."""
-        left, until = may, time.monotonic() + may
+    def _on_the_spot(self, may: float) -> float:
+        """Wait for a moment (s); returns how long (s), at least a little."""
+        began = time.monotonic()
+        left = max(0.0, may)
         while self.waiting and self._wait(left):
-            left = until - time.monotonic()
+            left = began + may - time.monotonic()
             if left <= 0.0:
                 break
-        if self.waiting and may == LONGEST:
-            self._pause = _PAUSE
+        return max(time.monotonic() - began, _LITTLE)
 
     async def _by_the_loop(self, seconds: float) -> None:
         future = self._future = asyncio.get_running_loop().create_future()
@@ -162,7 +171,7 @@ class Awaited(Generic[T]):
             self._future = None
         if self.waiting:
             raise TimeoutError
-        soon = self._given_at - self._began < LONGEST
+        soon = self._given_at - self._began < self._longest
         self._pause = max(0, self._pause - 1) if soon else _PAUSE
 
     def _finish(self) -> None:

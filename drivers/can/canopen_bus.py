@@ -123,7 +123,7 @@ class NodeBus:
         self._network = Network(self._bus, config.timeout)
         self._threads = ThreadPoolExecutor(len(config.nodes), "canopen")
         self.nodes = {
-            name: Node(name, config, self._network, self._threads, self._show, self.sync.look)
+            name: Node(name, config, self._network, self._threads, self._show, self.sync.came)
             for name in config.nodes
         }
         nodes = self.nodes.values()

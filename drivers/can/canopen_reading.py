@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from drivers.can.canopen_bus import NodeBus
-from drivers.can.canopen_config import CanopenConfig
+from drivers.can.canopen_config import CanopenConfig, ChannelConfig
 from drivers.can.expedited import Ask
 from drivers.can.sdo_errors import TooLongError
 from drivers.link import LinkError, LinkProtocolError, Quality, Sample
@@ -34,6 +34,7 @@ class Reader:
         self._config = config
         self._bus = bus
         self._last: dict[str, Sample] = {}
+        self._known: dict[tuple[str, ...], list[tuple[str, Node, ChannelConfig]]] = {}
         self._epoch = 0
 
     async def read(self, names: Sequence[str]) -> dict[str, Sample]:
@@ -48,30 +49,34 @@ class Reader:
         if bus.keeper.epoch != self._epoch:
             self._epoch = bus.keeper.epoch
             self._last.clear()
-        await self._read_all(names)
-        if not bus.keeper.up:
-            raise bus.keeper.down_error()
-        last = self._last
-        return {name: last[name] for name in names}
-
-    async def _read_all(self, names: Sequence[str]) -> None:
+            self._known.clear()
+        wanted = tuple(names)
         by_sdo: dict[Node, list[str]] = {}
-        by_pdo: dict[str, Pdo] = {}
+        by_pdo: list[tuple[str, Node, Pdo]] = []
         now = time.monotonic()
-        for name in dict.fromkeys(names):
-            section = self._config.channels[name]
-            node = self._bus.nodes[section.node]
+        for name, node, section in self._known.get(wanted) or self._find(wanted):
             if (gone := node.unavailable(name)) is not None:
                 self._last[name] = gone
             elif section.by == "sdo":
                 if self._is_due(name, section.every, now):
                     by_sdo.setdefault(node, []).append(name)
             elif (pdo := node.pdo_of(name)) is not None:
-                by_pdo[name] = pdo
+                by_pdo.append((name, node, pdo))
         if by_pdo:
             await self._read_pdos(by_pdo)
         if by_sdo:
             await self._read_objects(by_sdo)
+        if not bus.keeper.up:
+            raise bus.keeper.down_error()
+        last = self._last
+        return {name: last[name] for name in names}
+
+    def _find(self, names: tuple[str, ...]) -> list[tuple[str, Node, ChannelConfig]]:
+        """Each channel once, with its node; kept for the next time."""
+        channels, nodes = self._config.channels, self._bus.nodes
+        sections = {name: channels[name] for name in names}
+        found = self._known[names] = [(n, nodes[s.node], s) for n, s in sections.items()]
+        return found
 
     def _is_due(self, name: str, every: float, now: float) -> bool:
         last = self._last.get(name)
@@ -114,24 +119,23 @@ class Reader:
         else:
             self._last[name] = node.sample(name, data, time.monotonic())
 
-    async def _read_pdos(self, wanted: Mapping[str, Pdo]) -> None:
+    async def _read_pdos(self, wanted: Sequence[tuple[str, Node, Pdo]]) -> None:
+        last = self._last
         if self._config.sync == "read":
             began = time.monotonic()
-            await self._bus.sync.ask(set(wanted.values()))
-        else:
-            began = float("-inf")
+            await self._bus.sync.ask({pdo for _, _, pdo in wanted})
+            for name, node, pdo in wanted:
+                came = pdo.came >= began
+                last[name] = node.from_pdo(name, pdo) if came else self._no_answer(name, node, pdo)
+            return
         now = time.monotonic()
-        for name, pdo in wanted.items():
-            section = self._config.channels[name]
-            node = self._bus.nodes[section.node]
-            if pdo.came < began:
-                self._last[name] = self._no_answer(name, node, pdo)
-            elif began == float("-inf") and now - pdo.came > section.within:
+        for name, node, pdo in wanted:
+            if now - pdo.came <= self._config.channels[name].within:
+                last[name] = node.from_pdo(name, pdo)
+            else:
                 since = f"for {now - pdo.came:.1f} s" if pdo.data is not None else "yet"
                 why = f"{name}: TPDO{pdo.number} of {node.name} did not come {since}"
-                self._last[name] = Sample(_NAN, now, Quality.UNAVAILABLE, why)
-            else:
-                self._last[name] = node.from_pdo(name, pdo)
+                last[name] = Sample(_NAN, now, Quality.UNAVAILABLE, why)
 
     @staticmethod
     def _no_answer(name: str, node: Node, pdo: Pdo) -> Sample:

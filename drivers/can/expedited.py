@@ -116,7 +116,7 @@ class Expedited:
         """
         self._waiting = {_RESPONSE + one.number: one for one in asked}
         done = self._all_done
-        done.begin()
+        done.begin(len(asked))
         try:
             self._bus.send([frame(_REQUEST + one.number, one.request()) for one in asked])
             with contextlib.suppress(TimeoutError):

@@ -5,11 +5,11 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from typing import TypeVar
 
-from drivers.can.canopen_config import CanopenConfig, ChannelConfig
+from drivers.can.canopen_config import CanopenConfig
 from drivers.can.canopen_wall import Network
 from drivers.can.emergencies import emergency_told
 from drivers.can.node_setup import NodeSetup, set_up
@@ -47,7 +47,7 @@ class Node(Member):
     on_change
         Called when its health may have changed.
     on_pdo
-        Called when a PDO that carries one of its channels came.
+        Called when a PDO came that was waited for since a SYNC.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ class Node(Member):
     @property
     def pdos(self) -> list[Pdo]:
         """The PDOs that carry its channels."""
-        return list(dict.fromkeys(self._found.pdos.values()))
+        return list(dict.fromkeys(pdo for pdo, _ in self._found.pdos.values()))
 
     def renew(self) -> None:
         """A new connection: nothing is known."""
@@ -216,6 +216,8 @@ class Node(Member):
 
     def unavailable(self, name: str) -> Sample | None:
         """Why a channel cannot be had now, as the sample for it; None when it can."""
+        if self.prepared and not (self.refused or self.emergency):
+            return None
         now = time.monotonic()
         if not self.prepared:
             why = self.why or f"{self.name} was not found yet"
@@ -228,34 +230,46 @@ class Node(Member):
 
     def sample(self, name: str, data: bytes, at: float) -> Sample:
         """A channel's value in its object's bytes, which came at `at`."""
-        channel = self._channels[name]
-        try:
-            number = decode(channel.number_type, data)
-        except ValueError as error:
-            return Sample(_NAN, at, Quality.BAD, f"{name}: {error}")
-        return Sample(self._value(name, channel, number), at)
+        kind = self._channels[name].number_type
+        return self._sample(name, lambda: decode(kind, data), at)
 
     def pdo_of(self, name: str) -> Pdo | None:
         """The PDO that carries a channel."""
-        return self._found.pdos.get(self._channels[name].object)
+        found = self._found.pdos.get(name)
+        return found[0] if found is not None else None
 
     def from_pdo(self, name: str, pdo: Pdo) -> Sample:
-        """A channel's value in the last frame of its PDO."""
-        channel = self._channels[name]
-        try:
-            number = pdo.number_in(channel.object, channel.number_type)
-        except ValueError as error:
-            return Sample(_NAN, pdo.came, Quality.BAD, f"{name}: {error}")
-        return Sample(self._value(name, channel, number), pdo.came)
+        """A channel's value in the last frame of the PDO that carried it before that came."""
+        samples = pdo.samples if pdo.samples is not None else self._work_out(pdo)
+        if name in samples:
+            return samples[name]
+        why = f"{name}: {self.name} was set up anew meanwhile"
+        return Sample(_NAN, time.monotonic(), Quality.UNAVAILABLE, why)
 
-    def _value(self, name: str, channel: ChannelConfig, number: float) -> float:
-        return number * self._found.scales[name] * channel.scale + channel.offset
+    def _work_out(self, pdo: Pdo) -> Mapping[str, Sample]:
+        samples = pdo.samples = {
+            name: self._sample(name, read, pdo.came)
+            for name, (carrying, read) in self._found.pdos.items()
+            if carrying is pdo
+        }
+        return samples
+
+    def _sample(self, name: str, read: Callable[[], float], at: float) -> Sample:
+        try:
+            number = read()
+        except ValueError as error:
+            return Sample(_NAN, at, Quality.BAD, f"{name}: {error}")
+        channel = self._channels[name]
+        value = number * self._found.scales[name] * channel.scale + channel.offset
+        return Sample(value, at)
 
     # What it says by itself
 
     def _receiver(self, pdo: Pdo) -> Callable[[bytes], None]:
         def receive(data: bytes) -> None:
-            if pdo.take(data, self._network.arrived):
+            awaited = pdo.awaited_since is not None
+            if pdo.take(data, self._network.arrived) and awaited:
+                self._work_out(pdo)  # while others are waited for
                 self._on_pdo()
 
         return receive

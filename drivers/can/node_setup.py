@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from drivers.can.canopen_config import CanopenConfig, ChannelConfig, NodeConfig
 from drivers.can.canopen_wall import DEVICE_TYPE, Network
-from drivers.can.pdo import Object, Pdo, choose_pdo, read_pdos
+from drivers.can.pdo import Pdo, choose_pdo, read_pdos
 from drivers.can.profiles import check_profile, scale_of
 from drivers.can.sdo_errors import RefusedError
 from drivers.link import LinkDownError, LinkError
@@ -23,14 +23,14 @@ class NodeSetup:
     Attributes
     ----------
     pdos
-        Object → the PDO that carries it.
+        Channel → the PDO that carries its object, and what reads the number in its last frame.
     scales
         Channel → by what a number of the device is to be multiplied.
     refused
         Channel (or, for the whole node, an empty name) → why it cannot be had from this node.
     """
 
-    pdos: dict[Object, Pdo] = field(default_factory=dict)
+    pdos: dict[str, tuple[Pdo, Callable[[], float]]] = field(default_factory=dict)
     scales: dict[str, float] = field(default_factory=dict)
     refused: dict[str, str] = field(default_factory=dict)
 
@@ -79,12 +79,13 @@ def set_up(
             check_profile(channel, device_type)
             found.scales[name] = scale_of(channel, upload)
             if channel.by == "pdo":
-                found.pdos[channel.object] = choose_pdo(
+                pdo = choose_pdo(
                     there,
                     channel.object,
                     synchronous=sync.sync is not None,
                     required=sync.sync == "read",
                 )
+                found.pdos[name] = pdo, pdo.reader(channel.object, channel.number_type)
         except (LinkDownError, TimeoutError):
             raise
         except LinkError as error:

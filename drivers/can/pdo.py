@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from drivers.can.objects import Type, decode, size_of
 from drivers.can.sdo_errors import RefusedError
-from drivers.link import LinkProtocolError
+from drivers.link import LinkProtocolError, Sample
 
 _COMMUNICATION, _MAPPING = 0x1800, 0x1A00
 _MOST_PDOS = 8
@@ -37,6 +37,8 @@ class Pdo:
         Object → (first bit, bits) in the frame.
     data, came
         Its last frame and when it came (monotonic, s).
+    samples
+        Channel → its value in that; None until it is worked out.
     awaited_since
         When the SYNC was sent that it answers; None when none is waited for.
     not_before
@@ -48,6 +50,7 @@ class Pdo:
     transmission: int
     places: Mapping[Object, tuple[int, int]]
     data: bytes | None = None
+    samples: Mapping[str, Sample] | None = None
     came: float = field(default=float("-inf"))
     awaited_since: float | None = None
     not_before: float = float("-inf")
@@ -62,26 +65,34 @@ class Pdo:
         since = self.awaited_since
         if came < self.not_before or (since is not None and came < since):
             return False
-        self.data, self.came, self.awaited_since = data, came, None
+        self.data, self.came, self.samples, self.awaited_since = data, came, None, None
         return True
 
-    def number_in(self, wanted: Object, kind: Type) -> float:
-        """An object's number in the last frame.
+    def reader(self, wanted: Object, kind: Type) -> Callable[[], float]:
+        """What reads an object's number in the last frame.
+
+        It raises ValueError when the frame is too short, or its bytes are no such number.
 
         Raises
         ------
-        ValueError
-            When the frame is too short, or the type does not fit what is mapped.
+        LinkProtocolError
+            When the type does not fit what is mapped.
         """
         first, bits = self.places[wanted]
         if bits != 8 * size_of(kind) or first % 8:
-            raise ValueError(
+            raise LinkProtocolError(
                 f"TPDO{self.number} carries {bits} bits of it from bit {first}, {kind} has "
                 f"{8 * size_of(kind)}"
             )
-        if self.data is None or len(self.data) * 8 < first + bits:
-            raise ValueError(f"TPDO{self.number} is too short: {len(self.data or b'')} bytes")
-        return decode(kind, self.data[first // 8 : (first + bits) // 8])
+        begin, end = first // 8, (first + bits) // 8
+
+        def read() -> float:
+            data = self.data or b""
+            if len(data) < end:
+                raise ValueError(f"TPDO{self.number} is too short: {len(data)} bytes")
+            return decode(kind, data[begin:end])
+
+        return read
 
 
 def choose_pdo(pdos: Sequence[Pdo], wanted: Object, *, synchronous: bool, required: bool) -> Pdo:

@@ -72,7 +72,7 @@ class Requests:
             frames.append(self._frames.get(heard) or self._frame(heard))
         self._awaited = set(asked)
         answered = self._answered
-        answered.begin()
+        answered.begin(len(asked))
         try:
             self._bus.send(frames)
             self._status.requests += len(asked)

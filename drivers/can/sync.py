@@ -37,7 +37,8 @@ class Sync:
         self._bus = bus
         self._config = config
         self._status = status
-        self._awaited: set[Pdo] = set()
+        self._frame = frame(_SYNC_ID, b"")
+        self._missing = 0
         self._answered: Awaited[None] = Awaited(bus.wait)
 
     async def ask(self, pdos: Collection[Pdo]) -> None:
@@ -50,24 +51,25 @@ class Sync:
         """
         config = self._config
         began = time.monotonic()
-        waited_for = {pdo for pdo in pdos if began >= pdo.not_before}
+        waited_for = [pdo for pdo in pdos if began >= pdo.not_before]
         for pdo in waited_for:
             pdo.awaited_since = began
-        self._awaited = waited_for
+        self._missing = len(waited_for)
         answered = self._answered
-        answered.begin()
+        answered.begin(len(waited_for))
         self._status.requests += 1
         try:
-            self._bus.send([frame(_SYNC_ID, b"")])
+            self._bus.send((self._frame,))
             if waited_for:
-                with contextlib.suppress(TimeoutError):
-                    await answered.get(config.timeout)
+                await answered.get(config.timeout)
+        except TimeoutError:
+            pass  # what came in time counts
         finally:
             answered.end()
-            self._awaited = set()
             for pdo in waited_for:
                 if pdo.awaited_since is not None:
                     # its answer may still come, and is not to pass for the next one's
+                    pdo.awaited_since = None
                     pdo.not_before = time.monotonic() + config.late_reply_max
         self._status.round_trip = time.monotonic() - began
 
@@ -77,16 +79,14 @@ class Sync:
         due = loop.time()
         while True:
             with contextlib.suppress(LinkError):
-                self._bus.send([frame(_SYNC_ID, b"")])
+                self._bus.send((self._frame,))
             due = max(due + period, loop.time())
             await asyncio.sleep(due - loop.time())
 
-    def look(self) -> None:
-        """A PDO may have come; the last one ends the wait."""
-        if not self._answered.waiting:
-            return
-        self._awaited = {pdo for pdo in self._awaited if pdo.awaited_since is not None}
-        if not self._awaited:
+    def came(self) -> None:
+        """A PDO that was waited for is there; the last one ends the wait."""
+        self._missing -= 1
+        if not self._missing:
             self._answered.give(None)
 
     def fail(self, error: Exception) -> None:
