@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
-from drivers.can.datagrams import Datagrams
+from drivers.can.datagrams import Datagrams, group_of
 from drivers.can.incoming import Incoming
 from drivers.can.interface import (
     PROMPT,
@@ -107,7 +107,9 @@ class CanBus:
                 self.abandon()
                 self._on_lost(why)
 
-        datagrams = Datagrams(opened.bus) if config.interface == "udp_multicast" else None
+        datagrams = None
+        if config.interface == "udp_multicast":
+            datagrams = Datagrams(opened.bus, group_of(config))
         incoming = Incoming(
             datagrams or opened.bus,
             stamped=config.interface in STAMPED,
@@ -116,7 +118,10 @@ class CanBus:
             on_lost=lose,
         )
         outgoing = Outgoing(
-            opened.bus, prompt=config.interface in PROMPT, name=config.where, on_lost=lose
+            datagrams or opened.bus,
+            prompt=config.interface in PROMPT,
+            name=config.where,
+            on_lost=lose,
         )
         port = getattr(opened.bus, "serialPortOrig", None)
         status = None

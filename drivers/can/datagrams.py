@@ -1,11 +1,12 @@
-"""Frames that come over python-can's ``udp_multicast``, taken from its socket in one step each.
+"""Frames over python-can's ``udp_multicast``, taken from its socket in one step each.
 
 python-can waits, looks at the time, filters and checks anew for each frame, our own included, which
 this interface gives back; that is half of what a request costs here. And where one datagram of the
 group is no frame, its receiving fails. Here such a one is passed over.
 
 Datagrams of one id from one sender differ in the time and in the data alone, and where these stand
-follows from the bytes before them. So the rest is unpacked once and known from then on.
+follows from the bytes before them. So the rest is unpacked once and known from then on. A frame
+that is sent again and again, to ask for something, is packed once.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from drivers.awaited import is_there
 if TYPE_CHECKING:
     import can
 
+    from drivers.can.interface import InterfaceConfig
+
 _LONGEST = 4096
 """Bytes; python-can's own limit."""
 _MOST_PASSED_OVER = 64
@@ -35,6 +38,10 @@ _REST_AT = _TIME_AT + 8
 _ONE = struct.pack(">d", 1.0)
 _DATA = b"\xa4data\xc4"
 """What stands before the data: its key, and that one byte of length and so many bytes follow."""
+_PORT = 43113
+"""python-can's own, where the options name none."""
+_MOST_PACKED = 64
+"""Frames that are remembered as they are sent."""
 _MOST_KNOWN = 4096
 """Kinds of datagrams that are remembered: twice as many as there are 11-bit ids."""
 _TIME = struct.Struct("@ll")
@@ -45,17 +52,25 @@ _Make: TypeAlias = "Callable[..., can.Message | None] | None"
 
 
 class Datagrams:
-    """What receives in place of an open ``udp_multicast`` bus.
+    """What sends and receives in place of an open ``udp_multicast`` bus.
 
     Parameters
     ----------
     bus
-        python-can's; it goes on sending.
+        python-can's.
+    group
+        The address and port of its multicast group.
     """
 
-    def __init__(self, bus: can.BusABC) -> None:
+    def __init__(self, bus: can.BusABC, group: tuple[str, int]) -> None:
         import can
         import msgpack
+        from can.interfaces.udp_multicast.utils import pack_message
+
+        self._bus = bus
+        self._group = group
+        self._pack = pack_message
+        self._packed: dict[can.Message, bytes] = {}
 
         self._message = can.Message
         self._unpack = msgpack.unpackb
@@ -104,6 +119,24 @@ class Datagrams:
                 return None
         return None
 
+    def send(self, message: can.Message, timeout: float | None = None) -> None:
+        """Send a frame, which is not changed afterwards; without waiting.
+
+        Raises
+        ------
+        OSError, can.CanError
+            When it does not go out.
+        """
+        if message.is_fd:
+            self._bus.send(message, timeout)
+            return
+        data = self._packed.get(message)
+        if data is None:
+            if len(self._packed) >= _MOST_PACKED:
+                self._packed.clear()
+            data = self._packed[message] = self._pack(message)
+        self._socket.sendto(data, socket.MSG_DONTWAIT, self._group)
+
     def _frame(self, data: bytes, more: list[tuple[int, int, bytes]]) -> can.Message | None:
         """The frame in a datagram; None when it is none, or a request, ours or another's."""
         try:
@@ -139,6 +172,11 @@ class Datagrams:
         if len(self._known) >= _MOST_KNOWN:
             self._known.clear()
         self._known[data[:_TIME_AT], data[_REST_AT:begin], data[end:]] = make
+
+
+def group_of(config: InterfaceConfig) -> tuple[str, int]:
+    """The address and port of a ``udp_multicast`` interface's group."""
+    return str(config.channel), int(config.options.get("port", _PORT))
 
 
 def _where_data_is(data: bytes) -> tuple[int, int]:

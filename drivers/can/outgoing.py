@@ -21,6 +21,8 @@ from drivers.link import LinkDownError, LinkError
 if TYPE_CHECKING:
     import can
 
+    from drivers.can.datagrams import Datagrams
+
 _MOST_UNSENT = 1000
 """Frames that may wait to be sent."""
 _PATIENCE = 0.5
@@ -36,7 +38,7 @@ class Outgoing:
     Parameters
     ----------
     bus
-        python-can's.
+        python-can's, or what sends in its place.
     prompt
         Whether it sends without waiting for a device, or fails; else a thread sends.
     name
@@ -46,7 +48,12 @@ class Outgoing:
     """
 
     def __init__(
-        self, bus: can.BusABC, *, prompt: bool, name: str, on_lost: Callable[[str], None]
+        self,
+        bus: can.BusABC | Datagrams,
+        *,
+        prompt: bool,
+        name: str,
+        on_lost: Callable[[str], None],
     ) -> None:
         self._bus = bus
         self._prompt = prompt

@@ -6,16 +6,19 @@ import socket
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
+from inspect import signature
 
 import can
 import msgpack
 import pytest
+from can.interfaces.udp_multicast import UdpMulticastBus
 from can.interfaces.udp_multicast.utils import pack_message
 from can_links import free_port
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.can.datagrams import Datagrams
+from drivers.can.datagrams import Datagrams, group_of
+from drivers.can.interface import InterfaceConfig
 
 GROUP = "239.74.163.85"
 FRAMES = [
@@ -34,7 +37,7 @@ class Group:
         self.port = free_port()
         buses = [stack.enter_context(self._bus(fd=True)) for _ in range(2)]
         self.sender, self.reference = buses
-        self.datagrams = Datagrams(stack.enter_context(self._bus(fd=fd)))
+        self.datagrams = Datagrams(stack.enter_context(self._bus(fd=fd)), (GROUP, self.port))
         stack.enter_context(closing(self.datagrams))
 
     def _bus(self, *, fd: bool) -> can.BusABC:
@@ -106,6 +109,35 @@ def test_what_is_no_frame_is_passed_over(group: Group, garbage: bytes) -> None:
     assert got.arbitration_id == 0x123
 
 
+def test_frames_are_sent_as_python_can_sends_them(group: Group) -> None:
+    """Also those that are sent again and again, and FD frames, which a classic bus refuses."""
+    wanted = [*FRAMES, REMOTE, FRAMES[0], REMOTE]
+    for frame in wanted:
+        group.datagrams.send(frame)
+        got = group.reference.recv(30.0)
+        assert got is not None
+        assert got.equals(frame, timestamp_delta=None, check_channel=False, check_direction=False)
+    for number in range(200):
+        group.datagrams.send(can.Message(arbitration_id=number, is_extended_id=False))
+        got = group.reference.recv(30.0)
+        assert got is not None
+        assert got.arbitration_id == number
+
+
+@pytest.mark.parametrize("fd", [True, False])
+def test_fd_frames_are_sent_only_over_fd_buses(*, fd: bool) -> None:
+    with ExitStack() as stack:
+        group = Group(stack, fd=fd)
+        if not fd:
+            with pytest.raises(can.CanOperationError, match="FD"):
+                group.datagrams.send(FD)
+            return
+        group.datagrams.send(FD)
+        got = group.reference.recv(30.0)
+        assert got is not None
+        assert got.equals(FD, timestamp_delta=None, check_channel=False)
+
+
 def packed(frame: can.Message, **other: object) -> bytes:
     """A frame as python-can sends it, or with other fields."""
     return bytes(msgpack.packb(msgpack.unpackb(pack_message(frame)) | other))
@@ -139,12 +171,13 @@ def damaged(draw: st.DrawFn) -> bytes:
 def test_what_is_known_changes_nothing(datagrams: list[bytes]) -> None:
     """Who has seen many kinds of datagrams takes each for what who sees it first does."""
     with ExitStack() as stack:
+        port = free_port()
         bus = stack.enter_context(
-            can.Bus(interface="udp_multicast", channel=GROUP, port=free_port(), ignore_config=True)
+            can.Bus(interface="udp_multicast", channel=GROUP, port=port, ignore_config=True)
         )
-        old = stack.enter_context(closing(Datagrams(bus)))
+        old = stack.enter_context(closing(Datagrams(bus, (GROUP, port))))
         for data in [*KINDS, *datagrams, *datagrams]:
-            new = stack.enter_context(closing(Datagrams(bus)))
+            new = stack.enter_context(closing(Datagrams(bus, (GROUP, port))))
             expected = new._frame(data, [])
             got = old._frame(data, [])
             assert (got is None) is (expected is None)
@@ -162,10 +195,18 @@ def test_kinds_that_are_frames_are_taken() -> None:
             assert (group.datagrams.recv(30.0 if wanted else 0.02) is not None) is wanted
 
 
+def test_the_port_is_python_cans_own_where_none_is_named() -> None:
+    config = InterfaceConfig(interface="udp_multicast", channel=GROUP)
+    own = signature(UdpMulticastBus.__init__).parameters["port"].default
+    assert group_of(config) == (GROUP, own)
+    named = config.model_copy(update={"options": {"port": 5000}})
+    assert group_of(named) == (GROUP, 5000)
+
+
 def test_closing_leaves_the_bus_open() -> None:
     with ExitStack() as stack:
         group = Group(stack, fd=True)
-        other = Datagrams(group.reference)
+        other = Datagrams(group.reference, (GROUP, group.port))
         other.close()
         group.sender.send(FRAMES[0])
         assert group.reference.recv(30.0) is not None
