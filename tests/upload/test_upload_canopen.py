@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from upload_cases import Place, fill, sums, texts
+from upload_cases import Place, sums, texts
 from upload_truth import cases, try_fault
 
 from drivers.simulated.process import SimulatedProcess
@@ -25,13 +25,6 @@ class NumberedPlace(Place):
     def configure(self, patience: float = 60.0, more: str = "", **keys: Any) -> None:
         super().configure(patience, more, **keys)
         self.config.write_text(self.config.read_text().replace("SIM-4711", "4711"))
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("tables")
-    fill(folder)
-    return folder
 
 
 @pytest.fixture(scope="module")

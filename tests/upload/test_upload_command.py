@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from upload_cases import SLOW, Place, fill, make_tables, model, sums, texts
+from upload_cases import SLOW, Place, make_tables, model, sums, texts
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "daemon"))
 from command_line import abbe
@@ -25,13 +25,6 @@ from daemon.upload.journal import Journal
 from drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("tables")
-    fill(folder)
-    return folder
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from upload_cases import SLOW, Place, fill, sums, texts
+from upload_cases import SLOW, Place, sums, texts
 from upload_truth import active_now, check_told
 
 from drivers.simulated.process import SimulatedProcess
@@ -32,13 +32,6 @@ KILLED = {
     "while_verifying": ({"at": "read_active", "after": "commit"}, "verify"),
     "before_checking_the_effect": ({"at": "show"}, "effect"),
 }
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("tables")
-    fill(folder)
-    return folder
 
 
 @pytest.fixture(scope="module")

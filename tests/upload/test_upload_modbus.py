@@ -7,19 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from upload_cases import QUICK, SLOW, Place, fill, sums, texts
+from upload_cases import QUICK, SLOW, Place, sums, texts
 from upload_truth import attempt, cases, check_all, try_fault
 
 from drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("tables")
-    fill(folder)
-    return folder
 
 
 @pytest.fixture(scope="module")

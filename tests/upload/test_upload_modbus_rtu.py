@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from upload_cases import QUICK, SLOW, Place, fill, sums, texts
+from upload_cases import QUICK, SLOW, Place, sums, texts
 from upload_truth import cases, try_fault
 
 from drivers.simulated.process import SimulatedProcess
@@ -22,13 +22,6 @@ STEPS = ("block", "compare", "activate", "verify")
 KINDS = ("lost_answer", "late_answer", "twice", "bad_answer", "lost_request", "bad_request",
          "restart")  # fmt: skip
 CASES = [(step, kind) for step, kind in cases() if step in STEPS and kind in KINDS]
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("tables")
-    fill(folder)
-    return folder
 
 
 @pytest.fixture(scope="module")

@@ -8,20 +8,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from upload_cases import SLOW, Place, fill, make_tables, model, sums, texts
+from upload_cases import SLOW, Place, make_tables, model, sums, texts
 from upload_truth import attempt
 
 from compcore.model_file import save_model
 from drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("tables")
-    fill(folder)
-    return folder
 
 
 @pytest.fixture(scope="module")

@@ -7,18 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from upload_cases import SLOW, Place, fill, sums, texts
+from upload_cases import SLOW, Place, sums, texts
 
 from drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("tables")
-    fill(folder)
-    return folder
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from upload_cases import Place, fill, sums, texts
+from upload_cases import Place, sums, texts
 from upload_truth import cases, try_fault
 
 from drivers.simulated.process import SimulatedProcess
@@ -16,13 +16,6 @@ pytestmark = pytest.mark.integration
 
 SLOW = {"timeout": 10.0, "stall_timeout": 10.0}
 QUICK = {"timeout": 0.15, "stall_timeout": 0.25, "late_reply_max": 0.3, "attempts": 2}
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("tables")
-    fill(folder)
-    return folder
 
 
 @pytest.fixture(scope="module")
