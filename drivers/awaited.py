@@ -30,8 +30,6 @@ _MOST_AT_ONCE = 8
 """Things that are taken in, of what is there already, before the event loop gets its turn."""
 _MOST_FDS = 1024
 """File descriptors that ``select`` knows; nothing else waits for less than a millisecond."""
-_LITTLE = 1e-5
-"""s that every wait on the spot counts as."""
 _PAUSE = 4
 """Answers that must come soon before the next one is waited for, after one that did not."""
 
@@ -125,11 +123,13 @@ class Awaited(Generic[T]):
             else:
                 turn = self._turn or self._first_turn()
                 may = self._longest
-                while self.waiting and may > 0.0:
-                    if (left := turn.left()) <= 0.0:
-                        await asyncio.sleep(0)
-                        left = turn.left()
-                    may -= self._on_the_spot(min(may, left))
+                if (left := turn.left()) <= 0.0:
+                    await asyncio.sleep(0)
+                    left = turn.left()
+                self._on_the_spot(min(may, left))
+                if self.waiting and left < may:
+                    await asyncio.sleep(0)
+                    self._on_the_spot(may - left)
                 if self.waiting:
                     self._pause = _PAUSE
             if self.waiting:
@@ -151,15 +151,14 @@ class Awaited(Generic[T]):
             if not self.waiting or not self._wait(0.0):
                 return
 
-    def _on_the_spot(self, may: float) -> float:
-        """Wait for a moment (s); returns how long (s), at least a little."""
-        began = time.monotonic()
+    def _on_the_spot(self, may: float) -> None:
+        """Wait for a moment (s)."""
         left = max(0.0, may)
+        until = time.monotonic() + left
         while self.waiting and self._wait(left):
-            left = began + may - time.monotonic()
+            left = until - time.monotonic()
             if left <= 0.0:
                 break
-        return max(time.monotonic() - began, _LITTLE)
 
     async def _by_the_loop(self, seconds: float) -> None:
         future = self._future = asyncio.get_running_loop().create_future()
