@@ -95,9 +95,18 @@ def not_rigid(model: Model) -> Model:
     return with_terms(model, Term(effect, {n: Value(6e-8) for n in names}))
 
 
+FIVE_AXES = "w C' Y' b X Z B t"
+FOUR_AXES = "w C' Y' b X Z t"
+
+
 def five_axes(seed: int = 3) -> Model:
     """Two rotary axes, one on each side, with errors of their own."""
-    model = rigid("w C' Y' b X Z B t", seed)
+    return turning(FIVE_AXES, seed)
+
+
+def turning(code: str, seed: int = 3) -> Model:
+    """A rotary table C and, where the structure has it, a head B, with errors of their own."""
+    model = rigid(code, seed)
     rng = np.random.default_rng(seed + 100)
     owner = model.machine
     terms = []

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import abbe
-from table_models import TRAVELS, five_axes, rigid, thermal, with_backlash
+from table_models import FIVE_AXES, FOUR_AXES, TRAVELS, rigid, thermal, turning, with_backlash
 
 from compcore.model_file import load_model, save_model
 from compcore.tables.field import ErrorField, table_state
@@ -166,10 +166,13 @@ def test_a_report_has_the_pictures(model, tmp_path):
         assert words in text
 
 
-@pytest.mark.parametrize("name", list(controller_kinds()))
-def test_every_dialect_makes_tables_of_a_five_axis_machine(name, tmp_path_factory):
+@pytest.mark.parametrize(
+    ("name", "code"),
+    [*((name, FOUR_AXES) for name in controller_kinds()), ("siemens-840d", FIVE_AXES)],
+)
+def test_every_dialect_makes_tables_of_a_machine_with_rotary_axes(name, code, tmp_path_factory):
     folder = tmp_path_factory.mktemp(name)
-    save_model(five_axes(), folder / "m.toml")
+    save_model(turning(code), folder / "m.toml")
     done = abbe("table", folder / "m.toml", "--controller", name, "-o", folder / "t", "--json",
                 "--points", "9" if name != "heidenhain-nd" else "60")  # fmt: skip
     assert done.status == 0, done.err
