@@ -20,9 +20,16 @@ ALONE = {
 """Group → beginnings of the names of the files that share something there is only one of."""
 
 
+@pytest.hookimpl(tryfirst=True)  # before pytest-xdist looks at the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Give every file to one process, and the files of a group to the same one (pytest-xdist)."""
     for item in items:
         name = Path(item.path).stem
-        group = next((g for g, starts in ALONE.items() if name.startswith(starts)), str(item.path))
+        group = next((g for g, starts in ALONE.items() if name.startswith(starts)), name)
         item.add_marker(pytest.mark.xdist_group(group))
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Notice when pytest-xdist does not group: what there is only one of would be shared."""
+    if hasattr(session.config, "workerinput") and not all("@" in i.nodeid for i in session.items):
+        raise pytest.UsageError("pytest-xdist ignores the groups of tests; see pyproject.toml")
