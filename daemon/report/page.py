@@ -28,16 +28,37 @@ _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval'; style-src 'unsafe-inline'; "
     "img-src data: blob:; font-src data:; worker-src blob:"
 )
+# A picture takes half a second without a graphics card, one in space five: what is in view comes
+# first, then the others one by one, so that the page can be read meanwhile.
 _DRAW = """
-for (const node of document.querySelectorAll("figure[data-plot]")) {
+const waiting = [...document.querySelectorAll("figure[data-plot]")];
+const inView = new IntersectionObserver((changes) => {
+  for (const change of changes) if (change.isIntersecting) draw(change.target);
+});
+function draw(node) {
+  if (!waiting.includes(node)) return;
+  waiting.splice(waiting.indexOf(node), 1);
+  inView.unobserve(node);
+  const place = node.querySelector("div");
   const figure = JSON.parse(document.getElementById(node.dataset.plot).textContent);
-  Plotly.newPlot(node.querySelector("div"), figure.data, figure.layout,
+  Plotly.newPlot(place, figure.data, figure.layout,
     {responsive: true, displaylogo: false, showSendToCloud: false});
+  place.style.minHeight = "";
 }
+function drawNext() {
+  if (!waiting.length) return;
+  draw(waiting.find((node) => !("space" in node.dataset)) ?? waiting[0]);
+  setTimeout(drawNext, 20);
+}
+for (const node of waiting) inView.observe(node);
+setTimeout(drawNext, 100);
 window.addEventListener("beforeprint", () => {
+  while (waiting.length) draw(waiting[0]);
   for (const plot of document.querySelectorAll(".js-plotly-plot")) Plotly.Plots.resize(plot);
 });
 """
+_HEIGHT = 450
+"""Pixels that Plotly gives a picture whose height is not stated."""
 
 
 class Page:
@@ -128,8 +149,11 @@ class Page:
         self._figures += 1
         name = f"figure-{self._figures}"
         text = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
+        space = " data-space" if any(_in_space(trace) for trace in figure["data"]) else ""
+        height = figure["layout"].get("height", _HEIGHT)
         self._body.append(
-            f'<figure data-plot="{name}"><div></div>{text}</figure>'
+            f'<figure data-plot="{name}"{space}><div style="min-height:{height}px"></div>{text}'
+            "</figure>"
             f'<script type="application/json" id="{name}">{_json(figure)}</script>'
         )
 
@@ -187,6 +211,11 @@ def number(value: float, digits: int = 4) -> str:
     ('−12.35', '0')
     """
     return f"{value:.{digits}g}".replace("-", "−")
+
+
+def _in_space(trace: Mapping[str, Any]) -> bool:
+    kind = str(trace.get("type", "scatter"))
+    return kind.endswith("3d") or kind in ("surface", "cone", "volume", "isosurface")
 
 
 def _json(figure: Figure) -> str:

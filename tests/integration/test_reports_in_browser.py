@@ -218,6 +218,31 @@ def test_table_and_correct(look: Look, tmp_path: Path) -> None:
     assert_sound(look(corrected), pictures=1)
 
 
+def test_what_is_in_view_comes_first_and_paper_has_everything(
+    browser: Browser, tmp_path: Path
+) -> None:
+    """Pictures below are drawn one by one, or all at once when the page is printed."""
+    report = Page("Many")
+    for _ in range(30):
+        report.figure(figure([line([0.0, 1.0], [0.0, 1.0])]))
+    report.write(tmp_path / "many.html")
+    drawn = "document.querySelectorAll('.js-plotly-plot .main-svg:first-child').length"
+    opened = browser.new_page(viewport={"width": 900, "height": 600})
+    opened.set_default_timeout(PATIENCE_MS)
+    # no clock: none is drawn but what is in view
+    opened.add_init_script("window.setTimeout = () => 0")
+    opened.goto((tmp_path / "many.html").as_uri())
+    opened.wait_for_function(f"() => {drawn} > 0")
+    height = opened.evaluate("document.documentElement.scrollHeight")
+    assert opened.evaluate(drawn) < 10
+    opened.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    assert opened.evaluate(drawn) == 30
+    assert opened.evaluate("document.documentElement.scrollHeight") == pytest.approx(
+        height, rel=0.1
+    )
+    opened.close()
+
+
 def test_the_look_itself_notices(look: Look, tmp_path: Path) -> None:
     """A page that asks for something, errs and draws nothing must not pass."""
     path = tmp_path / "bad.html"
