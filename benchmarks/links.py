@@ -35,7 +35,7 @@ from benchmarks.report import machine, write_section
 from drivers.link import Link, link_class
 from drivers.simulated.process import SimulatedProcess
 
-ROUNDS, POLLS = 20, 200
+ROUNDS, POLLS = 40, 100
 LIMIT = 1.2
 """Most that a link may cost, as a multiple of the bare library doing the same."""
 

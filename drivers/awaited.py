@@ -126,7 +126,7 @@ class Awaited(Generic[T]):
                 if (left := turn.left()) <= 0.0:
                     await asyncio.sleep(0)
                     left = turn.left()
-                self._on_the_spot(min(may, left))
+                self._on_the_spot(left if left < may else may)
                 if self.waiting and left < may:
                     await asyncio.sleep(0)
                     self._on_the_spot(may - left)
@@ -153,7 +153,7 @@ class Awaited(Generic[T]):
 
     def _on_the_spot(self, may: float) -> None:
         """Wait for a moment (s)."""
-        left = max(0.0, may)
+        left = may if may > 0.0 else 0.0
         until = time.monotonic() + left
         while self.waiting and self._wait(left):
             left = until - time.monotonic()

@@ -6,7 +6,7 @@ import asyncio
 import logging
 import re
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from drivers.link import (
     LinkDownError,
@@ -74,6 +74,7 @@ class AskedLine:
         self._roster = Roster(questions, config, self.keeper, logger, "query")
         self._epoch = 0
         self._last: dict[str, Sample] = {}
+        self._always: dict[tuple[str, ...], Sequence[Message]] = {}
 
     async def close(self) -> None:
         """End everything and free the port."""
@@ -87,7 +88,8 @@ class AskedLine:
                 if self.keeper.epoch != self._epoch:
                     self._epoch = self.keeper.epoch
                     self._last.clear()
-                await self._ask_all(self._due(names))
+                wanted = tuple(names)
+                await self._ask_all(self._always.get(wanted) or self._due(wanted))
                 last = self._last
                 return {name: last[name] for name in names}
         except LinkError as error:
@@ -130,8 +132,8 @@ class AskedLine:
             raise LinkTimeoutError(why)
         await self._exchange(question, data)
 
-    def _due(self, names: Iterable[str]) -> list[Message]:
-        """Messages to ask for, those in trouble last."""
+    def _due(self, names: tuple[str, ...]) -> Sequence[Message]:
+        """Messages to ask for, those in trouble last; kept where it is the same one each time."""
         now = time.monotonic()
         messages: dict[Message, None] = {}
         for name in names:
@@ -142,7 +144,10 @@ class AskedLine:
                 messages[message] = None
         if len(messages) > 1 and any(message.failures for message in messages):
             return sorted(messages, key=lambda message: message.failures)
-        return list(messages)
+        due = tuple(messages)
+        if len(due) == 1 and not due[0].every and all(name in self._of for name in names):
+            self._always[names] = due
+        return due
 
     def _is_due(self, message: Message, name: str, now: float) -> bool:
         last = self._last.get(name)

@@ -93,9 +93,12 @@ class Conversation:
         if port is not None:
             await port.closed()
 
-    def _pending(self) -> list[Question]:
+    def _pending(self) -> Sequence[Question]:
         """Questions to which an answer may still come late."""
-        return [question for question in self._questions if question.asked_at is not None]
+        for question in self._questions:
+            if question.asked_at is not None:
+                return [question for question in self._questions if question.asked_at is not None]
+        return ()
 
     def _refuse(self, question: Question, pending: Sequence[Question]) -> None:
         """Refuse to ask now because of an answer that may still come."""
@@ -149,7 +152,6 @@ class Conversation:
         port.drain()
         if not pending or not self._pending():
             self._splitter.clear()
-        port = self._open_port()
         limit = config.timeout + self._character_time * (
             len(data) + question.lines * config.max_line
         )
