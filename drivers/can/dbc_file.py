@@ -141,13 +141,17 @@ def decoder(message: Message, used: Collection[str]) -> Callable[[bytes], Mappin
     big = any(signal.byte_order == "big_endian" for signal in signals)
     little = any(signal.byte_order == "little_endian" for signal in signals)
     physical = [(signal.name, signal.conversion.raw_to_scaled) for signal in signals]
+    unpack = formats.little_endian.unpack if little else formats.big_endian.unpack
 
     def decode(data: bytes) -> Mapping[str, Any]:
         data = whole(data)
-        raw: dict[str, Any] = formats.big_endian.unpack(data) if big else {}
-        if little:
-            raw.update(formats.little_endian.unpack(data[::-1]))
-        return {signal: convert(raw[signal], False) for signal, convert in physical}
+        raw = unpack(data[::-1] if little else data)
+        if big and little:
+            raw.update(formats.big_endian.unpack(data))
+        values = {}
+        for signal, convert in physical:
+            values[signal] = convert(raw[signal], False)
+        return values
 
     return decode
 

@@ -29,8 +29,8 @@ class Heard(Member):
     """
 
     __slots__ = (
-        "_decode", "_multiplexed", "asked_at", "came", "channels", "data", "every", "fresh",
-        "message", "request", "values", "within",
+        "_decode", "_limit", "_multiplexed", "_scales", "asked_at", "came", "channels",
+        "data", "every", "fresh", "message", "request", "values", "within",
     )  # fmt: skip
 
     def __init__(self, message: Message, config: DbcConfig) -> None:
@@ -46,6 +46,11 @@ class Heard(Member):
             for name, channel in config.channels.items()
             if channel.message == message.name and not channel.writable
         }
+        self._scales = [
+            (name, signal, channel.scale, channel.offset)
+            for name, (signal, channel) in self.channels.items()
+        ]
+        self._limit = max(self.within, self.every)
         self._decode = decoder(message, {signal for signal, _ in self.channels.values()})
         self.clear()
 
@@ -75,10 +80,10 @@ class Heard(Member):
         except ValueError as error:
             self.values = dict.fromkeys(self.channels, Sample(_NAN, came, Quality.BAD, str(error)))
             return
-        for name, (signal, channel) in self.channels.items():
+        for name, signal, scale, offset in self._scales:
             if signal not in values:
                 continue
-            value = float(values[signal]) * channel.scale + channel.offset
+            value = float(values[signal]) * scale + offset
             if value - value == 0.0:
                 self.values[name] = Sample(value, came)
             else:
@@ -90,10 +95,9 @@ class Heard(Member):
         if self.fresh:
             self.work_out()
         sample = self.values.get(channel)
-        limit = max(self.within, self.every)
-        if sample is not None and now - sample.time <= limit:
+        if sample is not None and now - sample.time <= self._limit:
             return sample
-        if now - self.came <= limit:
+        if now - self.came <= self._limit:
             why = f"{self.name} comes, but its page with {self.channels[channel][0]} does not"
         else:
             why = self.silence(now)
