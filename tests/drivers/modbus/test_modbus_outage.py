@@ -156,12 +156,13 @@ async def test_one_dead_unit_among_three_costs_the_others_nothing_but_a_bounded_
     device = TcpDevice(Memory(units=(1, 2, 3)))
     async with device, linked(device.port, channels) as link:
         device.memory.silent = {2}
-        waits = []
+        waits, reasons = [], []
         for _ in range(60):
             samples, took = await timed_read(link, names)
             waits.append(took)
             assert [n for n, s in samples.items() if not s.good] == ["u2_0", "u2_1"]
             assert samples["u2_0"].quality is Quality.UNAVAILABLE
+            reasons.append(samples["u2_0"].reason)
             await asyncio.sleep(0.01)
         assert max(waits) < TIMEOUT + ROOM
         # Left alone most of the time: a fixed retry would have cost one time-out in every call.
@@ -169,7 +170,8 @@ async def test_one_dead_unit_among_three_costs_the_others_nothing_but_a_bounded_
         assert len(asked) < 10
         assert link.status.state is LinkState.DEGRADED
         assert list(link.status.quarantined) == ["unit 2"]
-        assert "asked again in" in samples["u2_0"].reason
+        # unless it was asked just then
+        assert sum("asked again in" in reason for reason in reasons) > 60 - 10
         device.memory.silent = set()
         deadline = time.monotonic() + 0.4 + ROOM
         while not (await link.read(names))["u2_1"].good:
