@@ -158,7 +158,7 @@ class Datagrams:
             return None
         passed_over = frame.is_remote_frame or (frame.is_fd and not self._takes_fd)
         make = None if passed_over else partial(self._message, **fields)
-        with suppress(ValueError, IndexError):  # not as python-can lays them out
+        with suppress(Exception):  # not as python-can lays them out: never what ends a connection
             self._learn(data, fields, make)
         return None if passed_over else frame
 
