@@ -31,5 +31,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def pytest_collection_finish(session: pytest.Session) -> None:
     """Notice when pytest-xdist does not group: what there is only one of would be shared."""
-    if hasattr(session.config, "workerinput") and not all("@" in i.nodeid for i in session.items):
+    asked_for = getattr(session.config.option, "loadgroup", False)
+    if asked_for and not all("@" in item.nodeid for item in session.items):
         raise pytest.UsageError("pytest-xdist ignores the groups of tests; see pyproject.toml")

@@ -94,16 +94,24 @@ def test_a_campaign_without_a_clock_is_diagnosed() -> None:
     ("kind", "seed", "cause", "score"),
     [
         ("gantry", 501, ("event",), "named"),
+        ("column", 502, ("feed_lag",), "named"),
         ("table", 503, ("oscillation in time",), "described"),
+        ("mill", 504, ("two positions and a temperature",), "described"),
         ("bridge", 505, (), "right"),
         # the product's part without the temperature looks like a tilt across axes
         ("bridge", 5063, ("two positions and a temperature",), "described"),
         # two rarer causes together imitate the missing error motion
         ("mill", 7501, ("no straightness",), "named"),
+        ("bridge", 7505, ("finer waves of a guideway",), "named"),
+        # a thermal offset and an event together say no more than one square
+        ("bridge", 8548, ("square of a temperature",), "described"),
         # seen equally through three axes: the one that carries the other comes first
         ("bridge", 5034, ("cross_angular",), "named"),
         # each of these was once told as two or three thermal or instrument's causes
+        ("bridge", 8800, ("expansion along a guideway by one temperature",), "described"),
         ("mill", 8806, ("two temperatures together",), "described"),
+        ("column", 8807, ("swing that grows along an axis",), "described"),
+        ("gantry", 8809, ("sawtooth in time",), "described"),
         ("bridge", 8810, ("square of a gradient",), "described"),
         # an artefact that is believed to be aligned, and is not
         ("plate column", 192326, ("setup_frame",), "named"),
