@@ -12,12 +12,14 @@ Errors form one tree::
     ├── LinkDownError              no connection (also a ConnectionError)
     ├── LinkTimeoutError           the device did not answer in time (also a TimeoutError)
     ├── LinkProtocolError          the device answered, and the answer is wrong or foreign
+    ├── TooLateError               the time in which it may be sent was over before it was sent
     └── WriteNotVerifiedError      read-back after a write differs from what was written
 """
 
 from __future__ import annotations
 
 import enum
+import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -25,7 +27,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import entry_points
 from itertools import repeat
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict
 
@@ -33,7 +35,25 @@ LINK_GROUP = "abbe.links"
 
 
 class LinkError(Exception):
-    """Root of all link errors; the message says what, which device, and how to mend it."""
+    """Root of all link errors; the message says what, which device, and how to mend it.
+
+    Attributes
+    ----------
+    untouched
+        After a failed `Link.write`: channels that certainly hold what they held before, because
+        nothing was sent for them, or because the device said that it does not take it.
+    written
+        After a failed `Link.write`: channels that the device certainly took. What is in neither
+        set was sent, and nobody knows whether it was taken.
+    """
+
+    untouched: frozenset[str] = frozenset()
+    written: frozenset[str] = frozenset()
+
+    def leaving(self, untouched: Iterable[str] = (), written: Iterable[str] = ()) -> Self:
+        """The same error, with what became of the channels of a write."""
+        self.untouched, self.written = frozenset(untouched), frozenset(written)
+        return self
 
 
 class LinkConfigError(LinkError, ValueError):
@@ -63,6 +83,10 @@ class LinkProtocolError(LinkError):
     """The device answered, and the answer is wrong or belongs to another request."""
 
 
+class TooLateError(LinkError):
+    """What was to be written had become too old before it could be sent; it was not sent."""
+
+
 class WriteNotVerifiedError(LinkError):
     """The read-back after a write differs from what was written."""
 
@@ -85,7 +109,9 @@ class Sample(NamedTuple):
     value
         The channel's number in the unit that its configuration names; NaN when not `good`.
     time
-        `time.monotonic()` in s at which the answer arrived; for a bad sample, of the attempt.
+        `time.monotonic()` in s: the earliest moment at which the device can have taken the value.
+        That is when the question left (or the device's own stamp, or the SYNC that it answers),
+        never when the answer arrived: a late answer is an old one. Of a bad sample, the attempt.
     quality
         Whether `value` may be used.
     reason
@@ -103,7 +129,7 @@ class Sample(NamedTuple):
         return self.quality is Quality.GOOD
 
     def age(self, now: float | None = None) -> float:
-        """Seconds since the sample was taken, on the monotonic clock."""
+        """Seconds since the earliest moment at which it can have been taken, monotonic clock."""
         return (time.monotonic() if now is None else now) - self.time
 
 
@@ -128,11 +154,53 @@ class ChannelInfo:
         Whether `Link.write` takes it.
     every
         s between two reads of the device; 0: at every call of `Link.read`.
+    low, high
+        Smallest and largest value that the channel's type can carry, in its unit.
+    step
+        What the value of the channel's type is a multiple of, in its unit; 0: no such step.
+    read_back
+        Whether what is written can be read again with `Link.read`.
     """
 
     unit: str = ""
     writable: bool = False
     every: float = 0.0
+    low: float = -math.inf
+    high: float = math.inf
+    step: float = 0.0
+    read_back: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a channel sits on the wire, comparable between links to one device.
+
+    Attributes
+    ----------
+    device
+        Who is asked, spelled alike by all links to it: ``tcp 192.168.0.10:502``.
+    first, end
+        Addresses from `first` up to, not including, `end`.
+    space
+        Which of the device's address spaces, part by part: ``("unit 1", "holding")``.
+    apart
+        For each part of `space`: whether those that differ in it are known not to be the same
+        memory. Many devices answer with one memory for all units, or for holding and input
+        registers, so it takes the user's word.
+    """
+
+    device: str
+    first: int = 0
+    end: int = 1
+    space: tuple[str, ...] = ()
+    apart: tuple[bool, ...] = ()
+
+    def overlaps(self, other: Place) -> bool:
+        """Whether a device may keep the two in the same memory."""
+        if self.device != other.device or self.end <= other.first or other.end <= self.first:
+            return False
+        both = zip(self.space, other.space, self.apart, other.apart, strict=False)
+        return not any(mine != its and one and two for mine, its, one, two in both)
 
 
 class LinkState(enum.Enum):
@@ -222,6 +290,40 @@ class Link(ABC):
         """What the configuration says of one of `channels`; a link that knows more overrides it."""
         return ChannelInfo(writable=channel in self.channels)
 
+    def places(self, channel: str) -> tuple[Place, ...]:
+        """Where one of `channels` sits, for finding that two are the same; empty: unknown."""
+        return ()
+
+    @property
+    def owns(self) -> tuple[str, ...]:
+        """What only one process may use at a time, e.g. ``tcp 192.168.0.10:502``; may be empty."""
+        return ()
+
+    def goes_with(self, channel: str) -> frozenset[str]:
+        """Writable channels that always go out in one message with `channel`, itself included."""
+        return frozenset((channel,))
+
+    def keep_together(self, channels: Collection[str], *, one_sample: bool = False) -> None:
+        """Take note that these channels must be of one moment: never read them apart.
+
+        Called before `open`. When the device refuses the request that holds them all, all of them
+        are bad.
+
+        Parameters
+        ----------
+        channels
+            Names.
+        one_sample
+            Whether they must also be answers to one question, as positions and the sample number
+            that they are returned with.
+
+        Raises
+        ------
+        LinkConfigError
+            When they can never be of one moment, although `one_sample` asks for it.
+        """
+        return
+
     @abstractmethod
     async def open(self) -> None:
         """Start the link; return once it is up or retrying in the background.
@@ -240,14 +342,35 @@ class Link(ABC):
         """
 
     @abstractmethod
-    async def write(self, values: Mapping[str, float]) -> None:
+    async def write(self, values: Mapping[str, float], *, until: float = math.inf) -> None:
         """Write channels; returns when the device acknowledged (and verified, where configured).
+
+        Parameters
+        ----------
+        values
+            By channel, in its unit.
+        until
+            `time.monotonic()` in s from which on nothing may leave any more: what waits for its
+            turn, or for a connection, for so long is given up. Checked before every message.
 
         Raises
         ------
         LinkError
-            When any value was not written; the message says which.
+            When any value was not written; the message says which, `LinkError.untouched` and
+            `LinkError.written` say what became of each.
         """
+
+    def _in_time(self, until: float, names: Iterable[str]) -> None:
+        """Refuse to send what has become too old.
+
+        Raises
+        ------
+        TooLateError
+            When it is later than `until`.
+        """
+        if time.monotonic() > until:
+            late = TooLateError(f"link {self.name}: too old before it could be sent, so not sent")
+            raise late.leaving(untouched=names)
 
     @abstractmethod
     async def close(self) -> None:

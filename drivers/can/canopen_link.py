@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar
@@ -94,7 +95,7 @@ class CanopenLink(Link):
             lost = Sample(_NAN, time.monotonic(), Quality.UNAVAILABLE, str(error))
             return dict.fromkeys(channels, lost)
 
-    async def write(self, values: Mapping[str, float]) -> None:
+    async def write(self, values: Mapping[str, float], *, until: float = math.inf) -> None:
         """Write objects by SDO, in the order in which they are named.
 
         Raises
@@ -108,6 +109,7 @@ class CanopenLink(Link):
         """
         if values:
             self._check_known(values, self._config.channels)
+            self._in_time(until, values)
             await self._writer.write(values)
 
     async def download(self, node: str, index: int, subindex: int, data: bytes) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
@@ -98,7 +99,7 @@ class DbcLink(Link):
         now = time.monotonic()
         return {name: self._sample(name, now) for name in channels}
 
-    async def write(self, values: Mapping[str, float]) -> None:
+    async def write(self, values: Mapping[str, float], *, until: float = math.inf) -> None:
         """Send the messages whose signals are named, each once.
 
         A signal that is not named keeps what was written last, else the DBC file's start value.
@@ -114,6 +115,7 @@ class DbcLink(Link):
         if not values:
             return
         self._check_known(values, self._config.channels)
+        self._in_time(until, values)
         frames = self._sending.frames(values)
         try:
             self._bus.send(frames)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
@@ -57,7 +58,7 @@ class IppLink(Link):
         self._check_known(channels, self._config.channels)
         return await self._asking.read(channels)
 
-    async def write(self, values: Mapping[str, float]) -> None:
+    async def write(self, values: Mapping[str, float], *, until: float = math.inf) -> None:
         """Refuse: this link only reads.
 
         Raises

@@ -7,6 +7,7 @@ Python is part of its HAL and ends with it.
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
@@ -106,7 +107,7 @@ class LinuxCncLink(Link):
         values = dict(zip(pins, said["values"], strict=True))
         return {name: self._sample(name, values, said["why"], now) for name in channels}
 
-    async def write(self, values: Mapping[str, float]) -> None:
+    async def write(self, values: Mapping[str, float], *, until: float = math.inf) -> None:
         """Set external offsets, mm (degrees); returns when LinuxCNC has taken them up.
 
         It moves there with its own share of speed and acceleration (``OFFSET_AV_RATIO``), which may
@@ -125,6 +126,7 @@ class LinuxCncLink(Link):
         if not values:
             return
         self._check_known(values, self._config.channels)
+        self._in_time(until, values)
         orders: dict[str, float] = {}
         for name, value in values.items():
             section = self._config.channels[name]

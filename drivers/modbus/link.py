@@ -7,6 +7,7 @@ read (`drivers.modbus.reading`) and written (`drivers.modbus.writing`) on the on
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
@@ -76,7 +77,7 @@ class ModbusLink(Link):
             self._check_known(names, self._config.channels)
         return await self._reader.read(names)
 
-    async def write(self, values: Mapping[str, float]) -> None:
+    async def write(self, values: Mapping[str, float], *, until: float = math.inf) -> None:
         """Write channels: neighbours in one request, requests in the order in which they are named.
 
         All values are checked before anything is sent: on a value that does not fit, nothing of
@@ -102,6 +103,7 @@ class ModbusLink(Link):
         names = tuple(values)
         if not self._writer.plans(names):
             self._check_known(names, self._config.channels)
+        self._in_time(until, names)
         await self._writer.write(names, values)
 
     def _describe(self, name: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
@@ -65,7 +66,7 @@ class SerialLink(Link):
             self._check_known(channels, self._config.channels)
         return await self._line.read(channels)
 
-    async def write(self, values: Mapping[str, float]) -> None:
+    async def write(self, values: Mapping[str, float], *, until: float = math.inf) -> None:
         """Send the channels' commands in order.
 
         Raises
@@ -76,6 +77,7 @@ class SerialLink(Link):
         if not values:
             return
         self._check_known(values, self._config.channels)
+        self._in_time(until, values)
         fixed = [name for name in values if not self._config.channels[name].writable]
         if fixed:
             raise LinkError(

@@ -54,7 +54,8 @@ class MemoryLink(Link):
             return Sample(math.nan, now, Quality.UNAVAILABLE, "no answer")
         return Sample(value, now)
 
-    async def write(self, values: Mapping[str, float]) -> None:
+    async def write(self, values: Mapping[str, float], *, until: float = math.inf) -> None:
+        self._in_time(until, values)
         if self.write_error is not None:
             raise self.write_error
         self.written.append(dict(values))
