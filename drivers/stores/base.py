@@ -124,6 +124,11 @@ class Store(ABC):
         self.name = name
         self.config = config
 
+    @property
+    def owns(self) -> tuple[str, ...]:
+        """What only one process may write to at a time, as `drivers.resources` spells it."""
+        return ()
+
     @abstractmethod
     async def open(self) -> None:
         """Connect, also anew after `close`; raises `LinkError` when there is nobody."""

@@ -13,6 +13,7 @@ import time
 from collections.abc import Awaitable, Callable, Sequence
 from typing import ClassVar, TypeVar
 
+from drivers import resources
 from drivers.can.canopen_bus import NodeBus
 from drivers.can.canopen_wall import Network
 from drivers.can.sdo_errors import RefusedError as SdoRefusedError
@@ -47,6 +48,11 @@ class CanopenStore(Store):
         super().__init__(name, config)
         self.adds_error = config.objects.adds_error
         self._bus: NodeBus | None = None
+
+    @property
+    def owns(self) -> tuple[str, ...]:
+        """The interface."""
+        return resources.can(self.config.interface, self.config.channel)
 
     async def open(self) -> None:
         """Open the interface and get a first answer of the node."""

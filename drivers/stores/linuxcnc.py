@@ -15,6 +15,7 @@ from collections.abc import AsyncIterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
+from drivers import resources
 from drivers.link import LinkConfigError, LinkDownError, LinkError, LinkTimeoutError
 from drivers.linuxcnc.restarting import run_command
 from drivers.linuxcnc.running import Task, find_task
@@ -57,6 +58,11 @@ class LinuxCncStore(Store):
         self._ini = Path(config.ini)
         self._opened: tuple[Layout, SetFolders] | None = None
         self._moved = False
+
+    @property
+    def owns(self) -> tuple[str, ...]:
+        """The LinuxCNC of this computer, and the files of this one."""
+        return resources.linuxcnc(), resources.linuxcnc(str(self._ini))
 
     async def open(self) -> None:
         """Read the INI file and see whether its compensation files can be switched.

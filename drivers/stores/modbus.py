@@ -16,6 +16,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from functools import partial
 from typing import ClassVar, TypeVar
 
+from drivers import resources
 from drivers.link import LinkDownError, LinkError, LinkProtocolError, LinkStatus, LinkTimeoutError
 from drivers.modbus.bus import Bus
 from drivers.modbus.plan import Span
@@ -55,6 +56,14 @@ class ModbusStore(Store):
         self.restart_needed = self.config.acts_after_restart
         self._bus: Bus | None = None
         self._token = secrets.randbelow(0xFFFF) + 1
+
+    @property
+    def owns(self) -> tuple[str, ...]:
+        """The server, or the serial port."""
+        config = self.config
+        if config.transport == "tcp":
+            return (resources.tcp(str(config.host), int(config.port)),)
+        return resources.serial(str(config.port))
 
     async def open(self) -> None:
         """Connect and get a first answer."""

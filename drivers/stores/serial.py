@@ -13,6 +13,7 @@ import re
 from collections.abc import Awaitable, Callable, Sequence
 from typing import ClassVar, TypeVar
 
+from drivers import resources
 from drivers.link import LinkDownError, LinkError, LinkProtocolError, LinkTimeoutError
 from drivers.serial.conversation import Conversation
 from drivers.serial.question import Question, framed
@@ -54,6 +55,11 @@ class SerialStore(Store):
             for key in ("identity", "state", "memory", "activate", "discard", "deactivate", "shown")
         }  # fmt: skip
         self._talk: Conversation | None = None
+
+    @property
+    def owns(self) -> tuple[str, ...]:
+        """The port."""
+        return resources.serial(self.config.port)
 
     async def open(self) -> None:
         """Open the port and have the control say who it is."""
