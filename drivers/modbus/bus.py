@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import time
 from collections.abc import Sequence
 
@@ -17,6 +18,7 @@ from drivers.link import (
     LinkProtocolError,
     LinkStatus,
     LinkTimeoutError,
+    TooLateError,
 )
 from drivers.modbus.client import ModbusClient
 from drivers.modbus.config import ModbusConfig
@@ -75,14 +77,28 @@ class Bus:
             await self._resynchronise(unit)
         return await self._exchange(unit, span)
 
-    async def write(self, span: Span, values: Sequence[int]) -> None:
-        """Write registers or bits; raises as `read`."""
+    async def write(self, span: Span, values: Sequence[int], until: float = math.inf) -> None:
+        """Write registers or bits, unless it is later than `until` (monotonic, s) by then.
+
+        Raises
+        ------
+        TooLateError
+            When it was; nothing was sent.
+        LinkDownError, LinkTimeoutError, LinkProtocolError
+            As `read`.
+        """
         unit = self.units[span.unit]
         if unit.pending:
             await self._resynchronise(unit)
-        await self._exchange(unit, span, values)
+        await self._exchange(unit, span, values, until)
 
-    async def _exchange(self, unit: Unit, span: Span, values: Sequence[int] | None = None) -> bytes:
+    async def _exchange(
+        self,
+        unit: Unit,
+        span: Span,
+        values: Sequence[int] | None = None,
+        until: float = math.inf,
+    ) -> bytes:
         client, status = self.client, self.status
         status.requests += 1
         unit.asked = True
@@ -91,7 +107,9 @@ class Bus:
             if values is None:
                 answer = await client.read(span)
             else:
-                await client.write(span, values)
+                await client.write(span, values, until)
+        except TooLateError:
+            raise
         except LinkProtocolError:
             status.failures += 1
             self._roster.answered(unit)

@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import termios
 import time
 from collections.abc import Callable, Sequence
@@ -44,7 +45,8 @@ from pymodbus.pdu.register_message import (
     WriteSingleRegisterRequest,
 )
 
-from drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError
+from drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError, TooLateError
+from drivers.modbus.buffers import cut_off, give_up_after, unsent
 from drivers.modbus.config import ModbusConfig, Table
 from drivers.modbus.framing import (
     Answer,
@@ -101,6 +103,8 @@ class ModbusClient:
         self._tcp_framer: StrictTcpFramer | None = None
         self._answer: asyncio.Future[ModbusPDU] | None = None
         self._patience = Patience(_expire)
+        self.asked_at = time.monotonic()
+        """`time.monotonic()` in s just before the last request was sent."""
         self.answered_at = time.monotonic()
         """`time.monotonic()` in s of the last frame received or given up."""
         self.round_trip = float("nan")
@@ -155,11 +159,18 @@ class ModbusClient:
         except (OSError, ValueError, termios.error) as exc:
             raise LinkDownError(f"cannot open {config.where}: {exc}") from exc
         self._pymodbus = client
+        if config.transport == "tcp":
+            give_up_after(client, config.timeout)
 
-    def close(self) -> None:
-        """Close the connection; a request in flight fails at once."""
+    def close(self, *, at_once: bool = False) -> None:
+        """Close the connection; a request in flight fails at once.
+
+        `at_once`: also what is still in the operating system's buffer is given up.
+        """
         client, self._pymodbus = self._pymodbus, None
         if client is not None:
+            if at_once:
+                cut_off(client)
             client.close()
             self._fail_request()
 
@@ -183,13 +194,18 @@ class ModbusClient:
             )
         return payload
 
-    async def write(self, span: Span, values: Sequence[int]) -> None:
+    async def write(self, span: Span, values: Sequence[int], until: float = math.inf) -> None:
         """Write registers (holding) or bits (coil); one goes by function 6 or 5, more by 16 or 15.
+
+        Nothing leaves after `until` (monotonic, s), also not from the operating system's buffers:
+        a TCP connection that has not passed all of an unanswered write on is cut off.
 
         Raises
         ------
         LinkDownError, LinkTimeoutError, LinkProtocolError
             As in `read`. After a `LinkTimeoutError` it is unknown whether the device took it.
+        TooLateError
+            When it is later than `until` before anything is sent.
         """
         request: ModbusPDU
         at, unit = span.address, span.unit
@@ -209,7 +225,7 @@ class ModbusClient:
         if span.count == 1:
             word = 0xFF00 * bool(values[0]) if span.table == "coil" else int(values[0])
             echo = word.to_bytes(2, "big")
-        reply = await self._execute(request, span, head, 5, echo)
+        reply = await self._execute(request, span, head, 5, echo, until)
         if type(reply) is Confirmed:
             return
         if span.count > 1:
@@ -222,7 +238,13 @@ class ModbusClient:
             raise LinkProtocolError(f"write {span}: confirmed {told}, expected {expected}")
 
     async def _execute(
-        self, request: ModbusPDU, span: Span, head: bytes, size: int, echo: bytes = b""
+        self,
+        request: ModbusPDU,
+        span: Span,
+        head: bytes,
+        size: int,
+        echo: bytes = b"",
+        until: float = math.inf,
     ) -> ModbusPDU:
         """Send and wait; the answer begins with `head` (function first), is of `size` bytes.
 
@@ -247,7 +269,9 @@ class ModbusClient:
         request.transaction_id = context.getNextTID()
         if self._tcp_framer is not None:
             self._tcp_framer.expect(request.transaction_id, span.unit, head + echo, size)
-        began = time.monotonic()
+        self.asked_at = began = time.monotonic()
+        if began > until:
+            raise TooLateError("too old before it could be sent, so not sent")
         try:
             reply = await self._transact(client, request, limit)
         except LinkDownError:
@@ -256,6 +280,12 @@ class ModbusClient:
             strange = len(context.recv_buffer)
             if strange and self._rtu_framer is None:
                 raise self._out_of_step(client) from exc
+            if unsent(client):
+                # what is still in the buffer would be delivered whenever the network comes back
+                self.close(at_once=True)
+                raise LinkDownError(
+                    f"the request did not reach {config.where} in {limit:.3g} s"
+                ) from exc
             more = f" ({strange} bytes came that answer something else)" if strange else ""
             raise LinkTimeoutError(
                 f"no answer from unit {span.unit} in {limit:.3g} s{more}"

@@ -177,6 +177,10 @@ class ModbusConfig(QuarantineConfig, SerialSettings):
     """Registers in one request; less for a device that cannot do the protocol's 125."""
     max_bits: Annotated[int, Field(ge=1, le=2000)] = 2000
     """Coils or discrete inputs in one request."""
+    separate: Annotated[tuple[Literal["tables", "units"], ...], Field(strict=False)] = ()
+    """What the device keeps in memories of its own. Many do not: their holding and input registers
+    are the same, or they answer for any unit id on TCP. Unless it is said here, an address that is
+    read counts as the one that is written."""
     max_waiting: Annotated[int, Field(ge=1)] = 16
     """Calls that may wait for the bus; one more is turned away at once."""
 

@@ -8,12 +8,13 @@ read (`drivers.modbus.reading`) and written (`drivers.modbus.writing`) on the on
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import ClassVar
 
-from drivers.link import ChannelInfo, Link, LinkConfig, Sample
+from drivers.link import ChannelInfo, Link, LinkConfig, LinkConfigError, Place, Sample
 from drivers.modbus.bus import Bus
 from drivers.modbus.config import ModbusConfig
+from drivers.modbus.places import bus_name, info_of, place_of
 from drivers.modbus.reading import Reader
 from drivers.modbus.writing import Writer
 
@@ -44,9 +45,39 @@ class ModbusLink(Link):
         return {name: self._describe(name) for name in self._config.channels}
 
     def info(self, channel: str) -> ChannelInfo:
-        """Unit, whether it is written, and the time between two reads."""
-        section = self._config.channels[channel]
-        return ChannelInfo(section.unit, section.writable, self._config.period_of(channel))
+        """Unit, range and step of its type, whether it is written, the time between two reads."""
+        return info_of(self._config, channel)
+
+    def places(self, channel: str) -> tuple[Place, ...]:
+        """Its registers or bits on the bus."""
+        return (place_of(self._config, channel),)
+
+    @property
+    def owns(self) -> tuple[str, ...]:
+        """The TCP address, or the serial line."""
+        return (bus_name(self._config),)
+
+    def keep_together(self, channels: Collection[str], *, one_sample: bool = False) -> None:
+        """Read channels that must be of one moment in one request, as far as they can be.
+
+        Raises
+        ------
+        LinkConfigError
+            When `one_sample` is asked for and they need several requests, or are read at
+            different paces.
+        """
+        self._check_known(channels, self._config.channels)
+        requests = self._reader.keep_together(channels)
+        paces = {self._config.period_of(name) for name in channels}
+        if one_sample and (requests > 1 or len(paces) > 1):
+            raise LinkConfigError(
+                f"link {self.name}: {', '.join(channels)} must be read in one request, and need "
+                f"{requests}: put them into one table of one unit and one block, no more than "
+                f"max_gap = {self._config.max_gap} registers apart"
+                if requests > 1
+                else f"link {self.name}: {', '.join(channels)} must be read in one request, and "
+                "belong to blocks that are read at different paces"
+            )
 
     async def open(self) -> None:
         """Connect and get a first answer, or begin to retry in the background."""
@@ -87,6 +118,8 @@ class ModbusLink(Link):
         ----------
         values
             Channel → value in the channel's unit; rounded to the nearest count for integers.
+        until
+            Nothing is sent after this moment, monotonic, s.
 
         Raises
         ------
@@ -103,8 +136,7 @@ class ModbusLink(Link):
         names = tuple(values)
         if not self._writer.plans(names):
             self._check_known(names, self._config.channels)
-        self._in_time(until, names)
-        await self._writer.write(names, values)
+        await self._writer.write(names, values, until)
 
     def _describe(self, name: str) -> str:
         config = self._config

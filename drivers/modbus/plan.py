@@ -26,6 +26,9 @@ _READ_FUNCTION: dict[Table, int] = {"coil": 1, "discrete": 2, "holding": 3, "inp
 Cut = tuple[int, Table, int]
 """Unit, table and address that no request may cross, because the device refused one that did."""
 
+Together = tuple[frozenset[str], ...]
+"""Sets of channels that must be of one moment: no request is divided within one."""
+
 
 @dataclass(frozen=True, slots=True)
 class Span:
@@ -161,40 +164,75 @@ def merge(
 
 
 def read_plan(
-    config: ModbusConfig, names: Sequence[str], cuts: Collection[Cut] = ()
+    config: ModbusConfig,
+    names: Sequence[str],
+    cuts: Collection[Cut] = (),
+    together: Together = (),
 ) -> tuple[ReadRequest, ...]:
-    """Requests that read `names`, each channel once, in the order of their units."""
+    """Requests that read `names`, each channel once, in the order of their units.
+
+    Sets in `together` are read in as few requests as they need by themselves; no cut divides them.
+    """
     requests: list[ReadRequest] = []
     for (unit, table), members in _by_place(config, names).items():
         limit = config.max_bits if table in BIT_TABLES else config.max_registers
-        channels = [config.channels[name] for name in members]
+        pieces = _pieces(config, members, limit, together)
         groups = merge(
-            [(channel.address, channel.width) for channel in channels],
+            [(first, end - first) for first, end, _ in pieces],
             limit,
             config.max_gap,
             [at for cut_unit, cut_table, at in cuts if (cut_unit, cut_table) == (unit, table)],
         )
-        requests += [
-            _read_request(unit, {members[i]: channels[i] for i in group}) for group in groups
-        ]
+        for group in groups:
+            chosen = sorted(
+                (config.channels[name].address, place, name)
+                for i in group
+                for place, name in enumerate(pieces[i][2])
+            )
+            requests.append(
+                _read_request(unit, {name: config.channels[name] for _, _, name in chosen})
+            )
     return tuple(requests)
 
 
-def cut_of(config: ModbusConfig, request: ReadRequest) -> Cut | None:
+def _pieces(
+    config: ModbusConfig, names: Sequence[str], limit: int, together: Together
+) -> list[tuple[int, int, list[str]]]:
+    """First address, end and channels of what is never divided, within one table of one unit."""
+    pieces = []
+    rest = list(names)
+    for members in together:
+        chosen = [name for name in rest if name in members]
+        if len(chosen) < 2:
+            continue
+        spans = [(config.channels[n].address, config.channels[n].width) for n in chosen]
+        for group in merge(spans, limit, config.max_gap):
+            first, end = spans[group[0]][0], max(sum(spans[i]) for i in group)
+            pieces.append((first, end, [chosen[i] for i in group]))
+        rest = [name for name in rest if name not in members]
+    for name in rest:
+        channel = config.channels[name]
+        pieces.append((channel.address, channel.address + channel.width, [name]))
+    return pieces
+
+
+def cut_of(config: ModbusConfig, request: ReadRequest, together: Together = ()) -> Cut | None:
     """Where to divide a request that the device refused: the widest gap, else the middle.
 
-    None when it holds one channel only, or channels that overlap: that one is then refused itself.
+    None when it holds one channel only, or channels that overlap or belong together: these are
+    then refused themselves.
     """
-    spans = [(config.channels[name].address, config.channels[name].width) for name in request.names]
+    span = request.span
+    pieces = sorted(_pieces(config, request.names, span.count, together))
     best: tuple[int, float, int] | None = None
-    middle = request.span.address + request.span.count / 2
+    middle = span.address + span.count / 2
     end = 0
-    for i, (start, width) in enumerate(spans):
+    for i, (start, stop, _) in enumerate(pieces):
         if i and start >= end:
             candidate = (start - end, -abs(start - middle), start)
             best = candidate if best is None else max(best, candidate)
-        end = max(end, start + width)
-    return None if best is None else (request.span.unit, request.span.table, best[2])
+        end = max(end, stop)
+    return None if best is None else (span.unit, span.table, best[2])
 
 
 def write_plan(config: ModbusConfig, names: Sequence[str]) -> WritePlan:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 from drivers.link import (
@@ -19,18 +18,16 @@ from drivers.link import (
 from drivers.modbus.bus import Bus
 from drivers.modbus.codec import NotRepresentableError
 from drivers.modbus.config import ModbusConfig
-from drivers.modbus.plan import Cut, ReadRequest, cut_of, read_plan
+from drivers.modbus.dividing import Dividing, groups_of
+from drivers.modbus.plan import ReadRequest, Together, read_plan
 from drivers.modbus.refusals import RefusedError
 from drivers.modbus.units import Unit
-
-logger = logging.getLogger("abbe.drivers.modbus")
 
 _NAN = float("nan")
 _PLANS = 64
 """Sets of channels whose requests are kept; a daemon has a handful."""
 _SILENCES = 2
 """Units that one call waits for in vain before it gives up on the rest."""
-_ADDRESS_REFUSALS = (2, 3)
 
 
 @dataclass(slots=True)
@@ -71,12 +68,20 @@ class Reader:
         self._bus = bus
         self._epoch = 0
         self._last: dict[str, Sample] = {}
-        self._cuts: set[Cut] = set()
+        self._together: Together = ()
+        self._dividing = Dividing(name, config, ())
         self._views: dict[tuple[str, ...], _View] = {}
 
     def plans(self, names: tuple[str, ...]) -> bool:
         """Whether this set was asked for before, and so is known to be in the configuration."""
         return names in self._views
+
+    def keep_together(self, names: Collection[str]) -> int:
+        """Never read these apart from now on; in how many requests they are read."""
+        self._together = groups_of((*self._together, frozenset(names)))
+        self._dividing = Dividing(self._name, self._config, self._together)
+        self._views.clear()
+        return len(read_plan(self._config, tuple(names), (), self._together))
 
     async def read(self, names: tuple[str, ...]) -> dict[str, Sample]:
         """As `drivers.modbus.link.ModbusLink.read`."""
@@ -87,6 +92,8 @@ class Reader:
                     self._begin_epoch(bus.keeper.epoch)
                 view = self._views.get(names) or self._view(names)
                 await self._read_all(self._due(view))
+                if self._dividing.cuts and await self._dividing.retry(bus.read):
+                    self._views.clear()
                 last = self._last
                 return dict(zip(names, map(last.__getitem__, names), strict=True))
         except LinkError as exc:
@@ -112,15 +119,16 @@ class Reader:
                 answer = await bus.read(request.span)
             except LinkProtocolError as exc:
                 self._mark(request, Quality.BAD, str(exc))
-                if isinstance(exc, RefusedError):
-                    self._divide(request, exc)
+                if isinstance(exc, RefusedError) and len(request.names) > 1:
+                    await self._divide(request, exc)
             except LinkTimeoutError as exc:
                 silences += 1
                 self._mark(request, Quality.UNAVAILABLE, str(exc))
             except LinkDownError:
                 break
             else:
-                self._keep(request, answer, bus.client.answered_at)
+                self._dividing.answered(request.span)
+                self._keep(request, answer, bus.client.asked_at)
                 continue
         if not bus.keeper.up:
             raise bus.keeper.down_error()
@@ -144,20 +152,14 @@ class Reader:
         for name in request.names:
             self._last[name] = sample
 
-    def _divide(self, request: ReadRequest, refusal: RefusedError) -> None:
-        """Read apart, from the next call on, what the device refuses to read in one request."""
-        if refusal.code not in _ADDRESS_REFUSALS:
+    async def _divide(self, request: ReadRequest, refusal: RefusedError) -> None:
+        """Have a refused request read in parts from the next call on, where that is proved."""
+        try:
+            if await self._dividing.divide(request, refusal, self._bus.read):
+                self._views.clear()
+        except LinkError:
+            # silence while trying: the unit has taken note, and the next call shows it
             return
-        cut = cut_of(self._config, request)
-        if cut is not None and cut not in self._cuts:
-            self._cuts.add(cut)
-            self._views.clear()
-            logger.warning(
-                "link %s: %s; from now on read in two parts, divided before address %d",
-                self._name,
-                refusal,
-                cut[2],
-            )
 
     def _due(self, view: _View) -> tuple[ReadRequest, ...]:
         """Requests of a call: all that is read always, and the slow blocks whose time has come."""
@@ -181,14 +183,16 @@ class Reader:
                     names += more
             if len(view.requests) >= _PLANS:
                 view.requests.clear()
-            requests = view.requests[mask] = read_plan(self._config, names, self._cuts)
+            requests = view.requests[mask] = read_plan(
+                self._config, names, self._dividing.cuts, self._together
+            )
         return requests
 
     def _begin_epoch(self, epoch: int) -> None:
         """Forget what was learned on an earlier connection: the device may be another."""
         self._epoch = epoch
         self._last.clear()
-        self._cuts.clear()
+        self._dividing.forget()
         self._views.clear()
 
     def _view(self, names: tuple[str, ...]) -> _View:

@@ -10,13 +10,18 @@ from drivers.link import (
     LinkError,
     LinkProtocolError,
     LinkTimeoutError,
+    TooLateError,
     WriteNotVerifiedError,
 )
 from drivers.modbus.bus import Bus
 from drivers.modbus.codec import NotRepresentableError
 from drivers.modbus.config import ModbusConfig
 from drivers.modbus.plan import WritePlan, WriteRequest, write_plan
+from drivers.modbus.refusals import RefusedError
 
+_NOT_TAKEN = (1, 2, 3, 6, 8)
+"""Exceptions with which a device says that it has not written anything (Modbus Application
+Protocol V1.1b3, 7)."""
 _PLANS = 64
 """Sets of channels whose requests are kept; a daemon has a handful."""
 
@@ -44,7 +49,9 @@ class Writer:
         """Whether this set was written before, and so is known to be in the configuration."""
         return names in self._plans
 
-    async def write(self, names: tuple[str, ...], values: Mapping[str, float]) -> None:
+    async def write(
+        self, names: tuple[str, ...], values: Mapping[str, float], until: float
+    ) -> None:
         """As `drivers.modbus.link.ModbusLink.write`; `names` are the keys of `values`, in order."""
         plan = self._plans.get(names) or self._plan(names)
         raw: dict[str, float] = {}
@@ -56,27 +63,39 @@ class Writer:
                 unit = self._config.channels[name].unit
                 wrong.append(f"{name}: {exc}{' ' if unit else ''}{unit}")
         if wrong:
-            raise LinkError(f"link {self._name}: nothing written; {'; '.join(wrong)}")
+            nothing = LinkError(f"link {self._name}: nothing written; {'; '.join(wrong)}")
+            raise nothing.leaving(untouched=names)
         done: list[str] = []
+        going: tuple[str, ...] = ()
         try:
             async with self._bus.turns:
                 for request in plan.requests:
-                    await self._write_one(request, [raw[name] for name in request.names])
-                    done += request.names
+                    going = request.names
+                    await self._write_one(request, [raw[name] for name in going], until)
+                    done += going
         except LinkError as exc:
-            left = ", ".join(name for name in names if name not in done)
+            left = [name for name in names if name not in done]
+            kept = set(left) - set(going) | (exc.untouched and set(going))
             written = f"; written before: {', '.join(done)}" if done else ""
             raise _same_kind(exc)(
-                f"link {self._name}: not written: {left}: {exc}{written}"
-            ) from exc
+                f"link {self._name}: not written: {', '.join(left)}: {exc}{written}"
+            ).leaving(kept, (*done, *exc.written)) from exc
 
-    async def _write_one(self, request: WriteRequest, numbers: Sequence[float]) -> None:
+    async def _write_one(
+        self, request: WriteRequest, numbers: Sequence[float], until: float
+    ) -> None:
         bus = self._bus
         unit = bus.units[request.span.unit]
         if why := unit.refusal(time.monotonic()):
-            raise LinkTimeoutError(why)
+            raise LinkTimeoutError(why).leaving(untouched=request.names)
         words = request.encode(numbers)
-        await bus.write(request.span, words)
+        try:
+            await bus.write(request.span, words, until)
+        except RefusedError as exc:
+            # a device that failed while it wrote (4), or is still at it (5), may have taken it
+            raise exc.leaving(request.names if exc.code in _NOT_TAKEN else ()) from None
+        except TooLateError as exc:
+            raise exc.leaving(request.names) from None
         if not request.verify:
             return
         found = request.found(await bus.read(request.span))
@@ -94,7 +113,7 @@ class Writer:
             raise LinkError(
                 f"link {self._name}: nothing written; not writable: {', '.join(fixed)} "
                 "(set writable = true)"
-            )
+            ).leaving(untouched=names)
         if len(self._plans) >= _PLANS:
             self._plans.clear()
         plan = self._plans[names] = write_plan(self._config, names)
@@ -111,6 +130,7 @@ def _same_kind(error: LinkError) -> Callable[[str], LinkError]:
         LinkDownError,
         LinkTimeoutError,
         LinkProtocolError,
+        TooLateError,
         WriteNotVerifiedError,
     )
     return next((kind for kind in kinds if isinstance(error, kind)), LinkError)

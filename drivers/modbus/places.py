@@ -1,0 +1,61 @@
+"""Where Modbus channels sit, so that two names for one register are found before it is written.
+
+Many devices keep one memory behind holding and input registers, and behind coils and discrete
+inputs, and answer for any unit id on their TCP port. So all of these count as one memory unless
+the user says that they are ``separate`` (``docs/modbus.md``). Whether coils are the bits of
+registers no device says in a way that is the same for two of them; they are taken for apart.
+"""
+
+from __future__ import annotations
+
+import os
+from ipaddress import ip_address
+
+from drivers.link import ChannelInfo, Place
+from drivers.modbus.codec import raw_range
+from drivers.modbus.config import BIT_TABLES, ModbusConfig
+
+
+def bus_name(config: ModbusConfig) -> str:
+    """The bus as all links spell it: ``tcp 192.168.0.10:502``, ``serial /dev/ttyUSB0``."""
+    if config.transport == "rtu":
+        return f"serial {os.path.realpath(str(config.port))}"
+    return f"tcp {_host(str(config.host))}:{config.port}"
+
+
+def place_of(config: ModbusConfig, name: str) -> Place:
+    """Where a channel sits; addresses are those of its table."""
+    channel = config.channels[name]
+    memory = "bits" if channel.table in BIT_TABLES else "registers"
+    return Place(
+        f"{bus_name(config)} {memory}",
+        channel.address,
+        channel.address + channel.width,
+        (f"unit {config.unit_of(name)}", channel.table),
+        # on a serial line every unit is a device of its own
+        (config.transport == "rtu" or "units" in config.separate, "tables" in config.separate),
+    )
+
+
+def info_of(config: ModbusConfig, name: str) -> ChannelInfo:
+    """What a channel's section says of its values: unit, range and step of its type."""
+    channel = config.channels[name]
+    ends = [end * channel.scale + channel.offset for end in raw_range(channel.number_type)]
+    return ChannelInfo(
+        unit=channel.unit,
+        writable=channel.writable,
+        every=config.period_of(name),
+        low=min(ends),
+        high=max(ends),
+        step=0.0 if "float" in channel.number_type else abs(channel.scale),
+        read_back=channel.writable,
+    )
+
+
+def _host(name: str) -> str:
+    if name.lower() == "localhost":
+        return "127.0.0.1"
+    try:
+        return str(ip_address(name))
+    except ValueError:
+        return name.lower().rstrip(".")
