@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import re
 import time
 from collections.abc import Mapping, Sequence
 
@@ -22,6 +21,7 @@ from drivers.reconnect import Keeper
 from drivers.serial.config import SerialConfig
 from drivers.serial.conversation import Conversation, LateAnswerError
 from drivers.serial.fields import FieldError
+from drivers.serial.patterns import Match
 from drivers.serial.question import Message, Question, framed
 from drivers.turns import Turns
 
@@ -180,7 +180,7 @@ class AskedLine:
         if not self.keeper.up:
             raise self.keeper.down_error()
 
-    async def _exchange(self, question: Question, data: bytes) -> re.Match[str]:
+    async def _exchange(self, question: Question, data: bytes) -> Match:
         status, talk = self._status, self._talk
         status.requests += 1
         question.asked = True
@@ -206,7 +206,7 @@ class AskedLine:
             self._roster.answered(question)
         return found
 
-    def _keep(self, message: Message, found: re.Match[str]) -> None:
+    def _keep(self, message: Message, found: Match) -> None:
         at, last = self._talk.answered_at, self._last
         for channel, (field, reader) in message.readers.items():
             try:

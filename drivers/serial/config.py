@@ -20,7 +20,6 @@ r"""The configuration section of a serial link: a port, messages on it, values i
 
 from __future__ import annotations
 
-import re
 import string
 from typing import Annotated, Literal
 
@@ -28,6 +27,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from drivers.quarantine import QuarantineConfig
 from drivers.serial.checksum import ChecksumConfig
+from drivers.serial.patterns import Pattern, checked
 from drivers.serial.settings import PortSettings
 
 _STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
@@ -35,11 +35,11 @@ _WHOLE = "dxX"
 """Presentation types of Python's format that take whole numbers."""
 
 
-def _compiled(key: str, pattern: str | None) -> None:
+def _check(key: str, pattern: str | None) -> None:
     try:
-        re.compile(pattern or "")
-    except re.error as error:
-        raise ValueError(f"{key} {pattern!r} is no regular expression: {error}") from None
+        checked(pattern or "")
+    except ValueError as error:
+        raise ValueError(f"{key}: {error}") from None
 
 
 class MessageConfig(BaseModel):
@@ -65,17 +65,13 @@ class MessageConfig(BaseModel):
     @property
     def fields(self) -> tuple[str, ...]:
         """Names of the pattern's fields."""
-        return tuple(re.compile(self.pattern).groupindex)
+        return Pattern(self.pattern).fields
 
     @model_validator(mode="after")
     def _consistent(self) -> MessageConfig:
-        try:
-            fields = self.fields
-        except re.error as error:
-            raise ValueError(
-                f"pattern {self.pattern!r} is no regular expression: {error}"
-            ) from None
-        if not fields:
+        pattern = checked(self.pattern)
+        _check("refused", self.refused)
+        if not pattern.fields:
             raise ValueError(
                 f"pattern {self.pattern!r} has no named field, e.g. (?P<x>[-+.\\d]+) for x"
             )
@@ -88,7 +84,7 @@ class MessageConfig(BaseModel):
         if self.query is not None:
             if not self.query.isascii():
                 raise ValueError(f"query {self.query!r} is not ASCII")
-            if re.fullmatch(self.pattern, self.query.strip()):
+            if pattern.fullmatch(self.query.strip()):
                 raise ValueError(
                     f"pattern {self.pattern!r} fits the query {self.query!r} itself: "
                     "its echo would pass for the answer"
@@ -181,8 +177,8 @@ class ChannelConfig(BaseModel):
             raise ValueError(f"command {command!r}: {error}") from None
         if not command.isascii():
             raise ValueError(f"command {command!r} is not ASCII")
-        _compiled("acknowledge", self.acknowledge)
-        _compiled("refused", self.refused)
+        _check("acknowledge", self.acknowledge)
+        _check("refused", self.refused)
 
 
 class LineConfig(QuarantineConfig, PortSettings):

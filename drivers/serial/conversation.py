@@ -10,7 +10,6 @@ come or can come no more.
 from __future__ import annotations
 
 import asyncio
-import re
 import time
 from collections.abc import Callable, Collection, Sequence
 
@@ -19,6 +18,7 @@ from drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError
 from drivers.serial.checksum import shown
 from drivers.serial.config import LineConfig
 from drivers.serial.lines import Splitter
+from drivers.serial.patterns import Match
 from drivers.serial.port import Port, open_port
 from drivers.serial.question import Question, RefusedError
 
@@ -61,7 +61,7 @@ class Conversation:
         self._port: Port | None = None
         self._splitter = Splitter(config.terminator.encode("ascii"), config.max_line)
         self._current: Question | None = None
-        self._answer: Awaited[re.Match[str]] = Awaited(self._wait)
+        self._answer: Awaited[Match] = Awaited(self._wait)
         self._lines: list[bytes] = []
         self._unfit: LinkProtocolError | None = None
         self._echo: bytes | None = None
@@ -124,7 +124,7 @@ class Conversation:
         """
         self._open_port().write(data)
 
-    async def ask(self, question: Question, data: bytes) -> re.Match[str]:
+    async def ask(self, question: Question, data: bytes) -> Match:
         """Send a query and wait for its answer; only one caller at a time.
 
         What comes and does not fit (noise, our own echo) is passed over; when nothing better comes

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 
 from drivers.link import LinkProtocolError
@@ -10,6 +9,7 @@ from drivers.quarantine import Member
 from drivers.serial.checksum import ChecksumConfig, ChecksumError, shown
 from drivers.serial.config import LineConfig, SerialConfig
 from drivers.serial.fields import FieldError, compile_reader
+from drivers.serial.patterns import Match, Pattern
 
 Reader = Callable[[str | None], float]
 
@@ -53,8 +53,8 @@ class Question(Member):
         refused: str | None = None,
     ) -> None:
         super().__init__(name)
-        self.pattern = re.compile(pattern)
-        self._refused = None if refused is None else re.compile(refused)
+        self.pattern = Pattern(pattern)
+        self._refused = None if refused is None else Pattern(refused)
         self.lines = lines
         self.asked_at: float | None = None
         self.last_text: str | None = None
@@ -76,7 +76,7 @@ class Question(Member):
                 raise LinkProtocolError(f"{self.name}: {error}") from None
         return b"\n".join(lines).decode("latin-1").strip()
 
-    def match(self, lines: Sequence[bytes]) -> re.Match[str]:
+    def match(self, lines: Sequence[bytes]) -> Match:
         """The fields of an answer.
 
         Raises
@@ -93,7 +93,7 @@ class Question(Member):
                 raise RefusedError(f"{self.name}: the device answers {text!r}")
             raise LinkProtocolError(
                 f"{self.name}: {shown(text.encode('latin-1'))} came, "
-                f"which does not fit {self.pattern.pattern!r}"
+                f"which does not fit {self.pattern.text!r}"
             )
         self.last_text = text
         return found
@@ -109,7 +109,7 @@ class Question(Member):
         """Whether an answer to `other` that comes late could pass for an answer to this."""
         if self is other or self.lines != 1 or other.lines != 1:
             return True
-        if self.pattern == other.pattern:
+        if self.pattern.text == other.pattern.text:
             return True
         mine, theirs = self.last_text, other.last_text
         return (theirs is not None and self.pattern.fullmatch(theirs) is not None) or (
@@ -148,7 +148,7 @@ class Message(Question):
             if part.message == name
         }
 
-    def value(self, channel: str, found: re.Match[str]) -> float:
+    def value(self, channel: str, found: Match) -> float:
         """A channel's value in an answer.
 
         Raises

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import re
 import time
 from collections.abc import Callable, Sequence
 from typing import Annotated, Literal
@@ -12,6 +11,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from drivers.link import LinkDownError, LinkError, LinkProtocolError, LinkTimeoutError
 from drivers.serial.checksum import Kind, shown
+from drivers.serial.patterns import checked
 from drivers.serial.port import Port, open_port
 from drivers.serial.settings import PortSettings
 
@@ -59,9 +59,9 @@ class TapeSettings(PortSettings):
             )
         if self.verify == "checksum":
             try:
-                fields = re.compile(self.checksum_reply).groupindex
-            except re.error as error:
-                raise ValueError(f"checksum_reply is no regular expression: {error}") from None
+                fields = checked(self.checksum_reply).fields
+            except ValueError as error:
+                raise ValueError(f"checksum_reply: {error}") from None
             if "checksum" not in fields:
                 raise ValueError("checksum_reply has no field (?P<checksum>...)")
         return self

@@ -22,13 +22,13 @@ A tape is ``%``, blocks that each end with a line feed, ``%``. Three ways to kno
 from __future__ import annotations
 
 import asyncio
-import re
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from drivers.link import LinkDownError, LinkProtocolError
 from drivers.serial.checksum import ALGORITHMS, shown
+from drivers.serial.patterns import Pattern
 from drivers.serial.tape import CONTROL, TapeLine, TapeSettings, check_blocks
 
 
@@ -191,7 +191,7 @@ async def _compare_checksum(line: TapeLine, settings: TapeSettings, blocks: Sequ
     sent = (end + "".join(block + end for block in blocks)).encode("ascii")
     computed = ALGORITHMS[settings.checksum](sent)
     reply = await line.next_line(settings.stall_timeout, "the checksum")
-    found = re.fullmatch(settings.checksum_reply, reply.decode("latin-1").strip())
+    found = Pattern(settings.checksum_reply).fullmatch(reply.decode("latin-1").strip())
     if found is None:
         raise LinkProtocolError(f"{shown(reply)} came in place of the checksum")
     if int(found["checksum"], 16) != computed:

@@ -16,6 +16,7 @@ from typing import ClassVar, TypeVar
 from drivers import resources
 from drivers.link import LinkDownError, LinkError, LinkProtocolError, LinkTimeoutError
 from drivers.serial.conversation import Conversation
+from drivers.serial.patterns import Match
 from drivers.serial.question import Question, framed
 from drivers.serial.question import RefusedError as LineRefusedError
 from drivers.serial.transfer import receive_tape, send_tape
@@ -159,7 +160,7 @@ class SerialStore(Store):
         if self.config.texts.abort:
             talk.tell(self.config.texts.abort.encode("ascii"))
 
-    async def _ask(self, key: str, data: bytes) -> re.Match[str]:
+    async def _ask(self, key: str, data: bytes) -> Match:
         if self._talk is None:
             raise LinkDownError(f"{self.name}: the port is not open")
         return await self._talk.ask(self._questions[key], data)

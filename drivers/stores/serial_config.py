@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, model_validator
 
 from drivers.serial.checksum import ChecksumConfig
 from drivers.serial.config import LineConfig
+from drivers.serial.patterns import checked
 from drivers.serial.settings import PortSettings
 from drivers.serial.tape import TapeSettings
 from drivers.stores.base import StoreConfig
@@ -60,11 +60,10 @@ class Texts(StoreConfig):
     @model_validator(mode="after")
     def _patterns_have_their_fields(self) -> Texts:
         for name, fields in _FIELDS.items():
-            pattern = getattr(self, f"{name}_answer")
             try:
-                found = re.compile(pattern).groupindex
-            except re.error as error:
-                raise ValueError(f"{name}_answer is no regular expression: {error}") from None
+                found = checked(getattr(self, f"{name}_answer")).fields
+            except ValueError as error:
+                raise ValueError(f"{name}_answer: {error}") from None
             missing = [field for field in fields if field not in found]
             if missing:
                 raise ValueError(f"{name}_answer has no field (?P<{missing[0]}>...)")

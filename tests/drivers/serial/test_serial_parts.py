@@ -261,7 +261,10 @@ def test_a_good_configuration() -> None:
         ({"channels": {"o": {"command": "S{0}"}}}, r"expected \{value\} once"),
         ({"channels": {"o": {"command": "S{value:q}"}}}, "command 'S{value:q}'"),
         ({"channels": {"o": {"command": "S{value.__class__}"}}}, r"expected \{value\} once"),
-        ({"channels": {"o": {"command": "S{value}", "acknowledge": "("}}}, "acknowledge '"),
+        (
+            {"channels": {"o": {"command": "S{value}", "acknowledge": "("}}},
+            "acknowledge: pattern '",
+        ),
         ({"channels": {"x": {"message": "m", "values": {"A": 1}, "base": 16}}}, "in place of numb"),
     ],
 )

@@ -1,0 +1,101 @@
+r"""Patterns of the user's for lines of text, matched in bounded time.
+
+The standard library's ``re`` may try every way in which a line does not fit: ``(\d+)+`` takes
+seconds over thirty digits and an x, in which nothing else on this computer's event loop happens.
+``regex`` finds most of that out at once, and gives up on the rest when told to.
+"""
+
+from __future__ import annotations
+
+import regex
+
+from drivers.link import LinkProtocolError
+
+Match = regex.Match[str]
+
+LIMIT = 5e-3
+"""s of processor time for one line; a pattern that is any good takes microseconds."""
+_LONGEST = 1000
+"""Characters of a pattern: what is compiled in milliseconds, however it is nested."""
+_TRIED_ON = ("1", "a", " ", "+1.5 ", "-0.1,", "\t", "=")
+"""What a line that is tried on a new pattern consists of, again and again."""
+_TRIED_LENGTH = 128
+
+
+class SlowPatternError(LinkProtocolError):
+    """A pattern took too long over a line."""
+
+
+class Pattern:
+    """A regular expression for a whole text.
+
+    Parameters
+    ----------
+    text
+        The expression.
+
+    Raises
+    ------
+    ValueError
+        When it is none, is too long, or is so ambiguous that a line could hold everything up.
+    """
+
+    __slots__ = ("_compiled", "text")
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        if len(text) > _LONGEST:
+            raise ValueError(
+                f"pattern {text[:40]!r}… has {len(text)} characters, expected at most {_LONGEST}"
+            )
+        try:
+            self._compiled = regex.compile(text)
+        except (regex.error, RecursionError, OverflowError, MemoryError) as error:
+            raise ValueError(f"pattern {text!r} is no regular expression: {error}") from None
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Names of its fields."""
+        return tuple(self._compiled.groupindex)
+
+    def check(self) -> None:
+        """Try it on lines that would take a bad one for ever.
+
+        Raises
+        ------
+        ValueError
+            When one does.
+        """
+        for piece in _TRIED_ON:
+            line = (piece * _TRIED_LENGTH)[:_TRIED_LENGTH] + "\n\0"
+            try:
+                self.fullmatch(line)
+            except SlowPatternError:
+                raise ValueError(
+                    f"pattern {self.text!r} takes too long over a line of {line[:12]!r}…: a "
+                    "repetition within a repetition, or alternatives that fit the same, can be "
+                    "read in too many ways"
+                ) from None
+
+    def fullmatch(self, text: str) -> Match | None:
+        """The match with the whole text; None when it does not fit.
+
+        Raises
+        ------
+        SlowPatternError
+            When it cannot be said in `LIMIT`.
+        """
+        try:
+            return self._compiled.fullmatch(text, timeout=LIMIT)
+        except TimeoutError:
+            raise SlowPatternError(
+                f"{text[:60]!r} came, and the pattern {self.text!r} takes more than "
+                f"{LIMIT * 1e3:g} ms over it"
+            ) from None
+
+
+def checked(text: str) -> Pattern:
+    """A pattern from a configuration; raises ValueError when it cannot be used."""
+    pattern = Pattern(text)
+    pattern.check()
+    return pattern

@@ -1,0 +1,58 @@
+"""Patterns of lines: whatever they are, a line holds the event loop up for milliseconds only."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+from pydantic import ValidationError
+from serial_links import section
+
+from drivers.serial.config import SerialConfig
+from drivers.serial.patterns import LIMIT, Pattern, SlowPatternError, checked
+from drivers.serial.question import Question
+
+ROOM = 0.5
+"""s that a shared machine may add."""
+
+
+def config(**keys: str) -> SerialConfig:
+    message = {"query": "R"} | keys
+    return section("/dev/null", {"messages": {"m": message}, "channels": {"x": {"message": "m"}}})
+
+
+def test_a_nested_repetition_is_read_at_once() -> None:
+    question = Question("m", r"(?P<x>(\d+)+)")
+    began = time.monotonic()
+    assert question.match([b"1" * 128])["x"] == "1" * 128
+    assert not question.fits(b"1" * 60 + b"x")
+    assert time.monotonic() - began < ROOM
+
+
+def test_a_line_that_takes_too_long_is_given_up() -> None:
+    pattern = Pattern(r"(?P<x>(q|qq)+)")
+    began = time.process_time()
+    with pytest.raises(SlowPatternError, match="takes more than"):
+        pattern.fullmatch("q" * 60 + "w")
+    assert time.process_time() - began < 20 * LIMIT + ROOM
+    # and, as the answer to a query, is one that does not fit
+    assert not Question("m", pattern.text).fits(b"q" * 60 + b"w")
+
+
+@pytest.mark.parametrize("bad", [r"(?P<x>(\d|\d\d)+)", r"(?P<x>(\S|\S\S)+)"])
+def test_an_ambiguous_pattern_is_one_clear_error(bad: str) -> None:
+    began = time.process_time()
+    with pytest.raises(ValidationError, match="takes too long over a line of") as caught:
+        config(pattern=bad)
+    assert caught.value.error_count() == 1
+    with pytest.raises(ValidationError, match=r"refused: pattern .* takes too long"):
+        config(pattern=r"(?P<x>\d+)", refused=bad)
+    assert time.process_time() - began < ROOM
+
+
+def test_what_cannot_be_compiled_is_one_clear_error() -> None:
+    for bad in ("(", "a" * 5000, r"(?P<x>\d+)\9"):
+        began = time.process_time()
+        with pytest.raises(ValueError, match="pattern"):
+            checked(bad).fields.index("x")
+        assert time.process_time() - began < ROOM
