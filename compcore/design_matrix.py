@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,9 @@ F64 = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _Key = tuple[tuple[float, ...], bytes]
+
+Beside = tuple[Effect, Mapping[str, float]]
+"""An effect that is laid beside a model, and its non-linear parameters by name."""
 
 
 class Problem:
@@ -50,6 +53,7 @@ class Problem:
         self.weight = 1.0 / self.sd
         self._amending = [i for i, e in enumerate(model.effects) if e.reads_model]
         self._given: dict[int, tuple[Motion, ...]] = {}
+        self._beside: dict[str, tuple[Motion, ...]] = {}
         self._motions: dict[int, tuple[_Key, tuple[Motion, ...]]] = {}
         self._tool_directions: dict[int, F64] = {}
         self._conditions: tuple[bytes, Conditions] | None = None
@@ -82,17 +86,37 @@ class Problem:
             for i, effect in enumerate(self.model.effects)
             if effect.scope == "instrument"
         }
+        other._beside = {
+            key: tuple(Motion(m.channel, m.columns[rows], m.first) for m in motions)
+            for key, motions in self._beside.items()
+        }
+        return other
+
+    def beside(self, effects: Sequence[Beside], theta: F64) -> Problem:
+        """The same problem; its parts know of these effects what depends on the whole campaign."""
+        other = Problem.__new__(Problem)
+        other.__dict__.update(self.__dict__)
+        for effect, nonlinear in effects:
+            self._keep_lags_of(effect, nonlinear)
+        other._beside = {
+            _named(effect, nonlinear): self._motions_of(effect, nonlinear, theta)
+            for effect, nonlinear in effects
+            if effect.scope == "instrument"
+        }
         return other
 
     def _keep_lags(self, theta: F64) -> None:
         """Have the conditions keep every lagged signal that the effects will ask for."""
-        conditions = self.campaign.conditions
         for i, effect in enumerate(self.model.effects):
-            if effect.signals_needed() and effect.scope != "instrument":
-                few = conditions.rows(np.arange(min(2, conditions.n)))
-                effect.motions(self.model.machine, few, self.layout.nonlinear_values(i, theta))
-                for name, tau in few.lags_computed():
-                    conditions.lag(name, tau)
+            self._keep_lags_of(effect, self.layout.nonlinear_values(i, theta))
+
+    def _keep_lags_of(self, effect: Effect, nonlinear: Mapping[str, float]) -> None:
+        conditions = self.campaign.conditions
+        if effect.signals_needed() and effect.scope != "instrument":
+            few = conditions.rows(np.arange(min(2, conditions.n)))
+            effect.motions(self.model.machine, few, nonlinear)
+            for name, tau in few.lags_computed():
+                conditions.lag(name, tau)
 
     @property
     def n(self) -> int:
@@ -204,7 +228,9 @@ class Problem:
             that acts through them; default: start.
         """
         theta = self.start() if theta is None else theta
-        found = self._motions_of(effect, nonlinear, theta)
+        found = self._beside.get(_named(effect, nonlinear)) if self._beside else None
+        if found is None:
+            found = self._motions_of(effect, nonlinear, theta)
         count = len(effect.linear(self.model.machine))
         return self._stack(self.observation(theta), found, count)
 
@@ -319,3 +345,7 @@ class Problem:
     def residual(self, theta: F64) -> F64:
         """Weighted measured − predicted, set-ups' nuisances not yet taken out, shape (n,)."""
         return (self.campaign.value - self.predicted(theta)) * self.weight
+
+
+def _named(effect: Effect, nonlinear: Mapping[str, float]) -> str:
+    return f"{effect.spec} {sorted(nonlinear.items())}"

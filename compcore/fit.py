@@ -23,6 +23,7 @@ from compcore.pieces import rows_at_once
 from compcore.reduction import leverage
 from compcore.robust import Outlier, outliers_of, reject, studentised
 from compcore.separable import search, step_widths
+from compcore.thinning import thinned
 from compcore.threads import threads_for
 from compcore.undetermined import NullSpace, split_null_space
 from compcore.undetermined_words import Undetermined, in_words
@@ -116,6 +117,12 @@ class FitResult:
             absorbed = leverage(self.problem, self.theta, self.decomposition)
         size = studentised(self.problem, self.residual, absorbed)
         return outliers_of(self.problem, self.residual, size)
+
+    @cached_property
+    def thin(self) -> FitResult:
+        """The same fit on as many rows as tell causes apart (`compcore.thinning`); often all."""
+        rows = thinned(self.problem.campaign)
+        return self if rows is None else _on_rows(self, rows)
 
     @cached_property
     def eliminator(self) -> Eliminator:
@@ -214,6 +221,16 @@ def _fit(
         problem, theta, decomposition, uncertainty = _with_uncertainty(problem, theta, uncertainty)
     tell("what is not determined")
     return _result(problem, theta, decomposition, frame, uncertainty, set_aside)
+
+
+def _on_rows(result: FitResult, rows: NDArray[np.int64]) -> FitResult:
+    """The same model fitted to some of the rows, with the uncertainties and readings of all."""
+    problem = result.problem.part(rows, result.theta)
+    with threads_for(problem.n * problem.layout.size):
+        theta, decomposition = gauss_newton(problem, result.theta)
+        at = {int(row): i for i, row in enumerate(rows)}
+        aside = tuple(replace(o, row=at[o.row]) for o in result.set_aside if o.row in at)
+        return _result(problem, theta, decomposition, Frame(), result.uncertainty, aside)
 
 
 def _in_frame(

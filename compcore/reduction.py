@@ -7,13 +7,13 @@ equations nothing is squared.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
-from compcore.design_matrix import Problem
+from compcore.design_matrix import Beside, Problem
 from compcore.gauge import Decomposition
 from compcore.pieces import Piece
 
@@ -24,22 +24,29 @@ _CACHED_ROWS = 1500
 """Rows that are factorised at once: as many as a processor's cache holds, three times as fast."""
 
 
-def triangle(problem: Problem, theta: F64, free: Index | None = None) -> F64:
-    """The triangular factor of [∂/∂θ, residual] with the nuisances projected out.
+def triangle(
+    problem: Problem, theta: F64, free: Index | None = None, beside: Sequence[Beside] = ()
+) -> F64:
+    """The triangular factor of [∂/∂θ, columns beside, residual], the nuisances projected out.
 
-    Shape (k, m + 1) with m the number of unknowns, or of those that are `free`; the last column is
-    the weighted residual at θ.
+    Shape (k, m + b + 1) with m the number of unknowns, or of those that are `free`, and b that of
+    the columns of effects `beside` the model; the last column is the weighted residual at θ.
     """
     free = np.arange(problem.layout.size) if free is None else free
+
+    def columns_of(part: Problem) -> F64:
+        more = [part.effect_columns(effect, nonlinear, theta) for effect, nonlinear in beside]
+        return np.column_stack([part.columns(theta)[:, free], *more, part.residual(theta)])
+
     if not problem.large:
-        columns = np.column_stack([problem.columns(theta)[:, free], problem.residual(theta)])
-        return _factor(problem.eliminator(theta).project(columns))
-    width = len(free) + 1
-    whole = np.zeros((0, width))
+        return _factor(problem.eliminator(theta).project(columns_of(problem)))
+    if beside:
+        problem = problem.beside(beside, theta)
+    factors: list[F64] = []
     shared = np.zeros((0, 0))
     for piece in problem.pieces(theta):
         part = problem.part(piece.rows, theta)
-        columns = np.column_stack([part.columns(theta)[:, free], part.residual(theta)])
+        columns = columns_of(part)
         if piece.split:
             # rows of one set-up, piece after piece: its nuisances stand in front and drop out at
             # the end, when all of them have been seen
@@ -48,14 +55,14 @@ def triangle(problem: Problem, theta: F64, free: Index | None = None) -> F64:
             block = np.hstack([basis, columns])
             shared = _factor(np.vstack([shared, block]) if shared.size else block)
             if piece.last:
-                whole = _factor(np.vstack([whole, shared[k:, k:]]))
+                factors = [_factor(np.vstack([*factors, shared[k:, k:]]))]
                 shared = np.zeros((0, 0))
         else:
             for rows, basis in piece.bases:
                 own = columns[rows]
                 columns[rows] = own - basis @ (basis.T @ own)
-            whole = _factor(np.vstack([whole, columns]))
-    return whole
+            factors = [_factor(np.vstack([*factors, columns]))]
+    return factors[0]
 
 
 def leverage(

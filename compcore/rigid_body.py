@@ -64,8 +64,10 @@ class Dependence:
 def rigid_body_test(result: FitResult) -> list[Dependence]:
     """All tests that a campaign allows, most significant first.
 
-    What was not measured in several places of the other axis is left out.
+    What was not measured in several places of the other axis is left out. A large campaign is
+    tested on some of its rows (`compcore.thinning`).
     """
+    result = result.thin
     with threads_for(result.problem.n * result.problem.layout.size):
         found = [
             _tested(result, channel, own, other)

@@ -67,11 +67,7 @@ def estimates(
         Noise variance in units of the weights.
     """
     nonlinear = effect.nonlinear(machine)
-    own = columns(chosen)
-    projected = basis.project(own)
-    coefficients = np.linalg.lstsq(projected, basis.residual, rcond=1e-8)[0]
-    slopes = [_slope(columns, chosen, p) @ coefficients for p in nonlinear if p.smooth]
-    jacobian = np.hstack([own, *[s[:, None] for s in slopes]]) if slopes else own
+    jacobian, coefficients = with_slopes(columns, basis, effect, chosen, machine)
     projected = basis.project(jacobian)
     norms = np.linalg.norm(projected, axis=0)
     safe = np.where(norms > 0.0, norms, 1.0)
@@ -94,9 +90,35 @@ def _estimate(parameter: Parameter | NonlinearParameter, value: float, sd: float
     )
 
 
-def _slope(columns: Columns, chosen: Mapping[str, float], p: NonlinearParameter) -> F64:
-    """∂columns/∂(non-linear parameter) by central differences, shape (n, k)."""
-    value = chosen[p.name]
-    step = 1e-3 * max(abs(value), 1e-6 * (p.bounds[1] - p.bounds[0]), 1e-9)
-    ends = [columns({**chosen, p.name: value + sign * step}) for sign in (1.0, -1.0)]
-    return np.asarray((ends[0] - ends[1]) / (2.0 * step))
+def neighbours(
+    effect: Effect, chosen: Mapping[str, float], machine: Machine
+) -> dict[str, tuple[Mapping[str, float], Mapping[str, float]]]:
+    """Smooth non-linear parameter → the choices above and below, of which slopes are taken."""
+    found: dict[str, tuple[Mapping[str, float], Mapping[str, float]]] = {}
+    for p in effect.nonlinear(machine):
+        if p.smooth:
+            value = chosen[p.name]
+            step = 1e-3 * max(abs(value), 1e-6 * (p.bounds[1] - p.bounds[0]), 1e-9)
+            above, below = ({**chosen, p.name: value + sign * step} for sign in (1.0, -1.0))
+            found[p.name] = above, below
+    return found
+
+
+def with_slopes(
+    columns: Columns,
+    basis: Basis,
+    effect: Effect,
+    chosen: Mapping[str, float],
+    machine: Machine,
+) -> tuple[F64, F64]:
+    """Weighted columns of an effect and, behind them, the slopes of what it explains.
+
+    Shape (n, k + number of smooth non-linear parameters); and the linear parameters, shape (k,).
+    """
+    own = columns(chosen)
+    coefficients = np.linalg.lstsq(basis.project(own), basis.residual, rcond=1e-8)[0]
+    slopes = [
+        ((columns(above) - columns(below)) @ coefficients / (above[name] - below[name]))[:, None]
+        for name, (above, below) in neighbours(effect, chosen, machine).items()
+    ]
+    return np.hstack([own, *slopes]), np.asarray(coefficients, dtype=np.float64)

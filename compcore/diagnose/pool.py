@@ -70,12 +70,21 @@ class Pool:
         The basis of the fitted model.
     machine
         The machine.
+    tests
+        Number of candidates of which these were chosen; default these are all.
     """
 
     def __init__(
-        self, candidates: Sequence[Candidate], columns: Columns, fitted: Basis, machine: Machine
+        self,
+        candidates: Sequence[Candidate],
+        columns: Columns,
+        fitted: Basis,
+        machine: Machine,
+        *,
+        tests: int | None = None,
     ) -> None:
         self.candidates = list(candidates)
+        self._tests = len(self.candidates) if tests is None else tests
         self.machine = machine
         self._columns = columns
         self._bank = Bank(fitted, self._trials)
@@ -125,7 +134,7 @@ class Pool:
         return weigh(
             basis,
             screened,
-            len(self.candidates),
+            self._tests,
             candidate.cost + cost,
             candidate.nonlinear_count,
         )

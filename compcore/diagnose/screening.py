@@ -9,7 +9,7 @@ orthonormal basis of its columns, r the weighted residual and C a candidate's we
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -43,12 +43,16 @@ class Basis:
         What projects the set-ups' nuisances out.
     extra
         Orthonormal columns that joined the model since the fit, shape (n, m).
+    observations
+        Number of observations where rows are not the observations themselves, but a triangular
+        factor of theirs; None where they are.
     """
 
     q: F64
     residual: F64
     eliminator: Eliminator
     extra: F64
+    observations: int | None = None
 
     @classmethod
     def of(cls, result: FitResult) -> Basis:
@@ -59,7 +63,7 @@ class Basis:
     @property
     def n(self) -> int:
         """Number of observations."""
-        return len(self.residual)
+        return len(self.residual) if self.observations is None else self.observations
 
     @cached_property
     def dof(self) -> int:
@@ -96,7 +100,7 @@ class Basis:
 
     def with_residual(self, residual: F64) -> Basis:
         """The same model beside other residuals, (n,), weighted and projected: a signature."""
-        return Basis(self.q, residual, self.eliminator, self.extra)
+        return replace(self, residual=residual)
 
     def extended(self, columns: F64) -> Basis:
         """The basis after columns (n, k) were added to the model."""
@@ -104,7 +108,7 @@ class Basis:
         if not new.shape[1]:
             return self
         residual = self.residual - new @ (new.T @ self.residual)
-        return Basis(self.q, residual, self.eliminator, np.hstack([self.extra, new]))
+        return replace(self, residual=residual, extra=np.hstack([self.extra, new]))
 
 
 def _span(rows: NDArray[np.int64]) -> NDArray[np.int64] | slice:
@@ -261,7 +265,7 @@ class _Batch:
         cls, fitted: Basis, trials: Sequence[tuple[int, Mapping[str, float]]], columns: list[F64]
     ) -> _Batch:
         order = sorted(range(len(columns)), key=lambda i: columns[i].shape[1])
-        stacked = np.empty((sum(c.shape[1] for c in columns), fitted.n))
+        stacked = np.empty((sum(c.shape[1] for c in columns), len(fitted.residual)))
         at = 0
         for i in order:
             width = columns[i].shape[1]

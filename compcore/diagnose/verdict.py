@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from compcore.campaign import Campaign, Kind
 from compcore.diagnose.aliases import Alias, aliases
+from compcore.diagnose.all_rows import measured
 from compcore.diagnose.candidates import RIGID, Candidate, candidates
 from compcore.diagnose.crossvalidation import folds, gain, left_out
 from compcore.diagnose.evidence import CONVINCING
@@ -79,10 +80,13 @@ class Diagnosis:
     ----------
     verdict
         ``complete``, ``missing`` or ``unexplained``.
+    whole
+        The fit of the model as it is to all rows.
     result
-        The fit of the model as it is.
+        The same fit on the rows on which candidates were tested: all, or some of a large campaign
+        (`compcore.thinning`).
     rms
-        RMS of the displacement residuals of that fit, mm.
+        RMS of the displacement residuals of all rows, mm.
     established
         Causes, the first to add first.
     structure
@@ -98,6 +102,7 @@ class Diagnosis:
     """
 
     verdict: Verdict
+    whole: FitResult
     result: FitResult
     rms: float
     established: tuple[Established, ...]
@@ -130,14 +135,14 @@ def diagnose(model: Model, campaign: Campaign, *, progress: Progress = lambda _:
         When the campaign has no rows.
     """
     progress("fitting the model as it is")
-    result = fit(model, campaign)
+    whole = fit(model, campaign)
+    result = whole.thin
     with threads_for(result.problem.n * result.problem.layout.size):
-        return _diagnosed(model, campaign, result, progress)
+        return _diagnosed(model, whole, result, progress)
 
 
-def _diagnosed(
-    model: Model, campaign: Campaign, result: FitResult, progress: Progress
-) -> Diagnosis:
+def _diagnosed(model: Model, whole: FitResult, result: FitResult, progress: Progress) -> Diagnosis:
+    campaign = result.problem.campaign
     basis = Basis.of(result)
     progress("enumerating candidates")
     tried = candidates(model, campaign)
@@ -156,13 +161,18 @@ def _diagnosed(
     for s in unexplained:
         background = background.extended(s.columns)
     rows = folds(campaign.conditions.setup, campaign.conditions.time, campaign.conditions.run)
-    whole = background
+    after = background
     for f in chosen:
-        whole = whole.extended(pool.found_columns(f))
-    variance = whole.chi2 / whole.dof
+        after = after.extended(pool.found_columns(f))
+    variance = after.chi2 / after.dof
+    share = result.problem.n / whole.problem.n
     established = tuple(
-        _established(pool, background, result, f, chosen, rows, variance) for f in chosen
+        _established(pool, background, result, f, chosen, rows, variance, share) for f in chosen
     )
+    if whole is not result and established:
+        progress("what was found, on all rows")
+        established, left = _on_all_rows(whole, result, established, len(tried))
+        variance = variance if unexplained else left
     if established:
         verdict: Verdict = "missing"
     elif unexplained:
@@ -171,8 +181,9 @@ def _diagnosed(
         verdict = "complete"
     return Diagnosis(
         verdict,
+        whole,
         result,
-        result.rms(*_LENGTHS),
+        whole.rms(*_LENGTHS),
         established,
         tuple(unexplained),
         tuple(ranked),
@@ -256,6 +267,28 @@ def _beside(
     return kept
 
 
+def _on_all_rows(
+    whole: FitResult, result: FitResult, established: Sequence[Established], tests: int
+) -> tuple[tuple[Established, ...], float]:
+    """Causes with what all rows say of them; those that all rows do not establish are left out.
+
+    Also χ² per degree of freedom with all of them.
+    """
+    kept = list(established)
+    while kept:
+        seen, left = measured(whole, [e.found for e in kept], tests)
+        standing = [m.found.established(whole.problem.n) for m in seen]
+        if all(standing):
+            grown = whole.rms(*_LENGTHS) / result.rms(*_LENGTHS)
+            told = [
+                replace(e, found=m.found, estimates=m.estimates, rms_after=e.rms_after * grown)
+                for e, m in zip(kept, seen, strict=True)
+            ]
+            return tuple(told), left
+        kept = [e for e, stands in zip(kept, standing, strict=True) if stands]
+    return (), whole.chi2 / whole.dof
+
+
 def _established(
     pool: Pool,
     background: Basis,
@@ -264,8 +297,12 @@ def _established(
     chosen: Sequence[Found],
     rows: list[NDArray[np.int64]],
     variance: float,
+    share: float,
 ) -> Established:
-    """Everything that is to be said of one established cause, beside the others."""
+    """Everything that is to be said of one established cause, beside the others.
+
+    `share` is the part of the campaign's rows that were looked at.
+    """
     others = background
     for f in chosen:
         if f.key != found.key:
@@ -286,6 +323,6 @@ def _established(
         pool.estimates(others, found, variance),
         rms_after,
         gain(others, columns, rows, left_out(others, rows)),
-        tuple(aliases(pool, others, found, rival, variance)),
+        tuple(aliases(pool, others, found, rival, variance * share)),
         np.asarray(signature),
     )

@@ -30,9 +30,11 @@ def as_json(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice]) -
         "unit": "um",
         "rms": finite(diagnosis.rms, 1e3),
         "noise_floor": None if floor is None or floor.value is None else floor.value * 1e3,
-        "chi2_per_dof": finite(diagnosis.result.chi2_per_dof),
+        "chi2_per_dof": finite(diagnosis.whole.chi2_per_dof),
         "chi2_per_dof_after": finite(diagnosis.left),
         "tested": diagnosis.tests,
+        "rows": diagnosis.whole.problem.n,
+        "rows_tested": diagnosis.result.problem.n,
         "candidates": [_candidate(e, diagnosis) for e in diagnosis.established]
         + [c for s in diagnosis.structure if (c := _empirical(s, diagnosis)) is not None],
         "structure": [
@@ -134,8 +136,10 @@ def as_text(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice]) -
             if floor is not None and known and floor.value is not None
             else "noise floor unknown (no repeats)"
         )
-        + f"; χ² per degree of freedom {diagnosis.result.chi2_per_dof:.3f}"
+        + f"; χ² per degree of freedom {diagnosis.whole.chi2_per_dof:.3f}"
     )
+    if diagnosis.result is not diagnosis.whole:
+        yield thinned_words(diagnosis)
     names = " and ".join(e.found.candidate.effect.spec for e in diagnosis.established)
     yield _SAID[diagnosis.verdict].format(names)
     for i, established in enumerate(diagnosis.established, start=1):
@@ -153,6 +157,15 @@ def as_text(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice]) -
         yield "what to measure next:"
         for a in advice:
             yield "  - " + told(a)
+
+
+def thinned_words(diagnosis: Diagnosis) -> str:
+    """On how many rows of a large campaign causes were told apart."""
+    n, some = diagnosis.whole.problem.n, diagnosis.result.problem.n
+    return (
+        f"causes were told apart on {some} of {n} rows, evenly from every set-up; evidence and "
+        "parameters of what was found are those of all rows"
+    )
 
 
 def told(advice: Advice) -> str:

@@ -20,7 +20,7 @@ from compcore.diagnose.measure_next import Advice
 from compcore.diagnose.structure import Structure
 from compcore.diagnose.verdict import Diagnosis
 from compcore.noise import NoiseFloor
-from daemon.analysis.diagnosed import told, typed
+from daemon.analysis.diagnosed import thinned_words, told, typed
 from daemon.analysis.fitted import floor_of_lengths
 from daemon.report.figure import COLOURS, Trace, figure, line, points
 from daemon.report.page import Page, number
@@ -56,7 +56,7 @@ def _how_wrong(out: Page, diagnosis: Diagnosis, noise: NoiseFloor) -> None:
     figures = [
         ("residuals", number(diagnosis.rms * 1e3, 3), "µm rms"),
         ("noise floor", value, "µm" if known else "(no repeats)"),
-        ("χ² per degree of freedom", number(diagnosis.result.chi2_per_dof, 3), ""),
+        ("χ² per degree of freedom", number(diagnosis.whole.chi2_per_dof, 3), ""),
     ]
     if diagnosis.established:
         last = number(diagnosis.left, 3)
@@ -67,6 +67,8 @@ def _how_wrong(out: Page, diagnosis: Diagnosis, noise: NoiseFloor) -> None:
         "χ² per degree of freedom compares the residuals with the stated uncertainty of each row; "
         "1 means that nothing but noise is left."
     )
+    if diagnosis.result is not diagnosis.whole:
+        out.text(f"Pictures show those rows only: {thinned_words(diagnosis)}.")
 
 
 def _where(out: Page, diagnosis: Diagnosis) -> None:
