@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from compcore.campaign import Tool
 from compcore.errors import InputError
+from compcore.plausible import POINT, TOOL
 from compcore.toml_source import TomlSource, dotted
 
 FORMAT = "abbe-campaign/1"
@@ -109,6 +110,12 @@ def read_head(lines: list[str], file: str) -> Head:
         for name, section in getattr(parsed, group).items():
             if len(set(section.free)) < len(section.free):
                 raise source.error("a word twice", (group, name, "free"), found=list(section.free))
+    places = [(POINT, ("bases", n, "position"), b.position) for n, b in parsed.bases.items()]
+    places += [(TOOL, ("tools", n, "offset"), t.offset) for n, t in parsed.tools.items()]
+    for allowed, path, vector in places:
+        for component in vector:
+            if not allowed.holds(component):
+                raise source.error("not believable", path, found=component, expected=str(allowed))
     kept = {k: v for k, v in source.data.items() if k not in ("setups", "bases", "tools")}
     return Head(
         {name: s.free for name, s in parsed.setups.items()},

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compcore.campaign import Campaign, Kind, Setup
+from compcore.campaign_csv.believable import Believable
 from compcore.campaign_csv.columns import TOOL, UNIT_VECTOR, Columns
 from compcore.campaign_csv.head import Head
 from compcore.campaign_csv.store import Growing, GrowingNames
@@ -38,6 +39,7 @@ class Rows:
         self._machine = machine
         self._head = head
         self.columns = columns
+        self._believable = Believable(columns, machine)
         self._numbers = {name: Growing() for name in columns.numbers}
         self._names = {name: GrowingNames() for name in ("setup", "base", "base2", "tool")}
         self._kind: list[NDArray[np.int8]] = []
@@ -62,6 +64,8 @@ class Rows:
         self._check_numbers(numbers, point)
         self._check_tools(numbers, point)
         self._check_unit_vectors(numbers, (kind == Kind.DISPLACEMENT) | (kind == Kind.ROTATION))
+        for bad, column, problem, expected in self._believable.wrong(numbers, kind):
+            self._refuse(bad, column, problem, expected)
         for name, values in numbers.items():
             self._numbers[name].extend(values)
         for name, store in self._names.items():

@@ -22,7 +22,7 @@ NAMES = (
     .map(str.strip)
     .filter(bool)
 )
-COORDINATE = st.floats(-1e4, 1e4)
+COORDINATE = st.floats(-5e3, 5e3)
 VECTOR = st.tuples(COORDINATE, COORDINATE, COORDINATE)
 
 
@@ -57,20 +57,20 @@ def campaigns(draw):
     u /= np.linalg.norm(u, axis=1)[:, None]
     u[kind >= Kind.DISTANCE] = 0.0
     distance = kind >= Kind.DISTANCE
-    sd = column(1e-9, 1.0)
+    sd = column(1e-6, 0.1)
     sd[draw(arrays(np.bool_, n))] = np.nan
     signals = draw(st.lists(NAMES.map("s_".__add__), max_size=2, unique=True))
     turning = draw(st.booleans())
     notes = draw(st.text(max_size=9) | st.just("a\u2028b\x85c"))
     conditions = Conditions(
-        positions={a: column(-4, 4) if a == "B" else column() for a in "XYZB"},
+        positions={a: column(-4, 4) if a == "B" else column(-200, 200) for a in "XYZB"},
         directions={
             a: draw(arrays(np.float64, n, elements=st.sampled_from([-1.0, 0.0, 1.0])))
             for a in draw(st.sets(st.sampled_from("XYZB")))
         },
         tool=tool,
         time=column(),
-        signals={s: column(-1e300, 1e300) for s in signals},
+        signals={s: column(-1e15, 1e15) for s in signals},
         spindle_angle=column(-7, 7) if turning else None,
         run=np.zeros(n, dtype=np.int64),
         setup=setup,
@@ -81,7 +81,7 @@ def campaigns(draw):
         name="any",
         conditions=conditions,
         kind=kind,
-        value=np.where(distance, column(1e-3, 1e4), column(-1, 1)),
+        value=np.where(distance, column(1e-3, 1e4), column(-0.1, 0.1)),
         sd=sd,
         base2=base2,
         tool_name=tool_name,
