@@ -8,8 +8,11 @@ import gc
 import logging
 import signal
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 
+from daemon.claims import held_by_run
 from daemon.config import Configuration
+from daemon.ownership import hold
 from daemon.pipeline.cycle import Pipeline
 from daemon.pipeline.record import Listener
 from daemon.upload.unfinished import unfinished_in
@@ -55,6 +58,17 @@ class Service:
     def add(self, listeners: Sequence[Listener]) -> None:
         """Have more listeners told of every cycle."""
         self.pipeline.listeners.extend(listeners)
+
+    def owning(self) -> AbstractContextManager[None]:
+        """Hold what must not be written to by two; nothing is opened before.
+
+        Raises
+        ------
+        InUseError
+            On entry, when somebody holds it.
+        """
+        resources = held_by_run(self.configuration, self.links)
+        return hold(resources, f"live correction with {self.configuration.path.resolve()}")
 
     def stop(self) -> None:
         """End: ramp the correction to zero first; called again, end at once."""

@@ -28,7 +28,9 @@ from compcore.tables.change import predicted_change
 from compcore.tables.volume import Volume
 from daemon.analysis import table_arguments
 from daemon.analysis.tabled import Order, make
+from daemon.claims import held_by_watch
 from daemon.config import Configuration, load_config
+from daemon.ownership import hold
 from daemon.pipeline.convert import PositionConverter, SignalConverter
 from daemon.pipeline.plan import make_plan
 from daemon.pipeline.poll import Poll
@@ -279,15 +281,19 @@ def watch_tables(
         text = json.dumps(event, ensure_ascii=False) if as_json else words(event, config)
         typer.echo(text)
 
+    doing = f"table --watch with {config.resolve()}"
+
     async def run() -> None:
         links = configuration.make_links()
-        try:
-            for link in links.values():
-                with contextlib.suppress(TimeoutError):
-                    async with asyncio.timeout(_OPEN_WITHIN):
-                        await link.open()
-            await follow(configuration, links, follower, target, tell, duration=duration)
-        finally:
-            await asyncio.gather(*(link.close() for link in links.values()), return_exceptions=True)
+        with hold(held_by_watch(links), doing):
+            try:
+                for link in links.values():
+                    with contextlib.suppress(TimeoutError):
+                        async with asyncio.timeout(_OPEN_WITHIN):
+                            await link.open()
+                await follow(configuration, links, follower, target, tell, duration=duration)
+            finally:
+                closed = (link.close() for link in links.values())
+                await asyncio.gather(*closed, return_exceptions=True)
 
     asyncio.run(run())

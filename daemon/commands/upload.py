@@ -164,7 +164,7 @@ def _status(configuration: Configuration, as_json: bool) -> None:
     from daemon.upload.status import status, status_lines
 
     async def ask(speaker: Speaker) -> dict[str, Any]:
-        with working(configuration, speaker.voice(), "") as work:
+        with working(configuration, speaker.voice(), "", writes=False) as work:
             async with opened(work):
                 return await status(work)
 

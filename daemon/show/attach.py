@@ -91,12 +91,15 @@ async def _run(
             service.add([JsonLines(writer, machine, pipeline.axes, corrected, service.links)])
         else:
             service.add([PlainLines(writer, service.links, figures.axes)])
-    with journal(
-        service.configuration.journal_path,
-        max_bytes=section.max_bytes,
-        keep=section.keep,
-        to_stderr=how != "screen",
-        more=handlers,
+    with (
+        service.owning(),
+        journal(
+            service.configuration.journal_path,
+            max_bytes=section.max_bytes,
+            keep=section.keep,
+            to_stderr=how != "screen",
+            more=handlers,
+        ),
     ):
         if how == "screen":
             drawing = asyncio.create_task(screen.run(Console()))

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from compcore.errors import AbbeError
+from daemon.claims import held_by_upload
 from daemon.config import Configuration
 from daemon.config.upload import UploadSetup
+from daemon.ownership import hold
 from daemon.upload import backups
 from daemon.upload.content import Content
 from daemon.upload.effect import Expectation, Seen, check_effect
@@ -100,28 +102,37 @@ def setup_of(configuration: Configuration) -> UploadSetup:
 
 
 @contextmanager
-def working(configuration: Configuration, voice: Voice, by: str) -> Iterator[Work]:
-    """Hold the lock, read the journal, make the store.
+def working(configuration: Configuration, voice: Voice, by: str, *, writes: bool) -> Iterator[Work]:
+    """Hold the locks, read the journal, make the store.
+
+    Parameters
+    ----------
+    writes
+        Whether tables may be changed: then nobody else may be at work on the controller.
 
     Raises
     ------
     AbbeError
-        When another upload is running, or the journal was changed.
+        When another upload or a live run is at work on the controller, or the journal was changed.
     """
     setup = setup_of(configuration)
+    store = setup.make_store()
+    resources = held_by_upload(configuration, store, writes=writes)
+    doing = f"upload with {configuration.path.resolve()}"
     with only_one(setup.journal) as left:
         if left:
             voice.tell(f"process {left} ended without unlocking (killed, or a power cut)")
         machine = configuration.model.machine
-        yield Work(
-            setup,
-            configuration.model,
-            setup.make_controller(machine),
-            setup.make_store(),
-            Journal(setup.journal),
-            voice,
-            by or user(),
-        )
+        with hold(resources, doing):
+            yield Work(
+                setup,
+                configuration.model,
+                setup.make_controller(machine),
+                store,
+                Journal(setup.journal),
+                voice,
+                by or user(),
+            )
 
 
 @asynccontextmanager
@@ -154,7 +165,7 @@ async def upload(configuration: Configuration, folder: Path, wish: Wish, voice: 
     setup = setup_of(configuration)
     order = load_order(folder, configuration, setup)
     check_tables(order, configuration.model, limits_of(setup, wish.max_change_um))
-    with working(configuration, voice, wish.by) as work:
+    with working(configuration, voice, wish.by, writes=not wish.dry_run) as work:
         return await _carry_out(work, order, wish)
 
 
@@ -166,7 +177,7 @@ async def roll_back(configuration: Configuration, wish: Wish, voice: Voice) -> R
     AbbeError
         When there was none, its backup is missing, or the pre-flight finds something against it.
     """
-    with working(configuration, voice, wish.by) as work:
+    with working(configuration, voice, wish.by, writes=not wish.dry_run) as work:
         recovered = None if wish.dry_run else await _recover_first(work)
         if recovered is not None and recovered.open:
             return Result(recovered=recovered)
@@ -197,7 +208,7 @@ async def check(configuration: Configuration, voice: Voice) -> Seen:
         When nobody answers, another controller does, it is not ready, no table is active, or it
         adds something else than the active tables say.
     """
-    with working(configuration, voice, "") as work:
+    with working(configuration, voice, "", writes=False) as work:
         section, allowed = work.setup.section, work.allowed
         async with opened(work):
             try:
@@ -229,7 +240,7 @@ def _tool_of(work: Work, active: Content) -> tuple[float, float, float]:
 
 async def finish(configuration: Configuration, wish: Wish, voice: Voice) -> Outcome | None:
     """Bring an upload that was cut off to its end; None when there is none."""
-    with working(configuration, voice, wish.by) as work:
+    with working(configuration, voice, wish.by, writes=True) as work:
         try:
             return await recover(work)
         finally:
