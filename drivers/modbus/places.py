@@ -8,9 +8,7 @@ registers no device says in a way that is the same for two of them; they are tak
 
 from __future__ import annotations
 
-import os
-from ipaddress import ip_address
-
+from drivers import resources
 from drivers.link import ChannelInfo, Place
 from drivers.modbus.codec import raw_range
 from drivers.modbus.config import BIT_TABLES, ModbusConfig
@@ -19,8 +17,9 @@ from drivers.modbus.config import BIT_TABLES, ModbusConfig
 def bus_name(config: ModbusConfig) -> str:
     """The bus as all links spell it: ``tcp 192.168.0.10:502``, ``serial /dev/ttyUSB0``."""
     if config.transport == "rtu":
-        return f"serial {os.path.realpath(str(config.port))}"
-    return f"tcp {_host(str(config.host))}:{config.port}"
+        port = str(config.port)
+        return next(iter(resources.serial(port)), f"serial {port}")
+    return resources.tcp(str(config.host), int(config.port))
 
 
 def place_of(config: ModbusConfig, name: str) -> Place:
@@ -50,12 +49,3 @@ def info_of(config: ModbusConfig, name: str) -> ChannelInfo:
         step=0.0 if "float" in channel.number_type else abs(channel.scale),
         read_back=channel.writable,
     )
-
-
-def _host(name: str) -> str:
-    if name.lower() == "localhost":
-        return "127.0.0.1"
-    try:
-        return str(ip_address(name))
-    except ValueError:
-        return name.lower().rstrip(".")
