@@ -2,44 +2,105 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import secrets
+import shutil
+import sys
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
+from typing import BinaryIO, cast
 
 from compcore.errors import InputError
+from compcore.target import Target
+
+_LONGEST_NAME = 200
+"""Bytes of a file's name that go into the name of its temporary file."""
 
 
 def write_atomically(path: str | Path, content: str | bytes | Iterable[str]) -> None:
     """Write a file so that a reader, or a power cut, sees the old or the new content, never a part.
 
-    Text is written as UTF-8 with the line ends that it holds; long text may come in pieces. The
-    mode of an existing file is kept.
+    Text is written as UTF-8 with the line ends that it holds; long text may come in pieces. A
+    symbolic link stays one: what it leads to is replaced. A new file gets the mode that the umask
+    allows; that of an existing one is kept, and its owner where the system lets us. A device, a
+    pipe or an open descriptor (``-`` and ``/dev/stdout`` are standard output) is not replaced but
+    written to, and only when the content is whole.
 
     Raises
     ------
     InputError
-        When the folder does not exist or cannot be written.
+        When it cannot be written; it is then what it was.
     """
-    target = Path(path)
+    target = Target.of(path)
+    target.require_writable(path)
     pieces = (content,) if isinstance(content, str | bytes) else content
     try:
-        mode = target.stat().st_mode & 0o777 if target.exists() else 0o644
-        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        if target.replaced:
+            _replace(target, pieces)
+        else:
+            _write_through(target, pieces)
+    except BrokenPipeError:
+        raise
     except OSError as error:
         raise InputError(f"cannot be written: {error.strerror}", file=path) from None
-    temporary = Path(name)
+
+
+def encoded(text: str) -> bytes:
+    r"""UTF-8; what is left of a file name that is none becomes the sign for the unknown.
+
+    >>> encoded("µm \udcff").decode()
+    'µm �'
+    """
+    try:
+        return text.encode("utf-8")
+    except UnicodeEncodeError:
+        raw = text.encode("utf-8", "surrogateescape")
+        return raw.decode("utf-8", "replace").encode("utf-8")
+
+
+def _replace(target: Target, pieces: Iterable[str | bytes]) -> None:
+    start = os.fsdecode(os.fsencode(target.path.name)[:_LONGEST_NAME])
+    temporary = target.path.with_name(f".{start}.{secrets.token_hex(4)}")
+    # made with all rights: the system takes off what the umask or the folder's defaults forbid
+    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
     try:
         with os.fdopen(handle, "wb") as stream:
-            for piece in pieces:
-                stream.write(piece.encode("utf-8") if isinstance(piece, str) else piece)
+            if target.status is not None:
+                with contextlib.suppress(PermissionError):
+                    os.fchown(handle, target.status.st_uid, target.status.st_gid)
+                os.fchmod(handle, target.status.st_mode & 0o777)
+            _pour(pieces, stream)
             stream.flush()
-            os.fsync(stream.fileno())
-        temporary.chmod(mode)
-        temporary.replace(target)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise InputError(f"cannot be written: {error.strerror}", file=path) from None
+            os.fsync(handle)
+        temporary.replace(target.path)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+
+
+def _write_through(target: Target, pieces: Iterable[str | bytes]) -> None:
+    with tempfile.TemporaryFile() as whole:
+        _pour(pieces, cast(BinaryIO, whole))
+        whole.seek(0)
+        if target.descriptor == 1:
+            sys.stdout.flush()
+            if hasattr(sys.stdout, "buffer"):
+                shutil.copyfileobj(whole, sys.stdout.buffer)
+            else:
+                sys.stdout.write(whole.read().decode("utf-8"))
+            sys.stdout.flush()
+            return
+        handle = (
+            os.open(target.path, os.O_WRONLY | os.O_CLOEXEC | os.O_NOCTTY)
+            if target.descriptor is None
+            else os.dup(target.descriptor)
+        )
+        with os.fdopen(handle, "wb") as stream:
+            shutil.copyfileobj(whole, stream)
+
+
+def _pour(pieces: Iterable[str | bytes], stream: BinaryIO) -> None:
+    for piece in pieces:
+        stream.write(encoded(piece) if isinstance(piece, str) else piece)

@@ -8,7 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from compcore.bounded_text import read_bounded
 from compcore.errors import InputError
+from compcore.toml_bounds import MOST_BYTES, check_bounds
 
 _HEADER = re.compile(r"^\s*(\[\[?)\s*(.+?)\s*\]\]?\s*(?:#.*)?$")
 _LONG_QUOTES = ('"""', "'''")
@@ -21,12 +23,14 @@ class TomlSource:
     Raises
     ------
     InputError
-        When the file cannot be read or is not TOML; names file and line.
+        When the file cannot be read, asks for more than `compcore.toml_bounds` allows, or is not
+        TOML; names file and line.
     """
 
     def __init__(self, text: str, file: str | None = None) -> None:
         self.file = file
         self.text = text
+        check_bounds(text, file)
         try:
             self.data: dict[str, Any] = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
@@ -36,20 +40,15 @@ class TomlSource:
             raise InputError(
                 f"not valid TOML: {problem}", file=file, line=int(place[1]) if place else at_end
             ) from None
+        except ValueError:
+            # Python converts no number of thousands of digits
+            raise InputError("not valid TOML: a number of too many digits", file=file) from None
 
     @classmethod
     def read(cls, path: str | Path) -> TomlSource:
         """Read a file (UTF-8)."""
-        try:
-            return cls(Path(path).read_text(encoding="utf-8-sig"), str(path))
-        except FileNotFoundError:
-            raise InputError("no such file", file=path) from None
-        except IsADirectoryError:
-            raise InputError("is a folder, not a file", file=path) from None
-        except UnicodeDecodeError as error:
-            raise InputError(f"not UTF-8 text (byte {error.start})", file=path) from None
-        except OSError as error:
-            raise InputError(f"cannot be read: {error.strerror}", file=path) from None
+        text = read_bounded(path, MOST_BYTES, expected="a TOML file")
+        return cls(text.replace("\r\n", "\n"), str(path))
 
     def line_of(self, path: Sequence[str | int]) -> int | None:
         """The line (from 1) on which a key stands, or the nearest enclosing section; else None.

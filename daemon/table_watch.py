@@ -30,6 +30,7 @@ from daemon.analysis import table_arguments
 from daemon.analysis.tabled import Order, make
 from daemon.claims import held_by_watch
 from daemon.config import Configuration, load_config
+from daemon.outputs import check_folder
 from daemon.ownership import hold
 from daemon.pipeline.convert import PositionConverter, SignalConverter
 from daemon.pipeline.plan import make_plan
@@ -145,6 +146,7 @@ class Target:
     points: int | None
     folder: Path
     by: str
+    force: bool = False
 
 
 async def follow(
@@ -220,6 +222,8 @@ def _make(configuration: Configuration, target: Target, state: SlowState) -> Any
         note="made by abbe table --watch",
     )
     done = make(order, configuration.model)
+    reads = (configuration.path, configuration.model_path)
+    check_folder(target.folder, reads, (), done.made.files, force=target.force)
     done.made.write(target.folder)
     return done
 
@@ -262,6 +266,7 @@ def watch_tables(
     duration: float | None,
     by: str,
     as_json: bool,
+    force: bool,
 ) -> None:
     """Run ``abbe table --watch`` until Ctrl-C, or for `duration` s; lengths in mm, times in s."""
     configuration = load_config(config)
@@ -274,6 +279,7 @@ def watch_tables(
         points,
         folder,
         by,
+        force,
     )
     follower = Follower(model, target.volume, limit, idle, configuration.file.tool.offset)
 

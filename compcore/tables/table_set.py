@@ -11,9 +11,10 @@ from typing import Any
 
 from compcore.atomic import write_atomically
 from compcore.errors import InputError
+from compcore.json_source import read_json, shaped
+from compcore.tables.record_file import FORMAT, RecordFile
 from compcore.tables.table import Table
 
-FORMAT = "abbe-tables/1"
 RECORD_NAME = "abbe-tables.json"
 """The record beside the files of a set."""
 
@@ -101,19 +102,9 @@ class TableSet:
             When a file is missing, or is not what the record says.
         """
         path = Path(folder) / RECORD_NAME
-        try:
-            document = json.loads(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise InputError(f"cannot be read: {error.strerror}", file=path) from None
-        except ValueError:
-            raise InputError("not a record of tables", file=path, expected="JSON") from None
-        if not isinstance(document, dict) or document.get("format") != FORMAT:
-            raise InputError(
-                "not a record of tables", file=path, field="format", expected=FORMAT,
-                found=document.get("format") if isinstance(document, dict) else None,
-            )  # fmt: skip
+        document, record = _record_in(path)
         files = {}
-        for name, wanted in document.pop("files").items():
+        for name, wanted in record.files.items():
             files[name] = read_text(path.parent / name)
             found = sha256(files[name])
             if found != wanted:
@@ -121,10 +112,32 @@ class TableSet:
                     "the file was changed after it was made", file=path.parent / name,
                     field="sha256", found=found, expected=wanted,
                 )  # fmt: skip
-        controller, options = document.pop("controller"), document.pop("options")
-        for key in ("format", "sha256"):
-            document.pop(key)
-        return cls(controller, options, files, document)
+        rest = {k: v for k, v in document.items() if k not in _OWN_KEYS}
+        made = cls(record.controller, record.options, files, rest)
+        if made.checksum != record.sha256:
+            raise InputError(
+                "the record's list of files was changed after it was made", file=path,
+                field="sha256", found=made.checksum, expected=record.sha256,
+            )  # fmt: skip
+        return made
+
+    @staticmethod
+    def checksums_in(folder: str | Path) -> dict[str, str]:
+        """What the record in a folder says of its files: name → SHA-256; raises as `load`."""
+        return dict(_record_in(Path(folder) / RECORD_NAME)[1].files)
+
+
+_OWN_KEYS = frozenset({"format", "files", "controller", "options", "sha256"})
+
+
+def _record_in(path: Path) -> tuple[dict[str, Any], RecordFile]:
+    document = read_json(path)
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise InputError(
+            "not a record of tables", file=path, field="format", expected=FORMAT,
+            found=document.get("format") if isinstance(document, dict) else None,
+        )  # fmt: skip
+    return document, shaped(document, RecordFile, path)
 
 
 def read_text(path: str | Path) -> str:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path, PurePath
+from pathlib import PurePath
 from typing import Any
 
 from compcore.model import Model
-from compcore.model_file import load_model, summary
+from compcore.model_file import summary
 from daemon.report.page import Page, number
 from daemon.report.versions import change, error_of_versions, number_of
 
@@ -18,10 +18,9 @@ def versions_of(model: Model) -> list[dict[str, Any]]:
     return [*versions, dict(summary(model))] if model.fit else versions
 
 
-def page_of(path: Path) -> Page:
-    """The page of a model file."""
-    model = load_model(path)
-    return history_page(model, versions_of(model), path.name)
+def page_of(model: Model, file: str) -> Page:
+    """The page of a model and all its versions; `file` is the model file's name."""
+    return history_page(model, versions_of(model), file)
 
 
 def history_page(model: Model, versions: Sequence[Mapping[str, Any]], file: str) -> Page:

@@ -30,6 +30,8 @@ class Revision:
 
     Attributes
     ----------
+    model
+        The new version, as written, with its record.
     before, after
         The fits.
     noise
@@ -38,6 +40,7 @@ class Revision:
         RMS of displacement residuals on campaigns that were not fitted, mm; None without any.
     """
 
+    model: Model
     before: FitResult
     after: FitResult
     noise: NoiseFloor
@@ -97,8 +100,9 @@ def revise(
             told = {**ancestor.fit, **seen, "holdout_rms": errors[0] * 1e3}
             ancestor = replace(ancestor, fit=told)
     kept = recorded(after, ancestor, **record)
-    save_model(replace(kept, fit={**kept.fit, **extra}), out)
-    return Revision(before, after, noise, *errors)
+    written = replace(kept, fit={**kept.fit, **extra})
+    save_model(written, out)
+    return Revision(written, before, after, noise, *errors)
 
 
 def _fitted_to(model: Model, campaign: Campaign) -> bool:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from daemon.commands.force import Force
 from daemon.commands.lists import ListOptions
 
 
@@ -35,6 +36,7 @@ def add(
         Path | None,
         typer.Option(help="A page with the error, version by version.", metavar="FILE.html"),
     ] = None,
+    force: Force = False,
 ) -> None:
     """Add an effect to a model, refit, and watch the error fall."""
     from compcore.revise import with_effect
@@ -43,7 +45,14 @@ def add(
     from daemon.analysis.inputs import load
     from daemon.analysis.progress import shown
     from daemon.commands.assignments import split_assignments
+    from daemon.outputs import MODEL, REPORT, check_outputs
 
+    say = check_outputs(
+        [model, *campaign, *(holdout or [])],
+        [(out, MODEL), (report, REPORT)],
+        force=force,
+        as_json=as_json,
+    )
     # a whole spec in one pair of quotes is what 'abbe diagnose' prints, too
     name, *more_keys = kind.split() or [kind]
     with shown("reading") as tell:
@@ -54,10 +63,10 @@ def add(
             loaded, more, measured, holdout or [], out, added=effect.spec, progress=tell
         )
     if report is not None:
-        page_of(out).write(report)
+        page_of(revision.model, out.name).write(report)
     if as_json:
-        typer.echo(json.dumps(revised.as_json(revision, effect), ensure_ascii=False))
+        say(json.dumps(revised.as_json(revision, effect), ensure_ascii=False))
         return
     for line in revised.as_text(revision, effect):
-        typer.echo(line)
-    typer.echo(f"written: {out}" + (f", {report}" if report else ""))
+        say(line)
+    say(f"written: {out}" + (f", {report}" if report else ""))

@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from daemon.commands.force import Force
+
 
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
@@ -25,13 +27,18 @@ def compare(
     report: Annotated[
         Path | None, typer.Option(help="A page with pictures.", metavar="FILE.html")
     ] = None,
+    force: Force = False,
 ) -> None:
     """Lay a model beside campaigns: how large is what it does not explain, and where."""
     from compcore.compare import compare as compare_model
     from daemon.analysis import compared
     from daemon.analysis.inputs import load
     from daemon.analysis.progress import shown
+    from daemon.outputs import REPORT, check_outputs
 
+    say = check_outputs(
+        [model, *campaigns, active], [(report, REPORT)], force=force, as_json=as_json
+    )
     with shown("reading") as tell:
         loaded, campaign = load(model, campaigns, active)
         tell("comparing")
@@ -42,9 +49,9 @@ def compare(
             tell("drawing")
             comparison_page(comparison).write(report)
     if as_json:
-        typer.echo(json.dumps(compared.as_json(comparison), ensure_ascii=False))
+        say(json.dumps(compared.as_json(comparison), ensure_ascii=False))
         return
     for line in compared.as_text(comparison):
-        typer.echo(line)
+        say(line)
     if report is not None:
-        typer.echo(f"written: {report}")
+        say(f"written: {report}")

@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from daemon.commands.force import Force
+
 
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
@@ -43,6 +45,7 @@ def correct(
         Path | None,
         typer.Option(help="A page with each effect's part at one point.", metavar="FILE.html"),
     ] = None,
+    force: Force = False,
 ) -> None:
     """Correct one point, or a file of points: indicated position → where it really is.
 
@@ -50,11 +53,15 @@ def correct(
     """
     from compcore.model_file import load_model
     from daemon.analysis.point_arguments import Given
+    from daemon.outputs import CORRECTED, REPORT, check_outputs
 
     if (points is None) != (out is None):
         raise typer.BadParameter("--points IN.csv and -o OUT.csv go together")
     if points is not None and (explain or report):
         raise typer.BadParameter("--explain and --report are for one point")
+    say = check_outputs(
+        [model, points], [(out, CORRECTED), (report, REPORT)], force=force, as_json=as_json
+    )
     loaded = load_model(model)
     given = Given.parse(arguments or [], loaded.machine)
     if points is not None and out is not None:
@@ -65,9 +72,9 @@ def correct(
             done = correct_file(loaded, points, out, given, command=command, tell=tell)
         _warn(done.warnings)
         if as_json:
-            typer.echo(json.dumps(done.as_json(out), ensure_ascii=False))
+            say(json.dumps(done.as_json(out), ensure_ascii=False))
         else:
-            typer.echo(f"{done.rows} points, greatest correction {done.worst * 1e3:.2f} µm: {out}")
+            say(f"{done.rows} points, greatest correction {done.worst * 1e3:.2f} µm: {out}")
         return
     from daemon.analysis import corrected
     from daemon.analysis.point_arguments import doubts
@@ -82,12 +89,12 @@ def correct(
         corrected_page(found, warnings, loaded.machine.name, model.name).write(report)
     if as_json:
         told = corrected.as_json(found, warnings, explain=explain)
-        typer.echo(json.dumps(told, ensure_ascii=False))
+        say(json.dumps(told, ensure_ascii=False))
         return
     for line in corrected.as_text(found, explain=explain):
-        typer.echo(line)
+        say(line)
     if report is not None:
-        typer.echo(f"written: {report}")
+        say(f"written: {report}")
 
 
 def _warn(warnings: list[str]) -> None:

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from daemon.commands.force import Force
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -33,10 +35,12 @@ def demo(
     folder: Annotated[
         Path, typer.Option("--out", help="Folder for campaign, model and configuration.")
     ] = Path("demo-out"),
+    force: Force = False,
 ) -> None:
     """Measure a simulated CMM, fit its model, and correct it live over Modbus while it warms up."""
     from rich.console import Console
 
+    from compcore.atomic import write_atomically
     from daemon.config import load_config
     from daemon.demo.configuration import demo_configuration
     from daemon.demo.prepare import Workshop, prepare
@@ -47,6 +51,8 @@ def demo(
     how = choose(as_json)
     console = Console(file=sys.stdout if how == "screen" else sys.stderr)
     shop = Workshop(folder)
+    if not force:
+        shop.require_own()
 
     @contextmanager
     def step(name: str) -> Iterator[Callable[[str], None]]:
@@ -60,7 +66,7 @@ def demo(
     with simulated_bridge(seed, DRIFT_TIME / duration) as machine:
         with step("Start the machine in a process of its own") as done:
             text = demo_configuration(machine.ready, shop.model.name)
-            shop.config.write_text(text, encoding="utf-8")
+            write_atomically(shop.config, text)
             configuration = load_config(shop.config)
             done(f"Modbus TCP at {machine.host}:{machine.port}, linked by {shop.config}")
         console.print(

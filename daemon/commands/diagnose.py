@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from daemon.commands.force import Force
+
 
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
@@ -22,6 +24,7 @@ def diagnose(
         Path | None,
         typer.Option("--report", help="A page that tells the story.", metavar="FILE.html"),
     ] = None,
+    force: Force = False,
 ) -> None:
     """Learn what is missing: every effect of the catalogue is tested against what is left over."""
     from compcore.diagnose import advise
@@ -30,7 +33,9 @@ def diagnose(
     from daemon.analysis import diagnosed
     from daemon.analysis.inputs import load
     from daemon.analysis.progress import shown
+    from daemon.outputs import REPORT, check_outputs
 
+    say = check_outputs([model, *campaigns], [(report, REPORT)], force=force, as_json=as_json)
     with shown("reading") as tell:
         loaded, campaign = load(model, campaigns)
         found = diagnose_model(loaded, campaign, progress=tell)
@@ -43,9 +48,9 @@ def diagnose(
         subtitle = f"{model.name}, {', '.join(c.name for c in campaigns)}"
         page(found, noise, advice, subtitle).write(report)
     if as_json:
-        typer.echo(json.dumps(diagnosed.as_json(found, noise, advice), ensure_ascii=False))
+        say(json.dumps(diagnosed.as_json(found, noise, advice), ensure_ascii=False))
         return
     for line in diagnosed.as_text(found, noise, advice):
-        typer.echo(line)
+        say(line)
     if report is not None:
-        typer.echo(f"written: {report}")
+        say(f"written: {report}")

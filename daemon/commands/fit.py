@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from daemon.commands.force import Force
+
 
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
@@ -33,6 +35,7 @@ def fit(
     report: Annotated[
         Path | None, typer.Option(help="A page with pictures.", metavar="FILE.html")
     ] = None,
+    force: Force = False,
 ) -> None:
     """Fit all parameters of a model to campaigns and write the fitted model."""
     from compcore.fit import fit as fit_model
@@ -43,8 +46,12 @@ def fit(
     from daemon.analysis import fitted
     from daemon.analysis.inputs import abbe_version, load, now
     from daemon.analysis.progress import shown
+    from daemon.outputs import MODEL, REPORT, check_outputs
 
     chosen = Frame.parse(frame)
+    say = check_outputs(
+        [model, *campaigns, active], [(out, MODEL), (report, REPORT)], force=force, as_json=as_json
+    )
     with shown("reading") as tell:
         loaded, campaign = load(model, campaigns, active)
         result = fit_model(loaded, campaign, robust=robust, frame=chosen, progress=tell)
@@ -66,10 +73,10 @@ def fit(
             tell("drawing")
             fit_page(result, record, noise).write(report)
     if as_json:
-        typer.echo(json.dumps(fitted.as_json(result, noise), ensure_ascii=False))
+        say(json.dumps(fitted.as_json(result, noise), ensure_ascii=False))
         return
     for line in fitted.as_text(result, noise):
-        typer.echo(line)
+        say(line)
     for line in fitted.parameter_lines(result):
-        typer.echo("  " + line)
-    typer.echo(f"written: {out}" + ("" if report is None else f", {report}"))
+        say("  " + line)
+    say(f"written: {out}" + ("" if report is None else f", {report}"))

@@ -8,6 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
+from daemon.commands.force import Force
+
 
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
@@ -20,31 +22,34 @@ def history(
     report: Annotated[
         Path | None, typer.Option(help="A page with a picture.", metavar="FILE.html")
     ] = None,
+    force: Force = False,
 ) -> None:
     """Show the error falling version by version, down to the noise floor, and the effects now."""
     from compcore.model_file import load_model
     from daemon.analysis.history_page import history_page, versions_of
+    from daemon.outputs import REPORT, check_outputs
 
+    say = check_outputs([model], [(report, REPORT)], force=force, as_json=as_json)
     loaded = load_model(model)
     versions = versions_of(loaded)
     effects = [t.effect.spec for t in loaded.terms]
     if report is not None:
         history_page(loaded, versions, model.name).write(report)
     if as_json:
-        typer.echo(
+        say(
             json.dumps({"unit": "um", "versions": versions, "effects": effects}, ensure_ascii=False)
         )
         return
     if not versions:
-        typer.echo("not fitted yet: abbe fit MODEL CAMPAIGN... -o OUT")
+        say("not fitted yet: abbe fit MODEL CAMPAIGN... -o OUT")
     largest = max((float(v["rms"]) for v in versions if "rms" in v), default=0.0)
     for i, version in enumerate(versions, start=1):
-        typer.echo(_line(i, version, largest))
-    typer.echo("effects:")
+        say(_line(i, version, largest))
+    say("effects:")
     for term in loaded.terms:
-        typer.echo(f"  {term.effect.spec}" + ("" if term.fitted else "  (not fitted)"))
+        say(f"  {term.effect.spec}" + ("" if term.fitted else "  (not fitted)"))
     if report is not None:
-        typer.echo(f"written: {report}")
+        say(f"written: {report}")
 
 
 def _line(number: int, version: dict[str, Any], largest: float) -> str:

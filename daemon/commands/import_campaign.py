@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from daemon.commands.force import Force
+
 if TYPE_CHECKING:
     from compcore.campaign import Campaign
     from compcore.importers.placing import Placing
@@ -68,12 +70,15 @@ def import_campaign(
     model: Annotated[
         Path | None, typer.Option(help="Model file: checks that every axis has its position.")
     ] = None,
+    force: Force = False,
 ) -> None:
     """Import a table of runs, a Renishaw rtl, a ball bar test or a compensation map."""
     from compcore.campaign_file import write_campaign
     from compcore.model_file import load_model
     from daemon.commands.assignments import number
+    from daemon.outputs import CAMPAIGN, check_outputs
 
+    say = check_outputs([file, model], [(output, CAMPAIGN)], force=force)
     machine = None if model is None else load_model(model).machine
     rotation = (component or axis or "X")[0] in "ABC"
     placing = _placing(at, tool, setup, sd, signal or [], sign, rotation=rotation)
@@ -105,8 +110,8 @@ def import_campaign(
         campaign = import_map_rows(file, _structure(structure, machine), placing)
     write_campaign(campaign, output)
     for note in str(campaign.metadata[0]["notes"]).split("; "):
-        typer.echo(note)
-    typer.echo(f"{campaign.n} rows in {_setups(campaign)} → {output}")
+        say(note)
+    say(f"{campaign.n} rows in {_setups(campaign)} → {output}")
 
 
 def _setups(campaign: Campaign) -> str:

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from daemon.commands.force import Force
+
 SIGN_HELP = (
     "A sign opposite to Abbe's: R=-1 all rotations, L=-1 all linear errors, Ry=-1 one column of "
     "every axis, Z.R=-1 or X.Ly=-1 of one axis. May be repeated."
@@ -42,6 +44,7 @@ def import_map(
     own_travel: Annotated[str, typer.Option(help=OWN_TRAVEL_HELP)] = "structure",
     squareness: Annotated[list[str] | None, typer.Option(help=SQUARENESS_HELP)] = None,
     squareness_as: Annotated[str, typer.Option(help=SQUARENESS_AS_HELP)] = "as-written",
+    force: Force = False,
 ) -> None:
     """Turn a compensation map in a vendor's conventions into a model in Abbe's own, exactly.
 
@@ -56,7 +59,9 @@ def import_map(
     from compcore.structure import Structure
     from daemon.analysis.inputs import abbe_version
     from daemon.analysis.map_options import convention_of, squareness_of
+    from daemon.outputs import MODEL, check_outputs
 
+    say = check_outputs([file], [(out, MODEL)], force=force)
     compensation = load_map(file)
     code = Structure.parse(structure)
     beside = squareness_of(squareness or [], compensation, code)
@@ -77,4 +82,4 @@ def import_map(
     }
     save_model(replace(model, fit=origin), out)
     rows = ", ".join(f"{a} {len(t.positions)} rows" for a, t in compensation.tables.items())
-    typer.echo(f"{out}: {code}, {len(model.terms)} effects ({rows}), {origin['convention']}")
+    say(f"{out}: {code}, {len(model.terms)} effects ({rows}), {origin['convention']}")

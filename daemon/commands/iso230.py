@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from daemon.commands.force import Force
+
 
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
@@ -24,11 +26,14 @@ def iso230(
     report: Annotated[
         Path | None, typer.Option(help="Write a page with tables and pictures.", metavar="HTML")
     ] = None,
+    force: Force = False,
 ) -> None:
     """Evaluate positioning runs and diagonals by ISO 230-2 and ISO 230-6."""
     from compcore.model_file import load_model
     from daemon.analysis import iso230 as analysis
+    from daemon.outputs import REPORT, check_outputs
 
+    say = check_outputs([campaign, model], [(report, REPORT)], force=force, as_json=as_json)
     machine = None if model is None else load_model(model).machine
     evaluation = analysis.evaluate(campaign, machine)
     if report is not None:
@@ -36,7 +41,7 @@ def iso230(
 
         page(evaluation).write(report)
     if as_json:
-        typer.echo(json.dumps(analysis.as_json(evaluation), ensure_ascii=False))
+        say(json.dumps(analysis.as_json(evaluation), ensure_ascii=False))
         return
     for line in analysis.as_text(evaluation):
-        typer.echo(line)
+        say(line)

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from daemon.commands.force import Force
 from daemon.commands.lists import ListOptions
 
 
@@ -31,6 +32,7 @@ def remove(
         Path | None,
         typer.Option(help="A page with the error, version by version.", metavar="FILE.html"),
     ] = None,
+    force: Force = False,
 ) -> None:
     """Take an effect out of a model; the others keep their values unless campaigns are given."""
     from compcore.model_file import load_model, save_model
@@ -39,20 +41,28 @@ def remove(
     from daemon.analysis.history_page import page_of
     from daemon.analysis.inputs import load
     from daemon.analysis.progress import shown
+    from daemon.outputs import MODEL, REPORT, check_outputs
 
     name = " ".join(effect)
+    say = check_outputs(
+        [model, *(campaign or []), *(holdout or [])],
+        [(out, MODEL), (report, REPORT)],
+        force=force,
+        as_json=as_json,
+    )
     if not campaign:
         loaded = load_model(model)
         less, removed = without_effect(loaded, name)
-        save_model(revised.unfitted(loaded, less, removed=removed.spec), out)
+        kept = revised.unfitted(loaded, less, removed=removed.spec)
+        save_model(kept, out)
         if report is not None:
-            page_of(out).write(report)
+            page_of(kept, out.name).write(report)
         if as_json:
-            typer.echo(json.dumps({"removed": removed.spec, "refitted": False}))
+            say(json.dumps({"removed": removed.spec, "refitted": False}))
         else:
-            typer.echo(f"removed: {removed.spec}; the other effects keep their values")
-            typer.echo("refit them with: abbe fit, or give --campaign")
-            typer.echo(f"written: {out}" + (f", {report}" if report else ""))
+            say(f"removed: {removed.spec}; the other effects keep their values")
+            say("refit them with: abbe fit, or give --campaign")
+            say(f"written: {out}" + (f", {report}" if report else ""))
         return
     with shown("reading") as tell:
         loaded, measured = load(model, campaign)
@@ -61,11 +71,11 @@ def remove(
             loaded, less, measured, holdout or [], out, removed=removed.spec, progress=tell
         )
     if report is not None:
-        page_of(out).write(report)
+        page_of(revision.model, out.name).write(report)
     if as_json:
-        typer.echo(json.dumps(revised.as_json(revision, None), ensure_ascii=False))
+        say(json.dumps(revised.as_json(revision, None), ensure_ascii=False))
         return
-    typer.echo(f"removed: {removed.spec}")
+    say(f"removed: {removed.spec}")
     for line in revised.as_text(revision, None):
-        typer.echo(line)
-    typer.echo(f"written: {out}" + (f", {report}" if report else ""))
+        say(line)
+    say(f"written: {out}" + (f", {report}" if report else ""))

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from daemon.commands.force import Force
 
 
 def register(app: typer.Typer) -> None:
@@ -83,6 +86,7 @@ def table(
     report: Annotated[
         Path | None, typer.Option(help="A page with pictures.", metavar="FILE.html")
     ] = None,
+    force: Force = False,
 ) -> None:
     """Make compensation tables for a controller: those that leave least of the error.
 
@@ -96,12 +100,17 @@ def table(
     from daemon.analysis.tabled import Order, as_text, make
     from daemon.analysis.tabled import as_json as told
     from daemon.commands.assignments import vector
+    from daemon.outputs import REPORT, check_folder
     from drivers.controllers import make_controller
 
     if not controller or out is None:
         raise typer.BadParameter("--controller NAME and -o DIR are needed")
     if (model is None) == (watch is None):
         raise typer.BadParameter("give a model, or --watch CONFIG.toml")
+    checked = partial(
+        check_folder, out, [model, on, watch], [(report, REPORT)], force=force, as_json=as_json
+    )
+    say = checked({})
     if watch is not None:
         if at or report or on:
             raise typer.BadParameter("--at, --on and --report do not go with --watch")
@@ -109,7 +118,7 @@ def table(
 
         watch_tables(
             watch, controller, out, arguments.options(settings or []), volume or [], points,
-            change * 1e-3, idle, duration, by or "", as_json,
+            change * 1e-3, idle, duration, by or "", as_json, force,
         )  # fmt: skip
         return
     if model is None:
@@ -130,6 +139,7 @@ def table(
     )
     with shown("making tables") as tell:
         done = make(order, loaded)
+        checked(done.made.files)
         written = done.made.write(out)
         if report is not None:
             from daemon.report.tabled import table_page
@@ -137,9 +147,9 @@ def table(
             tell("drawing")
             table_page(done).write(report)
     if as_json:
-        typer.echo(json.dumps(told(done, written), ensure_ascii=False))
+        say(json.dumps(told(done, written), ensure_ascii=False))
         return
     for line in as_text(done, written):
-        typer.echo(line)
+        say(line)
     if report is not None:
-        typer.echo(f"written: {report}")
+        say(f"written: {report}")

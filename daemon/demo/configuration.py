@@ -8,6 +8,9 @@ from typing import Any
 
 AXES = ("X", "Y", "Z")
 
+WRITTEN_BY = "# Written by `abbe demo`"
+"""First words of a demo's configuration, by which its folder is known again."""
+
 _HEAD = """\
 # Written by `abbe demo` for the simulated bridge CMM. `abbe check` shows what it links.
 format = "abbe-config/1"

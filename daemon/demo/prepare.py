@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -10,11 +9,13 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
+from compcore.atomic import write_atomically
 from compcore.campaign_file import read_campaign
 from compcore.errors import InputError
 from compcore.fit import FitResult, fit
 from compcore.fit_record import recorded
 from compcore.model_file import load_model, save_model
+from daemon.demo.configuration import WRITTEN_BY
 from daemon.demo.simulator import measure_bridge
 
 START = Path(__file__).with_name("bridge.toml")
@@ -50,6 +51,23 @@ class Workshop:
         """The configuration of the live part."""
         return self.folder / "config.toml"
 
+    def require_own(self) -> None:
+        """Refuse a folder that holds such files and is not of an earlier demo.
+
+        Raises
+        ------
+        InputError
+            Names the file that would be overwritten.
+        """
+        files = (self.start, self.campaign, self.model, self.config)
+        there = [f for f in files if f.exists() and (not f.is_file() or f.stat().st_size)]
+        if there and not _begins(self.config, WRITTEN_BY) and not _same(self.start, START):
+            raise InputError(
+                "is there already and is not of an earlier demo",
+                file=there[0],
+                expected="a new folder (--out); --force overwrites it",
+            )
+
 
 def prepare(seed: int, shop: Workshop, step: Step) -> FitResult:
     """Measure the machine with that seed and fit the demo's model to the measurements.
@@ -65,9 +83,9 @@ def prepare(seed: int, shop: Workshop, step: Step) -> FitResult:
     """
     try:
         shop.folder.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(START, shop.start)
     except OSError as error:
         raise InputError(f"cannot be written: {error.strerror}", file=shop.folder) from None
+    write_atomically(shop.start, START.read_bytes())
     with step("Measure the machine: laser, straightness optics, levels") as done:
         measure_bridge(seed, str(shop.campaign))
         model = load_model(shop.start)
@@ -91,3 +109,18 @@ def prepare(seed: int, shop: Workshop, step: Step) -> FitResult:
             f"freedom {result.chi2_per_dof:.2f} (1: what is left is noise)"
         )
     return result
+
+
+def _begins(path: Path, words: str) -> bool:
+    try:
+        with path.open("rb") as stream:
+            return stream.read(len(words)) == words.encode("utf-8")
+    except OSError:
+        return False
+
+
+def _same(path: Path, other: Path) -> bool:
+    try:
+        return path.read_bytes() == other.read_bytes()
+    except OSError:
+        return False

@@ -418,12 +418,12 @@ def test_bad_rows_name_file_line_and_column_and_write_nothing(
 ):
     source, out = tmp_path / "in.csv", tmp_path / "out.csv"
     source.write_text(text)
-    out.write_text("precious")
+    out.write_text("X,X_corrected\nprecious")
     done = abbe("correct", bridge, "--points", source, "-o", out, *more)
     assert (done.status, done.out) == (1, "")
     assert done.err.startswith(f"abbe: {source}" + (f", line {line}" if line else "")), done.err
     assert re.search(told, done.err), done.err
-    assert out.read_text() == "precious"
+    assert out.read_text() == "X,X_corrected\nprecious"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["bridge.toml", "in.csv", "out.csv"]
 
 
