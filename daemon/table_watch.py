@@ -266,7 +266,7 @@ def watch_tables(
     duration: float | None,
     by: str,
     as_json: bool,
-    force: bool,
+    force: bool = False,
 ) -> None:
     """Run ``abbe table --watch`` until Ctrl-C, or for `duration` s; lengths in mm, times in s."""
     configuration = load_config(config)
