@@ -6,6 +6,7 @@ Commands import what they need when they run, so that ``abbe correct`` starts fa
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from importlib.metadata import version as installed_version
 from typing import Annotated
@@ -48,14 +49,18 @@ register(app)
 def main() -> None:
     """Run the command line; a user's mistake is one message, never a traceback."""
     from compcore.errors import AbbeError
+    from daemon.show.writer import silence_closed
     from drivers.link import LinkError
 
     try:
         app()
     except (AbbeError, LinkError) as error:
-        sys.stderr.write(f"abbe: {error}\n")
+        with contextlib.suppress(OSError):  # its terminal may have been closed
+            sys.stderr.write(f"abbe: {error}\n")
         sys.exit(1)
     except KeyboardInterrupt:
         sys.exit(130)
     except BrokenPipeError:
         sys.exit(0)
+    finally:
+        silence_closed()

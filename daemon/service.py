@@ -76,8 +76,17 @@ class Service:
             self._at_once.set()
         self._stop.set()
 
+    def hang_up(self) -> None:
+        """The terminal was closed: end, with the ramp.
+
+        Shell and kernel may both say so, so a second time changes nothing.
+        """
+        if not self._stop.is_set():
+            logger.info("the terminal was closed: ending")
+            self.stop()
+
     async def run(self, duration: float | None = None) -> None:
-        """Run until `stop`, SIGINT or SIGTERM, or for `duration` s.
+        """Run until `stop`, SIGINT, SIGTERM or SIGHUP, or for `duration` s.
 
         A device that cannot be reached is no error: its link goes on trying.
 
@@ -153,11 +162,14 @@ class Service:
 
 @contextlib.contextmanager
 def _signals(loop: asyncio.AbstractEventLoop, service: Service) -> Iterator[None]:
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    for number in numbers:
-        loop.add_signal_handler(number, service.stop)
+    handlers = {signal.SIGINT: service.stop, signal.SIGTERM: service.stop}
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        # nohup has a process outlive its terminal: then it goes on
+        handlers[signal.SIGHUP] = service.hang_up
+    for number, handler in handlers.items():
+        loop.add_signal_handler(number, handler)
     try:
         yield
     finally:
-        for number in numbers:
+        for number in handlers:
             loop.remove_signal_handler(number)

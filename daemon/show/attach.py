@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from rich.console import Console
 
+from compcore.errors import AbbeError
 from daemon.journal import journal
 from daemon.service import Service
 from daemon.show.figures import Figures
@@ -113,4 +114,9 @@ async def _run(
             if writer is not None:
                 end = () if last is None or how != "json" else (json.dumps(last(figures)),)
                 writer.end(*end)
+    if writer is not None and writer.failed is not None:
+        raise AbbeError(
+            f"standard output could not be written: {writer.failed.strerror}; the machine was "
+            "corrected to the end"
+        )
     return figures

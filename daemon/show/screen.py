@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import math
 import time
@@ -124,7 +125,11 @@ class LiveScreen:
             self._column = (ErrorFigures(), ErrorFigures())
 
     async def run(self, console: Console) -> None:
-        """Draw until cancelled; the last picture stays."""
+        """Draw until cancelled, or until the terminal is closed; the last picture stays."""
+        with contextlib.suppress(OSError):
+            await self._draw(console)
+
+    async def _draw(self, console: Console) -> None:
         with Live(console=console, auto_refresh=False, transient=False) as live:
             try:
                 while True:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import queue
+import sys
 import threading
 from typing import TextIO
 
@@ -12,6 +14,8 @@ _WAITING = 20_000
 """Lines that may wait for a slow reader; a line more is dropped and counted."""
 _PATIENCE = 10.0
 """s that a reader who has stopped reading is given at the end."""
+_GONE = (errno.EPIPE, errno.EIO, errno.ENXIO)
+"""What writing to a closed pipe, or to a terminal that was closed, fails with."""
 
 
 class LineWriter:
@@ -26,6 +30,9 @@ class LineWriter:
     ----------
     dropped
         Lines lost since the last one that was taken, because the reader was too slow.
+    failed
+        Why nothing can be written any more, e.g. a full disk; None also where the reader has gone,
+        because whoever closes a pipe or a terminal wants no more.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -34,6 +41,7 @@ class LineWriter:
         self._thread = threading.Thread(target=self._write, name="lines", daemon=True)
         self._thread.start()
         self.dropped = 0
+        self.failed: OSError | None = None
 
     def put(self, line: str) -> None:
         """Hand a line over; returns at once."""
@@ -60,11 +68,27 @@ class LineWriter:
                 if self._queue.empty():
                     self._stream.flush()
             self._stream.flush()
-        except BrokenPipeError:
+        except OSError as error:
             # nobody reads any more; the machine is corrected all the same
+            if error.errno not in _GONE:
+                self.failed = error
             _silence(self._stream)
             while self._queue.get() is not None:
                 pass
+
+
+def silence_closed() -> None:
+    """Have standard output and standard error go nowhere where their terminal was closed.
+
+    Otherwise the interpreter fails at its end to write what they still hold, and says so with an
+    exit status of its own.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError as error:
+            if error.errno in _GONE:
+                _silence(stream)
 
 
 def _silence(stream: TextIO) -> None:
