@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import time
 from collections.abc import Mapping, Sequence
 
+from drivers.batch import Batch
 from drivers.link import (
     LinkDownError,
     LinkError,
@@ -15,6 +17,7 @@ from drivers.link import (
     LinkTimeoutError,
     Quality,
     Sample,
+    TooLateError,
 )
 from drivers.quarantine import Roster
 from drivers.reconnect import Keeper
@@ -22,7 +25,7 @@ from drivers.serial.config import SerialConfig
 from drivers.serial.conversation import Conversation, LateAnswerError
 from drivers.serial.fields import FieldError
 from drivers.serial.patterns import Match
-from drivers.serial.question import Message, Question, framed
+from drivers.serial.question import Message, Question, RefusedError, framed
 from drivers.turns import Turns
 
 logger = logging.getLogger("abbe.drivers.serial")
@@ -96,41 +99,42 @@ class AskedLine:
             lost = Sample(_NAN, time.monotonic(), Quality.UNAVAILABLE, str(error))
             return dict.fromkeys(names, lost)
 
-    async def write(self, values: Mapping[str, float]) -> None:
+    async def write(self, values: Mapping[str, float], until: float) -> None:
         """Send commands in the order in which they are named; each waits for its answer.
+
+        Nothing is sent after `until` (monotonic, s).
 
         Raises
         ------
         LinkError
             When a value was not taken; says which, and which were before.
         """
-        channels = self._config.channels
+        channels, batch = self._config.channels, Batch(self.keeper.label, values)
         try:
             texts = {name: channels[name].text_of(value) for name, value in values.items()}
         except ValueError as error:
-            raise LinkError(f"{self.keeper.label}: nothing written; {error}") from None
-        done: list[str] = []
+            raise batch.refused(str(error)) from None
         try:
             async with self._turns:
                 for name, text in texts.items():
-                    await self._command(name, text)
-                    done.append(name)
+                    batch.begin(name)
+                    await self._command(name, text, until)
+                    batch.done()
         except LinkError as error:
-            left = ", ".join(name for name in values if name not in done)
-            written = f"; written before: {', '.join(done)}" if done else ""
-            raise type(error)(
-                f"{self.keeper.label}: not written: {left}: {error}{written}"
-            ) from error
+            raise batch.failed(error) from error
 
-    async def _command(self, name: str, text: str) -> None:
+    async def _command(self, name: str, text: str, until: float) -> None:
         section, question = self._config.channels[name], self._commands[name]
         data = framed(self._config, text, section.checksum)
-        if section.acknowledge is None:
-            self._talk.tell(data)
-            return
-        if why := question.refusal(time.monotonic()):
-            raise LinkTimeoutError(why)
-        await self._exchange(question, data)
+        try:
+            if section.acknowledge is None:
+                await self._talk.say(data, until)
+                return
+            if why := question.refusal(time.monotonic()):
+                raise LateAnswerError(why)
+            await self._exchange(question, data, until)
+        except (LateAnswerError, TooLateError, RefusedError) as error:
+            raise error.leaving(untouched=(name,)) from None
 
     def _due(self, names: tuple[str, ...]) -> Sequence[Message]:
         """Messages to ask for, those in trouble last; kept where it is the same one each time."""
@@ -145,7 +149,7 @@ class AskedLine:
         if len(messages) > 1 and any(message.failures for message in messages):
             return sorted(messages, key=lambda message: message.failures)
         due = tuple(messages)
-        if len(due) == 1 and not due[0].every and all(name in self._of for name in names):
+        if len(due) == 1 and not due[0].pace.every and all(name in self._of for name in names):
             self._always[names] = due
         return due
 
@@ -155,7 +159,7 @@ class AskedLine:
             last is None
             or message.failures > 0
             or last.quality is Quality.UNAVAILABLE
-            or now - last.time >= message.every
+            or message.pace.is_due(now)
         )
 
     async def _ask_all(self, messages: Sequence[Message]) -> None:
@@ -180,13 +184,13 @@ class AskedLine:
         if not self.keeper.up:
             raise self.keeper.down_error()
 
-    async def _exchange(self, question: Question, data: bytes) -> Match:
+    async def _exchange(self, question: Question, data: bytes, until: float = math.inf) -> Match:
         status, talk = self._status, self._talk
         status.requests += 1
         question.asked = True
         try:
-            found = await talk.ask(question, data)
-        except LateAnswerError:
+            found = await talk.ask(question, data, until)
+        except (LateAnswerError, TooLateError):
             raise
         except LinkProtocolError:
             status.failures += 1
@@ -207,17 +211,19 @@ class AskedLine:
         return found
 
     def _keep(self, message: Message, found: Match) -> None:
-        at, last = self._talk.answered_at, self._last
+        at, last, good = self._talk.asked_at, self._last, True
         for channel, (field, reader) in message.readers.items():
             try:
                 last[channel] = Sample(reader(found[field]), at)
             except FieldError as error:
                 last[channel] = Sample(_NAN, at, Quality.BAD, f"{channel}: {error}")
+                good = False
+        message.pace.asked(at, good=good)
 
     def _mark(self, message: Message, quality: Quality, why: str) -> None:
-        sample = Sample(_NAN, time.monotonic(), quality, why)
-        for name in message.readers:
-            self._last[name] = sample
+        now = time.monotonic()
+        message.pace.asked(now, good=False)
+        self._last |= dict.fromkeys(message.readers, Sample(_NAN, now, quality, why))
 
     async def _connect(self) -> None:
         """Open the port and get a first answer: an open port with nobody behind it is not up."""

@@ -20,6 +20,8 @@ r"""The configuration section of a serial link: a port, messages on it, values i
 
 from __future__ import annotations
 
+import math
+import re
 import string
 from typing import Annotated, Literal
 
@@ -33,6 +35,14 @@ from drivers.serial.settings import PortSettings
 _STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 _WHOLE = "dxX"
 """Presentation types of Python's format that take whole numbers."""
+
+
+def _step(form: str) -> float:
+    """What a number is a multiple of that is written in this form; 0: of nothing."""
+    if form[-1:] in tuple(_WHOLE):
+        return 1.0
+    decimals = re.search(r"\.(\d+)[fF]$", form)
+    return 10.0 ** -int(decimals[1]) if decimals else 0.0
 
 
 def _check(key: str, pattern: str | None) -> None:
@@ -126,6 +136,24 @@ class ChannelConfig(BaseModel):
         """Whether the channel is a command."""
         return self.command is not None
 
+    @property
+    def range(self) -> tuple[float, float, float]:
+        """Smallest and largest value that its form can carry, and its step, in `unit`.
+
+        Infinite, and 0, where the form does not say; a decimal number has no bounds.
+        """
+        low, high, step = -math.inf, math.inf, 0.0
+        if self.values:
+            low, high = min(self.values.values()), max(self.values.values())
+        elif self.command is not None:
+            step = _step(self._form)
+        elif self.base == 16:
+            low, step = 0.0, 1.0
+            if self.bits is not None:
+                low, high = -(2.0 ** (self.bits - 1)), 2.0 ** (self.bits - 1) - 1.0
+        ends = sorted((low * self.scale + self.offset, high * self.scale + self.offset))
+        return ends[0], ends[1], step * abs(self.scale)
+
     def text_of(self, value: float) -> str:
         """The command that sets a value (in the channel's unit).
 
@@ -135,11 +163,16 @@ class ChannelConfig(BaseModel):
             When the value is not finite.
         """
         number = (value - self.offset) / self.scale
-        ((_, _, form, _),) = [p for p in string.Formatter().parse(self._template) if p[1]]
-        whole = (form or "")[-1:] in tuple(_WHOLE)
+        whole = self._form[-1:] in tuple(_WHOLE)
         if number - number != 0.0:
             raise ValueError(f"{value} cannot be sent")
         return self._template.format(value=round(number) if whole else number)
+
+    @property
+    def _form(self) -> str:
+        """How the number is written, in Python's format."""
+        ((_, _, form, _),) = [p for p in string.Formatter().parse(self._template) if p[1]]
+        return form or ""
 
     @property
     def _template(self) -> str:

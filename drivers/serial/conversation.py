@@ -10,17 +10,19 @@ come or can come no more.
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections.abc import Callable, Collection, Sequence
 
 from drivers.awaited import Awaited
-from drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError
+from drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError, TooLateError
 from drivers.serial.checksum import shown
 from drivers.serial.config import LineConfig
 from drivers.serial.lines import Splitter
 from drivers.serial.patterns import Match
 from drivers.serial.port import Port, open_port
 from drivers.serial.question import Question, RefusedError
+from drivers.serial.sending import see_sent, withdrawn
 
 
 class LateAnswerError(LinkTimeoutError):
@@ -43,8 +45,10 @@ class Conversation:
     ----------
     round_trip
         s from sending the last query to its answer.
+    asked_at
+        Monotonic time in s at which the last query left.
     answered_at
-        Monotonic time in s of the last answer, or of giving up.
+        Monotonic time in s of its answer, or of giving up.
     """
 
     def __init__(
@@ -66,7 +70,7 @@ class Conversation:
         self._unfit: LinkProtocolError | None = None
         self._echo: bytes | None = None
         self.round_trip = float("nan")
-        self.answered_at = 0.0
+        self.asked_at = self.answered_at = 0.0
 
     async def open(self) -> None:
         """Open the port; an old one is closed first.
@@ -124,14 +128,44 @@ class Conversation:
         """
         self._open_port().write(data)
 
-    async def ask(self, question: Question, data: bytes) -> Match:
+    async def say(self, data: bytes, until: float) -> None:
+        """Send something that is not answered, and see it leave; only one caller at a time.
+
+        Parameters
+        ----------
+        data
+            Complete.
+        until
+            Monotonic time in s after which it is not sent.
+
+        Raises
+        ------
+        TooLateError
+            When it is later; nothing was sent.
+        LinkDownError
+            When the device does not let it out in time, or the port is lost.
+        """
+        await see_sent(self._open_port(), data, until, self._limit(len(data)), self._lose)
+
+    async def ask(self, question: Question, data: bytes, until: float = math.inf) -> Match:
         """Send a query and wait for its answer; only one caller at a time.
 
         What comes and does not fit (noise, our own echo) is passed over; when nothing better comes
         in time, it was the answer, spoilt.
 
+        Parameters
+        ----------
+        question
+            What is asked.
+        data
+            The query, complete.
+        until
+            Monotonic time in s after which it is not sent.
+
         Raises
         ------
+        TooLateError
+            When it is later; nothing was sent.
         LateAnswerError
             When an answer that is late could be taken for this one's; nothing was sent.
         LinkTimeoutError
@@ -139,7 +173,7 @@ class Conversation:
         LinkProtocolError
             When what came in time does not fit, or the device says that it cannot.
         LinkDownError
-            When the port is lost.
+            When the port is lost, or does not let the query out.
         """
         config = self._config
         port = self._open_port()
@@ -149,16 +183,17 @@ class Conversation:
             wait = self.answered_at + self._pause - time.monotonic()
             if wait > 0:
                 await asyncio.sleep(wait)
-        port.drain()
+        if not port.drain():
+            raise LinkProtocolError("the device sends without end, asked or not")
         if not pending or not self._pending():
             self._splitter.clear()
-        limit = config.timeout + self._character_time * (
-            len(data) + question.lines * config.max_line
-        )
+        limit = self._limit(len(data) + question.lines * config.max_line)
         self._current, self._lines, self._unfit = question, [], None
         self._echo = data if config.local_echo else None
         answer = self._answer
-        began = time.monotonic()
+        began = self.asked_at = time.monotonic()
+        if began > until:
+            raise TooLateError(f"{question.name}: too old before it could be sent, so not sent")
         answer.begin()
         try:
             port.write(data)
@@ -167,6 +202,8 @@ class Conversation:
             if self._unfit is not None:
                 raise self._unfit from None
             question.asked_at = began
+            if port.unsent:
+                raise withdrawn(port, self._lose) from None
             raise LinkTimeoutError(self._silence(question, limit)) from None
         except asyncio.CancelledError:
             question.asked_at = began
@@ -177,6 +214,10 @@ class Conversation:
             self.answered_at = time.monotonic()
         self.round_trip = self.answered_at - began
         return found
+
+    def _limit(self, characters: int) -> float:
+        """Time in s for so many characters there and back."""
+        return self._config.timeout + self._character_time * characters
 
     def _silence(self, question: Question, limit: float) -> str:
         got = b" ".join([*self._lines, self._splitter.held])

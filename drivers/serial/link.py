@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import ClassVar
 
-from drivers.link import ChannelInfo, Link, LinkConfig, LinkError, Sample
+from drivers import resources
+from drivers.link import (
+    ChannelInfo,
+    Link,
+    LinkConfig,
+    LinkConfigError,
+    LinkError,
+    Place,
+    Sample,
+)
 from drivers.serial.asking import AskedLine
 from drivers.serial.checksum import shown
 from drivers.serial.config import SerialConfig
@@ -41,10 +50,48 @@ class SerialLink(Link):
         return {name: self._describe(name) for name in self._config.channels}
 
     def info(self, channel: str) -> ChannelInfo:
-        """Unit, whether it is written, and the time between two queries."""
+        """Unit, range and step where its form has them, whether it is written, how often asked."""
         section = self._config.channels[channel]
         every = 0.0 if section.message is None else self._config.messages[section.message].every
-        return ChannelInfo(section.unit, section.writable, every)
+        low, high, step = section.range
+        return ChannelInfo(section.unit, section.writable, every, low, high, step)
+
+    def places(self, channel: str) -> tuple[Place, ...]:
+        """The field of the answer, or the command: two commands that read alike are one place.
+
+        Whether a query asks for what a command sets, no text says.
+        """
+        section = self._config.channels[channel]
+        if section.message is None:
+            space = ("command", str(section.command))
+        else:
+            query = self._config.messages[section.message].query
+            said = f"message {section.message}" if query is None else f"answer to {query}"
+            space = (said, self._config.field_of(channel))
+        devices = self.owns or (self._config.port,)
+        return tuple(Place(device, space=space, apart=(True, True)) for device in devices)
+
+    @property
+    def owns(self) -> tuple[str, ...]:
+        """The port."""
+        return resources.serial(self._config.port)
+
+    def keep_together(self, channels: Collection[str], *, one_sample: bool = False) -> None:
+        """Channels of one message always are of one moment.
+
+        Raises
+        ------
+        LinkConfigError
+            When `one_sample` is asked for and they are of several messages.
+        """
+        self._check_known(channels, self._config.channels)
+        messages = dict.fromkeys(self._config.channels[name].message for name in channels)
+        if one_sample and len(messages) > 1:
+            told = ", ".join(message or "none" for message in messages)
+            raise LinkConfigError(
+                f"link {self.name}: {', '.join(channels)} must be of one answer, and are of "
+                f"several messages ({told}): a device that sends them all in one line is needed"
+            )
 
     async def open(self) -> None:
         """Open the port and get a first answer (or message), or begin to retry."""
@@ -67,7 +114,7 @@ class SerialLink(Link):
         return await self._line.read(channels)
 
     async def write(self, values: Mapping[str, float], *, until: float = math.inf) -> None:
-        """Send the channels' commands in order.
+        """Send the channels' commands in order, none after `until` (monotonic, s).
 
         Raises
         ------
@@ -77,14 +124,13 @@ class SerialLink(Link):
         if not values:
             return
         self._check_known(values, self._config.channels)
-        self._in_time(until, values)
         fixed = [name for name in values if not self._config.channels[name].writable]
         if fixed:
             raise LinkError(
                 f"link {self.name}: nothing written; not writable: {', '.join(fixed)} "
                 "(they have no command)"
-            )
-        await self._line.write(values)
+            ).leaving(untouched=values)
+        await self._line.write(values, until)
 
     def _describe(self, name: str) -> str:
         config, channel = self._config, self._config.channels[name]

@@ -1,7 +1,7 @@
-"""Opening a serial port, and reading and writing it without ever blocking the event loop.
+"""Opening a serial port, which is then read and written without ever blocking the event loop.
 
 pyserial opens and configures; a port that has a file descriptor (a device, a pseudo-terminal, a
-``socket://``) is then read by the event loop itself, and any other (``rfc2217://``, ``loop://``)
+``socket://``) is then served by `drivers.serial.descriptor`, any other (``rfc2217://``, ``loop://``)
 by `drivers.serial.threaded`; ``docs/decisions/0020`` says why.
 
 What is done here about pyserial 3.5 and Linux:
@@ -17,18 +17,15 @@ What is done here about pyserial 3.5 and Linux:
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import errno
 import fcntl
 import os
-import select
 import termios
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
-from drivers.awaited import is_there
-from drivers.link import LinkDownError, LinkError
+from drivers.link import LinkDownError
 from drivers.serial.settings import PortSettings
 
 if TYPE_CHECKING:
@@ -37,10 +34,6 @@ if TYPE_CHECKING:
 OPEN_TIMEOUT = 10.0
 """s for a port to open; pyserial waits 5 s for a ``socket://``."""
 CLOSE_TIMEOUT = 5.0
-DRAIN = 0.5
-"""s that the rest may take to leave before a port is closed."""
-MOST_UNSENT = 1 << 16
-"""Bytes that may wait to be sent."""
 
 _HINTS = {
     errno.ENOENT: "there is no such device (unplugged?)",
@@ -64,8 +57,21 @@ class Port(Protocol):
             When the port is gone.
         """
 
-    def drain(self) -> None:
-        """Hand over now what has come already, so that it cannot pass for what is asked next."""
+    def drain(self) -> bool:
+        """Hand over now what has come already, so that it cannot pass for what is asked next.
+
+        False when there is no end to it.
+        """
+
+    def discard(self) -> None:
+        """Forget what has not left yet: it must not leave later. The port is then to be closed."""
+
+    @property
+    def since(self) -> float:
+        """Monotonic time in s before which nothing came of what is being handed over.
+
+        Nothing was waiting to be read then. Not when it came: whoever is stalled finds old bytes.
+        """
 
     def wait(self, seconds: float) -> bool:
         """Wait on the spot until something has come, at most so long (s), and hand it over.
@@ -104,6 +110,7 @@ async def open_port(
         When it does not open; says why.
     """
     loop = asyncio.get_running_loop()
+    since = time.monotonic()
     opening = loop.run_in_executor(None, _open, config)
     try:
         opened = await asyncio.wait_for(asyncio.shield(opening), OPEN_TIMEOUT)
@@ -115,14 +122,16 @@ async def open_port(
         raise
     except Exception as error:
         # each of pyserial's handlers raises its own
-        raise LinkDownError(f"cannot open {config.port}: {_reason(error)}") from error
+        raise LinkDownError(f"cannot open {config.port}: {reason_of(error)}") from error
     try:
         fd = opened.fileno()
     except (OSError, AttributeError):
         from drivers.serial.threaded import ThreadedPort
 
-        return ThreadedPort(opened, on_data, on_lost)
-    return FdPort(opened, fd, on_data, on_lost)
+        return ThreadedPort(opened, since, on_data, on_lost)
+    from drivers.serial.descriptor import FdPort
+
+    return FdPort(opened, fd, since, on_data, on_lost)
 
 
 def _open(config: PortSettings) -> SerialBase:
@@ -137,7 +146,7 @@ def _open(config: PortSettings) -> SerialBase:
         xonxoff=config.flow == "xonxoff",
         rtscts=config.flow == "rtscts",
         dsrdtr=config.flow == "dsrdtr",
-        timeout=0.1,
+        timeout=0.02,
         exclusive=True,
     )
     try:
@@ -153,7 +162,7 @@ def _open(config: PortSettings) -> SerialBase:
     return opened
 
 
-def _reason(error: Exception) -> str:
+def reason_of(error: Exception) -> str:
     """What the operating system says, in short."""
     number = getattr(error, "errno", None)
     if number in _HINTS:
@@ -161,135 +170,7 @@ def _reason(error: Exception) -> str:
     return os.strerror(number) if isinstance(number, int) else str(error)
 
 
-def _in_driver(fd: int) -> int:
-    """Bytes that the driver has not sent yet."""
-    try:
-        return int.from_bytes(fcntl.ioctl(fd, termios.TIOCOUTQ, b"\0\0\0\0"), "little")
-    except OSError:
-        return 0
-
-
 def _close_late(opening: asyncio.Future[SerialBase]) -> None:
     """Close a port that opened after all."""
     if not opening.cancelled() and opening.exception() is None:
         asyncio.get_running_loop().run_in_executor(None, opening.result().close)
-
-
-class FdPort:
-    """A port with a file descriptor, served by the event loop."""
-
-    def __init__(
-        self,
-        opened: SerialBase,
-        fd: int,
-        on_data: Callable[[bytes], None],
-        on_lost: Callable[[str], None],
-    ) -> None:
-        self._opened = opened
-        self._fd = fd
-        self._on_data = on_data
-        self._on_lost = on_lost
-        self._unsent = bytearray()
-        self._closing: asyncio.Future[None] | None = None
-        self._loop = asyncio.get_running_loop()
-        self._there = select.poll()
-        self._there.register(fd, select.POLLIN)
-        os.set_blocking(fd, False)
-        self._loop.add_reader(fd, self._readable)
-
-    def write(self, data: bytes) -> None:
-        """As `Port.write`."""
-        if self._closing is not None:
-            raise LinkDownError("the port is closed")
-        if self._unsent:
-            if len(self._unsent) + len(data) > MOST_UNSENT:
-                raise LinkError(f"{len(self._unsent)} bytes wait to be sent: the device stopped us")
-            self._unsent += data
-            return
-        sent = self._send(data)
-        if sent < len(data):
-            self._unsent += data[sent:]
-            self._loop.add_writer(self._fd, self._writable)
-
-    def drain(self) -> None:
-        """As `Port.drain`."""
-        if self._closing is None and self._there.poll(0):
-            self._readable()
-
-    def wait(self, seconds: float) -> bool:
-        """As `Port.wait`."""
-        if self._closing is not None or not is_there(self._fd, seconds):
-            return False
-        self._readable()
-        return True
-
-    @property
-    def unsent(self) -> int:
-        """Bytes here and in the driver; what an adapter holds is not known."""
-        return len(self._unsent) + _in_driver(self._fd)
-
-    def close(self) -> None:
-        """As `Port.close`."""
-        if self._closing is not None:
-            return
-        self._loop.remove_reader(self._fd)
-        self._loop.remove_writer(self._fd)
-        self._closing = self._loop.run_in_executor(None, self._close)
-
-    async def closed(self) -> None:
-        """As `Port.closed`."""
-        if self._closing is not None:
-            await asyncio.wait([self._closing], timeout=CLOSE_TIMEOUT)
-
-    def _close(self) -> None:
-        if os.isatty(self._fd):
-            with contextlib.suppress(OSError, termios.error):
-                fcntl.ioctl(self._fd, termios.TIOCNXCL)
-                self._flush()
-        with contextlib.suppress(OSError, termios.error):
-            self._opened.close()
-
-    def _flush(self) -> None:
-        """Give the driver a moment to send the rest, then have it forget what is stuck."""
-        deadline = time.monotonic() + DRAIN
-        while _in_driver(self._fd):
-            if time.monotonic() > deadline:
-                termios.tcflush(self._fd, termios.TCOFLUSH)
-                return
-            time.sleep(0.01)
-
-    def _readable(self) -> None:
-        try:
-            data = os.read(self._fd, 4096)
-        except BlockingIOError:
-            return
-        except OSError as error:
-            self._lose(f"the port was lost: {_reason(error)}")
-            return
-        if data:
-            self._on_data(data)
-        else:
-            self._lose("the other side hung up (unplugged?)")
-
-    def _writable(self) -> None:
-        try:
-            sent = self._send(bytes(self._unsent))
-        except LinkDownError:
-            return
-        del self._unsent[:sent]
-        if not self._unsent:
-            self._loop.remove_writer(self._fd)
-
-    def _send(self, data: bytes) -> int:
-        try:
-            return os.write(self._fd, data)
-        except BlockingIOError:
-            return 0
-        except OSError as error:
-            why = f"the port was lost: {_reason(error)}"
-            self._lose(why)
-            raise LinkDownError(why) from error
-
-    def _lose(self, why: str) -> None:
-        self.close()
-        self._on_lost(why)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from drivers.link import LinkProtocolError
+from drivers.pace import Pace
 from drivers.quarantine import Member
 from drivers.serial.checksum import ChecksumConfig, ChecksumError, shown
 from drivers.serial.config import LineConfig, SerialConfig
@@ -124,20 +125,22 @@ class Message(Question):
     ----------
     query
         What is sent to get it, complete; empty for what the device sends by itself.
-    every, within
+    pace
+        When it is due.
+    within
         As configured.
     readers
         Channel → the field's name and how its text becomes the value.
     """
 
-    __slots__ = ("every", "query", "readers", "within")
+    __slots__ = ("pace", "query", "readers", "within")
 
     def __init__(self, name: str, config: SerialConfig) -> None:
         section = config.messages[name]
         super().__init__(
             f"message {name}", section.pattern, section.lines, section.checksum, section.refused
         )
-        self.every = section.every
+        self.pace = Pace(section.every)
         self.within = section.within
         self.query = b""
         if section.query is not None:

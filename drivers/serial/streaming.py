@@ -7,6 +7,7 @@ import logging
 import time
 from collections.abc import Mapping, Sequence
 
+from drivers.batch import Batch
 from drivers.link import (
     LinkDownError,
     LinkError,
@@ -15,6 +16,7 @@ from drivers.link import (
     LinkTimeoutError,
     Quality,
     Sample,
+    TooLateError,
 )
 from drivers.quarantine import Roster
 from drivers.reconnect import Keeper
@@ -24,10 +26,17 @@ from drivers.serial.fields import FieldError
 from drivers.serial.lines import Splitter
 from drivers.serial.port import Port, open_port
 from drivers.serial.question import Message, framed
+from drivers.serial.sending import see_sent
+from drivers.turns import Turns
 
 logger = logging.getLogger("abbe.drivers.serial")
 
 _NAN = float("nan")
+_LISTEN = 0.01
+"""s between two looks at whether something waits to be read: by so much a value may be younger
+than it is told to be."""
+_LATE = 0.05
+"""s by which a timer may ring late before we count as stalled."""
 
 
 class StreamingLine:
@@ -57,6 +66,7 @@ class StreamingLine:
             logger,
             lambda: self._roster.renew(),
         )
+        self._turns = Turns(self.keeper, config.max_waiting)
         self._roster = Roster(self._messages, config, self.keeper, logger, "message")
         self._splitter = Splitter(config.terminator.encode("ascii"), config.max_line)
         self._port: Port | None = None
@@ -66,6 +76,9 @@ class StreamingLine:
         self._stray = ""
         self._first: asyncio.Future[None] | None = None
         self._watch: asyncio.TimerHandle | None = None
+        self._listening: asyncio.TimerHandle | None = None
+        self._began = 0.0
+        """When the line that is coming cannot have begun before (monotonic, s)."""
 
     async def close(self) -> None:
         """End everything and free the port."""
@@ -73,39 +86,59 @@ class StreamingLine:
         await self._free()
 
     async def read(self, names: Sequence[str]) -> dict[str, Sample]:
-        """The last value of each channel, with the time at which it came."""
+        """The last value of each channel, with the earliest time at which it can have been taken.
+
+        That is before its line began to come: bytes that waited for us are no younger for that.
+        """
+        if self._port is not None:
+            self._port.drain()
         now = time.monotonic()
         if not self.keeper.up:
             why = str(self.keeper.down_error())
             return dict.fromkeys(names, Sample(_NAN, now, Quality.UNAVAILABLE, why))
         return {name: self._sample(name, now) for name in names}
 
-    async def write(self, values: Mapping[str, float]) -> None:
-        """Send commands; nothing confirms them.
+    async def write(self, values: Mapping[str, float], until: float) -> None:
+        """Send commands; nothing confirms them. Nothing is sent after `until` (monotonic, s).
 
         Raises
         ------
         LinkError
             When they could not be sent.
         """
-        config = self._config
+        config, batch = self._config, Batch(self.keeper.label, values)
         try:
             texts = {name: config.channels[name].text_of(value) for name, value in values.items()}
         except ValueError as error:
-            raise LinkError(f"{self.keeper.label}: nothing written; {error}") from None
-        if self._port is None or not self.keeper.up:
-            raise LinkDownError(f"not written: {', '.join(values)}: {self.keeper.down_error()}")
-        for name, text in texts.items():
-            self._port.write(framed(config, text, config.channels[name].checksum))
+            raise batch.refused(str(error)) from None
+        try:
+            async with self._turns:
+                for name, text in texts.items():
+                    batch.begin(name)
+                    await self._command(name, text, until)
+                    batch.done()
+        except LinkError as error:
+            raise batch.failed(error) from error
+
+    async def _command(self, name: str, text: str, until: float) -> None:
+        config = self._config
+        if self._port is None:
+            raise self.keeper.down_error().leaving(untouched=(name,))
+        data = framed(config, text, config.channels[name].checksum)
+        limit = config.timeout + config.character_time * len(data)
+        try:
+            await see_sent(self._port, data, until, limit, self._lose)
+        except TooLateError as error:
+            raise error.leaving(untouched=(name,)) from None
 
     def _sample(self, name: str, now: float) -> Sample:
         message = self._of.get(name)
         if message is None:
             return Sample(_NAN, now, Quality.BAD, f"{name} is only written")
-        came = self._arrived.get(message)
-        if came is None or now - came > message.within:
+        last = self._last.get(name)
+        if last is None or now - last.time > message.within:
             return Sample(_NAN, now, Quality.UNAVAILABLE, self._silence(message, now))
-        return self._last[name]
+        return last
 
     def _silence(self, message: Message, now: float) -> str:
         came = self._arrived.get(message)
@@ -114,13 +147,19 @@ class StreamingLine:
         return f"{message.name} did not come {since}{stray}"
 
     def _receive(self, data: bytes) -> None:
+        since = time.monotonic() if self._port is None else self._port.since
+        began = self._began if self._splitter.held else since
         for line in self._splitter.feed(data):
             if line.strip():
-                self._take(line)
+                self._take(line, began - self._config.character_time)
+            began = since
+        self._began = began
 
-    def _take(self, line: bytes) -> None:
-        """Keep a line's values; what is no message of ours, or spoilt, is only remembered."""
-        now = time.monotonic()
+    def _take(self, line: bytes, taken: float) -> None:
+        """Keep a line's values; what is no message of ours, or spoilt, is only remembered.
+
+        `taken` is the earliest moment (monotonic, s) at which the device can have taken them.
+        """
         error: LinkProtocolError | None = None
         for message in self._messages:
             try:
@@ -130,12 +169,12 @@ class StreamingLine:
                 continue
             self._status.requests += 1
             self._stray = ""
-            self._arrived[message] = now
+            self._arrived[message] = time.monotonic()
             for channel in message.readers:
                 try:
-                    self._last[channel] = Sample(message.value(channel, found), now)
+                    self._last[channel] = Sample(message.value(channel, found), taken)
                 except FieldError as exc:
-                    self._last[channel] = Sample(_NAN, now, Quality.BAD, str(exc))
+                    self._last[channel] = Sample(_NAN, taken, Quality.BAD, str(exc))
             if message.failures:
                 self._roster.answered(message)
             if self._first is not None and not self._first.done():
@@ -144,9 +183,18 @@ class StreamingLine:
         self._status.failures += 1
         self._stray = str(error) if len(self._messages) == 1 else shown(line)
 
-    def _look(self) -> None:
+    def _listen(self) -> None:
+        """See that nothing waits to be read: what comes then is no older."""
+        if self._port is not None:
+            self._port.drain()
+            self._listening = asyncio.get_running_loop().call_later(_LISTEN, self._listen)
+
+    def _look(self, due: float) -> None:
         """Now and then: which messages have not come for too long?"""
         now = time.monotonic()
+        if now - due > _LATE:
+            self._watch_on()
+            return  # it was us who were stalled: what has come is to be taken in first
         silent = [m for m in self._messages if now - self._came(m) > m.within]
         if len(silent) == len(self._messages):
             self.keeper.lost(self._silence(silent[0], now))
@@ -162,7 +210,8 @@ class StreamingLine:
 
     def _watch_on(self) -> None:
         pause = min(message.within for message in self._messages) / 4.0
-        self._watch = asyncio.get_running_loop().call_later(pause, self._look)
+        due = time.monotonic() + pause
+        self._watch = asyncio.get_running_loop().call_later(pause, self._look, due)
 
     async def _connect(self) -> None:
         """Open the port and wait for a first message."""
@@ -170,9 +219,11 @@ class StreamingLine:
         await self._free()
         self._splitter.clear()
         self._arrived.clear()
+        self._last.clear()
         self._stray = ""
         self._first = asyncio.get_running_loop().create_future()
         self._port = await open_port(config, self._receive, self._lose)
+        self._listen()
         for text in config.on_open:
             self._port.write(framed(config, text, None))
         longest = max(message.within for message in self._messages)
@@ -194,9 +245,10 @@ class StreamingLine:
         self.keeper.lost(why)
 
     def _disconnect(self) -> None:
-        if self._watch is not None:
-            self._watch.cancel()
-            self._watch = None
+        for timer in (self._watch, self._listening):
+            if timer is not None:
+                timer.cancel()
+        self._watch = self._listening = None
         if self._port is not None:
             self._port.close()
 

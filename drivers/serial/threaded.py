@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import queue
 import threading
+import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -27,6 +28,8 @@ class ThreadedPort:
     ----------
     opened
         The port, with a time-out so that a read ends now and then.
+    since
+        Monotonic time in s before which nothing came.
     on_data, on_lost
         As in `drivers.serial.port.open_port`; called in the event loop.
     """
@@ -34,6 +37,7 @@ class ThreadedPort:
     def __init__(
         self,
         opened: SerialBase,
+        since: float,
         on_data: Callable[[bytes], None],
         on_lost: Callable[[str], None],
     ) -> None:
@@ -45,6 +49,7 @@ class ThreadedPort:
         self._outgoing: queue.Queue[bytes] = queue.Queue(_MOST_WRITES)
         self._room = threading.Semaphore(_MOST_UNREAD)
         self._unsent = 0
+        self._since = since
         self._closing: asyncio.Future[None] | None = None
         self._threads = [
             threading.Thread(target=work, daemon=True, name=f"serial {work.__name__}")
@@ -73,8 +78,20 @@ class ThreadedPort:
             ) from None
         self._unsent += len(data)
 
-    def drain(self) -> None:
+    def drain(self) -> bool:
         """Nothing to do: what the reader has is on its way already."""
+        return True
+
+    def discard(self) -> None:
+        """Forget what waits here; what pyserial is just sending cannot be called back."""
+        with contextlib.suppress(queue.Empty):
+            while True:
+                self._unsent -= len(self._outgoing.get_nowait())
+
+    @property
+    def since(self) -> float:
+        """Monotonic time in s before which nothing came of what is being handed over."""
+        return self._since
 
     def wait(self, seconds: float) -> bool:
         """Not to be waited for on the spot: what comes, comes by the event loop."""
@@ -103,11 +120,16 @@ class ThreadedPort:
             thread.join(CLOSE_TIMEOUT / 2)
 
     def _read(self) -> None:
+        empty_at = self._since
         while not self._ended.is_set():
+            since = empty_at
             try:
                 data = self._opened.read(1)
                 if data:
                     data += self._opened.read(min(getattr(self._opened, "in_waiting", 0), 4096))
+                looked = time.monotonic()
+                if not getattr(self._opened, "in_waiting", 1):
+                    empty_at = looked
             except Exception as error:  # noqa: BLE001 - each handler of pyserial has its own
                 self._tell(self._lose, f"the port was lost: {error}")
                 return
@@ -116,7 +138,7 @@ class ThreadedPort:
             while not self._room.acquire(timeout=0.1):
                 if self._ended.is_set():
                     return
-            self._tell(self._deliver, data)
+            self._tell(self._deliver, data, since)
 
     def _write(self) -> None:
         while not self._ended.is_set():
@@ -135,8 +157,9 @@ class ThreadedPort:
         with contextlib.suppress(RuntimeError):  # the loop has ended
             self._loop.call_soon_threadsafe(function, *arguments)
 
-    def _deliver(self, data: bytes) -> None:
+    def _deliver(self, data: bytes, since: float) -> None:
         self._room.release()
+        self._since = since
         if self._closing is None:
             self._on_data(data)
 
