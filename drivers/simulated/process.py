@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import threading
 from types import TracebackType
 from typing import Any, Self
 
@@ -31,6 +32,7 @@ class SimulatedProcess:
             sys.executable, "-m", "drivers.simulated", *arguments, "--die-with-stdin",
         ]  # fmt: skip
         self._process: subprocess.Popen[str] | None = None
+        self._one_at_a_time = threading.Lock()
         self.ready: dict[str, Any] = {}
 
     def __enter__(self) -> Self:
@@ -72,7 +74,7 @@ class SimulatedProcess:
             process.stdout.close()
 
     def order(self, do: str, **more: Any) -> dict[str, Any]:
-        """Have something done; hands back the answer once it is.
+        """Have something done, from any thread; hands back the answer once it is.
 
         Raises
         ------
@@ -80,9 +82,10 @@ class SimulatedProcess:
             When it was not, or the process has ended.
         """
         assert self._process is not None and self._process.stdin is not None  # noqa: S101, PT018
-        self._process.stdin.write(json.dumps({"do": do} | more) + "\n")
-        self._process.stdin.flush()
-        answer = self._line()
+        with self._one_at_a_time:
+            self._process.stdin.write(json.dumps({"do": do} | more) + "\n")
+            self._process.stdin.flush()
+            answer = self._line()
         if answer.get("done") != do:
             raise RuntimeError(f"{do}: {answer}")
         return answer
