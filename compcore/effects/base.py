@@ -31,6 +31,7 @@ from compcore.errors import InputError
 from compcore.machine import Machine
 
 if TYPE_CHECKING:
+    from compcore.expression import Node
     from compcore.survey import Survey
 
 F64 = NDArray[np.float64]
@@ -251,6 +252,19 @@ class Effect(BaseModel, ABC):
         No table can stand for such an effect; the live path follows it point by point.
         """
         return False
+
+    def expressions(
+        self, machine: Machine, coefficients: F64
+    ) -> tuple[tuple[float, Node], ...] | None:
+        """The error motion as a sum of numbers times expressions, of which bounds can be told.
+
+        Returns
+        -------
+        For linear parameters `coefficients`, shape (k,), in the channel's unit; None for an effect
+        whose columns are nowhere narrower than a thousandth of the travel but where it says so
+        (`kinks`, `repeats`).
+        """
+        return None
 
     @classmethod
     def candidates(cls, machine: Machine, survey: Survey) -> Iterable[Self]:

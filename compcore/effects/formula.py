@@ -196,6 +196,11 @@ class Formula(Effect):
                 raise InputError(f"formula {text!r} has no value at {at}", field="terms")
         return (Motion(self.target(), columns),)
 
+    def expressions(self, machine: Machine, coefficients: F64) -> tuple[tuple[float, Node], ...]:
+        """Its terms."""
+        nodes = [self._node(machine, text) for text in self.terms]
+        return tuple(zip(map(float, coefficients), nodes, strict=True))
+
     def kinks(self, machine: Machine) -> dict[str, tuple[float, ...]]:
         """The ends of the travels, and where abs, sign, min and max of one position turn."""
         found = {}

@@ -12,6 +12,7 @@ from compcore.channel import Channel
 from compcore.conditions import Conditions
 from compcore.folding.group import Group
 from compcore.folding.metric import Metric, influences
+from compcore.folding.narrow import Ranges, narrow_places, slow_keys
 from compcore.folding.plan import Plan
 from compcore.folding.slow import SlowState, plausible_states, reference_state
 from compcore.folding.source import Source
@@ -25,6 +26,8 @@ F64 = NDArray[np.float64]
 _POINTS = 300
 _POINTS_OF_PRODUCTS = 2000
 _TRIES = 5
+_UNSEEN = 0.1
+"""Of the tolerance: what may hide between samples of effects that are expressions."""
 _SEEN_GOOD = 0.85
 """Of the tolerance: what random points may show, since others may be worse."""
 
@@ -97,10 +100,10 @@ class Fold:
         states = [self._amended(s) for s in states]
         extra: dict[str, list[float]] = {}
         tolerance = self._tolerance
+        narrow = self._narrow_places(states)
+        given = self._machine, self._sources, self.channels, metric
         for _ in range(_TRIES):
-            self._take(
-                Plan(self._machine, self._sources, self.channels, metric, tolerance, states, extra)
-            )
+            self._take(Plan(*given, tolerance, states, extra, narrow))
             missed = self._missed(states)
             if not missed:
                 return
@@ -108,9 +111,23 @@ class Fold:
                 extra.setdefault(axis, []).extend(positions)
             tolerance *= 0.7
         # an effect that hides from samples is followed point by point
-        nothing = Plan(self._machine, (), self.channels, metric, tolerance, states, {})
+        nothing = Plan(self._machine, (), self.channels, metric, tolerance, states, {}, {})
         nothing.direct.extend(self._sources)
         self._take(nothing)
+
+    def _narrow_places(
+        self, states: Sequence[SlowState]
+    ) -> dict[Source, dict[str, list[float]] | None]:
+        """What hides from samples in those effects that are expressions."""
+        self._ranges = Ranges.among(states)
+        told = [s for s in self._sources if s.expressions() is not None]
+        self._proven = frozenset[str]().union(*map(slow_keys, told))
+        allowed = _UNSEEN * self._tolerance / max(len(told), 1)
+        found = {}
+        for source in told:
+            per_unit = sum(self._metric.largest(self.channels.index(c)) for c in source.channels)
+            found[source] = narrow_places(self._machine, source, per_unit, self._ranges, allowed)
+        return found
 
     def _take(self, plan: Plan) -> None:
         self.plan = plan
@@ -123,9 +140,9 @@ class Fold:
         Then `lay_out` with this state is due.
         """
         state = self._amended(state)
+        good = self._ranges.hold(state, self._proven)
         changed = [group for group in self.plan.groups if group.refresh(state)]
         unions: set[Variable] = set()
-        good = True
         for group in changed:
             for v, variable in enumerate(group.variables):
                 if variable.kind == "position":

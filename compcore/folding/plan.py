@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,7 @@ _CORNERS = 8
 _OTHERS = 3
 """Beside how many values of the other variables a line is laid out: corners, and others."""
 _GRID = {2: 33, 3: 15, 4: 8}
+_MOST_PIVOTS = 100_000
 _INACTIVE = 1e-3
 
 
@@ -50,6 +52,8 @@ class Plan:
         Slow states that the lines must do justice to.
     extra
         Positions that must be nodes, by axis.
+    narrow
+        Effect → axis → where it must have nodes (`narrow_places`); None: it fits no table.
 
     Attributes
     ----------
@@ -70,10 +74,14 @@ class Plan:
         tolerance: float,
         states: Sequence[SlowState],
         extra: dict[str, list[float]],
+        narrow: Mapping[Source, dict[str, list[float]] | None],
     ) -> None:
         self._machine, self._metric = machine, metric
         self._states, self._extra = tuple(states), extra
-        self.direct = [s for s in sources if s.effect.kinks_move(machine)]
+        self._narrow = narrow
+        self.direct = [
+            s for s in sources if s.effect.kinks_move(machine) or narrow.get(s, {}) is None
+        ]
         self.share = tolerance
         self.groups: tuple[Group, ...] = ()
         index = {channel: k for k, channel in enumerate(channels)}
@@ -166,9 +174,13 @@ class Plan:
             size = _GRID.get(len(active), 5)
             variables = [group.variables[v] for v in active]
             grids = [
-                DIRECTIONS if v.kind == "direction" else np.linspace(*v.travel(self._machine), size)
+                DIRECTIONS
+                if v.kind == "direction"
+                else np.union1d(np.linspace(*v.travel(self._machine), size), self._told(group, v))
                 for v in variables
             ]
+            if math.prod(map(len, grids)) > _MOST_PIVOTS:
+                raise NotSeparableError
             cross = find_cross(interaction, grids, own)
             if cross is not None:
                 found.append(Interaction(column, tuple(active), cross))
@@ -178,17 +190,34 @@ class Plan:
         """The variables that take part in what is not a sum of functions of one variable each."""
         rng = np.random.default_rng(3)
         every = range(len(group.variables))
-        rows = np.stack([v.some(self._machine, 64, rng) for v in group.variables], axis=1)
+
+        def some(v: Variable) -> F64:
+            values = v.some(self._machine, 64, rng)
+            told = self._told(group, v)
+            if len(told):
+                values[::2] = rng.choice(told, len(values[::2]))
+            return values
+
+        rows = np.stack([some(v) for v in group.variables], axis=1)
         active = []
         for v in every:
             other = rows.copy()
-            other[:, v] = group.variables[v].some(self._machine, 64, rng)
+            other[:, v] = some(group.variables[v])
             for state in self._states_of(group):
                 both = group.interaction(np.concatenate([rows, other]), every, state)[:, column]
                 if np.abs(both[:64] - both[64:]).max() > tolerance:
                     active.append(v)
                     break
         return active
+
+    def _told(self, group: Group, variable: Variable) -> F64:
+        """Where a group's effects are narrow along a position."""
+        found = [
+            (self._narrow.get(source) or {}).get(variable.axis, ())
+            for source in group.sources
+            if variable.kind == "position"
+        ]
+        return np.array(sorted({x for places in found for x in places}))
 
     def _layout(self, group: Group, variable: Variable) -> tuple[Layout | None, float]:
         """Samples along a variable, and how far outside the travel its slope is measured."""
@@ -203,7 +232,7 @@ class Plan:
 
         if variable.kind == "phase":
             return Layout(profile, self._metric.size, sorted(breaks)), 0.0
-        breaks.update(self._extra.get(variable.axis, ()))
+        breaks.update(self._extra.get(variable.axis, ()), self._told(group, variable).tolist())
         for source in group.sources:
             breaks.update(source.kinks.get(variable.axis, ()))
         ends = min(breaks), max(breaks)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from compcore.channel import INSTRUMENT, Channel
 from compcore.conditions import Conditions
+from compcore.expression import Node
 from compcore.folding.reads import Reads, reads_of
 from compcore.folding.slow import SlowState
 from compcore.folding.variable import Variable
@@ -77,6 +78,10 @@ class Source:
         for channel, value in self._motions(conditions):
             total[:, self._column[channel]] += value
         return total
+
+    def expressions(self) -> tuple[tuple[float, Node], ...] | None:
+        """Its error motion as numbers times expressions; None where it is none."""
+        return self.effect.expressions(self._machine, self._coefficients)
 
     def _motions(self, conditions: Conditions) -> list[tuple[Channel, F64]]:
         motions = self.effect.motions_among(self._machine, conditions, self._nonlinear, self._among)
