@@ -1,0 +1,373 @@
+"""The checker: the promises, judged from what was on the wire and when, and from nothing else.
+
+Where several pictures of the machine could have been the source of what was written, the one that
+speaks best for Abbe counts. What fell into a stall of this very process is not judged.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+from .evidence import AXES, Shown, Taken
+from .loop import Moment
+from .machine import FAULT, POISON, REFERENCED
+from .promises import Promises, Violation
+from .words import (
+    COMPENSATING,
+    RUNNING,
+    SIZE_LIMITED,
+    X_ACTIVE,
+    Y_ACTIVE,
+    Z_ACTIVE,
+)
+
+_REMEMBERED = 12.0
+"""s for which pictures are kept."""
+_BACK = (1, 10, 50)
+"""Against which earlier messages a correction's change is judged."""
+_ACTIVE = {"X": X_ACTIVE, "Y": Y_ACTIVE, "Z": Z_ACTIVE}
+
+
+@dataclass(slots=True)
+class _Step:
+    """One correction that the controller had, and when its picture went out (s)."""
+
+    since: float
+    value: float
+
+
+@dataclass(slots=True)
+class Tally:
+    """How much was judged, so that a test cannot pass by judging nothing."""
+
+    pictures: int = 0
+    messages: int = 0
+    positions: int = 0
+    steps: int = 0
+    compensating: int = 0
+    not_judged: int = 0
+
+
+@dataclass
+class Checker:
+    """Is told what went out and came in, and finds violations.
+
+    Parameters
+    ----------
+    promises
+        What was promised.
+    stalled
+        Between two monotonic times: whether this process stood still in between.
+    waited
+        Between two monotonic times: how long Abbe was ready to run and did not get a processor, s.
+
+    Attributes
+    ----------
+    violations
+        Found so far.
+    tally
+        How much was judged.
+    ending
+        Abbe was told to end at this monotonic time; infinite before.
+    """
+
+    promises: Promises
+    stalled: Callable[[float, float], bool]
+    waited: Callable[[float, float], float]
+    violations: list[Violation] = field(default_factory=list)
+    tally: Tally = field(default_factory=Tally)
+    ending: float = math.inf
+    exempt: bool = False
+
+    def __post_init__(self) -> None:
+        self._shown: deque[Shown] = deque()
+        self._steps: dict[str, deque[_Step]] = {a: deque(maxlen=max(_BACK)) for a in AXES}
+        self._beats: dict[int, float] = {}
+        self._unfit_since = math.inf
+        self._last_fit = -math.inf
+        self._good_temperature = -math.inf
+        self._abbe_beat = math.nan
+        self._word = 0
+        self._limited_since = math.inf
+
+    @property
+    def word(self) -> int:
+        """The status word that the controller has."""
+        return self._word
+
+    # What Abbe was told
+
+    def sent(self, shown: Shown) -> None:
+        """An answer that may be believed went out as a whole."""
+        self.tally.pictures += 1
+        self._shown.append(shown)
+        while self._shown[0].sent < shown.sent - _REMEMBERED:
+            self._shown.popleft()
+        if "heartbeat" in shown.covers:
+            self._beats.setdefault(shown.beat, shown.sent)
+            while len(self._beats) > 3000:
+                del self._beats[next(iter(self._beats))]
+        if "status" in shown.covers:
+            if _fit(shown):
+                self._unfit_since, self._last_fit = math.inf, shown.sent
+            else:
+                self._unfit_since = min(self._unfit_since, shown.sent)
+        if "T_x" in shown.covers and not math.isnan(shown.temperature):
+            self._good_temperature = shown.sampled
+
+    def overwritten(self, now: float) -> None:
+        """Somebody else wrote into Abbe's registers: their change is not Abbe's."""
+        self._abbe_beat = math.nan
+
+    # What Abbe wrote
+
+    def taken(self, taken: Taken) -> None:
+        """The controller took a message."""
+        self.tally.messages += 1
+        moment, values = taken.moment, taken.values
+        if self.stalled(moment.early - 1.0, moment.late):
+            self.tally.not_judged += 1
+            self._abbe_beat = values.get("heartbeat", self._abbe_beat)
+            self._word = int(values.get("status", self._word))
+            for axis in AXES:
+                if axis in values:
+                    self._steps[axis].clear()
+            return
+        sources: dict[str, Shown] = {}
+        for axis in AXES:
+            if axis in values:
+                found = self._source(axis, values[axis], values.get("echo"), moment)
+                if found is not None:
+                    sources[axis] = found
+                    self._step(axis, values[axis], found, moment)
+        if len({s.number for s in sources.values()}) > 1 and "echo" not in values:
+            self._one_moment(values, moment)
+        if "status" in values:
+            self._judge_word(int(values["status"]), values, sources, moment)
+
+    def _fail(self, moment: Moment, promise: str, text: str) -> None:
+        self.violations.append(Violation(moment.early, promise, text))
+
+    def _fresh(self, shown: Shown, moment: Moment) -> bool:
+        """Whether a picture was young enough when the message can first have come."""
+        p = self.promises
+        slack = p.slack + p.blind + self.waited(shown.sampled, moment.late)
+        if not shown.frozen and moment.early - shown.sampled > p.stale_after + slack:
+            return False
+        beat = self._beats.get(shown.beat)
+        if beat is None or "heartbeat" not in shown.covers:
+            return not shown.frozen
+        return moment.early - beat <= p.heartbeat_within + p.stale_after + slack
+
+    def _source(self, axis: str, value: float, echo: float | None, moment: Moment) -> Shown | None:
+        """The picture that a position belongs to; judges its age and that there is one."""
+        p = self.promises
+        self.tally.positions += 1
+        k = AXES.index(axis)
+        reach = p.max_correction + 2.0 * p.resolution
+        near = [
+            s
+            for s in reversed(self._shown)
+            if axis in s.covers and abs(value - s.place[k]) <= reach and s.sent <= moment.late
+        ]
+        if not near:
+            self._no_source(axis, value, moment)
+            return None
+        fit = [s for s in near if _fit(s)]
+        if not fit:
+            self._fail(
+                moment, "position", f"{axis} = {value:.5f} written, shown only while not referenced"
+            )
+            return None
+        fresh = [s for s in fit if self._fresh(s, moment)]
+        if not fresh:
+            best = max(fit, key=lambda s: (self._beats.get(s.beat, 0.0), s.sampled))
+            age = moment.early - best.sampled
+            still = moment.early - self._beats.get(best.beat, best.sent)
+            self._fail(
+                moment,
+                "age",
+                f"{axis} = {value:.5f} written {age:.3f} s after the machine was there (sample "
+                f"{best.number} at {best.place[k]:.5f}, heartbeat first seen {still:.3f} s before"
+                f"{', frozen' if best.frozen else ''}); promised {p.stale_after:g} s",
+            )
+            return None
+        if echo is not None:
+            own = [s for s in fresh if s.number == int(echo)]
+            if own:
+                return own[0]
+            named = [s for s in self._shown if s.number == int(echo)]
+            if named and "number" in named[-1].covers:
+                there = f"which was at {named[-1].place[k]:.5f}"
+            else:
+                there = "which was never shown"
+            self._fail(
+                moment, "position", f"{axis} = {value:.5f} written for sample {echo:.0f}, {there}"
+            )
+            return None
+        last = self._steps[axis][-1].value if self._steps[axis] else 0.0
+        return min(fresh, key=lambda s: abs(value - s.place[k] - last))
+
+    def _no_source(self, axis: str, value: float, moment: Moment) -> None:
+        k = AXES.index(axis)
+        if any(s.mirrored for s in self._shown):
+            return
+        recent = [s for s in self._shown if axis in s.covers and s.sent <= moment.late]
+        if not recent:
+            self._fail(moment, "position", f"{axis} = {value:.5f} written, never shown")
+            return
+        nearest = min(recent, key=lambda s: abs(value - s.place[k]))
+        off = value - nearest.place[k]
+        poison = any(
+            abs(abs(value - s.place[k]) - POISON) <= self.promises.max_correction + 3.0
+            for s in list(recent)[-5:]
+        )
+        self._fail(
+            moment,
+            "position",
+            f"{axis} = {value:.5f} written, {off:+.5f} mm from the nearest position shown (sample "
+            f"{nearest.number}, {moment.early - nearest.sampled:.3f} s before)"
+            + ("; a foreign answer was believed?" if poison else ""),
+        )
+
+    def _one_moment(self, values: dict[str, float], moment: Moment) -> None:
+        """All axes of one message belong to one picture."""
+        p = self.promises
+        reach = p.max_correction + 2.0 * p.resolution
+        axes = [a for a in AXES if a in values]
+        for shown in self._shown:
+            if all(abs(values[a] - shown.place[AXES.index(a)]) <= reach for a in axes):
+                return
+        self._fail(moment, "position", "the axes of one message belong to different pictures")
+
+    def _step(self, axis: str, value: float, shown: Shown, moment: Moment) -> None:
+        """How fast the correction that the controller has changed."""
+        p = self.promises
+        if shown.mirrored:
+            self._steps[axis].clear()
+            return
+        correction = value - shown.place[AXES.index(axis)]
+        if abs(correction) > p.max_correction + 1.5 * p.resolution:
+            self._fail(moment, "step", f"{axis}: a correction of {1e3 * correction:.2f} µm")
+        steps = self._steps[axis]
+        for back in _BACK:
+            if len(steps) < back:
+                break
+            before = steps[-back]
+            time = moment.late - before.since
+            if back == 1:
+                time = min(time, p.stale_after)
+            allowed = p.max_rate * time + 2.5 * p.resolution
+            change = correction - before.value
+            self.tally.steps += 1
+            if abs(change) > allowed:
+                self._fail(
+                    moment,
+                    "step",
+                    f"{axis}: the correction that the controller has went from "
+                    f"{1e3 * before.value:.2f} to {1e3 * correction:.2f} µm in "
+                    f"{moment.late - before.since:.3f} s; promised at most {1e3 * allowed:.2f} µm",
+                )
+                break
+        steps.append(_Step(shown.sent, correction))
+
+    def _judge_word(
+        self, word: int, values: dict[str, float], sources: dict[str, Shown], moment: Moment
+    ) -> None:
+        p = self.promises
+        self._word = word
+        if word == 0 and moment.late >= self.ending:
+            return
+        if not word & RUNNING:
+            self._fail(moment, "status", f"status word 0x{word:04x} without RUNNING")
+        beat = values.get("heartbeat")
+        if beat is not None:
+            if beat == self._abbe_beat:
+                self._fail(moment, "status", f"Abbe's heartbeat stands still at {beat:.0f}")
+            self._abbe_beat = beat
+        slack = p.slack + self.waited(moment.early - p.stale_after, moment.late)
+        if word & SIZE_LIMITED:
+            self._limited_since = min(self._limited_since, moment.late)
+        else:
+            self._limited_since = math.inf
+        if not word & COMPENSATING:
+            return
+        self.tally.compensating += 1
+        missing = [a for a in AXES if not word & _ACTIVE[a]]
+        if missing:
+            self._fail(
+                moment, "status", f"COMPENSATING (0x{word:04x}) without {' '.join(missing)}_ACTIVE"
+            )
+        newest = max((s.sampled for s in self._shown if _fit(s)), default=-math.inf)
+        if moment.early - newest > p.stale_after + p.hold + slack:
+            self._fail(
+                moment,
+                "status",
+                f"COMPENSATING, and no position came for {moment.early - newest:.3f} s",
+            )
+        if moment.early - self._unfit_since > p.hold + slack:
+            self._fail(moment, "status", "COMPENSATING while the machine is not referenced")
+        dumb = moment.early - self._good_temperature
+        if dumb > p.signals_stale_after + p.hold + 0.5 + slack:
+            self._fail(
+                moment, "status", f"COMPENSATING, and X's thermometer told nothing for {dumb:.2f} s"
+            )
+        for axis, shown in sources.items():
+            self._as_modelled(axis, values[axis], shown, moment)
+
+    def _as_modelled(self, axis: str, value: float, shown: Shown, moment: Moment) -> None:
+        """In full correction what is written is what the model says."""
+        p = self.promises
+        if shown.mirrored:
+            return
+        position = shown.place[AXES.index(axis)]
+        since = moment.early - p.signals_stale_after - 1.0
+        temperatures = [
+            s.temperature
+            for s in self._shown
+            if "T_x" in s.covers and s.sampled >= since and not math.isnan(s.temperature)
+        ] or [20.0]
+        bounds = [p.error(axis, position, t) for t in (min(temperatures), max(temperatures))]
+        got = value - position
+        if not min(bounds) - 1e-3 <= got <= max(bounds) + 1e-3:
+            self._fail(
+                moment,
+                "status",
+                f"COMPENSATING, and {axis} is corrected by {1e3 * got:.2f} µm, the model says "
+                f"{1e3 * bounds[0]:.2f} µm",
+            )
+
+    def ended(self, exit_status: int, now: float, *, calm: bool) -> None:
+        """Abbe's process is over.
+
+        Parameters
+        ----------
+        exit_status
+            Its exit status.
+        now
+            Monotonic time, s.
+        calm
+            Whether nothing was tormented since it was told to end.
+        """
+        moment = Moment(now, now)
+        if self._word != 0 and (calm or exit_status == 0):
+            self._fail(
+                moment,
+                "end",
+                f"exit status {exit_status}, and the controller has status 0x{self._word:04x}",
+            )
+        if calm and exit_status != 0:
+            self._fail(moment, "end", f"exit status {exit_status} after a calm end")
+
+
+def _fit(shown: Shown) -> bool:
+    """Whether a machine that shows this of itself may be believed."""
+    return bool(shown.status & REFERENCED) and not shown.status & FAULT
+
+
+def between(stalls: Iterable[tuple[float, float]], early: float, late: float) -> bool:
+    """Whether any stall overlaps a time."""
+    return any(begin < late and end > early for begin, end in stalls)

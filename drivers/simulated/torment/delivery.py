@@ -1,0 +1,123 @@
+"""How an answer goes out: at once, late, in pieces, twice, swapped, in part, or not at all."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+
+from .evidence import Shown, WireLog
+from .loop import Loop
+from .machine import Machine
+
+Send = Callable[[bytes], bool]
+"""Puts bytes on the wire; False when there is none any more."""
+
+FAMILIAR = (
+    "late",
+    "split",
+    "partial",
+    "wrong_id",
+    "duplicated",
+    "swapped",
+    "refused",
+    "refused_long",
+    "flood",
+    "silent",
+)
+"""Torments that are the same on every wire of questions and answers."""
+
+
+class Delivery:
+    """Sends answers as the script wants them.
+
+    Parameters
+    ----------
+    loop, machine, log
+        Of the trial.
+    """
+
+    def __init__(self, loop: Loop, machine: Machine, log: WireLog) -> None:
+        self._loop = loop
+        self._machine = machine
+        self._script = machine.script
+        self._log = log
+        self._kept: list[tuple[Send, bytes, Shown | None]] = []
+
+    def answer(
+        self,
+        send: Send,
+        data: bytes,
+        shown: Shown | None = None,
+        *,
+        foreign: Sequence[bytes] = (),
+        refusal: bytes = b"",
+    ) -> None:
+        """Answer a question.
+
+        Parameters
+        ----------
+        send
+            The connection.
+        data
+            The honest answer.
+        shown
+            The picture of the machine in it.
+        foreign
+            Answers that Abbe must not believe, for `wrong_id`.
+        refusal
+            How this wire says no; empty: it cannot.
+        """
+        now = time.monotonic()
+        active = self._script.active
+        if active("silent", now):
+            return
+        if refusal and (active("refused", now) or active("refused_long", now)):
+            data, shown = refusal, None
+        if (wrong := active("wrong_id", now)) and foreign:
+            for other in foreign:
+                self._out(send, other)
+            if wrong.amount < 0.5:
+                return
+        if late := active("late", now):
+            self._loop.at(now + late.amount, lambda: self._pieces(send, data, shown))
+            return
+        if active("swapped", now) and not self._kept:
+            self._kept.append((send, data, shown))
+            return
+        self._pieces(send, data, shown)
+        kept, self._kept = self._kept, []
+        for item in kept:
+            self._pieces(*item)
+        if twice := active("duplicated", now):
+            self._loop.at(now + twice.amount, lambda: self._out(send, data))
+
+    def later(self, seconds: float, send: Send, data: bytes) -> None:
+        """An answer without a picture, so many s later."""
+        self._loop.after(seconds, lambda: self._out(send, data))
+
+    def _pieces(self, send: Send, data: bytes, shown: Shown | None) -> None:
+        now = time.monotonic()
+        if part := self._script.active("partial", now):
+            self._out(send, data[: max(1, int(len(data) * part.amount))])
+            return
+        pause = self._script.active("split", now)
+        if pause is None:
+            self._whole(send, data, shown)
+            return
+        cut = max(1, len(data) // 3)
+        chunks = [data[i : i + cut] for i in range(0, len(data), cut)]
+        for i, chunk in enumerate(chunks[:-1]):
+            self._loop.at(now + i * pause.amount, partial(self._out, send, chunk))
+        last = now + (len(chunks) - 1) * pause.amount
+        self._loop.at(last, lambda: self._whole(send, chunks[-1], shown))
+
+    def _whole(self, send: Send, data: bytes, shown: Shown | None) -> None:
+        before = time.monotonic()
+        if self._out(send, data) and shown is not None:
+            self._machine.judge.sent(dataclasses.replace(shown, sent=before))
+
+    def _out(self, send: Send, data: bytes) -> bool:
+        self._log.say(">", data)
+        return send(data)

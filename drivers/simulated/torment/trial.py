@@ -1,0 +1,200 @@
+"""One trial: a real ``abbe run``, a tormented machine, and the checker, from beginning to end."""
+
+from __future__ import annotations
+
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from .checker import Checker, Tally, between
+from .configuration import write_configuration
+from .evidence import WireLog
+from .kinds import AT_REST
+from .loop import Loop
+from .machine import Machine
+from .motion import Motion
+from .promises import Promises, Violation
+from .script import Script
+from .wires import wire_class
+from .words import COMPENSATING
+
+PATIENCE = 60.0
+"""s for Abbe to come up, or to end, on a busy computer."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a trial has shown.
+
+    Attributes
+    ----------
+    violations
+        Promises that were not kept.
+    tally
+        How much was judged.
+    script
+        What went wrong when.
+    stalls
+        How often this process stood still.
+    lines
+        The violations for people, each with what went on.
+    """
+
+    violations: list[Violation]
+    tally: Tally
+    script: Script
+    stalls: int
+    lines: list[str]
+
+
+class Trial:
+    """One run.
+
+    Parameters
+    ----------
+    protocol, variant, kinds, seed, seconds
+        What is tormented, with what, and for how long (s).
+    folder
+        Where the configuration, the wire's log and Abbe's journal go.
+    """
+
+    def __init__(
+        self,
+        protocol: str,
+        *,
+        seed: int,
+        seconds: float,
+        folder: Path,
+        variant: str = "plain",
+        kinds: Sequence[str] = (),
+    ) -> None:
+        made = wire_class(protocol)
+        name = f"{protocol} {variant} {seed}"
+        self.script = Script(name, [k for k in made.KINDS if not kinds or k in kinds], seconds)
+        self._seconds = seconds
+        self._folder = folder
+        self._loop = Loop()
+        self._log = WireLog(folder / "wire.log", time.monotonic())
+        self._waits: deque[tuple[float, float]] = deque(maxlen=3000)
+        self._abbe: subprocess.Popen[bytes] | None = None
+        promises = Promises(blind=made.BLIND)
+        self._checker = Checker(promises, self._stalled, self._waited)
+        motion = Motion(random.Random(name), time.monotonic())
+        self._machine = Machine(motion, self.script, self._checker)
+        self._wire = made(self._loop, self._machine, self._log, folder, variant)
+        self._promises = promises
+        self._seen = 0
+        self._lines: list[str] = []
+
+    def run(self) -> Outcome:
+        """Start Abbe, torment it, end it, judge."""
+        self._wire.start()
+        config = write_configuration(self._folder, self._wire, self._promises)
+        with (self._folder / "abbe.log").open("wb") as said:
+            self._abbe = subprocess.Popen(
+                [sys.executable, "-m", "daemon", "run", str(config)],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=said,
+                cwd=self._folder,
+            )
+            try:
+                self._torment(self._abbe)
+            finally:
+                if self._abbe.poll() is None:
+                    self._abbe.kill()
+                    self._abbe.wait()
+                self._wire.close()
+                self._loop.close()
+                self._log.close()
+        return Outcome(
+            self._checker.violations,
+            self._checker.tally,
+            self.script,
+            len(self._loop.stalls),
+            self._lines,
+        )
+
+    def _torment(self, abbe: subprocess.Popen[bytes]) -> None:
+        limit = time.monotonic() + PATIENCE
+        while not self._checker.word & COMPENSATING:
+            now = self._turn()
+            if abbe.poll() is not None or now > limit:
+                self._fail(now, f"Abbe did not come up in {PATIENCE:g} s; see abbe.log")
+                return
+        self.script.start(time.monotonic())
+        self._log.say("!", "the script begins")
+        halts = deque(t for t in self.script.torments if t.kind in AT_REST)
+        began = time.monotonic()
+        while (now := self._turn()) < began + self._seconds and abbe.poll() is None:
+            if halts and halts[0].begin - 0.2 < now - began:
+                self._machine.motion.halt(now, halts[0].end - halts[0].begin + 0.4)
+                halts.popleft()
+        if abbe.poll() is not None:
+            self._fail(now, f"Abbe ended by itself with exit status {abbe.returncode}")
+            return
+        self._log.say("!", "SIGTERM")
+        self._checker.ending = time.monotonic()
+        abbe.send_signal(signal.SIGTERM)
+        limit = time.monotonic() + PATIENCE
+        while abbe.poll() is None:
+            if self._turn() > limit:
+                self._fail(limit, f"Abbe did not end within {PATIENCE:g} s of SIGTERM")
+                return
+        for _ in range(20):
+            self._turn()
+        self._checker.ended(abbe.returncode, time.monotonic(), calm=True)
+        self._tell()
+
+    def _turn(self) -> float:
+        now = self._loop.turn()
+        if not self._waits or now - self._waits[-1][0] > 0.01:
+            self._waits.append((now, self._wait()))
+        self._tell()
+        return now
+
+    def _fail(self, now: float, text: str) -> None:
+        self._checker.violations.append(Violation(now, "end", text))
+        self._tell()
+
+    def _tell(self) -> None:
+        """Say new violations, with what went on."""
+        while self._seen < len(self._checker.violations):
+            violation = self._checker.violations[self._seen]
+            self._seen += 1
+            at = self.script.elapsed(violation.time)
+            line = f"{at:8.2f} s  {violation.promise}: {violation.text}"
+            self._log.say("#", line)
+            around = "; ".join(str(t).strip() for t in self.script.around(violation.time))
+            self._lines.append(f"{line}\n            script: {around or 'calm'}")
+
+    def _stalled(self, early: float, late: float) -> bool:
+        return between(self._loop.stalls[-20:], early, late)
+
+    def _waited(self, early: float, late: float) -> float:
+        """How long Abbe waited for a processor between two monotonic times, s."""
+        if not self._waits:
+            return 0.0
+        after = self._wait()
+        before = self._waits[0][1]
+        for when, wait in reversed(self._waits):
+            if when <= early:
+                before = wait
+                break
+        return after - before
+
+    def _wait(self) -> float:
+        """How long Abbe has waited for a processor so far, s: Linux' scheduler knows."""
+        if self._abbe is None:
+            return 0.0
+        try:
+            text = Path(f"/proc/{self._abbe.pid}/schedstat").read_text(encoding="ascii")
+            return int(text.split()[1]) * 1e-9
+        except (OSError, IndexError, ValueError):
+            return 0.0

@@ -1,0 +1,23 @@
+"""The protocols, each spoken on raw sockets or pseudo-terminals; found by name."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from .base import Wire
+
+WIRES = {
+    "modbus-tcp": "modbus_tcp:ModbusTcp",
+    "modbus-rtu": "modbus_rtu:ModbusRtu",
+}
+"""Protocol → where it is spoken."""
+
+
+def wire_class(protocol: str) -> type[Wire]:
+    """The class that speaks a protocol."""
+    module, name = WIRES[protocol].split(":")
+    found: type[Wire] = getattr(import_module(f"{__name__}.{module}"), name)
+    return found
+
+
+__all__ = ["WIRES", "Wire", "wire_class"]

@@ -1,0 +1,205 @@
+"""Modbus as the specification has it (Application Protocol V1.1b3): questions in, answers out."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import struct
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+from ..evidence import AXES, Shown
+from ..loop import Moment
+from ..machine import RESOLUTION, Machine
+
+SHOWN_AT = 0
+"""Address of the first register that shows the machine."""
+HELD_AT = 100
+"""Address of the first register that is Abbe's, in the holding table."""
+CODES = (1, 2, 3, 4, 6, 10, 11)
+"""Exceptions that are given."""
+_PLACES = {"status": 0, "heartbeat": 1, "number": 2, "X": 4, "Y": 6, "Z": 8, "T_x": 10}
+_SIZE = 12
+
+
+class Reply(NamedTuple):
+    """What a question is answered.
+
+    Attributes
+    ----------
+    pdu
+        The honest answer.
+    shown
+        The picture in it, if any.
+    foreign
+        An answer of the same shape with wrong positions.
+    refusal
+        The exception.
+    """
+
+    pdu: bytes
+    shown: Shown | None
+    foreign: bytes
+    refusal: bytes
+
+
+def shown_registers(shown: Shown) -> bytes:
+    """All registers that show the machine: U16 U16 U32 3×S32 (0.01 µm) F32, high word first."""
+    counts = (round(p / RESOLUTION) for p in shown.place)
+    return struct.pack(
+        ">HHIiiif",
+        shown.status,
+        shown.beat & 0xFFFF,
+        shown.number & 0xFFFFFFFF,
+        *counts,
+        shown.temperature,
+    )
+
+
+def held_registers(held: dict[str, float]) -> bytes:
+    """All registers that are Abbe's: U16 U16 3×S32 U32."""
+    counts = (round(held.get(a, 0.0) / RESOLUTION) for a in AXES)
+    return struct.pack(
+        ">HHiiiI",
+        int(held.get("status", 0)),
+        int(held.get("heartbeat", 0)),
+        *counts,
+        int(held.get("echo", 0)),
+    )
+
+
+class Device:
+    """The machine as a Modbus device: answers one question at a time.
+
+    Parameters
+    ----------
+    machine
+        What is shown and what takes.
+    table
+        The table that shows the machine: 3 holding registers, 4 input registers.
+    """
+
+    def __init__(self, machine: Machine, table: int) -> None:
+        self._machine = machine
+        self._table = table
+
+    def reply(self, pdu: bytes, moment: Moment) -> Reply | None:
+        """The answer to a question; None: no answer at all, it was lost or shall stay so."""
+        now = time.monotonic()
+        active = self._machine.script.active
+        torment = active("refused", now) or active("refused_long", now)
+        code = CODES[int((torment.amount if torment else 0.4) * 6.99)]
+        refusal = bytes((pdu[0] | 0x80, code))
+        if pdu[0] in (3, 4) and len(pdu) == 5:
+            address, count = struct.unpack(">HH", pdu[1:])
+            if active("narrow", now) and count > 4:
+                return self._refused(pdu, 2)
+            return self._read(pdu[0], address, count, refusal) or self._refused(pdu, 2)
+        if pdu[0] == 16 and len(pdu) >= 6 and len(pdu) == 6 + pdu[5]:
+            address = struct.unpack(">H", pdu[1:3])[0]
+            return self._write(pdu[:5], address, pdu[6:], moment, refusal) or self._refused(pdu, 2)
+        if pdu[0] == 6 and len(pdu) == 5:
+            address = struct.unpack(">H", pdu[1:3])[0]
+            return self._write(pdu, address, pdu[3:], moment, refusal) or self._refused(pdu, 2)
+        return self._refused(pdu, 1)
+
+    @staticmethod
+    def _refused(pdu: bytes, code: int) -> Reply:
+        refusal = bytes((pdu[0] | 0x80, code))
+        return Reply(refusal, None, b"", refusal)
+
+    def _read(self, table: int, address: int, count: int, refusal: bytes) -> Reply | None:
+        now = time.monotonic()
+        held_end = HELD_AT + len(held_registers({})) // 2
+        if table == 3 and address >= HELD_AT and address + count <= held_end:
+            image = held_registers(self._machine.held)
+            data = image[2 * (address - HELD_AT) :][: 2 * count]
+            return Reply(bytes((3, len(data))) + data, None, b"", refusal)
+        if table != self._table or address < SHOWN_AT or address + count > SHOWN_AT + _SIZE:
+            return None
+        shown = self._machine.look(now)
+        make = _answer(table, address - SHOWN_AT, count)
+        covers = frozenset(
+            name
+            for name, at in _PLACES.items()
+            if address - SHOWN_AT <= at and at + _words(name) <= address - SHOWN_AT + count
+        )
+        told = dataclasses.replace(shown, covers=covers)
+        return Reply(make(shown), told, make(self._machine.poisoned(now)), refusal)
+
+    def _write(
+        self, head: bytes, address: int, data: bytes, moment: Moment, refusal: bytes
+    ) -> Reply | None:
+        now = time.monotonic()
+        active = self._machine.script.active
+        at = address - HELD_AT
+        image = bytearray(held_registers(self._machine.held))
+        if at < 0 or 2 * at + len(data) > len(image):
+            return None
+        if active("refused", now) or active("refused_long", now):
+            return Reply(refusal, None, b"", refusal)
+        if active("write_refused", now):
+            return self._refused(head, 4)
+        lost = active("write_unanswered", now)
+        if not active("silent", now) and not (lost and lost.amount >= 0.5):
+            image[2 * at : 2 * at + len(data)] = data
+            self._machine.take(moment, _held(bytes(image), at, len(data) // 2))
+        return None if lost else Reply(head, None, b"", refusal)
+
+
+def _words(name: str) -> int:
+    return 1 if name in ("status", "heartbeat") else 2
+
+
+def _answer(table: int, at: int, count: int) -> Callable[[Shown], bytes]:
+    def make(shown: Shown) -> bytes:
+        data = shown_registers(shown)[2 * at : 2 * (at + count)]
+        return bytes((table, len(data))) + data
+
+    return make
+
+
+def _held(image: bytes, at: int, count: int) -> dict[str, float]:
+    """The values of an image that a message of `count` registers from `at` on wrote."""
+    status, beat, x, y, z, echo = struct.unpack(">HHiiiI", image)
+    values = {
+        "status": (0, 1, float(status)),
+        "heartbeat": (1, 1, float(beat)),
+        "X": (2, 2, x * RESOLUTION),
+        "Y": (4, 2, y * RESOLUTION),
+        "Z": (6, 2, z * RESOLUTION),
+        "echo": (8, 2, float(echo)),
+    }
+    return {
+        name: value
+        for name, (place, words, value) in values.items()
+        if place >= at and place + words <= at + count and not math.isnan(value)
+    }
+
+
+CHANNELS = """
+[links.m.channels]
+status = {{ table = "{table}", address = 0, type = "uint16" }}
+beat = {{ table = "{table}", address = 1, type = "uint16" }}
+number = {{ table = "{table}", address = 2, type = "uint32" }}
+X = {{ table = "{table}", address = 4, type = "int32", scale = 1e-5, unit = "mm" }}
+Y = {{ table = "{table}", address = 6, type = "int32", scale = 1e-5, unit = "mm" }}
+Z = {{ table = "{table}", address = 8, type = "int32", scale = 1e-5, unit = "mm" }}
+T_x = {{ table = "{table}", address = 10, type = "float32", unit = "degC" }}
+out_status = {{ table = "holding", address = 100, type = "uint16", writable = true{verify} }}
+out_beat = {{ table = "holding", address = 101, type = "uint16", writable = true{verify} }}
+out_X = {{ table = "holding", address = 102, type = "int32", scale = 1e-5, unit = "mm", writable = true{verify} }}
+out_Y = {{ table = "holding", address = 104, type = "int32", scale = 1e-5, unit = "mm", writable = true{verify} }}
+out_Z = {{ table = "holding", address = 106, type = "int32", scale = 1e-5, unit = "mm", writable = true{verify} }}
+out_echo = {{ table = "holding", address = 108, type = "uint32", writable = true{verify} }}
+"""  # noqa: E501
+"""The register map as the configuration has it."""
+
+
+def channels(variant: str) -> str:
+    """The register map's section of the configuration."""
+    return CHANNELS.format(
+        table="holding" if variant == "holding" else "input",
+        verify=", verify = true" if variant == "verify" else "",
+    )

@@ -1,0 +1,118 @@
+"""Modbus TCP on a raw socket: frames, transaction numbers, and wrong ones."""
+
+from __future__ import annotations
+
+import os
+import struct
+from pathlib import Path
+from typing import ClassVar
+
+from ..delivery import FAMILIAR
+from ..evidence import WireLog
+from ..loop import Loop, Moment
+from ..machine import Machine
+from .base import Wire
+from .modbus_pdu import Device, channels
+from .tcp import Client, TcpServer
+
+MODBUS_KINDS = (
+    *FAMILIAR,
+    "frozen",
+    "heartbeat_frozen",
+    "status_lost",
+    "narrow",
+    "reset",
+    "away",
+    "mirrored",
+    "write_refused",
+    "write_late",
+    "write_unanswered",
+    "foreign",
+    "sensor_jump",
+    "sensor_bad",
+)
+
+
+class ModbusTcp(Wire):
+    """Serves the machine's registers over TCP."""
+
+    KINDS: ClassVar[tuple[str, ...]] = MODBUS_KINDS
+    VARIANTS: ClassVar[tuple[str, ...]] = ("plain", "patient", "holding", "verify")
+
+    def __init__(
+        self, loop: Loop, machine: Machine, log: WireLog, folder: Path, variant: str
+    ) -> None:
+        super().__init__(loop, machine, log, folder, variant)
+        self._device = Device(machine, 3 if variant == "holding" else 4)
+        self._server = TcpServer(loop, log, self._came)
+        self._last = 0
+
+    @property
+    def links(self) -> str:
+        """TOML of its links."""
+        timeout = 1.0 if self.variant == "patient" else 0.15
+        return (
+            f'[links.m]\ndriver = "modbus"\ntransport = "tcp"\nhost = "127.0.0.1"\n'
+            f"port = {self._server.port}\ntimeout = {timeout}\nreconnect_max = 0.3\n"
+            f"quarantine_max = 0.5\n" + channels(self.variant)
+        )
+
+    def open(self) -> None:
+        """Begin to serve."""
+        self._server.listen()
+
+    def cut(self) -> None:
+        """Cut what connections there are."""
+        self._server.cut()
+
+    def mend(self) -> None:
+        """Let clients in again."""
+        self._server.listen()
+
+    def flood(self) -> None:
+        """Foreign answers with numbers near those in use, and noise."""
+        reply = self._device.reply(struct.pack(">BHH", 4, 0, 12), Moment(0.0, 0.0))
+        if reply is None:
+            return
+        for client in list(self._server.clients):
+            frames = [_frame(self._last + k, 1, reply.foreign) for k in (1, 2, 3, -1)]
+            data = b"".join(frames) if os.urandom(1)[0] < 200 else _frame(0, 9, os.urandom(9))
+            self.log.say(">", data)
+            client.send(data)
+
+    def _came(self, client: Client, moment: Moment) -> None:
+        while len(client.held) >= 7:
+            number, _, length = struct.unpack(">HHH", client.held[:6])
+            if len(client.held) < 6 + length:
+                return
+            unit, pdu = client.held[6], client.held[7 : 6 + length]
+            client.held = client.held[6 + length :]
+            self._answer(client, number, unit, pdu, moment)
+
+    def _answer(self, client: Client, number: int, unit: int, pdu: bytes, moment: Moment) -> None:
+        self._last = number
+        reply = self._device.reply(pdu, moment)
+        if reply is None:
+            return
+        foreign = [
+            _frame(number - 1, unit, reply.foreign),
+            _frame(number + 1, unit, reply.foreign),
+            _frame(0 if number else 7, unit, reply.foreign),
+            _frame(number, unit ^ 0x55, reply.foreign),
+        ]
+        answer = _frame(number, unit, reply.pdu)
+        late = self.machine.script.active("write_late", moment.late)
+        if pdu[0] in (6, 16) and late:
+            self.delivery.later(late.amount, client.send, answer)
+            return
+        self.delivery.answer(
+            client.send,
+            answer,
+            reply.shown,
+            foreign=foreign if reply.foreign else (),
+            refusal=_frame(number, unit, reply.refusal),
+        )
+
+
+def _frame(number: int, unit: int, pdu: bytes) -> bytes:
+    return struct.pack(">HHHB", number & 0xFFFF, 0, len(pdu) + 1, unit) + pdu
