@@ -59,9 +59,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 continue
             outcome = trial.run()
         found += len(outcome.violations)
-        _say(*outcome.lines[:40])
-        if len(outcome.lines) > 40:
-            _say(f"… and {len(outcome.lines) - 40} more")
+        _say(*outcome.lines[:20])
+        if len(outcome.lines) > 20:
+            _say(f"… and {len(outcome.lines) - 20} more")
         tally = outcome.tally
         _say(
             f"  {len(outcome.violations)} violations; {tally.pictures} pictures shown, "

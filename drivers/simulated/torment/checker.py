@@ -92,6 +92,7 @@ class Checker:
         self._abbe_beat = math.nan
         self._word = 0
         self._limited_since = math.inf
+        self._written: dict[str, float] = {}
 
     @property
     def word(self) -> int:
@@ -145,6 +146,11 @@ class Checker:
                     self._step(axis, values[axis], found, moment)
         if len({s.number for s in sources.values()}) > 1 and "echo" not in values:
             self._one_moment(values, moment)
+        self._written.update(values)
+        if "echo" in values:
+            if not sources:
+                self._echo(int(values["echo"]), moment)
+            self._written.clear()
         if "status" in values:
             self._judge_word(int(values["status"]), values, sources, moment)
 
@@ -196,16 +202,14 @@ class Checker:
             )
             return None
         if echo is not None:
-            own = [s for s in fresh if s.number == int(echo)]
-            if own:
-                return own[0]
             named = [s for s in self._shown if s.number == int(echo)]
-            if named and "number" in named[-1].covers:
-                there = f"which was at {named[-1].place[k]:.5f}"
-            else:
-                there = "which was never shown"
+            if named and abs(value - named[-1].place[k]) <= reach:
+                return named[-1]
+            there = f"at {named[-1].place[k]:.5f}" if named else "never shown"
             self._fail(
-                moment, "position", f"{axis} = {value:.5f} written for sample {echo:.0f}, {there}"
+                moment,
+                "position",
+                f"{axis} = {value:.5f} with sample {echo:.0f}, which was {there}",
             )
             return None
         last = self._steps[axis][-1].value if self._steps[axis] else 0.0
@@ -242,6 +246,23 @@ class Checker:
             if all(abs(values[a] - shown.place[AXES.index(a)]) <= reach for a in axes):
                 return
         self._fail(moment, "position", "the axes of one message belong to different pictures")
+
+    def _echo(self, number: int, moment: Moment) -> None:
+        """A sample number that comes by itself belongs to the positions that came before it."""
+        named = [s for s in self._shown if s.number == number]
+        if not named:
+            self._fail(moment, "position", f"sample {number} echoed, which was never shown")
+            return
+        for axis in AXES:
+            value = self._written.get(axis)
+            place = named[-1].place[AXES.index(axis)]
+            if value is not None and abs(value - place) > self.promises.max_correction + 2e-5:
+                self._fail(
+                    moment,
+                    "position",
+                    f"sample {number} echoed, which was at {axis} = {place:.5f}; the controller "
+                    f"has {value:.5f}",
+                )
 
     def _step(self, axis: str, value: float, shown: Shown, moment: Moment) -> None:
         """How fast the correction that the controller has changed."""

@@ -43,7 +43,7 @@ class Outcome:
     stalls
         How often this process stood still.
     lines
-        The violations for people, each with what went on.
+        The violations for people, one a second of each promise, with what went on.
     """
 
     violations: list[Violation]
@@ -90,6 +90,7 @@ class Trial:
         self._wire = made(self._loop, self._machine, self._log, folder, variant)
         self._promises = promises
         self._seen = 0
+        self._told: dict[str, float] = {}
         self._lines: list[str] = []
 
     def run(self) -> Outcome:
@@ -171,6 +172,10 @@ class Trial:
             at = self.script.elapsed(violation.time)
             line = f"{at:8.2f} s  {violation.promise}: {violation.text}"
             self._log.say("#", line)
+            last = self._told.get(violation.promise, -1.0)
+            if 0.0 <= violation.time - last < 1.0:
+                continue
+            self._told[violation.promise] = violation.time
             around = "; ".join(str(t).strip() for t in self.script.around(violation.time))
             self._lines.append(f"{line}\n            script: {around or 'calm'}")
 

@@ -9,6 +9,8 @@ from .base import Wire
 WIRES = {
     "modbus-tcp": "modbus_tcp:ModbusTcp",
     "modbus-rtu": "modbus_rtu:ModbusRtu",
+    "serial": "serial_lines:SerialAsked",
+    "serial-streaming": "serial_lines:SerialStreaming",
 }
 """Protocol → where it is spoken."""
 
