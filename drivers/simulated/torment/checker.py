@@ -217,7 +217,7 @@ class Checker:
 
     def _no_source(self, axis: str, value: float, moment: Moment) -> None:
         k = AXES.index(axis)
-        if any(s.mirrored for s in self._shown):
+        if any(s.mirrored is not None for s in self._shown):
             return
         recent = [s for s in self._shown if axis in s.covers and s.sent <= moment.late]
         if not recent:
@@ -267,8 +267,16 @@ class Checker:
     def _step(self, axis: str, value: float, shown: Shown, moment: Moment) -> None:
         """How fast the correction that the controller has changed."""
         p = self.promises
-        if shown.mirrored:
+        if shown.mirrored is not None:
             self._steps[axis].clear()
+            off = value - shown.mirrored[AXES.index(axis)]
+            if abs(off) > 3.0 * p.max_correction:
+                self._fail(
+                    moment,
+                    "position",
+                    f"{axis} = {value:.5f} is {off:+.3f} mm from the machine, which stands: it "
+                    "follows what was written",
+                )
             return
         correction = value - shown.place[AXES.index(axis)]
         if abs(correction) > p.max_correction + 1.5 * p.resolution:
@@ -342,7 +350,7 @@ class Checker:
     def _as_modelled(self, axis: str, value: float, shown: Shown, moment: Moment) -> None:
         """In full correction what is written is what the model says."""
         p = self.promises
-        if shown.mirrored:
+        if shown.mirrored is not None:
             return
         position = shown.place[AXES.index(axis)]
         since = moment.early - p.signals_stale_after - 1.0

@@ -44,6 +44,7 @@ class Delivery:
         self._script = machine.script
         self._log = log
         self._kept: list[tuple[Send, bytes, Shown | None]] = []
+        self._busy = 0.0
 
     def answer(
         self,
@@ -97,8 +98,16 @@ class Delivery:
         """An answer without a picture, so many s later."""
         self._loop.after(seconds, lambda: self._out(send, data))
 
+    @property
+    def busy(self) -> bool:
+        """Whether an answer is under way in pieces: nothing else goes out in between."""
+        return time.monotonic() < self._busy
+
     def _pieces(self, send: Send, data: bytes, shown: Shown | None) -> None:
         now = time.monotonic()
+        if now < self._busy:
+            self._loop.at(self._busy, partial(self._pieces, send, data, shown))
+            return
         if part := self._script.active("partial", now):
             self._out(send, data[: max(1, int(len(data) * part.amount))])
             return
@@ -109,15 +118,23 @@ class Delivery:
         cut = max(1, len(data) // 3)
         chunks = [data[i : i + cut] for i in range(0, len(data), cut)]
         for i, chunk in enumerate(chunks[:-1]):
-            self._loop.at(now + i * pause.amount, partial(self._out, send, chunk))
+            self._loop.at(now + i * pause.amount, partial(self._put, send, chunk))
         last = now + (len(chunks) - 1) * pause.amount
+        self._busy = last + 1e-4
         self._loop.at(last, lambda: self._whole(send, chunks[-1], shown))
+
+    def _put(self, send: Send, data: bytes) -> bool:
+        self._log.say(">", data)
+        return send(data)
 
     def _whole(self, send: Send, data: bytes, shown: Shown | None) -> None:
         before = time.monotonic()
-        if self._out(send, data) and shown is not None:
+        if self._put(send, data) and shown is not None:
             self._machine.judge.sent(dataclasses.replace(shown, sent=before))
 
-    def _out(self, send: Send, data: bytes) -> bool:
-        self._log.say(">", data)
-        return send(data)
+    def _out(self, send: Send, data: bytes) -> None:
+        """Send something that is not judged, but never into the middle of an answer."""
+        if self.busy:
+            self._loop.at(self._busy, partial(self._out, send, data))
+        else:
+            self._put(send, data)

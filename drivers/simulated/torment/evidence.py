@@ -38,7 +38,7 @@ class Shown:
     frozen
         The picture is an old one, and its heartbeat is the only thing that tells.
     mirrored
-        What stands where positions are is what Abbe wrote.
+        Where the machine truly is, while what stands where positions are is what Abbe wrote.
     covers
         What of it the answer told.
     """
@@ -50,7 +50,7 @@ class Shown:
     status: int
     temperature: float
     frozen: bool = False
-    mirrored: bool = False
+    mirrored: tuple[float, float, float] | None = None
     sent: float = 0.0
     covers: frozenset[str] = EVERYTHING
 

@@ -69,8 +69,9 @@ class Machine:
         if active("sensor_bad", now):
             temperature = math.nan
         x, y, z = (rounded(p) for p in self.motion.at(now))
-        mirrored = active("mirrored", now) is not None and all(a in self.held for a in AXES)
-        if mirrored:
+        mirrored = None
+        if active("mirrored", now) and all(axis in self.held for axis in AXES):
+            mirrored = (x, y, z)
             x, y, z = (self.held[axis] for axis in AXES)
         self._number += 1
         place = (x, y, z)

@@ -104,7 +104,7 @@ class Wire(ABC):
         elif cut is None and self._cut_by is not None:
             self.mend()
         self._cut_by = cut
-        if active("flood", now):
+        if active("flood", now) and not self.delivery.busy:
             self.flood()
         if active("foreign", now):
             self.machine.overwrite(now)

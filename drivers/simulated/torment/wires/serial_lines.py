@@ -212,5 +212,6 @@ class SerialStreaming(SerialAsked):
     def _send_one(self) -> None:
         if self._closed:
             return
-        self._ask()
+        if not self.delivery.busy:
+            self._ask()
         self.loop.after(PERIOD, self._send_one)
