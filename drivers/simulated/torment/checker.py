@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field
 
 from .evidence import AXES, Shown, Taken
 from .loop import Moment
-from .machine import FAULT, POISON, REFERENCED
+from .machine import FAULT, POISON, REFERENCED, TRUE_TEMPERATURES
+from .motion import TRAVEL
 from .promises import Promises, Violation
 from .words import (
     COMPENSATING,
@@ -33,10 +34,14 @@ _ACTIVE = {"X": X_ACTIVE, "Y": Y_ACTIVE, "Z": Z_ACTIVE}
 
 @dataclass(slots=True)
 class _Step:
-    """One correction that the controller had, and when its picture went out (s)."""
+    """One correction that the controller had, as far as it can be told, and since when at least.
+
+    `low`, `high` in mm; `since` is when the picture that it is for went out, monotonic, s.
+    """
 
     since: float
-    value: float
+    low: float
+    high: float
 
 
 @dataclass(slots=True)
@@ -137,19 +142,16 @@ class Checker:
                 if axis in values:
                     self._steps[axis].clear()
             return
-        sources: dict[str, Shown] = {}
+        sources: dict[str, list[Shown]] = {}
         for axis in AXES:
             if axis in values:
-                found = self._source(axis, values[axis], values.get("echo"), moment)
-                if found is not None:
+                found = self._sources(axis, values[axis], values.get("echo"), moment)
+                if found:
                     sources[axis] = found
                     self._step(axis, values[axis], found, moment)
-        if len({s.number for s in sources.values()}) > 1 and "echo" not in values:
-            self._one_moment(values, moment)
         self._written.update(values)
         if "echo" in values:
-            if not sources:
-                self._echo(int(values["echo"]), moment)
+            self._echo(int(values["echo"]), sources.keys(), moment)
             self._written.clear()
         if "status" in values:
             self._judge_word(int(values["status"]), values, sources, moment)
@@ -168,8 +170,8 @@ class Checker:
             return not shown.frozen
         return moment.early - beat <= p.heartbeat_within + p.stale_after + slack
 
-    def _source(self, axis: str, value: float, echo: float | None, moment: Moment) -> Shown | None:
-        """The picture that a position belongs to; judges its age and that there is one."""
+    def _sources(self, axis: str, value: float, echo: float | None, moment: Moment) -> list[Shown]:
+        """The pictures that a position can belong to; judges their age and that there is one."""
         p = self.promises
         self.tally.positions += 1
         k = AXES.index(axis)
@@ -181,13 +183,13 @@ class Checker:
         ]
         if not near:
             self._no_source(axis, value, moment)
-            return None
+            return []
         fit = [s for s in near if _fit(s)]
         if not fit:
             self._fail(
                 moment, "position", f"{axis} = {value:.5f} written, shown only while not referenced"
             )
-            return None
+            return []
         fresh = [s for s in fit if self._fresh(s, moment)]
         if not fresh:
             best = max(fit, key=lambda s: (self._beats.get(s.beat, 0.0), s.sampled))
@@ -200,20 +202,19 @@ class Checker:
                 f"{best.number} at {best.place[k]:.5f}, heartbeat first seen {still:.3f} s before"
                 f"{', frozen' if best.frozen else ''}); promised {p.stale_after:g} s",
             )
-            return None
+            return []
         if echo is not None:
             named = [s for s in self._shown if s.number == int(echo)]
             if named and abs(value - named[-1].place[k]) <= reach:
-                return named[-1]
+                return named[-1:]
             there = f"at {named[-1].place[k]:.5f}" if named else "never shown"
             self._fail(
                 moment,
                 "position",
                 f"{axis} = {value:.5f} with sample {echo:.0f}, which was {there}",
             )
-            return None
-        last = self._steps[axis][-1].value if self._steps[axis] else 0.0
-        return min(fresh, key=lambda s: abs(value - s.place[k] - last))
+            return []
+        return fresh
 
     def _no_source(self, axis: str, value: float, moment: Moment) -> None:
         k = AXES.index(axis)
@@ -237,24 +238,14 @@ class Checker:
             + ("; a foreign answer was believed?" if poison else ""),
         )
 
-    def _one_moment(self, values: dict[str, float], moment: Moment) -> None:
-        """All axes of one message belong to one picture."""
-        p = self.promises
-        reach = p.max_correction + 2.0 * p.resolution
-        axes = [a for a in AXES if a in values]
-        for shown in self._shown:
-            if all(abs(values[a] - shown.place[AXES.index(a)]) <= reach for a in axes):
-                return
-        self._fail(moment, "position", "the axes of one message belong to different pictures")
-
-    def _echo(self, number: int, moment: Moment) -> None:
-        """A sample number that comes by itself belongs to the positions that came before it."""
+    def _echo(self, number: int, judged: Collection[str], moment: Moment) -> None:
+        """A sample number belongs to the positions that came before it in other messages, too."""
         named = [s for s in self._shown if s.number == number]
         if not named:
             self._fail(moment, "position", f"sample {number} echoed, which was never shown")
             return
         for axis in AXES:
-            value = self._written.get(axis)
+            value = None if axis in judged else self._written.get(axis)
             place = named[-1].place[AXES.index(axis)]
             if value is not None and abs(value - place) > self.promises.max_correction + 2e-5:
                 self._fail(
@@ -264,12 +255,14 @@ class Checker:
                     f"has {value:.5f}",
                 )
 
-    def _step(self, axis: str, value: float, shown: Shown, moment: Moment) -> None:
+    def _step(self, axis: str, value: float, sources: list[Shown], moment: Moment) -> None:
         """How fast the correction that the controller has changed."""
         p = self.promises
-        if shown.mirrored is not None:
+        k = AXES.index(axis)
+        mirrored = [s.mirrored[k] for s in sources if s.mirrored is not None]
+        if mirrored:
             self._steps[axis].clear()
-            off = value - shown.mirrored[AXES.index(axis)]
+            off = value - mirrored[0]
             if abs(off) > 3.0 * p.max_correction:
                 self._fail(
                     moment,
@@ -278,9 +271,18 @@ class Checker:
                     "follows what was written",
                 )
             return
-        correction = value - shown.place[AXES.index(axis)]
-        if abs(correction) > p.max_correction + 1.5 * p.resolution:
-            self._fail(moment, "step", f"{axis}: a correction of {1e3 * correction:.2f} µm")
+        corrections = [value - s.place[k] for s in sources]
+        low, high = min(corrections), max(corrections)
+        least = min(corrections, key=abs)
+        if abs(least) > p.max_correction + 1.5 * p.resolution:
+            self._fail(moment, "step", f"{axis}: a correction of {1e3 * least:.2f} µm")
+        elif abs(least) > self._largest(axis):
+            self._fail(
+                moment,
+                "position",
+                f"{axis}: a correction of {1e3 * least:.2f} µm, more than the model gives at "
+                "any temperature that can be believed",
+            )
         steps = self._steps[axis]
         for back in _BACK:
             if len(steps) < back:
@@ -290,21 +292,27 @@ class Checker:
             if back == 1:
                 time = min(time, p.stale_after)
             allowed = p.max_rate * time + 2.5 * p.resolution
-            change = correction - before.value
+            change = max(low - before.high, before.low - high, 0.0)
             self.tally.steps += 1
-            if abs(change) > allowed:
+            if change > allowed:
                 self._fail(
                     moment,
                     "step",
                     f"{axis}: the correction that the controller has went from "
-                    f"{1e3 * before.value:.2f} to {1e3 * correction:.2f} µm in "
+                    f"{1e3 * before.low:.2f} to {1e3 * low:.2f} µm in "
                     f"{moment.late - before.since:.3f} s; promised at most {1e3 * allowed:.2f} µm",
                 )
                 break
-        steps.append(_Step(shown.sent, correction))
+        steps.append(_Step(min(s.sent for s in sources), low, high))
+
+    def _largest(self, axis: str) -> float:
+        """The model's largest error anywhere in the travel at any true temperature, mm."""
+        p, ends = self.promises, TRAVEL[AXES.index(axis)]
+        errors = [abs(p.error(axis, end, t)) for end in ends for t in TRUE_TEMPERATURES]
+        return max(errors) + 2e-3
 
     def _judge_word(
-        self, word: int, values: dict[str, float], sources: dict[str, Shown], moment: Moment
+        self, word: int, values: dict[str, float], sources: dict[str, list[Shown]], moment: Moment
     ) -> None:
         p = self.promises
         self._word = word
@@ -344,30 +352,27 @@ class Checker:
             self._fail(
                 moment, "status", f"COMPENSATING, and X's thermometer told nothing for {dumb:.2f} s"
             )
-        for axis, shown in sources.items():
-            self._as_modelled(axis, values[axis], shown, moment)
+        for axis, found in sources.items():
+            self._as_modelled(axis, values[axis], found, moment)
 
-    def _as_modelled(self, axis: str, value: float, shown: Shown, moment: Moment) -> None:
+    def _as_modelled(self, axis: str, value: float, found: list[Shown], moment: Moment) -> None:
         """In full correction what is written is what the model says."""
         p = self.promises
-        if shown.mirrored is not None:
-            return
-        position = shown.place[AXES.index(axis)]
         since = moment.early - p.signals_stale_after - 1.0
         temperatures = [
             s.temperature
             for s in self._shown
             if "T_x" in s.covers and s.sampled >= since and not math.isnan(s.temperature)
         ] or [20.0]
-        bounds = [p.error(axis, position, t) for t in (min(temperatures), max(temperatures))]
-        got = value - position
-        if not min(bounds) - 1e-3 <= got <= max(bounds) + 1e-3:
-            self._fail(
-                moment,
-                "status",
-                f"COMPENSATING, and {axis} is corrected by {1e3 * got:.2f} µm, the model says "
-                f"{1e3 * bounds[0]:.2f} µm",
-            )
+        text = ""
+        for shown in found:
+            position = shown.place[AXES.index(axis)]
+            bounds = [p.error(axis, position, t) for t in (min(temperatures), max(temperatures))]
+            got = value - position
+            if shown.mirrored or min(bounds) - 1e-3 <= got <= max(bounds) + 1e-3:
+                return
+            text = f"{1e3 * got:.2f} µm, the model says {1e3 * bounds[0]:.2f} µm"
+        self._fail(moment, "status", f"COMPENSATING, and {axis} is corrected by {text}")
 
     def ended(self, exit_status: int, now: float, *, calm: bool) -> None:
         """Abbe's process is over.

@@ -78,7 +78,7 @@ class Delivery:
             data, shown = refusal, None
         if (wrong := active("wrong_id", now)) and foreign:
             for other in foreign:
-                self._out(send, other)
+                self.aside(send, other)
             if wrong.amount < 0.5:
                 return
         if late := active("late", now):
@@ -92,24 +92,40 @@ class Delivery:
         for item in kept:
             self._pieces(*item)
         if twice := active("duplicated", now):
-            self._loop.at(now + twice.amount, lambda: self._out(send, data))
+            self._loop.at(now + twice.amount, lambda: self.aside(send, data))
+
+    def send_own(
+        self, send: Send, data: bytes, shown: Shown, covers: frozenset[str], foreign: bytes
+    ) -> None:
+        """Send what nobody asked for, e.g. a frame: silent, foreign, in pieces or twice."""
+        now = time.monotonic()
+        active = self._script.active
+        if active("silent", now):
+            return
+        if wrong := active("wrong_id", now):
+            self.aside(send, foreign)
+            if wrong.amount < 0.5:
+                return
+        self._pieces(send, data, dataclasses.replace(shown, covers=covers), cuttable=False)
+        if twice := active("duplicated", now):
+            self._loop.at(now + twice.amount, partial(self.aside, send, data))
 
     def later(self, seconds: float, send: Send, data: bytes) -> None:
         """An answer without a picture, so many s later."""
-        self._loop.after(seconds, lambda: self._out(send, data))
+        self._loop.after(seconds, lambda: self.aside(send, data))
 
     @property
     def busy(self) -> bool:
         """Whether an answer is under way in pieces: nothing else goes out in between."""
         return time.monotonic() < self._busy
 
-    def _pieces(self, send: Send, data: bytes, shown: Shown | None) -> None:
+    def _pieces(self, send: Send, data: bytes, shown: Shown | None, cuttable: bool = True) -> None:
         now = time.monotonic()
         if now < self._busy:
-            self._loop.at(self._busy, partial(self._pieces, send, data, shown))
+            self._loop.at(self._busy, partial(self._pieces, send, data, shown, cuttable))
             return
-        if part := self._script.active("partial", now):
-            self._out(send, data[: max(1, int(len(data) * part.amount))])
+        if cuttable and (part := self._script.active("partial", now)):
+            self.aside(send, data[: max(1, int(len(data) * part.amount))])
             return
         pause = self._script.active("split", now)
         if pause is None:
@@ -132,9 +148,9 @@ class Delivery:
         if self._put(send, data) and shown is not None:
             self._machine.judge.sent(dataclasses.replace(shown, sent=before))
 
-    def _out(self, send: Send, data: bytes) -> None:
+    def aside(self, send: Send, data: bytes) -> None:
         """Send something that is not judged, but never into the middle of an answer."""
         if self.busy:
-            self._loop.at(self._busy, partial(self._out, send, data))
+            self._loop.at(self._busy, partial(self.aside, send, data))
         else:
             self._put(send, data)

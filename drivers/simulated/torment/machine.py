@@ -18,6 +18,8 @@ REFERENCED, FAULT = 4, 8
 """Bits of the machine's status word."""
 BEATS = 50.0
 """The machine's heartbeat counts so fast, 1/s."""
+TRUE_TEMPERATURES = (20.7, 21.3)
+"""Lowest and highest that the X scale ever has, °C."""
 POISON = 7.0
 """mm by which positions in foreign answers are off: nowhere near anything true."""
 
@@ -103,7 +105,8 @@ class Machine:
 
 def true_temperature(time: float) -> float:
     """Of the X scale at a monotonic time (s), °C."""
-    return 21.0 + 0.3 * math.sin(2.0 * math.pi * time / 60.0)
+    low, high = TRUE_TEMPERATURES
+    return (low + high) / 2 + (high - low) / 2 * math.sin(2.0 * math.pi * time / 60.0)
 
 
 def rounded(position: float) -> float:

@@ -11,6 +11,7 @@ WIRES = {
     "modbus-rtu": "modbus_rtu:ModbusRtu",
     "serial": "serial_lines:SerialAsked",
     "serial-streaming": "serial_lines:SerialStreaming",
+    "can": "can_dbc:CanDbc",
 }
 """Protocol → where it is spoken."""
 
