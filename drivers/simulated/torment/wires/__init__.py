@@ -12,6 +12,8 @@ WIRES = {
     "serial": "serial_lines:SerialAsked",
     "serial-streaming": "serial_lines:SerialStreaming",
     "can": "can_dbc:CanDbc",
+    "canopen": "canopen:Canopen",
+    "ipp": "ipp:Ipp",
 }
 """Protocol → where it is spoken."""
 
