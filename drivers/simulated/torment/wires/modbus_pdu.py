@@ -6,12 +6,13 @@ import dataclasses
 import math
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import NamedTuple
 
 from ..evidence import AXES, Shown
 from ..loop import Moment
 from ..machine import RESOLUTION, Machine
+from ..script import Torment
 
 SHOWN_AT = 0
 """Address of the first register that shows the machine."""
@@ -78,16 +79,23 @@ class Device:
         What is shown and what takes.
     table
         The table that shows the machine: 3 holding registers, 4 input registers.
+    kinds
+        What it can be tormented with.
     """
 
-    def __init__(self, machine: Machine, table: int) -> None:
+    def __init__(self, machine: Machine, table: int, kinds: Collection[str]) -> None:
         self._machine = machine
         self._table = table
+        self._kinds = frozenset(kinds)
+
+    def active(self, kind: str, now: float) -> Torment | None:
+        """The torment of this kind that goes on at a monotonic time, when it can have it."""
+        return self._machine.script.active(kind, now) if kind in self._kinds else None
 
     def reply(self, pdu: bytes, moment: Moment) -> Reply | None:
         """The answer to a question; None: no answer at all, it was lost or shall stay so."""
         now = time.monotonic()
-        active = self._machine.script.active
+        active = self.active
         torment = active("refused", now) or active("refused_long", now)
         code = CODES[int((torment.amount if torment else 0.4) * 6.99)]
         refusal = bytes((pdu[0] | 0x80, code))
@@ -132,7 +140,7 @@ class Device:
         self, head: bytes, address: int, data: bytes, moment: Moment, refusal: bytes
     ) -> Reply | None:
         now = time.monotonic()
-        active = self._machine.script.active
+        active = self.active
         at = address - HELD_AT
         image = bytearray(held_registers(self._machine.held))
         if at < 0 or 2 * at + len(data) > len(image):
@@ -178,28 +186,34 @@ def _held(image: bytes, at: int, count: int) -> dict[str, float]:
     }
 
 
-CHANNELS = """
-[links.m.channels]
-status = {{ table = "{table}", address = 0, type = "uint16" }}
+_SHOWN = """status = {{ table = "{table}", address = 0, type = "uint16" }}
 beat = {{ table = "{table}", address = 1, type = "uint16" }}
 number = {{ table = "{table}", address = 2, type = "uint32" }}
 X = {{ table = "{table}", address = 4, type = "int32", scale = 1e-5, unit = "mm" }}
 Y = {{ table = "{table}", address = 6, type = "int32", scale = 1e-5, unit = "mm" }}
 Z = {{ table = "{table}", address = 8, type = "int32", scale = 1e-5, unit = "mm" }}
 T_x = {{ table = "{table}", address = 10, type = "float32", unit = "degC" }}
-out_status = {{ table = "holding", address = 100, type = "uint16", writable = true{verify} }}
-out_beat = {{ table = "holding", address = 101, type = "uint16", writable = true{verify} }}
-out_X = {{ table = "holding", address = 102, type = "int32", scale = 1e-5, unit = "mm", writable = true{verify} }}
-out_Y = {{ table = "holding", address = 104, type = "int32", scale = 1e-5, unit = "mm", writable = true{verify} }}
-out_Z = {{ table = "holding", address = 106, type = "int32", scale = 1e-5, unit = "mm", writable = true{verify} }}
-out_echo = {{ table = "holding", address = 108, type = "uint32", writable = true{verify} }}
-"""  # noqa: E501
-"""The register map as the configuration has it."""
+"""
+_OUT = (
+    ("status", 0, 'type = "uint16"'),
+    ("beat", 1, 'type = "uint16"'),
+    ("X", 2, 'type = "int32", scale = 1e-5, unit = "mm"'),
+    ("Y", 4, 'type = "int32", scale = 1e-5, unit = "mm"'),
+    ("Z", 6, 'type = "int32", scale = 1e-5, unit = "mm"'),
+    ("echo", 8, 'type = "uint32"'),
+)
 
 
-def channels(variant: str) -> str:
-    """The register map's section of the configuration."""
-    return CHANNELS.format(
-        table="holding" if variant == "holding" else "input",
-        verify=", verify = true" if variant == "verify" else "",
+def shown_channels(variant: str) -> str:
+    """The registers that show the machine, as the configuration has them."""
+    return _SHOWN.format(table="holding" if variant == "holding" else "input")
+
+
+def held_channels(variant: str) -> str:
+    """Abbe's registers, as the configuration has them."""
+    verify = ", verify = true" if variant == "verify" else ""
+    return "".join(
+        f'out_{name} = {{ table = "holding", address = {HELD_AT + at}, {how}, '
+        f"writable = true{verify} }}\n"
+        for name, at, how in _OUT
     )

@@ -11,7 +11,7 @@ from ..evidence import WireLog
 from ..loop import Loop, Moment
 from ..machine import Machine
 from .base import Wire
-from .modbus_pdu import Device, channels
+from .modbus_pdu import Device, held_channels, shown_channels
 from .modbus_tcp import MODBUS_KINDS
 from .pty import PtyEnd
 
@@ -29,7 +29,7 @@ class ModbusRtu(Wire):
         self, loop: Loop, machine: Machine, log: WireLog, folder: Path, variant: str
     ) -> None:
         super().__init__(loop, machine, log, folder, variant)
-        self._device = Device(machine, 4)
+        self._device = Device(machine, 4, self.KINDS)
         self._port = PtyEnd(loop, log, folder / "line", self._came)
 
     @property
@@ -39,7 +39,9 @@ class ModbusRtu(Wire):
         return (
             f'[links.m]\ndriver = "modbus"\ntransport = "rtu"\nport = "{self._port.path}"\n'
             f"baudrate = 115200\ntimeout = {timeout}\nreconnect_max = 0.3\nquarantine_max = 0.5\n"
-            f"late_reply_max = 2.0\n" + channels(self.variant)
+            f"late_reply_max = 2.0\n[links.m.channels]\n"
+            + shown_channels(self.variant)
+            + held_channels(self.variant)
         )
 
     def open(self) -> None:

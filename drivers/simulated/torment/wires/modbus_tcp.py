@@ -7,12 +7,12 @@ import struct
 from pathlib import Path
 from typing import ClassVar
 
-from ..delivery import FAMILIAR
+from ..delivery import FAMILIAR, Send
 from ..evidence import WireLog
 from ..loop import Loop, Moment
 from ..machine import Machine
 from .base import Wire
-from .modbus_pdu import Device, channels
+from .modbus_pdu import Device, Reply, held_channels, shown_channels
 from .tcp import Client, TcpServer
 
 MODBUS_KINDS = (
@@ -38,12 +38,13 @@ class ModbusTcp(Wire):
 
     KINDS: ClassVar[tuple[str, ...]] = MODBUS_KINDS
     VARIANTS: ClassVar[tuple[str, ...]] = ("plain", "patient", "holding", "verify")
+    NAME: ClassVar[str] = "m"
 
     def __init__(
         self, loop: Loop, machine: Machine, log: WireLog, folder: Path, variant: str
     ) -> None:
         super().__init__(loop, machine, log, folder, variant)
-        self._device = Device(machine, 3 if variant == "holding" else 4)
+        self._device = Device(machine, 3 if variant == "holding" else 4, self.KINDS)
         self._server = TcpServer(loop, log, self._came)
         self._last = 0
 
@@ -51,11 +52,21 @@ class ModbusTcp(Wire):
     def links(self) -> str:
         """TOML of its links."""
         timeout = 1.0 if self.variant == "patient" else 0.15
-        return (
-            f'[links.m]\ndriver = "modbus"\ntransport = "tcp"\nhost = "127.0.0.1"\n'
-            f"port = {self._server.port}\ntimeout = {timeout}\nreconnect_max = 0.3\n"
-            f"quarantine_max = 0.5\n" + channels(self.variant)
-        )
+        return f"""[links.{self.NAME}]
+driver = "modbus"
+transport = "tcp"
+host = "127.0.0.1"
+port = {self._server.port}
+timeout = {timeout}
+reconnect_max = 0.3
+quarantine_max = 0.5
+[links.{self.NAME}.channels]
+{self.channels}"""
+
+    @property
+    def channels(self) -> str:
+        """TOML of its channels."""
+        return shown_channels(self.variant) + held_channels(self.variant)
 
     def open(self) -> None:
         """Begin to serve."""
@@ -94,24 +105,45 @@ class ModbusTcp(Wire):
         reply = self._device.reply(pdu, moment)
         if reply is None:
             return
+        answer = _frame(number, unit, reply.pdu)
+        late = self._device.active("write_late", moment.late)
+        if pdu[0] in (6, 16) and late:
+            self.delivery.later(late.amount, client.send, answer)
+        else:
+            self.send(client.send, answer, number, unit, reply)
+
+    def send(self, send: Send, answer: bytes, number: int, unit: int, reply: Reply) -> None:
+        """Send an answer, tormented."""
         foreign = [
             _frame(number - 1, unit, reply.foreign),
             _frame(number + 1, unit, reply.foreign),
             _frame(0 if number else 7, unit, reply.foreign),
             _frame(number, unit ^ 0x55, reply.foreign),
         ]
-        answer = _frame(number, unit, reply.pdu)
-        late = self.machine.script.active("write_late", moment.late)
-        if pdu[0] in (6, 16) and late:
-            self.delivery.later(late.amount, client.send, answer)
-            return
         self.delivery.answer(
-            client.send,
+            send,
             answer,
             reply.shown,
             foreign=foreign if reply.foreign else (),
             refusal=_frame(number, unit, reply.refusal),
         )
+
+
+class ModbusOutputs(ModbusTcp):
+    """A controller that only takes, for machines that only tell; its answers are honest."""
+
+    KINDS: ClassVar[tuple[str, ...]] = ("write_refused", "write_late", "write_unanswered")
+    NAME: ClassVar[str] = "out"
+
+    @property
+    def channels(self) -> str:
+        """TOML of its channels."""
+        return held_channels(self.variant)
+
+    def send(self, send: Send, answer: bytes, number: int, unit: int, reply: Reply) -> None:
+        """Send an answer as it is."""
+        self.log.say(">", answer)
+        send(answer)
 
 
 def _frame(number: int, unit: int, pdu: bytes) -> bytes:
