@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"  {len(outcome.violations)} violations; {tally.pictures} pictures shown, "
             f"{tally.messages} messages, {tally.positions} positions, {tally.steps} steps judged, "
             f"{tally.compensating} in full correction; {tally.not_judged} not judged "
-            f"({outcome.stalls} stalls)"
+            f"({outcome.stalls} stalls); slowest recovery in calm {tally.slowest_recovery:.1f} s"
         )
     return 1 if found else 0
 

@@ -54,6 +54,8 @@ class Tally:
     steps: int = 0
     compensating: int = 0
     not_judged: int = 0
+    slowest_recovery: float = 0.0
+    """Longest time in calm until all was in full correction, s; tells of liveness, not of safety."""
 
 
 @dataclass
@@ -166,7 +168,7 @@ class Checker:
         if not shown.frozen and moment.early - shown.sampled > p.stale_after + slack:
             return False
         beat = self._beats.get(shown.beat)
-        if beat is None or "heartbeat" not in shown.covers:
+        if beat is None:
             return not shown.frozen
         return moment.early - beat <= p.heartbeat_within + p.stale_after + slack
 

@@ -36,9 +36,14 @@ class Delivery:
     ----------
     loop, machine, log
         Of the trial.
+    whole_only
+        Part of an answer never goes out: where answers are frames, they are lost as a whole.
     """
 
-    def __init__(self, loop: Loop, machine: Machine, log: WireLog) -> None:
+    def __init__(
+        self, loop: Loop, machine: Machine, log: WireLog, *, whole_only: bool = False
+    ) -> None:
+        self._whole_only = whole_only
         self._loop = loop
         self._machine = machine
         self._script = machine.script
@@ -107,8 +112,8 @@ class Delivery:
             if wrong.amount < 0.5:
                 return
         self._pieces(send, data, dataclasses.replace(shown, covers=covers), cuttable=False)
-        if twice := active("duplicated", now):
-            self._loop.at(now + twice.amount, partial(self.aside, send, data))
+        if active("duplicated", now):
+            self.aside(send, data)
 
     def later(self, seconds: float, send: Send, data: bytes) -> None:
         """An answer without a picture, so many s later."""
@@ -125,6 +130,8 @@ class Delivery:
             self._loop.at(self._busy, partial(self._pieces, send, data, shown, cuttable))
             return
         if cuttable and (part := self._script.active("partial", now)):
+            if self._whole_only:
+                return
             self.aside(send, data[: max(1, int(len(data) * part.amount))])
             return
         pause = self._script.active("split", now)

@@ -40,6 +40,7 @@ class Script:
 
     def __init__(self, seed: str, kinds: Sequence[str], seconds: float) -> None:
         self.torments = tuple(_made(random.Random(seed), kinds, seconds - 3.0))
+        self._begins = [t.begin for t in self.torments]
         self._begin = float("inf")
         self._by_kind = {
             kind: ([t.begin for t in those], those)
@@ -70,7 +71,9 @@ class Script:
     def around(self, time: float, before: float = 4.0) -> list[Torment]:
         """What went on at a monotonic time, or had within `before` s."""
         elapsed = self.elapsed(time)
-        return [t for t in self.torments if t.begin <= elapsed and t.end >= elapsed - before]
+        last = bisect_right(self._begins, elapsed)
+        near = self.torments[max(0, last - 30) : last]  # none is longer than its 30 followers
+        return [t for t in near if t.end >= elapsed - before]
 
 
 def _made(chance: random.Random, kinds: Sequence[str], seconds: float) -> Iterator[Torment]:

@@ -90,6 +90,7 @@ class Trial:
         self._wire = made(self._loop, self._machine, self._log, folder, variant)
         self._promises = promises
         self._seen = 0
+        self._calm_since = 0.0
         self._told: dict[str, float] = {}
         self._lines: list[str] = []
 
@@ -132,8 +133,9 @@ class Trial:
         self.script.start(time.monotonic())
         self._log.say("!", "the script begins")
         halts = deque(t for t in self.script.torments if t.kind in AT_REST)
-        began = time.monotonic()
+        began = self._calm_since = time.monotonic()
         while (now := self._turn()) < began + self._seconds and abbe.poll() is None:
+            self._recover(now)
             if halts and halts[0].begin - 0.2 < now - began:
                 self._machine.motion.halt(now, halts[0].end - halts[0].begin + 0.4)
                 halts.popleft()
@@ -152,6 +154,14 @@ class Trial:
             self._turn()
         self._checker.ended(abbe.returncode, time.monotonic(), calm=True)
         self._tell()
+
+    def _recover(self, now: float) -> None:
+        """Note how long it takes in calm until all is corrected in full."""
+        around = self.script.around(now, 0.0)
+        if around or self._checker.word & COMPENSATING:
+            self._calm_since = now
+        tally = self._checker.tally
+        tally.slowest_recovery = max(tally.slowest_recovery, now - self._calm_since)
 
     def _turn(self) -> float:
         now = self._loop.turn()

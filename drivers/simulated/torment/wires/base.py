@@ -45,6 +45,8 @@ class Wire(ABC):
     """What is written."""
     READ: ClassVar[tuple[str, ...]] = (*AXES, "number", "beat", "status", "T_x")
     """What is read."""
+    FRAMES: ClassVar[bool] = False
+    """Whether its messages are frames, which are lost or come as a whole."""
     write_link = "m"
 
     def __init__(
@@ -55,7 +57,7 @@ class Wire(ABC):
         self.log = log
         self.folder = folder
         self.variant = variant
-        self.delivery = Delivery(loop, machine, log)
+        self.delivery = Delivery(loop, machine, log, whole_only=self.FRAMES)
         self._cut_by: object = None
         self._closed = False
 

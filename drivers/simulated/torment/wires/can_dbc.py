@@ -94,6 +94,7 @@ class CanDbc(Wire):
         "mirrored",
         "sensor_jump",
     )
+    FRAMES: ClassVar[bool] = True
     BLIND: ClassVar[float] = 0.1
     WRITTEN: ClassVar[tuple[str, ...]] = (*AXES, "status", "beat")
 

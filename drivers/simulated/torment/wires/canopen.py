@@ -78,6 +78,7 @@ class Canopen(Wire):
         "sensor_jump",
     )
     VARIANTS: ClassVar[tuple[str, ...]] = ("plain", "patient")
+    FRAMES: ClassVar[bool] = True
     BLIND: ClassVar[float] = 0.06
 
     def __init__(
