@@ -8,7 +8,7 @@ BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis va
 SOURCES := compcore drivers daemon tests benchmarks examples
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types fast bench docs clean
+.PHONY: help demo test lint types fast bench torment docs clean
 
 help: ## Show what there is
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*##/\t/' | expand -t 10
@@ -35,6 +35,11 @@ bench: $(VENV)/.bench ## Measure speed, and how good it is, beside others (an ho
 	  echo "== benchmarks/$$script.py"; \
 	  PYTHONPATH=. $(BIN)/python benchmarks/$$script.py || failed="$$failed $$script"; done; \
 	[ -z "$$failed" ] || { echo "Failed:$$failed"; exit 1; }
+
+SECONDS ?= 3600
+SEED ?= 1
+torment: $(VENV)/.dev ## Torment every protocol of a live run, an hour in all (SECONDS=, SEED=); docs/torment.md
+	$(BIN)/python -m drivers.simulated.torment --seconds $(SECONDS) --seed $(SEED)
 
 clean: ## Remove everything that the other targets made
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis demo-out

@@ -55,7 +55,7 @@ class Tally:
     compensating: int = 0
     not_judged: int = 0
     slowest_recovery: float = 0.0
-    """Longest time in calm until all was in full correction, s; tells of liveness, not of safety."""
+    """Longest time in calm until all was corrected in full, s: liveness, not safety."""
 
 
 @dataclass
@@ -136,7 +136,7 @@ class Checker:
         """The controller took a message."""
         self.tally.messages += 1
         moment, values = taken.moment, taken.values
-        if self.stalled(moment.early - 1.0, moment.late):
+        if self.stalled(moment.early - 0.5, moment.late):
             self.tally.not_judged += 1
             self._abbe_beat = values.get("heartbeat", self._abbe_beat)
             self._word = int(values.get("status", self._word))
@@ -153,7 +153,7 @@ class Checker:
                     self._step(axis, values[axis], found, moment)
         self._written.update(values)
         if "echo" in values:
-            self._echo(int(values["echo"]), sources.keys(), moment)
+            self._echo(int(values["echo"]), values.keys(), moment)
             self._written.clear()
         if "status" in values:
             self._judge_word(int(values["status"]), values, sources, moment)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 
@@ -49,7 +50,8 @@ class Delivery:
         self._script = machine.script
         self._log = log
         self._kept: list[tuple[Send, bytes, Shown | None]] = []
-        self._busy = 0.0
+        self._under_way = False
+        self._waiting: deque[Callable[[], object]] = deque()
 
     def answer(
         self,
@@ -102,7 +104,7 @@ class Delivery:
     def send_own(
         self, send: Send, data: bytes, shown: Shown, covers: frozenset[str], foreign: bytes
     ) -> None:
-        """Send what nobody asked for, e.g. a frame: silent, foreign, in pieces or twice."""
+        """Send a frame: not at all, with foreign ones, in pieces or twice."""
         now = time.monotonic()
         active = self._script.active
         if active("silent", now):
@@ -115,6 +117,11 @@ class Delivery:
         if active("duplicated", now):
             self.aside(send, data)
 
+    def in_pieces(self, send: Send, data: bytes, shown: Shown) -> None:
+        """Send several messages as one text in pieces; each counts from its beginning."""
+        self._machine.judge.sent(dataclasses.replace(shown, sent=time.monotonic()))
+        self._pieces(send, data, None, cuttable=False)
+
     def later(self, seconds: float, send: Send, data: bytes) -> None:
         """An answer without a picture, so many s later."""
         self._loop.after(seconds, lambda: self.aside(send, data))
@@ -122,12 +129,12 @@ class Delivery:
     @property
     def busy(self) -> bool:
         """Whether an answer is under way in pieces: nothing else goes out in between."""
-        return time.monotonic() < self._busy
+        return self._under_way
 
     def _pieces(self, send: Send, data: bytes, shown: Shown | None, cuttable: bool = True) -> None:
         now = time.monotonic()
-        if now < self._busy:
-            self._loop.at(self._busy, partial(self._pieces, send, data, shown, cuttable))
+        if self._under_way:
+            self._waiting.append(partial(self._pieces, send, data, shown, cuttable))
             return
         if cuttable and (part := self._script.active("partial", now)):
             if self._whole_only:
@@ -143,8 +150,15 @@ class Delivery:
         for i, chunk in enumerate(chunks[:-1]):
             self._loop.at(now + i * pause.amount, partial(self._put, send, chunk))
         last = now + (len(chunks) - 1) * pause.amount
-        self._busy = last + 1e-4
-        self._loop.at(last, lambda: self._whole(send, chunks[-1], shown))
+        self._under_way = True
+        self._loop.at(last, lambda: self._last(send, chunks[-1], shown))
+
+    def _last(self, send: Send, data: bytes, shown: Shown | None) -> None:
+        """The last piece; what waited for it goes out."""
+        self._whole(send, data, shown)
+        self._under_way = False
+        while self._waiting and not self._under_way:
+            self._waiting.popleft()()
 
     def _put(self, send: Send, data: bytes) -> bool:
         self._log.say(">", data)
@@ -157,7 +171,7 @@ class Delivery:
 
     def aside(self, send: Send, data: bytes) -> None:
         """Send something that is not judged, but never into the middle of an answer."""
-        if self.busy:
-            self._loop.at(self._busy, partial(self.aside, send, data))
+        if self._under_way:
+            self._waiting.append(partial(self.aside, send, data))
         else:
             self._put(send, data)

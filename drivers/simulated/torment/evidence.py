@@ -97,13 +97,22 @@ class WireLog:
 
     def __init__(self, path: Path, begin: float) -> None:
         self._begin = begin
-        self._file: io.TextIOWrapper = path.open("w", encoding="utf-8")
+        self._path = path
+        self._file: io.TextIOWrapper | None = None
+
+    def open(self) -> None:
+        """Begin the file; nothing is noted before."""
+        self._file = self._path.open("w", encoding="utf-8")
 
     def say(self, arrow: str, data: bytes | str) -> None:
         """Note bytes (`<` came, `>` went) or a word."""
+        if self._file is None:
+            return
         text = data if isinstance(data, str) else f"{data[:120].hex(' ')}  {data[:120]!r}"
         self._file.write(f"{time.monotonic() - self._begin:10.4f} {arrow} {text}\n")
 
     def close(self) -> None:
         """End the file."""
-        self._file.close()
+        if self._file is not None:
+            self._file.close()
+            self._file = None

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 SHORT = 0.002
 """s between two looks."""
-STALL = 0.03
+STALL = 0.1
 """A look that took so much longer than meant is a stall, s."""
 
 

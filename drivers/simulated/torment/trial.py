@@ -96,6 +96,7 @@ class Trial:
 
     def run(self) -> Outcome:
         """Start Abbe, torment it, end it, judge."""
+        self._log.open()
         self._wire.start()
         config = write_configuration(self._folder, self._wire, self._promises)
         with (self._folder / "abbe.log").open("wb") as said:

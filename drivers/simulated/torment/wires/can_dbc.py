@@ -147,11 +147,16 @@ class CanDbc(Wire):
             return
         now = time.monotonic()
         active = self.machine.script.active
-        if not self.delivery.busy:
+        if not self.delivery.busy:  # what comes by itself is of the moment at which it goes out
             shown = self.machine.look(now)
             foreign = self._foreign(self.machine.poisoned(now))
             part = active("partial", now)
-            for k, (frame, covers) in enumerate(frames(shown)):
+            own = frames(shown)
+            if active("split", now):
+                text = b"".join(frame.text() for frame, _ in own)
+                self.delivery.in_pieces(self._adapter.send, text, shown)
+                own = []
+            for k, (frame, covers) in enumerate(own):
                 if part and k == int(part.amount * 2.99):
                     continue
                 self.delivery.send_own(self._adapter.send, frame.text(), shown, covers, foreign[k])
