@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import secrets
 import shutil
@@ -85,6 +86,8 @@ def _write_through(target: Target, pieces: Iterable[str | bytes]) -> None:
         _pour(pieces, cast(BinaryIO, whole))
         whole.seek(0)
         if target.descriptor == 1:
+            if sys.stdout is None:
+                raise OSError(errno.EBADF, "it is closed")
             sys.stdout.flush()
             if hasattr(sys.stdout, "buffer"):
                 shutil.copyfileobj(whole, sys.stdout.buffer)

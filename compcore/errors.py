@@ -56,7 +56,7 @@ class InputError(AbbeError, ValueError):
         super().__init__(problem)
 
     def __str__(self) -> str:
-        where = [self.file] if self.file else []
+        where = [_printable(self.file)] if self.file else []
         if self.line is not None:
             where.append(f"line {self.line}")
         if self.field is not None:
@@ -64,7 +64,7 @@ class InputError(AbbeError, ValueError):
         text = f"{', '.join(where)}: {self.problem}" if where else self.problem
         told = []
         if self.found is not None:
-            told.append(f"found {self.found!r}")
+            told.append(f"found {_shortened(repr(self.found))}")
         if self.expected is not None:
             told.append(f"expected {self.expected}")
         return f"{text}: {', '.join(told)}" if told else text
@@ -85,6 +85,19 @@ class InputError(AbbeError, ValueError):
             found=self.found,
             expected=self.expected,
         )
+
+
+_LONGEST = 300
+"""Characters of what was found that a message shows."""
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}… ({len(text)} characters)"
+
+
+def _printable(name: str) -> str:
+    """A file's name in one line: control characters as Python writes them."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in name)
 
 
 class NotContractionError(AbbeError):

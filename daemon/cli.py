@@ -1,66 +1,67 @@
-"""The command line: ``abbe COMMAND``; each command is a file in `daemon.commands`.
+"""The command line from its first moment to its last: what ends it is one line and a status.
 
-Commands import what they need when they run, so that ``abbe correct`` starts fast. Exit status:
-0 done; 1 could not be done (one message on standard error); 2 wrong usage.
+Exit status: 0 done; 1 could not be done (one message on standard error); 2 wrong usage; 130
+interrupted. Nothing is imported here before interruptions are caught.
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
+import signal
 import sys
-from importlib.metadata import version as installed_version
-from typing import Annotated
 
-import typer
-
-from daemon.commands import register
-
-app = typer.Typer(
-    name="abbe",
-    help="Makes machine tools and CMMs more accurate than their mechanics, and explains them.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
-
-
-def _print_version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"abbe {installed_version('abbe')}")
-        raise typer.Exit
-
-
-@app.callback()
-def _options(
-    _version: Annotated[
-        bool,
-        typer.Option(
-            "--version", callback=_print_version, is_eager=True, help="Print the version."
-        ),
-    ] = False,
-) -> None:
-    pass
-
-
-register(app)
+INTERRUPTED = 130
+"""128 and the number of SIGINT, as shells have it."""
 
 
 def main() -> None:
     """Run the command line; a user's mistake is one message, never a traceback."""
+    try:
+        status = _run()
+    except KeyboardInterrupt:
+        status = INTERRUPTED
+    # what is done is done: a late Ctrl-C would only tear the interpreter's end
+    with contextlib.suppress(ValueError):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if status == INTERRUPTED:
+        _tell("interrupted")
+    sys.exit(status)
+
+
+def _run() -> int:
     from compcore.errors import AbbeError
-    from daemon.show.writer import silence_closed
+    from daemon.standard_output import finish, install
     from drivers.link import LinkError
 
+    told = ""
+    status = 1
     try:
+        install()
+        from daemon.application import app
+
         app()
+        status = 0
+    except SystemExit as done:
+        status = done.code if isinstance(done.code, int) else int(done.code is not None)
     except (AbbeError, LinkError) as error:
-        with contextlib.suppress(OSError):  # its terminal may have been closed
-            sys.stderr.write(f"abbe: {error}\n")
-        sys.exit(1)
-    except KeyboardInterrupt:
-        sys.exit(130)
+        told = str(error)
     except BrokenPipeError:
-        sys.exit(0)
-    finally:
-        silence_closed()
+        status = 0
+    except OSError as error:
+        where = "" if error.filename is None else f"{os.fsdecode(error.filename)}: "
+        told = f"{where}{error.strerror or error}"
+    except MemoryError:
+        told = "not enough memory"
+    if told:
+        _tell(told)
+    unprinted = finish()
+    if unprinted and not told:
+        _tell(unprinted)
+    return status or int(bool(unprinted))
+
+
+def _tell(text: str) -> None:
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        sys.stderr.write(f"abbe: {text}\n")
+        sys.stderr.flush()

@@ -56,6 +56,11 @@ def run_in_view(
     Returns
     -------
     The run's figures.
+
+    Raises
+    ------
+    AbbeError
+        At the end, when standard output did not take the lines.
     """
     return asyncio.run(_run(service_of, how, title, duration, last))
 
@@ -114,9 +119,9 @@ async def _run(
             if writer is not None:
                 end = () if last is None or how != "json" else (json.dumps(last(figures)),)
                 writer.end(*end)
-    if writer is not None and writer.failed is not None:
+    if writer is not None and writer.failed:
         raise AbbeError(
-            f"standard output could not be written: {writer.failed.strerror}; the machine was "
+            f"standard output could not be written: {writer.failed}; the machine was "
             "corrected to the end"
         )
     return figures

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import contextlib
-import errno
-import os
+import logging
 import queue
-import sys
 import threading
 from typing import TextIO
+
+from daemon.standard_output import GONE, StandardOutputError, silence
+
+logger = logging.getLogger("abbe.show")
 
 _WAITING = 20_000
 """Lines that may wait for a slow reader; a line more is dropped and counted."""
 _PATIENCE = 10.0
 """s that a reader who has stopped reading is given at the end."""
-_GONE = (errno.EPIPE, errno.EIO, errno.ENXIO)
-"""What writing to a closed pipe, or to a terminal that was closed, fails with."""
 
 
 class LineWriter:
@@ -31,7 +30,7 @@ class LineWriter:
     dropped
         Lines lost since the last one that was taken, because the reader was too slow.
     failed
-        Why nothing can be written any more, e.g. a full disk; None also where the reader has gone,
+        Why nothing can be written any more, e.g. a full disk; empty also where the reader has gone,
         because whoever closes a pipe or a terminal wants no more.
     """
 
@@ -39,9 +38,9 @@ class LineWriter:
         self._stream = stream
         self._queue: queue.Queue[str | None] = queue.Queue(_WAITING)
         self._thread = threading.Thread(target=self._write, name="lines", daemon=True)
-        self._thread.start()
         self.dropped = 0
-        self.failed: OSError | None = None
+        self.failed = ""
+        self._thread.start()
 
     def put(self, line: str) -> None:
         """Hand a line over; returns at once."""
@@ -68,32 +67,11 @@ class LineWriter:
                 if self._queue.empty():
                     self._stream.flush()
             self._stream.flush()
-        except OSError as error:
+        except (StandardOutputError, OSError) as error:
             # nobody reads any more; the machine is corrected all the same
-            if error.errno not in _GONE:
-                self.failed = error
-            _silence(self._stream)
+            if isinstance(error, StandardOutputError) or error.errno not in GONE:
+                self.failed = str(error.strerror)
+                logger.error("standard output cannot be written: %s; going on", self.failed)
+            silence(self._stream)
             while self._queue.get() is not None:
                 pass
-
-
-def silence_closed() -> None:
-    """Have standard output and standard error go nowhere where their terminal was closed.
-
-    Otherwise the interpreter fails at its end to write what they still hold, and says so with an
-    exit status of its own.
-    """
-    for stream in (sys.stdout, sys.stderr):
-        try:
-            stream.flush()
-        except OSError as error:
-            if error.errno in _GONE:
-                _silence(stream)
-
-
-def _silence(stream: TextIO) -> None:
-    """Have what a stream still holds go nowhere, so that closing it is no error."""
-    with contextlib.suppress(OSError):
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, stream.fileno())
-        os.close(nowhere)

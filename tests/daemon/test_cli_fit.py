@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from compcore.model_file import load_model
-from daemon.cli import app
+from daemon.application import app
 
 DATA = Path(__file__).parent.parent / "data"
 

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from benchmarks.hidden.scenario import Scenario, hide
 from benchmarks.hidden.scene import scene
-from daemon.cli import app
+from daemon.application import app
 from daemon.commands.lists import spread
 
 DATA = Path(__file__).parents[1] / "data" / "p01-mill"

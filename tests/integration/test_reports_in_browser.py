@@ -12,7 +12,7 @@ import pytest
 from playwright.sync_api import Browser, sync_playwright
 from typer.testing import CliRunner
 
-from daemon.cli import app
+from daemon.application import app
 from daemon.report.figure import figure, line
 from daemon.report.page import Page
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from upload_cases import make_tables
 
-from daemon.cli import app
+from daemon.application import app
 from daemon.config import load_config
 from daemon.config.upload import UploadSection
 from daemon.table_watch import words

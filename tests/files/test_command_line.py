@@ -1,0 +1,149 @@
+"""Full and broken output, interruptions, names that are no UTF-8: one line and a true status."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from command_line import abbe
+from shop_floor import MODEL, furnish, line_of
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "bridge-cmm" / "config.toml"
+PRINTING = [
+    "--version",
+    "--help",
+    "fit --help",
+    "effects",
+    "effects straightness",
+    "controllers",
+    "history fitted.toml",
+    "history fitted.toml --json",
+    "compare fitted.toml day.csv",
+    "compare fitted.toml day.csv --json",
+    "diagnose fitted.toml day.csv --json",
+    "fit model.toml day.csv -o out.toml",
+    "iso230 day.csv",
+    "correct fitted.toml X=1 Y=2 Z=-3",
+    "correct fitted.toml --points points.csv -o out.csv",
+    "remove fitted.toml positioning axis=X shape=polynomial:2 -o out.toml",
+    "table fitted.toml --controller linuxcnc -o out",
+    f"check {EXAMPLE}",
+    f"run --duration 0.2 {EXAMPLE}",
+    f"run --duration 0.2 --json {EXAMPLE}",
+]
+
+
+@pytest.fixture
+def shop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with all inputs, and the present one."""
+    furnish(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def process(*words: str | bytes, code: str = "", **more: object) -> subprocess.Popen[bytes]:
+    """The command line as a process of its own, after `code`."""
+    start = [sys.executable, "-c", f"{code}\nfrom daemon.cli import main; main()"]
+    return subprocess.Popen([*start, *words], stderr=subprocess.PIPE, **more)  # type: ignore[call-overload,no-any-return]
+
+
+@pytest.mark.parametrize(
+    ("line", "unbuffered"),
+    [(line, "") for line in PRINTING] + [(line, "1") for line in ("--version", "effects")],
+)
+def test_a_full_standard_output_is_one_line_and_a_status(shop: Path, line: str, unbuffered: str):
+    with Path("/dev/full").open("wb") as full:
+        running = process(
+            *line.split(), stdout=full, env={**os.environ, "PYTHONUNBUFFERED": unbuffered}
+        )
+        _, told = running.communicate(timeout=60)
+    lines = [x for x in told.decode().splitlines() if x.startswith("abbe: ")]
+    [line_told] = lines
+    assert line_told.startswith("abbe: standard output c")
+    assert "be written: No space left on device" in line_told
+    assert running.returncode == 1
+    assert b"Traceback" not in told
+    assert b"ignored" not in told
+    if not line.startswith("run"):
+        assert len(told.splitlines()) == 1
+
+
+@pytest.mark.parametrize("line", ["effects", "history fitted.toml --json", "controllers"])
+def test_a_reader_that_goes_away_is_no_error(shop: Path, line: str):
+    read, write = os.pipe()
+    os.close(read)
+    running = process(*line.split(), stdout=write)
+    os.close(write)
+    assert running.communicate(timeout=60)[1] == b""
+
+
+INTERRUPT_AT = """
+import importlib.abc, os, signal, sys
+class Interrupt(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name == {name!r}:
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Interrupt())
+"""
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["typer", "compcore.errors", "drivers.link", "daemon.application", "daemon.commands.fit",
+     "numpy", "pydantic", "compcore.fit", "compcore.model_file", "tomli_w", "scipy.linalg"],
+)  # fmt: skip
+def test_an_interruption_while_python_imports_is_one_line(shop: Path, name: str):
+    words = ["fit", "model.toml", "day.csv", "-o", "out.toml"]
+    running = process(*words, code=INTERRUPT_AT.format(name=name), stdout=subprocess.PIPE)
+    out, told = running.communicate(timeout=60)
+    assert (running.returncode, out, told) == (130, b"", b"abbe: interrupted\n")
+    assert not (shop / "out.toml").exists()
+
+
+@pytest.mark.parametrize(
+    "task", ["fit", "import-campaign", "import-map", "correct", "compare", "remove"]
+)
+def test_an_interruption_while_a_file_is_written_leaves_the_old_one(
+    shop: Path, monkeypatch: pytest.MonkeyPatch, task: str
+):
+    out = shop / "out.x"
+    assert abbe(*line_of(task)(shop, out)).status == 0
+    before = {p: p.read_bytes() for p in shop.iterdir()}
+
+    def interrupted(_handle: int) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fsync", interrupted)
+    done = abbe(*line_of(task)(shop, out))
+    assert (done.status, done.out, done.err) == (130, "", "abbe: interrupted\n")
+    assert {p: p.read_bytes() for p in shop.iterdir()} == before
+
+
+def test_names_that_are_no_utf_8(shop: Path):
+    names = {n: os.fsdecode(n.encode() + b"\xff\xe9") for n in ("m", "c", "o", "r", "t")}
+    (shop / names["m"]).write_text(MODEL)
+    (shop / names["c"]).write_bytes((shop / "day.csv").read_bytes())
+    for line in (
+        "fit m c -o o --report r --json",
+        "compare o c --report r --json",
+        "history o --report r --json",
+        "diagnose o c --report r --json",
+        "iso230 c --report r --json",
+        "table o --controller linuxcnc -o t --report r --json",
+    ):
+        words = [names.get(word, word) for word in line.split()]
+        running = process(*map(os.fsencode, words), stdout=subprocess.PIPE)
+        out, told = running.communicate(timeout=60)
+        assert (running.returncode, told) == (0, b""), line
+        json.loads(out)
+        assert (shop / names["r"]).read_text(encoding="utf-8")
+    told = abbe("history", names["o"] + "no").err
+    assert told == "abbe: o\\udcff\\udce9no: no such file\n"
+
+
+def test_a_name_with_line_ends_is_told_in_one_line(shop: Path):
+    assert abbe("history", "a\nb\x1b").err == "abbe: a\\nb\\x1b: no such file\n"
