@@ -7,7 +7,7 @@ from typing import Any
 
 from compcore.conditions import unit_of
 from daemon.config import Configuration
-from daemon.config.checks import split
+from daemon.config.channels import WATCHED, split
 from drivers.link import Link
 from drivers.transducers import AnyTransducerConfig
 
@@ -66,7 +66,7 @@ def _inputs(configuration: Configuration, links: dict[str, Link]) -> Iterator[di
         }
     for name, channel in zip("xyz", file.tool.sources or (), strict=False):
         yield _row(links, f"tool offset {name}", channel) | {"becomes": "mm"}
-    for name in ("heartbeat", "status"):
+    for name in WATCHED:
         if (channel := getattr(file.controller, name)) is not None:
             yield _row(links, f"controller's {name}", channel) | {"becomes": "watched"}
     for echo in file.output.echo:

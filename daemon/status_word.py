@@ -34,6 +34,10 @@ class Status(enum.IntFlag):
     """The compensator failed; the journal says why."""
     ENDING = 1 << 9
     """Abbe was told to end and ramps the correction to zero."""
+    WRITE_FAULT = 1 << 10
+    """The controller did not take what was written last, or it is not known whether it did."""
+    FOREIGN = 1 << 11
+    """Somebody else writes what Abbe writes, or a position is what Abbe wrote itself."""
     X_ACTIVE = 1 << 12
     """X is corrected in full."""
     Y_ACTIVE = 1 << 13
@@ -45,6 +49,10 @@ class Status(enum.IntFlag):
 STOPPED = 0
 """Written last: Abbe ended; corrected positions are no longer written."""
 
+LARGEST = sum(Status)
+"""Largest number that the status word can be."""
+
+_FIRST_ACTIVE = 12
 _RUNNING, _COMPENSATING = int(Status.RUNNING), int(Status.COMPENSATING)
 _STATE_BITS = [
     {
@@ -58,13 +66,25 @@ _STATE_BITS = [
 ]
 
 
-def status_word(decision: Decision, faults: int) -> int:
-    """The status word for one cycle; `faults` are the bits that the guard does not know of."""
+def status_word(decision: Decision, faults: int, not_held: int = 0) -> int:
+    """The status word for one cycle.
+
+    Parameters
+    ----------
+    decision
+        What the guard handed out.
+    faults
+        The bits that the guard does not know of.
+    not_held
+        Mask of the directions whose last correction the controller did not take.
+    """
     x, y, z = decision.states
     bits_x, bits_y, bits_z = _STATE_BITS
     word = faults | _RUNNING | bits_x[x] | bits_y[y] | bits_z[z]
-    if decision.compensating:
+    if decision.compensating and not not_held:
         return word | _COMPENSATING
+    # a direction that is cut, or behind, or was not taken is not corrected in full
+    word &= ~((decision.limited | not_held) << _FIRST_ACTIVE)
     if decision.size_limited:
         word |= Status.SIZE_LIMITED
     if decision.rate_limited:
@@ -72,7 +92,15 @@ def status_word(decision: Decision, faults: int) -> int:
     return int(word)
 
 
-def fault_bits(*, position: bool, signal: bool, internal: bool, ending: bool) -> int:
+def fault_bits(
+    *,
+    position: bool,
+    signal: bool,
+    internal: bool,
+    ending: bool,
+    write: bool = False,
+    foreign: bool = False,
+) -> int:
     """The status word's bits for what is wrong, and for the end."""
     word = Status.POSITION_FAULT if position else Status(0)
     if signal:
@@ -81,6 +109,10 @@ def fault_bits(*, position: bool, signal: bool, internal: bool, ending: bool) ->
         word |= Status.INTERNAL_FAULT
     if ending:
         word |= Status.ENDING
+    if write:
+        word |= Status.WRITE_FAULT
+    if foreign:
+        word |= Status.FOREIGN
     return int(word)
 
 

@@ -171,7 +171,7 @@ async def follow(
         Is given an event: ``{"event": "waiting" | "tables" | "propose", …}``.
     """
     axes = configuration.model.machine.structure.axes
-    plan = make_plan(configuration, axes, with_directions=False)
+    plan = make_plan(configuration, axes, links, with_directions=False)
     guard = configuration.file.guard
     wanted: dict[str, tuple[str, ...]] = {}
     for channels in (plan.fast, plan.slow):

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from compcore.conditions import unit_of
-from compcore.machine import own_component
-from compcore.structure import is_rotary
 from compcore.toml_source import TomlSource
+from daemon.config.channels import WATCHED, Channels, Key, split
+from daemon.config.outputs import check_outputs
+from daemon.config.paces import check_paces
 from drivers.link import Link
 from drivers.transducers import AnyTransducerConfig, make_transducer
 
 if TYPE_CHECKING:
     from daemon.config.load import Configuration
-
-Key = tuple[str | int, ...]
 
 _SPELLINGS = {"°C": "degC", "Ω": "ohm", "Ohm": "ohm", "counts": "count"}
 _ANY = "number"
@@ -42,12 +41,6 @@ def check(source: TomlSource, configuration: Configuration, links: Mapping[str, 
     _Checks(source, configuration, links).all()
 
 
-def split(channel: str) -> tuple[str, str]:
-    """``"cmm.count_X"`` → ``("cmm", "count_X")``."""
-    link, _, name = channel.partition(".")
-    return link, name
-
-
 class _Checks:
     def __init__(
         self, source: TomlSource, configuration: Configuration, links: Mapping[str, Link]
@@ -56,6 +49,8 @@ class _Checks:
         self.file = configuration.file
         self.model = configuration.model
         self.links = links
+        self.channels = Channels(source, configuration.file, links)
+        self._channel = self.channels.find
 
     def all(self) -> None:
         self._axes()
@@ -63,8 +58,9 @@ class _Checks:
         self._reference()
         self._tool()
         self._controller()
-        self._outputs()
-        self._paces()
+        self._output_units()
+        check_outputs(self.channels, self.model.machine)
+        check_paces(self.channels)
 
     def _axes(self) -> None:
         axes = self.model.machine.structure.axes
@@ -128,7 +124,7 @@ class _Checks:
 
     def _controller(self) -> None:
         section = self.file.controller
-        for name in ("heartbeat", "status"):
+        for name in WATCHED:
             channel = getattr(section, name)
             if channel is not None:
                 self._channel(channel, ("controller", name))
@@ -140,111 +136,13 @@ class _Checks:
                     expected="a key 'status' in [controller]",
                 )
 
-    def _outputs(self) -> None:
-        components: dict[str, str] = {}
+    def _output_units(self) -> None:
         for name, section in self.file.output.axes.items():
             key: Key = ("output", "axes", name)
-            if name not in self.file.axes or is_rotary(name):
-                linear = [a for a in self.file.axes if not is_rotary(a)]
-                raise self.source.error(
-                    "only linear axes of the machine are corrected",
-                    key,
-                    found=name,
-                    expected="one of " + ", ".join(linear),
-                )
-            component = own_component(name)
-            if component in components:
-                raise self.source.error(
-                    f"{components[component]} takes the correction in {component} already",
-                    key,
-                    found=name,
-                )
-            components[component] = name
             self._channel(section.target, (*key, "target"))
             self._units(section.target, section.transducer, "mm", key)
-        taken: dict[str, Key] = {}
-        read = dict(self._read())
-        for channel, key in self._written():
-            link, name = self._channel(channel, key)
-            if not self.links[link].info(name).writable:
-                raise self.source.error(
-                    f"channel {channel} cannot be written",
-                    key,
-                    expected=f"writable = true in [links.{link}.channels.{name}]",
-                )
-            if channel in taken:
-                raise self.source.error("written twice", key, found=channel)
-            if channel in read:
-                raise self.source.error(
-                    "a channel that is read as a source would be overwritten", key, found=channel
-                )
-            taken[channel] = key
-
-    def _paces(self) -> None:
-        guard, cycle = self.file.guard, self.file.cycle
-        position_pace = max(
-            [cycle.period, *(self._every(section.source) for section in self.file.axes.values())]
-        )
-        signal_pace = max(
-            [
-                cycle.signals_every,
-                *(self._every(section.source) for section in self.file.signals.values()),
-            ]
-        )
-        for name, limit, pace in (
-            ("stale_after", guard.stale_after, position_pace),
-            ("signals_stale_after", guard.signals_stale_after, signal_pace),
-        ):
-            if limit < 2.0 * pace:
-                raise self.source.error(
-                    f"values come every {pace:g} s and would count as stale before the next",
-                    ("guard", name),
-                    found=limit,
-                    expected=f"at least {2.0 * pace:g} s",
-                )
-
-    def _every(self, channel: str) -> float:
-        link, name = split(channel)
-        return self.links[link].info(name).every
-
-    def _written(self) -> Iterator[tuple[str, Key]]:
-        output = self.file.output
-        for name, section in output.axes.items():
-            yield section.target, ("output", "axes", name, "target")
-        for name in ("status", "heartbeat"):
-            if (channel := getattr(output, name)) is not None:
-                yield channel, ("output", name)
-        for i, echo in enumerate(output.echo):
-            yield echo.target, ("output", "echo", i, "target")
-
-    def _read(self) -> Iterator[tuple[str, Key]]:
-        for kind in ("axes", "signals", "reference"):
-            for name, section in getattr(self.file, kind).items():
-                yield section.source, (kind, name, "source")
-        for i, channel in enumerate(self.file.tool.sources or ()):
-            yield channel, ("tool", "sources", i)
-        for i, echo in enumerate(self.file.output.echo):
-            self._channel(echo.source, ("output", "echo", i, "source"))
-            yield echo.source, ("output", "echo", i, "source")
-
-    def _channel(self, channel: str, key: Sequence[str | int]) -> tuple[str, str]:
-        link, name = split(channel)
-        if link not in self.links:
-            raise self.source.error(
-                f"no link {link!r}",
-                key,
-                found=channel,
-                expected="a channel of one of " + ", ".join(self.links),
-            )
-        channels = self.links[link].channels
-        if name not in channels:
-            raise self.source.error(
-                f"link {link} has no channel {name!r}",
-                key,
-                found=channel,
-                expected="one of " + ", ".join(channels),
-            )
-        return link, name
+        for channel, where in (*self.channels.written(), *self.channels.read()):
+            self._channel(channel, where)
 
     def _units(
         self,

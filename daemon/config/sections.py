@@ -57,6 +57,16 @@ class SignalSection(Section):
     source: ChannelName
     transducer: AnyTransducerConfig | None = None
     """Ohms, mA, … → the signal's unit; none where the channel is in that unit already."""
+    range: Annotated[tuple[Finite, Finite], Field(strict=False)] | None = None
+    """Least and greatest value that is believed, in the signal's unit; default by its role."""
+    max_rate: Positive | None = None
+    """Fastest change that is believed, in the signal's unit per s; default by its role."""
+
+    @model_validator(mode="after")
+    def _range_rises(self) -> SignalSection:
+        if self.range is not None and not self.range[0] < self.range[1]:
+            raise ValueError(f"range goes from {self.range[0]:g} to {self.range[1]:g}")
+        return self
 
 
 class ReferenceSection(Section):
@@ -76,6 +86,9 @@ class ToolSection(Section):
     )
     """Channels of x, y, z in mm, where the controller knows it: nothing is corrected before they
     are read."""
+    longest: Positive | None = None
+    """Farthest that a tool read from `sources` reaches in x, y and z, either way, mm; default the
+    longest axis of the machine."""
 
     @model_validator(mode="after")
     def _one_of_both(self) -> ToolSection:
@@ -97,6 +110,12 @@ class ControllerSection(Section):
     """Bits that must be 1 for positions to be believed (e.g. referenced)."""
     forbid: Word = 0
     """Bits that must be 0 (e.g. fault)."""
+    sample: ChannelName | None = None
+    """A number that changes with every new sample of the positions: their age counts from then."""
+    clock: ChannelName | None = None
+    """The controller's own time stamp of the positions: their age counts from then."""
+    clock_tick: Positive = 1.0
+    """What `clock` counts, s: 0.001 where it counts milliseconds."""
 
 
 class OutputAxisSection(Section):
@@ -121,7 +140,11 @@ class OutputSection(Section):
     status: ChannelName | None = None
     """Abbe's status word, `daemon.status_word`."""
     heartbeat: ChannelName | None = None
-    """Counts cycles, 0 to 65535, over and over; written after everything else."""
+    """Counts cycles, from 0 to 65535 or as far as its channel holds, over and over; written after
+    everything else."""
+    read_back: Annotated[float, Field(ge=0.0, le=600.0)] = 1.0
+    """s between two looks at what the controller holds of what was written, where its channels can
+    be read: somebody else may write there too. 0: never."""
     echo: Annotated[tuple[EchoSection, ...], Field(strict=False)] = ()
 
 
@@ -150,6 +173,9 @@ class GuardSection(Section):
     """s after which a position counts as stale."""
     signals_stale_after: Positive = 5.0
     """s after which a signal counts as stale."""
+    max_lag: Positive | None = None
+    """How far an axis may have moved while its position was under way (age × measured speed), mm
+    (rotary: rad), for it to be used; default: no such limit but `stale_after`."""
     hold: NotNegative = 1.0
     """s for which the last good correction is held."""
     ramp: Positive = 2.0

@@ -90,7 +90,8 @@ def demo_configuration(ready: Mapping[str, Any], model: str, period: float = 0.0
     parts.append(
         f'\n[links.cmm]\ndriver = "modbus"\ntransport = "tcp"\nhost = {json.dumps(ready["host"])}\n'
         f"port = {ready['port']}\nunit_id = {ready['unit']}\ntimeout = 0.3              # s\n"
-        "max_gap = 16               # so that positions and truth come in one request\n\n"
+        "max_gap = 16               # so that positions and truth come in one request\n"
+        'separate = ["tables"]      # input and holding registers are memories of their own\n\n'
         "[links.cmm.channels]"
     )
     parts += [_channel(registers[name]) for name in names]

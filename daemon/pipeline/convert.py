@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import isfinite
 
+from daemon.pipeline.plausible import Plausible
 from daemon.pipeline.poll import Batch, Channel
+from daemon.pipeline.watch import Watch
 from drivers.link import Quality, Sample
 from drivers.transducers import Transducer
 
@@ -48,55 +50,6 @@ class Source:
 _NOTHING: Mapping[str, Sample] = {}
 
 
-@dataclass(slots=True)
-class Watch:
-    """Tells from the controller's own registers whether its positions mean something.
-
-    Attributes
-    ----------
-    heartbeat, within
-        A number that changes while the controller lives, and the longest time (s) in which it
-        may stand still.
-    status, require, forbid
-        Status word, its bits that must be 1 and those that must be 0.
-    """
-
-    heartbeat: Channel | None = None
-    within: float = 1.0
-    status: Channel | None = None
-    require: int = 0
-    forbid: int = 0
-    _beat: float = field(default=math.nan, init=False)
-    _since: float = field(default=-math.inf, init=False)
-
-    def fault(self, batch: Batch, now: float) -> str:
-        """Why positions cannot be believed at `now` (monotonic, s); empty when they can."""
-        if self.heartbeat is not None:
-            link, channel = self.heartbeat
-            sample = batch[link][channel]
-            if sample.quality is not _GOOD:
-                return f"controller's heartbeat: {sample.reason}"
-            if sample.value != self._beat:
-                self._beat, self._since = sample.value, now
-            elif now - self._since > self.within:
-                return "the controller's heartbeat stands still"
-        if self.status is not None:
-            link, channel = self.status
-            sample = batch[link][channel]
-            if sample.quality is not _GOOD:
-                return f"controller's status word: {sample.reason}"
-            word = int(sample.value)
-            if missing := self.require & ~word:
-                return f"the controller's status word lacks {_bits(missing)}"
-            if wrong := self.forbid & word:
-                return f"the controller's status word has {_bits(wrong)}"
-        return ""
-
-
-def _bits(mask: int) -> str:
-    return "bit " + ", ".join(str(i) for i in range(16) if mask >> i & 1)
-
-
 class PositionConverter:
     """Axes' samples → positions, in the order of the axes.
 
@@ -108,16 +61,45 @@ class PositionConverter:
         s after which a sample counts as stale.
     watch
         What the controller says of itself.
+    ranges
+        For each axis, the least and the greatest position that it can have, mm (rotary: rad).
+    echoed
+        Channels that are written back to say to which sample a corrected position belongs: they
+        must be of the same question as the positions of their link.
+
+    Attributes
+    ----------
+    taken_at
+        Earliest moment (monotonic, s) at which any of the last positions can have been taken;
+        infinity before the first.
+    times
+        That of each axis.
     """
 
-    def __init__(self, sources: Sequence[Source], stale_after: float, watch: Watch) -> None:
+    def __init__(
+        self,
+        sources: Sequence[Source],
+        stale_after: float,
+        watch: Watch,
+        ranges: Sequence[tuple[float, float]] = (),
+        echoed: Sequence[Channel] = (),
+    ) -> None:
         self._sources = tuple(sources)
         self._steps = tuple(
-            (s.name, *s.channel, None if s.transducer is None else s.transducer.convert)
-            for s in sources
+            (s.name, *s.channel, None if s.transducer is None else s.transducer.convert, *limits)
+            for s, limits in zip(
+                sources, ranges or [(-math.inf, math.inf)] * len(sources), strict=True
+            )
         )
         self._stale_after = stale_after
         self._watch = watch
+        self._dated = watch.sample is not None or watch.clock is not None
+        self._echoed = tuple(
+            (link, name, [i for i, s in enumerate(sources) if s.channel[0] == link])
+            for link, name in echoed
+        )
+        self.times = [math.inf] * len(self._sources)
+        self.taken_at = math.inf
 
     def __call__(self, batch: Batch, now: float) -> tuple[list[float], dict[str, str]]:
         """Positions (mm; rotary: rad; NaN where not to be believed), and why not, by axis.
@@ -126,22 +108,45 @@ class PositionConverter:
         """
         positions: list[float] = []
         faults: dict[str, str] = {}
+        latest, problem = self._watch.taken(batch, now) if self._dated else (math.inf, "")
         oldest = now - self._stale_after
-        for name, link, channel, convert in self._steps:
+        times = []
+        for name, link, channel, convert, low, high in self._steps:
             sample = batch.get(link, _NOTHING).get(channel, _MISSING)
             if convert is not None:
                 sample = convert(sample)
             value, time, quality, _ = sample
-            if quality is _GOOD and time >= oldest and isfinite(value):
+            time = min(time, latest)
+            times.append(time)
+            if quality is _GOOD and time >= oldest and low <= value <= high:
                 positions.append(value)
             else:
                 positions.append(math.nan)
-                faults[name] = _why(sample, now)
-        if problem := self._watch.fault(batch, now):
+                faults[name] = _why(sample, now, time, (low, high))
+        self.times, self.taken_at = times, min(times, default=math.inf)
+        problem = problem or self._watch.fault(batch, now)
+        if problem:
             for i, source in enumerate(self._sources):
                 positions[i] = math.nan
                 faults.setdefault(source.name, problem)
+        for link, channel, axes in self._echoed:
+            self._compare(batch[link][channel], axes, batch, positions, faults)
         return positions, faults
+
+    def _compare(
+        self,
+        echo: Sample,
+        axes: Sequence[int],
+        batch: Batch,
+        positions: list[float],
+        faults: dict[str, str],
+    ) -> None:
+        """An axis that was read in another question than the sample number is not believed."""
+        for i in axes:
+            link, channel = self._sources[i].channel
+            if echo.good and batch[link][channel].time != echo.time:
+                positions[i] = math.nan
+                faults.setdefault(self._sources[i].name, "not of the sample that is written back")
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,11 +178,19 @@ class SignalConverter:
     stale_after
         s after which a value counts as stale. A device that does not answer for less than that
         is no fault; one that answers with a broken sensor is one at once.
+    plausible
+        Which values are not to be believed.
     """
 
-    def __init__(self, sources: Sequence[Source], stale_after: float) -> None:
+    def __init__(
+        self,
+        sources: Sequence[Source],
+        stale_after: float,
+        plausible: Plausible | None = None,
+    ) -> None:
         self._sources = tuple(sources)
         self._stale_after = stale_after
+        self._plausible = plausible or Plausible({})
         self.readings: Mapping[str, SignalReading] = {s.name: SignalReading() for s in sources}
         """By signal; replaced as a whole at every call."""
 
@@ -192,10 +205,16 @@ class SignalConverter:
                 and now - sample.time <= self._stale_after
                 and isfinite(sample.value)
             ):
-                held = SignalReading(sample.value, "", sample.time)
+                doubt = self._plausible.doubt(source.name, sample.value, sample.time)
+                if doubt:
+                    held = SignalReading(held.value, doubt, held.time)
+                else:
+                    held = SignalReading(sample.value, "", sample.time)
             elif sample.quality is not Quality.UNAVAILABLE or now - held.time > self._stale_after:
-                held = SignalReading(held.value, _why(sample, now), held.time)
+                held = SignalReading(held.value, _why(sample, now, sample.time), held.time)
             fresh[source.name] = held
+        for name, doubt in self._plausible.compared(fresh).items():
+            fresh[name] = SignalReading(fresh[name].value, doubt, fresh[name].time)
         self.readings = fresh
         return fresh
 
@@ -209,6 +228,8 @@ class ToolConverter:
         Of x, y, z in mm; empty where the offset is fixed.
     stale_after
         s after which the last offset counts as stale: the tool may have been changed.
+    longest
+        Least and greatest x, y and z that a tool can have, mm.
 
     Attributes
     ----------
@@ -216,10 +237,16 @@ class ToolConverter:
         Why the tool's offset is not known; empty when it is, or is fixed.
     """
 
-    def __init__(self, channels: Sequence[Channel], stale_after: float) -> None:
+    def __init__(
+        self,
+        channels: Sequence[Channel],
+        stale_after: float,
+        longest: Sequence[tuple[float, float]] = ((-math.inf, math.inf),) * 3,
+    ) -> None:
         self._channels = tuple(channels)
         self._stale_after = stale_after
-        self._read_at = -math.inf
+        self._longest = tuple(longest)
+        self._taken_at = -math.inf
         self.fault = "not read yet" if self._channels else ""
 
     def __call__(self, batch: Batch, now: float) -> tuple[float, float, float] | None:
@@ -227,20 +254,35 @@ class ToolConverter:
         if not self._channels:
             return None
         samples = [batch.get(link, _NOTHING).get(name, _MISSING) for link, name in self._channels]
-        bad = [s for s in samples if s.quality is not _GOOD or not isfinite(s.value)]
-        if bad:
-            unknown = bad[0].quality is not Quality.UNAVAILABLE
-            if unknown or now - self._read_at > self._stale_after:
-                self.fault = _why(bad[0], now)
+        for i, sample in enumerate(samples):
+            if sample.quality is not _GOOD or not isfinite(sample.value):
+                unknown = sample.quality is not Quality.UNAVAILABLE
+                if unknown or now - self._taken_at > self._stale_after:
+                    self.fault = _why(sample, now, sample.time)
+                return None
+            low, high = self._longest[i]
+            if not low <= sample.value <= high:
+                self.fault = f"{'xyz'[i]} = {sample.value:g} mm is not {low:g} to {high:g} mm"
+                return None
+        taken_at = min(s.time for s in samples)
+        if now - taken_at > self._stale_after:
+            self.fault = f"stale: {now - taken_at:.2g} s old"
             return None
-        self._read_at, self.fault = min(s.time for s in samples), ""
+        self._taken_at, self.fault = taken_at, ""
         x, y, z = (s.value for s in samples)
         return x, y, z
 
 
-def _why(sample: Sample, now: float) -> str:
+def _why(
+    sample: Sample,
+    now: float,
+    time: float,
+    limits: tuple[float, float] = (-math.inf, math.inf),
+) -> str:
     if sample.quality is not _GOOD:
         return sample.reason or sample.quality.value
     if not isfinite(sample.value):
         return f"not a number: {sample.value}"
-    return f"stale: {now - sample.time:.2g} s old"
+    if not limits[0] <= sample.value <= limits[1]:
+        return f"{sample.value:g} is not {limits[0]:g} to {limits[1]:g}"
+    return f"stale: {now - time:.2g} s old"

@@ -13,11 +13,13 @@ from daemon.guard import ALL, Guard, Vec3
 from daemon.pipeline.compensate import Compensation, direction_index
 from daemon.pipeline.convert import PositionConverter, SignalConverter, ToolConverter
 from daemon.pipeline.directions import Directions
+from daemon.pipeline.doubts import Doubts
 from daemon.pipeline.observe import Observer
-from daemon.pipeline.plan import make_plan
+from daemon.pipeline.plan import keep_together, make_plan
+from daemon.pipeline.plausible import Plausible
 from daemon.pipeline.poll import Batch, Poll
 from daemon.pipeline.record import CycleRecord, Listener
-from daemon.pipeline.write_back import WriteBack
+from daemon.pipeline.write_back import Outcome, WriteBack
 from daemon.status_word import STOPPED, fault_bits, status_word
 from drivers.link import Link, LinkState
 
@@ -60,18 +62,33 @@ class Pipeline:
         self._compensation.set_tool(file.tool.offset)
         self.axes = self._compensation.axes
         self._turns = self._compensation.uses_directions
-        plan = self._plan = make_plan(configuration, self.axes, with_directions=self._turns)
+        plan = self._plan = make_plan(configuration, self.axes, links, with_directions=self._turns)
         self._nowhere = None if any(plan.reference) else (math.nan,) * len(self.axes)
         self.reads = plan.fast
         self._poll = Poll(links, plan.fast)
         self._slow_polls = [(name, Poll(links, {name: names})) for name, names in plan.slow.items()]
         self._slow: Batch = {}
-        self._positions = PositionConverter(plan.positions, file.guard.stale_after, plan.watch)
-        self._signals = SignalConverter(plan.signals, file.guard.signals_stale_after)
-        self._tool = ToolConverter(plan.tool, file.guard.signals_stale_after)
+        self._stale_after = file.guard.stale_after
+        keep_together(plan, links)
+        expected = plan.expected
+        self._positions = PositionConverter(
+            plan.positions,
+            file.guard.stale_after,
+            plan.watch,
+            expected.positions,
+            [source for source, _ in plan.echo],
+        )
+        self._signals = SignalConverter(
+            plan.signals,
+            file.guard.signals_stale_after,
+            Plausible(expected.signals, expected.likes),
+        )
+        self._tool = ToolConverter(plan.tool, file.guard.signals_stale_after, expected.tool)
         self._deadbands = Directions([file.axes[axis].deadband for axis in self.axes])
         self._guard = Guard(configuration.limits)
-        self._write_back = WriteBack(links, plan.targets, plan.echo, plan.status, plan.heartbeat)
+        self._write_back = WriteBack(
+            links, plan.targets, plan.echo, plan.status, plan.heartbeat, expected.beats
+        )
         machine = configuration.model.machine
         written = [t.axis for t in plan.targets]
         self.corrected_axes = tuple(
@@ -81,11 +98,14 @@ class Pipeline:
             (self.axes.index(axis), direction_index(axis)) for axis in self.corrected_axes
         )
         self._writes = bool(written)
+        self._doubts = Doubts(self.axes, plan, links, self._write_back, file)
         self._period = file.cycle.period
         self._signals_every = file.cycle.signals_every
         self._signals_due = -math.inf
         self._observer = Observer(links, plan)
         self._signal_fault = False
+        self._outcome = Outcome(True)
+        self._not_held = 0
         self._internal = ""
         self._ending = False
         self._number = 0
@@ -132,7 +152,7 @@ class Pipeline:
                 await asyncio.sleep(_IDLE)
             due = await self._until(due, stop)
         nowhere = [math.nan] * len(self._plan.targets)
-        await self._write_back(nowhere, {}, STOPPED)
+        self._outcome = await self._write_back(nowhere, {}, STOPPED)
 
     async def _until(self, due: float, stop: asyncio.Event) -> float:
         """Wait for the next cycle's time; what was missed is left out."""
@@ -155,42 +175,48 @@ class Pipeline:
         batch = await self._poll()
         now = time.monotonic()
         positions, faults = self._positions(batch, now)
+        taken_at = self._positions.taken_at
+        lags = self._doubts.step(positions, faults, self._positions.times, now)
         computed: Vec3 | None = None
         if not faults:
             computed = self._compensation.step(
                 positions, self._directions(positions, batch) if self._turns else ()
             )
-        faulty = ALL if self._tool.fault else self._compensation.faulty
+        foreign = self._doubts.foreign
+        faulty = ALL if self._tool.fault or foreign else self._compensation.faulty
         decision = self._guard.step(now, computed, faulty)
         correction = decision.correction
         corrected = [positions[i] + correction[k] for i, k in self._corrected]
         internal = bool(self._compensation.fault or self._internal)
         wrong = 0
         signal = self._signal_fault or bool(self._tool.fault)
-        if faults or signal or internal or self._ending:
+        refused = bool(self._outcome.problem)
+        if faults or signal or internal or self._ending or refused or foreign:
             wrong = fault_bits(
                 position=bool(faults),
                 signal=signal,
                 internal=internal,
                 ending=self._ending,
+                write=refused,
+                foreign=bool(foreign),
             )
-        word = status_word(decision, wrong)
-        written, problem = False, ""
+        word = status_word(decision, wrong, self._not_held)
         if self._writes or self._plan.status or self._plan.heartbeat:
-            answer = corrected if self._writes else ()
-            written, problem = await self._write_back(answer, batch, word)
+            await self._answer(positions, corrected, batch, word, min(taken_at, now))
         ended = time.monotonic()
         if now >= self._signals_due:
             self._signals_due = now + self._signals_every
             self._take_signals(batch, now)
         present: Mapping[str, str] = {}
-        if wrong or problem or not self._observer.all_up:
+        outcome = self._outcome
+        if wrong or outcome.problem or not self._observer.all_up:
             present = self._observer.faults(
                 axes=faults,
                 readings=self._signals.readings,
                 tool=self._tool.fault,
                 compensator=self._compensation.fault,
-                write_back=problem,
+                write_back=outcome.problem,
+                foreign=foreign,
             )
         self._observer.log(decision, present, now, self._ending)
         self._number += 1
@@ -205,7 +231,9 @@ class Pipeline:
             present,
             self._reference(batch),
             ended - began,
-            written,
+            outcome.written and self._writes,
+            max(0.0, now - taken_at),
+            tuple(lags),
         )
         for listener in tuple(self.listeners):
             try:
@@ -215,6 +243,36 @@ class Pipeline:
                 self.listeners.remove(listener)
                 logger.exception("%s failed and is told no more", listener)
         return record
+
+    async def _answer(
+        self,
+        positions: Sequence[float],
+        corrected: Sequence[float],
+        batch: Batch,
+        word: int,
+        taken_at: float,
+    ) -> None:
+        """Write one cycle's answer, and have the guard know what became of it."""
+        answer: Sequence[float] = ()
+        if self._writes:
+            answer = self._doubts.withhold(positions, corrected)
+        outcome = await self._write_back(answer, batch, word, taken_at + self._stale_after)
+        self._outcome, self._not_held = outcome, 0
+        if self._writes:
+            if outcome.untouched or outcome.unknown:
+                untouched = self._directions_of(outcome.untouched)
+                unknown = self._directions_of(outcome.unknown)
+                self._guard.not_taken(untouched, unknown)
+                self._not_held = untouched | unknown
+            self._doubts.wrote(positions, answer, outcome)
+        await self._doubts.look()
+
+    def _directions_of(self, targets: int) -> int:
+        """The mask of directions for a mask of targets."""
+        mask = 0
+        for place, (_, k) in enumerate(self._corrected):
+            mask |= (targets >> place & 1) << k
+        return mask
 
     def _reference(self, batch: Batch) -> tuple[float, ...]:
         if self._nowhere is not None:

@@ -62,6 +62,7 @@ class Observer:
         tool: str,
         compensator: str,
         write_back: str,
+        foreign: str = "",
     ) -> Mapping[str, str]:
         """What is wrong: what → why. A link that is down stands for all that it carries.
 
@@ -71,9 +72,9 @@ class Observer:
             Axis → why its position is not to be believed.
         readings
             Signals as they were last read.
-        tool, compensator, write_back
-            Why the tool's offset is not known, why there is no correction, why it was not written;
-            empty when all is well.
+        tool, compensator, write_back, foreign
+            Why the tool's offset is not known, why there is no correction, why it was not written,
+            who else writes; empty when all is well.
         """
         found: dict[str, str] = {}
         lost: set[str] = set()
@@ -96,6 +97,8 @@ class Observer:
             found["compensator"] = compensator
         if write_back and not lost:
             found["write-back"] = write_back
+        if foreign:
+            found["controller"] = foreign
         return found
 
     def log(self, decision: Decision, faults: Mapping[str, str], now: float, ending: bool) -> None:

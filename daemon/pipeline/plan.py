@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from daemon.config import Configuration
-from daemon.config.checks import split
-from daemon.pipeline.convert import Source, Watch
+from daemon.config.channels import split
+from daemon.pipeline.convert import Source
+from daemon.pipeline.expected import Expected, expected_of
 from daemon.pipeline.poll import Channel, by_link
+from daemon.pipeline.watch import Watch
 from daemon.pipeline.write_back import Target
+from drivers.link import Link
 from drivers.transducers import AnyTransducerConfig, make_transducer
 
 
@@ -33,6 +36,8 @@ class Plan:
         Link → channels that are read in every cycle.
     slow
         Link → channels of links that carry no positions, read at their own pace.
+    expected
+        What is believed of all that is read, and what the channels can hold.
     """
 
     positions: tuple[Source, ...]
@@ -47,10 +52,15 @@ class Plan:
     heartbeat: Channel | None
     fast: dict[str, tuple[str, ...]]
     slow: dict[str, tuple[str, ...]]
+    expected: Expected
 
 
 def make_plan(
-    configuration: Configuration, axes: Sequence[str], *, with_directions: bool = True
+    configuration: Configuration,
+    axes: Sequence[str],
+    links: Mapping[str, Link],
+    *,
+    with_directions: bool = True,
 ) -> Plan:
     """The plan of a configuration.
 
@@ -60,6 +70,8 @@ def make_plan(
         Already checked.
     axes
         The compensator's order.
+    links
+        All links, made; need not be open.
     with_directions
         Whether the model asks in which direction an axis moved.
     """
@@ -78,15 +90,19 @@ def make_plan(
     tool = tuple(split(name) for name in file.tool.sources or ())
     controller = file.controller
     watch = Watch(
-        _channel(controller.heartbeat),
-        controller.heartbeat_within,
-        _channel(controller.status),
-        controller.require,
-        controller.forbid,
+        stale_after=file.guard.stale_after,
+        heartbeat=_channel(controller.heartbeat),
+        within=controller.heartbeat_within,
+        status=_channel(controller.status),
+        require=controller.require,
+        forbid=controller.forbid,
+        sample=_channel(controller.sample),
+        clock=_channel(controller.clock),
+        tick=controller.clock_tick,
     )
     echo = tuple((split(e.source), split(e.target)) for e in file.output.echo)
     with_positions = [s.channel for s in positions]
-    with_positions += [c for c in (*directions, watch.heartbeat, watch.status) if c is not None]
+    with_positions += [c for c in (*directions, *watch.channels) if c is not None]
     with_positions += [s.channel for s in reference if s is not None]
     with_positions += [source for source, _ in echo]
     with_signals = [*(s.channel for s in signals), *tool]
@@ -104,6 +120,7 @@ def make_plan(
         _channel(file.output.heartbeat),
         by_link([*with_positions, *(c for c in with_signals if c[0] in fast_links)]),
         by_link(c for c in with_signals if c[0] not in fast_links),
+        expected_of(configuration, axes, links),
     )
 
 
@@ -122,3 +139,17 @@ def _source(name: str, channel: str, config: AnyTransducerConfig | None) -> Sour
 
 def _channel(name: str | None) -> Channel | None:
     return None if name is None else split(name)
+
+
+def keep_together(plan: Plan, links: Mapping[str, Link]) -> None:
+    """Have each link read the axes that it carries, and what is echoed with them, in one go.
+
+    Raises
+    ------
+    LinkConfigError
+        When positions and the number that says of which sample they are cannot be read together.
+    """
+    for link, members in by_link(s.channel for s in plan.positions).items():
+        echoed = tuple(name for (where, name), _ in plan.echo if where == link)
+        if link in links and len(members) + len(echoed) > 1:
+            links[link].keep_together((*members, *echoed), one_sample=bool(echoed))

@@ -37,6 +37,11 @@ class CycleRecord(NamedTuple):
         From the beginning of the poll to the end of the write-back.
     written
         Whether the controller took all corrected positions.
+    age
+        Time from the earliest moment at which the positions can have been taken until they were
+        about to be written.
+    lags
+        By axis, how far it may have moved in that time: age × measured speed.
     """
 
     number: int
@@ -50,6 +55,8 @@ class CycleRecord(NamedTuple):
     reference: tuple[float, ...]
     duration: float
     written: bool
+    age: float = 0.0
+    lags: tuple[float, ...] = ()
 
 
 Listener = Callable[[CycleRecord], None]

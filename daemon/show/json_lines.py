@@ -87,6 +87,11 @@ class JsonLines:
             },
             "written": record.written,
             "cycle_ms": round(1e3 * record.duration, 3),
+            "age_ms": _number(1e3 * record.age, 3),
+            "lag_um": {
+                axis: _number(1e3 * lag * factor, 3)
+                for (axis, factor), lag in zip(self._axes, record.lags, strict=False)
+            },
         }
         if others:
             line["signals"] = others

@@ -67,6 +67,8 @@ def test_a_heartbeat_that_stands_still_makes_positions_stale() -> None:
 
     def faults(now: float, beat: float | Sample) -> dict[str, str]:
         at = {k: Sample(v, now) for k, v in (("x", 250_000.0), ("y", 1.0))}
+        if not isinstance(beat, Sample):
+            beat = Sample(beat, now)
         return convert(batch(**at, beat=beat), now)[1]
 
     assert faults(10.0, 5) == {}

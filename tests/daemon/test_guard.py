@@ -74,7 +74,7 @@ def test_a_missing_signal_leaves_the_other_directions_as_they_were(
                 assert found.states[d] is expected.states[d]
 
 
-@given(st.lists(step, max_size=30), st.tuples(*[st.floats(-0.2, 0.2)] * 3))
+@given(st.lists(step, max_size=30), st.tuples(*[st.floats(-0.045, 0.045)] * 3))
 def test_whatever_happened_it_comes_down_to_zero_in_the_stated_time_and_returns(
     steps: list[tuple[float, Vec3 | None, int, bool]], value: Vec3
 ) -> None:
@@ -172,7 +172,8 @@ def test_a_signals_correction_follows_the_position_while_it_is_held() -> None:
 def test_a_correction_beyond_the_limits_is_cut_and_said() -> None:
     guard = Guard(LIMITS)
     huge: Vec3 = (9.0, -9.0, 0.0)
-    now = run(guard, 0.0, 5.0, huge)
+    now = run(guard, 0.0, 3.0, (0.05, -0.08, 0.0))
+    now = run(guard, now, 0.5, huge)
     decision = guard.step(now, huge)
     assert decision.size_limited
     assert not decision.compensating
@@ -216,3 +217,104 @@ def test_limits_that_make_no_sense_are_refused(change: dict[str, object], word: 
     }
     with pytest.raises(ValueError, match=word):
         GuardLimits(**{**values, **change})  # type: ignore[arg-type]
+
+
+taken = st.sampled_from(["taken", "untouched", "unknown, taken", "unknown, not taken"])
+
+
+@given(
+    st.lists(st.tuples(step, st.tuples(taken, taken, taken)), max_size=60),
+)
+def test_what_the_controller_has_never_steps_further_than_stated(
+    steps: list[tuple[tuple[float, Vec3 | None, int, bool], tuple[str, str, str]]],
+) -> None:
+    """A controller that takes, refuses and leaves one guessing, kept apart from the guard."""
+    guard = Guard(LIMITS)
+    now, has = 100.0, [0.0, 0.0, 0.0]
+    reach = LIMITS.max_rate * LIMITS.longest_step
+    for (dt, value, faulty, release), outcomes in steps:
+        now += dt
+        if release:
+            guard.release()
+        handed = guard.step(now, value, faulty).correction
+        for i, outcome in enumerate(outcomes):
+            if outcome in ("taken", "unknown, taken"):
+                assert abs(handed[i] - has[i]) <= reach + TINY
+                assert abs(handed[i]) <= LIMITS.max_correction[i] + TINY
+                has[i] = handed[i]
+        guard.not_taken(
+            sum(1 << i for i, o in enumerate(outcomes) if o == "untouched"),
+            sum(1 << i for i, o in enumerate(outcomes) if o.startswith("unknown")),
+        )
+
+
+def test_after_refusals_it_goes_on_from_what_the_controller_has() -> None:
+    guard = Guard(ROOMY)
+    now = 0.0
+    for _ in range(400):
+        now += 0.02
+        guard.step(now, C)
+    moved = (C[0] + 0.3, C[1], C[2])
+    for _ in range(400):
+        now += 0.02
+        guard.step(now, moved)
+        guard.not_taken(0b001)
+    now += 0.02
+    decision = guard.step(now, moved)
+    assert decision.correction[0] - C[0] == pytest.approx(ROOMY.max_rate * 0.02)
+    assert decision.limited == 0b001
+    assert not decision.compensating
+
+
+def test_the_end_is_not_reached_before_the_controller_has_zero() -> None:
+    guard = Guard(LIMITS)
+    now = 0.0
+    for _ in range(200):
+        now += 0.05
+        guard.step(now, C)
+    guard.release()
+    for _ in range(200):
+        now += 0.05
+        guard.step(now, C)
+        guard.not_taken(0, ALL)
+    assert not guard.released
+    for _ in range(10):
+        now += 0.05
+        guard.step(now, C)
+    assert guard.released
+
+
+@pytest.mark.parametrize("value", [(0.3, 0.0, 0.0), (0.04, 0.07, 0.09)])
+def test_too_large_for_longer_than_the_hold_time_is_a_fault(value: Vec3) -> None:
+    """One direction beyond its own limit, and three that are too long together."""
+    guard = Guard(LIMITS)
+    now, states = 0.0, set()
+    while now < LIMITS.hold:
+        now += 0.05
+        decision = guard.step(now, value)
+        assert decision.size_limited
+    while now < LIMITS.hold + LIMITS.ramp + 1.0:
+        now += 0.05
+        decision = guard.step(now, value)
+        states.add(decision.states)
+    falls = [v != 0.0 for v in value]
+    for i in range(3):
+        assert (decision.correction[i] == 0.0) == (falls[i] or value[i] == 0.0)
+        assert (decision.states[i] is GuardState.OFF) == falls[i]
+    while now < 10.0:
+        now += 0.05
+        decision = guard.step(now, C)
+    assert decision.states == (GuardState.ACTIVE,) * 3
+    assert decision.correction == C
+
+
+def test_too_large_for_less_than_that_is_cut() -> None:
+    guard = Guard(LIMITS)
+    now = 0.0
+    for k in range(400):
+        now += 0.05
+        decision = guard.step(now, C if k % 10 else (0.3, -0.03, 0.01))
+        if k > 100:
+            assert decision.states == (GuardState.ACTIVE,) * 3
+            assert decision.size_limited == (k % 10 == 0)
+            assert decision.limited & 1 == decision.size_limited or decision.rate_limited

@@ -4,7 +4,11 @@ A pure state machine: time and inputs are handed in, nothing is read or written,
 below is checked by property tests (``tests/daemon/test_guard.py``) for any sequence of inputs.
 
 - No correction handed out is larger than stated, per direction and in its length.
-- From one step to the next it changes no faster than stated, in each direction.
+- From one step to the next it changes no faster than stated, in each direction; counted from what
+  the *controller has*: what it did not take was no step, and where nobody knows whether it took a
+  value, the next one is near enough to both.
+- A computed correction that is larger than allowed is cut; for longer than the hold time it is a
+  fault like a missing sensor.
 - What is not finite never passes.
 - While something that a direction's correction rests on is missing, the last good correction is
   held for a stated time and then ramped to zero in a stated time; other directions go on. When
@@ -21,94 +25,11 @@ Each direction has a *share* between 0 and 1; the correction handed out is share
 
 from __future__ import annotations
 
-import enum
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
-Vec3 = tuple[float, float, float]
-
-DIRECTIONS = ("X", "Y", "Z")
-"""The three directions of a correction, machine axes."""
-
-ALL = 0b111
-"""Mask of all directions: bit 0 is X, bit 1 Y, bit 2 Z."""
-
-ZERO: Vec3 = (0.0, 0.0, 0.0)
-
-
-class GuardState(enum.Enum):
-    """What the guard does with one direction."""
-
-    OFF = "off"
-    """No correction: something is missing for longer than hold and ramp, or nothing began yet."""
-    RISING = "rising"
-    """Sound again; the correction is ramped in."""
-    ACTIVE = "active"
-    """The computed correction is handed out in full."""
-    HOLDING = "holding"
-    """Something is missing; the last good correction is held."""
-    FALLING = "falling"
-    """Missing for longer than the hold time; ramped to zero."""
-
-
-@dataclass(frozen=True, slots=True)
-class GuardLimits:
-    """What the guard allows.
-
-    Attributes
-    ----------
-    max_correction
-        Largest correction in X, Y, Z, mm.
-    max_norm
-        Largest length of the correction vector, mm.
-    max_rate
-        Fastest change of the correction in each direction, mm/s.
-    hold
-        How long the last good correction is held, s.
-    ramp
-        Time in which a full correction is then ramped to zero, and later back in, s.
-    longest_step
-        Time between two steps that still counts as time for a change, s: after a longer pause
-        the correction moves no further than in this time.
-
-    Raises
-    ------
-    ValueError
-        When a limit is not positive and finite, or `max_rate` does not allow `max_correction` to
-        be ramped to zero within `ramp`.
-    """
-
-    max_correction: Vec3
-    max_norm: float
-    max_rate: float
-    hold: float
-    ramp: float
-    longest_step: float = 0.2
-
-    def __post_init__(self) -> None:
-        named = {
-            **{
-                f"max_correction {d}": v
-                for d, v in zip(DIRECTIONS, self.max_correction, strict=True)
-            },
-            "max_norm": self.max_norm,
-            "max_rate": self.max_rate,
-            "ramp": self.ramp,
-            "longest_step": self.longest_step,
-        }
-        for name, value in named.items():
-            if not (value > 0.0 and math.isfinite(value)):
-                raise ValueError(f"{name} must be a positive number, found {value}")
-        if not (self.hold >= 0.0 and math.isfinite(self.hold)):
-            raise ValueError(f"hold must be 0 s or more, found {self.hold}")
-        needed = max(self.max_correction) / self.ramp
-        if self.max_rate < needed * (1.0 - 1e-9):
-            raise ValueError(
-                f"max_rate = {self.max_rate:g} mm/s cannot ramp the largest correction "
-                f"({max(self.max_correction):g} mm) to zero in ramp = {self.ramp:g} s; "
-                f"expected at least {needed:g} mm/s"
-            )
+from daemon.guard.direction import Direction, GuardState
+from daemon.guard.limits import ALL, ZERO, GuardLimits, Vec3
 
 
 class Decision(NamedTuple):
@@ -122,12 +43,15 @@ class Decision(NamedTuple):
         What the guard does with each direction.
     size_limited, rate_limited
         Whether the computed correction was larger, or changed faster, than allowed.
+    limited
+        Mask of the directions to which that happened.
     """
 
     correction: Vec3
     states: tuple[GuardState, GuardState, GuardState]
     size_limited: bool
     rate_limited: bool
+    limited: int = 0
 
     @property
     def compensating(self) -> bool:
@@ -138,34 +62,10 @@ class Decision(NamedTuple):
 _ALL_ACTIVE = (GuardState.ACTIVE, GuardState.ACTIVE, GuardState.ACTIVE)
 
 
-class _Direction:
-    """One direction's share and, while something is missing, since when."""
+_Held = tuple[float, float]
+"""Least and largest correction in one direction that the controller may have, mm."""
 
-    __slots__ = ("fault_since", "share", "share_at_fault", "state")
-
-    def __init__(self) -> None:
-        self.state = GuardState.OFF
-        self.share = 0.0
-        self.share_at_fault = 0.0
-        self.fault_since = math.nan
-
-    def sound(self, dt: float, limits: GuardLimits) -> None:
-        self.fault_since = math.nan
-        if self.share < 1.0:
-            self.share = min(1.0, self.share + dt / limits.ramp)
-        self.state = GuardState.ACTIVE if self.share == 1.0 else GuardState.RISING
-
-    def faulty(self, now: float, hold: float, ramp: float) -> None:
-        if self.fault_since != self.fault_since:
-            self.fault_since = now
-            self.share_at_fault = self.share
-        over = now - self.fault_since - hold
-        if over > 0.0:
-            self.share = max(0.0, min(self.share, self.share_at_fault - over / ramp))
-        if self.share == 0.0:
-            self.state = GuardState.OFF
-        else:
-            self.state = GuardState.FALLING if over > 0.0 or hold == 0.0 else GuardState.HOLDING
+_NOTHING: _Held = (0.0, 0.0)
 
 
 class Guard:
@@ -179,10 +79,14 @@ class Guard:
 
     def __init__(self, limits: GuardLimits) -> None:
         self._limits = limits
-        self._directions = (_Direction(), _Direction(), _Direction())
+        self._directions = (Direction(), Direction(), Direction())
         self._last = math.nan
-        self._held = ZERO
+        self._computed = ZERO
         self._applied = ZERO
+        self._before: tuple[_Held, _Held, _Held] = (_NOTHING, _NOTHING, _NOTHING)
+        self._held: tuple[_Held, _Held, _Held] = (_NOTHING, _NOTHING, _NOTHING)
+        self._unsure = 0
+        self._too_large_since = [math.inf, math.inf, math.inf]
         self._steady = False
         self._releasing = False
 
@@ -198,8 +102,35 @@ class Guard:
 
     @property
     def released(self) -> bool:
-        """Whether, after `release`, the correction has come down to zero."""
-        return self._releasing and self._applied == ZERO
+        """Whether, after `release`, the correction has come down to zero in the controller."""
+        return self._releasing and self._applied == ZERO and not self._unsure
+
+    def not_taken(self, untouched: int, unknown: int = 0) -> None:
+        """Take note of what the controller did not take of the last step's correction.
+
+        Without a call between two steps, all of it was taken.
+
+        Parameters
+        ----------
+        untouched
+            Mask of the directions that certainly still have the correction of before.
+        unknown
+            Mask of those of which nobody knows whether they have the new one.
+        """
+        held = list(self._held)
+        applied = list(self._applied)
+        for i in range(3):
+            low, high = self._before[i]
+            if untouched >> i & 1:
+                held[i] = self._before[i]
+                applied[i] = min(max(applied[i], low), high)
+            elif unknown >> i & 1:
+                held[i] = min(low, applied[i]), max(high, applied[i])
+        self._held = held[0], held[1], held[2]
+        self._applied = applied[0], applied[1], applied[2]
+        self._unsure = sum(1 << i for i, (low, high) in enumerate(held) if low != high)
+        # the short way asks only where it stands, so what it stands on must be sure
+        self._steady = self._steady and not (untouched | unknown)
 
     def step(self, now: float, computed: Vec3 | None, faulty: int = 0) -> Decision:
         """Take in what was computed and hand out what may be applied.
@@ -224,33 +155,58 @@ class Guard:
             computed = None
         if computed is None or self._releasing:
             faulty = ALL
+        self._before = before = self._held
         if computed is not None:
-            self._held = computed
+            self._computed = computed
             if self._steady and not faulty and self._allowed(computed, limits.max_rate * dt):
                 self._applied = computed
+                x, y, z = computed
+                self._held = (x, x), (y, y), (z, z)
                 return Decision(computed, _ALL_ACTIVE, False, False)
+        target, limited = self._target(now, dt, faulty)
+        self._applied, behind = self._approach(target, before, limits.max_rate * dt)
+        x, y, z = self._applied
+        self._held, self._unsure = ((x, x), (y, y), (z, z)), 0
+        along_x, along_y, along_z = self._directions
+        states = (along_x.state, along_y.state, along_z.state)
+        self._steady = states == _ALL_ACTIVE and not limited
+        return Decision(self._applied, states, bool(limited), bool(behind), limited | behind)
+
+    def _target(self, now: float, dt: float, faulty: int) -> tuple[list[float], int]:
+        """The correction to go to, and the mask of directions in which that is cut."""
+        limits = self._limits
         hold = 0.0 if self._releasing else limits.hold
+        limited, too_long = self._too_large(now)
         target = [0.0, 0.0, 0.0]
-        size_limited = False
         for i, direction in enumerate(self._directions):
             if faulty >> i & 1:
                 direction.faulty(now, hold, limits.ramp)
+            elif too_long >> i & 1:
+                direction.faulty(now, 0.0, limits.ramp)
             else:
                 direction.sound(dt, limits)
-            value, most = direction.share * self._held[i], limits.max_correction[i]
-            if abs(value) > most:
-                value, size_limited = math.copysign(most, value), True
-            target[i] = value
+            value, most = direction.share * self._computed[i], limits.max_correction[i]
+            target[i] = math.copysign(min(abs(value), most), value)
         norm = math.hypot(*target)
         if norm > limits.max_norm:
-            size_limited = True
             shrink = limits.max_norm / norm
             target = [shrink * value for value in target]
-        self._applied, rate_limited = self._approach(target, limits.max_rate * dt)
-        x, y, z = self._directions
-        states = (x.state, y.state, z.state)
-        self._steady = states == _ALL_ACTIVE
-        return Decision(self._applied, states, size_limited, rate_limited)
+        return target, limited
+
+    def _too_large(self, now: float) -> tuple[int, int]:
+        """Masks of the directions whose computed correction is too large, and for too long."""
+        limits, since = self._limits, self._too_large_since
+        together = math.hypot(*self._computed) > limits.max_norm
+        mask = too_long = 0
+        for i, value in enumerate(self._computed):
+            if abs(value) <= limits.max_correction[i] and not (together and value):
+                since[i] = math.inf
+                continue
+            mask |= 1 << i
+            since[i] = min(since[i], now)
+            if now - since[i] > limits.hold:
+                too_long |= 1 << i
+        return mask, too_long
 
     def _allowed(self, wanted: Vec3, reach: float) -> bool:
         """Whether a full correction needs no limit: by far the most frequent step, so a short way.
@@ -270,27 +226,42 @@ class Guard:
             and math.hypot(x, y, z) <= self._limits.max_norm
         )
 
-    def _approach(self, target: list[float], reach: float) -> tuple[Vec3, bool]:
-        """The correction after a step towards `target` of at most `reach` mm per direction."""
+    def _approach(
+        self, target: list[float], before: tuple[_Held, _Held, _Held], reach: float
+    ) -> tuple[Vec3, int]:
+        """The correction after a step towards `target`, and the mask of what did not arrive.
+
+        The step is of at most `reach` mm in each direction, from all that the controller may have.
+        """
         now = self._applied
         moved = (
-            _towards(now[0], target[0], reach),
-            _towards(now[1], target[1], reach),
-            _towards(now[2], target[2], reach),
+            _towards(before[0], now[0], target[0], reach),
+            _towards(before[1], now[1], target[1], reach),
+            _towards(before[2], now[2], target[2], reach),
         )
-        arrived = moved == tuple(target)
-        if not arrived and math.hypot(*moved) > self._limits.max_norm:
+        most = self._limits.max_norm
+        if math.hypot(*moved) > most >= math.hypot(*now):
             # directions that arrive before others may pass through a longer vector; a step
             # on the straight line between two allowed vectors never does
-            part = reach / max(abs(t - n) for t, n in zip(target, now, strict=True))
+            part = min(
+                (m - n) / (t - n) for t, n, m in zip(target, now, moved, strict=True) if t != n
+            )
             x, y, z = (n + part * (t - n) for t, n in zip(target, now, strict=True))
             moved = (x, y, z)
-        return moved, not arrived
+        return moved, sum(1 << i for i in range(3) if moved[i] != target[i])
 
 
-def _towards(start: float, end: float, reach: float) -> float:
-    way = end - start
-    return end + 0.0 if abs(way) <= reach else start + math.copysign(reach, way)  # no −0
+def _towards(held: _Held, now: float, end: float, reach: float) -> float:
+    """Where a step from anywhere in `held` to `end` may go, `now` being within."""
+    low, high = held
+    way = end - now
+    if low == high:
+        return end + 0.0 if abs(way) <= reach else now + math.copysign(reach, way)  # no −0
+    first, last = high - reach, low + reach
+    if first > last:
+        # less time has passed than when they came apart: stay within what may be held already
+        first, last = low, high
+    return min(max(end, first), last) + 0.0
 
 
 def _finite(vector: Vec3) -> bool:

@@ -1,0 +1,206 @@
+"""Checks of what is written: it can be, it is not what is read, and its channels can hold it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from compcore.machine import Machine, own_component
+from compcore.structure import is_rotary
+from daemon.config.channels import Channels, Key, split
+from daemon.status_word import LARGEST
+from drivers.link import ChannelInfo, LinkConfigError, Place
+from drivers.transducers import SensorFaultError, make_transducer
+
+_FEWEST_BEATS = 4
+"""A heartbeat that begins again sooner is not told from one that stands still."""
+
+
+def check_outputs(channels: Channels, machine: Machine) -> None:
+    """Refuse outputs that cannot be written, or would be read again.
+
+    Raises
+    ------
+    InputError
+        The first that is wrong.
+    """
+    _check_axes(channels)
+    _check_writable(channels)
+    _check_apart(channels)
+    _check_messages(channels)
+    _check_ranges(channels, machine)
+    _check_one_sample(channels)
+
+
+def _check_axes(channels: Channels) -> None:
+    file = channels.file
+    components: dict[str, str] = {}
+    for name in file.output.axes:
+        key: Key = ("output", "axes", name)
+        if name not in file.axes or is_rotary(name):
+            linear = [a for a in file.axes if not is_rotary(a)]
+            raise channels.source.error(
+                "only linear axes of the machine are corrected",
+                key,
+                found=name,
+                expected="one of " + ", ".join(linear),
+            )
+        component = own_component(name)
+        if component in components:
+            raise channels.source.error(
+                f"{components[component]} takes the correction in {component} already",
+                key,
+                found=name,
+            )
+        components[component] = name
+
+
+def _check_writable(channels: Channels) -> None:
+    taken: dict[str, Key] = {}
+    read = dict(channels.read())
+    for channel, key in channels.written():
+        link, name = channels.find(channel, key)
+        if not channels.info(channel).writable:
+            raise channels.source.error(
+                f"channel {channel} cannot be written",
+                key,
+                expected=f"writable = true in [links.{link}.channels.{name}]",
+            )
+        if channel in taken:
+            raise channels.source.error("written twice", key, found=channel)
+        if channel in read:
+            raise channels.source.error(
+                "a channel that is read as a source would be overwritten", key, found=channel
+            )
+        taken[channel] = key
+
+
+def _check_apart(channels: Channels) -> None:
+    """No place that is written is read, or written under another name, through any link."""
+    read = [(c, key, place) for c, key in channels.read() for place in _places(channels, c)]
+    written: list[tuple[str, Key, Place]] = []
+    for channel, key in channels.written():
+        for place in _places(channels, channel):
+            for other, _, there in read:
+                if place.overlaps(there):
+                    same = place.space == there.space
+                    hint = "" if same or not place.apart else _SEPARATE
+                    raise channels.source.error(
+                        f"{channel} would overwrite what is read as {other}"
+                        + ("" if same else ": many devices keep one memory for both"),
+                        key,
+                        found=_where(channels, channel),
+                        expected=f"another place than {_where(channels, other)}{hint}",
+                    )
+            for other, _, there in written:
+                if place.overlaps(there):
+                    raise channels.source.error(
+                        f"{channel} and {other} are written to the same place",
+                        key,
+                        found=_where(channels, channel),
+                    )
+        written += [(channel, key, place) for place in _places(channels, channel)]
+
+
+_SEPARATE = (
+    ', or, if the device keeps them apart, that it is said: separate = ["tables"] in the link\'s '
+    'section, "units" for units'
+)
+
+
+def _places(channels: Channels, channel: str) -> tuple[Place, ...]:
+    link, name = split(channel)
+    return channels.links[link].places(name)
+
+
+def _where(channels: Channels, channel: str) -> str:
+    link, name = split(channel)
+    return f"{channel} ({channels.links[link].channels[name]})"
+
+
+def _check_messages(channels: Channels) -> None:
+    """Status and heartbeat go out also when no position does: not in one message with one."""
+    output = channels.file.output
+    targets = {section.target for section in output.axes.values()}
+    for key in ("status", "heartbeat"):
+        if (channel := getattr(output, key)) is None:
+            continue
+        link, name = split(channel)
+        for other in sorted(channels.links[link].goes_with(name)):
+            if f"{link}.{other}" in targets:
+                raise channels.source.error(
+                    f"{channel} goes out in one message with the corrected position "
+                    f"{link}.{other}, and must go out also when that is not known",
+                    ("output", key),
+                    found=channel,
+                    expected="a channel in a message of its own",
+                )
+
+
+def _check_ranges(channels: Channels, machine: Machine) -> None:
+    """Every channel can hold all that may be written to it."""
+    file = channels.file
+    most = dict(zip("XYZ", file.guard.vector, strict=True))
+    for name, section in file.output.axes.items():
+        if name not in machine.axes:
+            continue
+        reach = most[own_component(name)]
+        info = channels.info(section.target)
+        for end, more in zip(machine.axes[name].travel, (-reach, reach), strict=True):
+            value = end + more
+            if section.transducer is not None:
+                try:
+                    value = make_transducer(section.transducer).inverse(value)
+                except SensorFaultError as error:
+                    raise channels.source.error(
+                        f"{name} = {end + more:g} mm cannot be written: {error}",
+                        ("output", "axes", name, "transducer"),
+                    ) from None
+            _check_holds(channels, section.target, ("output", "axes", name, "target"), info, value)
+    if file.output.status is not None:
+        info = channels.info(file.output.status)
+        for value in (0.0, float(LARGEST)):
+            _check_holds(channels, file.output.status, ("output", "status"), info, value)
+    if file.output.heartbeat is not None:
+        info = channels.info(file.output.heartbeat)
+        for value in (0.0, float(_FEWEST_BEATS)):
+            _check_holds(channels, file.output.heartbeat, ("output", "heartbeat"), info, value)
+    for i, echo in enumerate(file.output.echo):
+        info = channels.info(echo.target)
+        for value in _ends(channels.info(echo.source)):
+            _check_holds(channels, echo.target, ("output", "echo", i, "target"), info, value)
+
+
+def _check_holds(
+    channels: Channels, channel: str, key: Key, info: ChannelInfo, value: float
+) -> None:
+    slack = 0.5 * info.step
+    if not info.low - slack <= value <= info.high + slack:
+        unit = f" {info.unit}" if info.unit else ""
+        raise channels.source.error(
+            f"{channel} cannot hold {value:.10g}{unit}, which may have to be written",
+            key,
+            found=_where(channels, channel),
+            expected=f"a type for more than {info.low:.10g} to {info.high:.10g}{unit}",
+        )
+
+
+def _ends(info: ChannelInfo) -> Iterator[float]:
+    yield from (end for end in (info.low, info.high) if math.isfinite(end))
+
+
+def _check_one_sample(channels: Channels) -> None:
+    """Positions and the number that says of which sample they are come in one answer."""
+    file = channels.file
+    axes: dict[str, list[str]] = {}
+    for section in file.axes.values():
+        link, name = split(section.source)
+        axes.setdefault(link, []).append(name)
+    for i, echo in enumerate(file.output.echo):
+        link, name = split(echo.source)
+        if link not in axes:
+            continue
+        try:
+            channels.links[link].keep_together((*axes[link], name), one_sample=True)
+        except LinkConfigError as error:
+            raise channels.source.error(str(error), ("output", "echo", i, "source")) from None

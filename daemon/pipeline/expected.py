@@ -1,0 +1,161 @@
+"""What is believed of all that is read, and what the channels can hold, from the configuration."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from compcore.machine import Signal
+from compcore.plausible import position_range, signal_range
+from daemon.config import Configuration
+from daemon.config.channels import split
+from daemon.config.sections import SignalSection
+from daemon.pipeline.plausible import Bounds, Likes
+from daemon.pipeline.poll import Channel
+from daemon.status_word import LARGEST
+from drivers.link import Link, Sample
+from drivers.transducers import AnyTransducerConfig, make_transducer
+
+HEARTBEATS = 1 << 16
+"""Where the heartbeat begins again at 0, unless its channel holds less."""
+
+_APART = 15.0
+"""K that thermometers of one role may be apart on one machine: a hall with the sun on one side."""
+_COMPARED = ("scale", "structure", "workpiece", "ambient", "air")
+"""Roles whose thermometers are compared: motors, spindles and coolant may well be far apart."""
+_FINEST = 1e-4
+"""mm within which a position counts as the same as another: what a float32 resolves at 1 m."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What is believed, and what the channels can hold.
+
+    Attributes
+    ----------
+    positions
+        For each axis, least and greatest position, mm (rotary: rad).
+    signals
+        By signal.
+    likes
+        Sensors that are compared.
+    tool
+        For x, y and z, least and greatest offset, mm.
+    steps
+        For each target, the difference (mm) up to which a position counts as what was written.
+    read_back
+        Channels that are written and can be read back.
+    beats
+        Where the heartbeat begins again at 0.
+    """
+
+    positions: tuple[tuple[float, float], ...]
+    signals: Mapping[str, Bounds]
+    likes: tuple[Likes, ...]
+    tool: tuple[tuple[float, float], ...]
+    steps: tuple[float, ...]
+    read_back: tuple[Channel, ...]
+    beats: int
+
+
+def expected_of(
+    configuration: Configuration, axes: Sequence[str], links: Mapping[str, Link]
+) -> Expected:
+    """What is expected of a configuration's channels; `links` need not be open."""
+    file, machine = configuration.file, configuration.model.machine
+    known = {name: machine.signals[name] for name in file.signals}
+    written = [axis for axis in axes if axis in file.output.axes]
+    return Expected(
+        positions=tuple(_positions(configuration, axes)),
+        signals={name: bounds_of(known[name], file.signals[name]) for name in known},
+        likes=tuple(_likes(known)),
+        tool=(_tool(configuration),) * 3,
+        steps=tuple(_same_within(configuration, links, axis) for axis in written),
+        read_back=tuple(_read_back(configuration, links)),
+        beats=beats_of(links, file.output.heartbeat),
+    )
+
+
+def bounds_of(signal: Signal, section: SignalSection) -> Bounds:
+    """What is believed of a signal: what the configuration says, else what its role allows."""
+    allowed = signal_range(signal)
+    low, high = section.range or (allowed.low, allowed.high)
+    rate = section.max_rate or allowed.rate
+    if section.range:
+        why = " (range in the configuration)"
+    else:
+        why = f", which is what a signal of role {signal.role} can be"
+    return Bounds(low, high, rate, signal.unit, why)
+
+
+def beats_of(links: Mapping[str, Link], heartbeat: str | None) -> int:
+    """Where the heartbeat begins again at 0: at 65536, or where its channel ends."""
+    if heartbeat is None:
+        return HEARTBEATS
+    link, name = split(heartbeat)
+    high = links[link].info(name).high
+    return HEARTBEATS if high >= HEARTBEATS - 1 else int(high) + 1
+
+
+def outputs_hold(links: Mapping[str, Link], status: str) -> bool:
+    """Whether a channel can hold any status word."""
+    link, name = split(status)
+    info = links[link].info(name)
+    return info.low <= 0.0 and info.high >= LARGEST
+
+
+def _positions(configuration: Configuration, axes: Sequence[str]) -> Iterator[tuple[float, float]]:
+    for name in axes:
+        axis = configuration.model.machine.axes[name]
+        believed = position_range(axis)
+        scale = math.radians(1.0) if axis.rotary else 1.0
+        yield scale * believed.low, scale * believed.high
+
+
+def _likes(known: Mapping[str, Signal]) -> Iterator[Likes]:
+    groups: dict[tuple[str, str], list[str]] = {}
+    for name, signal in known.items():
+        if signal.temperature and signal.role in _COMPARED:
+            groups.setdefault((signal.role, signal.unit), []).append(name)
+    for (role, unit), names in groups.items():
+        if len(names) > 1:
+            yield Likes(tuple(names), _APART, role, unit)
+
+
+def _tool(configuration: Configuration) -> tuple[float, float]:
+    longest = configuration.file.tool.longest
+    if longest is None:
+        axes = configuration.model.machine.axes.values()
+        longest = max(a.travel[1] - a.travel[0] for a in axes if not a.rotary)
+    return -longest, longest
+
+
+def _same_within(configuration: Configuration, links: Mapping[str, Link], axis: str) -> float:
+    file = configuration.file
+    read, write = file.axes[axis], file.output.axes[axis]
+    steps = _step(links, read.source, read.transducer) + _step(
+        links, write.target, write.transducer
+    )
+    return max(0.51 * steps, _FINEST)
+
+
+def _step(links: Mapping[str, Link], channel: str, config: AnyTransducerConfig | None) -> float:
+    """What one step of a channel is, mm."""
+    link, name = split(channel)
+    step = links[link].info(name).step
+    if config is None or not step:
+        return step
+    first, second = (make_transducer(config).convert(Sample(v, 0.0)) for v in (0.0, step))
+    way = abs(second.value - first.value)
+    return way if math.isfinite(way) else 0.0
+
+
+def _read_back(configuration: Configuration, links: Mapping[str, Link]) -> Iterator[Channel]:
+    output = configuration.file.output
+    for channel in (output.status, *(section.target for section in output.axes.values())):
+        if channel is not None:
+            link, name = split(channel)
+            info = links[link].info(name)
+            if info.read_back and info.every == 0.0:
+                yield link, name
