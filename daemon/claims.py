@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from daemon.config import Configuration
-from daemon.config.checks import split
+from daemon.config.channels import split
 from drivers.link import Link
 from drivers.resources import readers_may_share
 from drivers.stores.base import Store

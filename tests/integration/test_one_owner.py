@@ -90,7 +90,7 @@ def test_uploads_and_runs_exclude_each_other(tmp_path: Path) -> None:
         place = Place(folder, control, keys, SLOW)
         place.configure(**SLOW)
         text = place.config.read_text().replace("port = 1\n", f"port = {simulator.port}\n", 1)
-        output = 'writable = true, table = "holding", address = 0, type = "uint16"'
+        output = 'writable = true, table = "holding", address = 900, type = "uint16"'
         text = text.replace("[axes.X]", f"word = {{ {output} }}\n[axes.X]", 1)
         text = text.replace("[upload]", '[output]\nstatus = "cnc.word"\n[upload]', 1)
         place.config.write_text(text)
