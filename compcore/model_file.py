@@ -4,69 +4,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from compcore.atomic import write_atomically
-from compcore.effects.base import Effect
+from compcore.effects.base import Effect, NonlinearParameter, Parameter
 from compcore.effects.registry import make_effect
-from compcore.errors import InputError
+from compcore.errors import AbbeError, InputError
 from compcore.machine import Axis, Machine, Signal, Vec3, nominal_direction
-from compcore.model import Composition, Model, Term, Value
+from compcore.model import Model, Term, Value
+from compcore.model_sections import (
+    MachineSection,
+    ParameterSection,
+    check_covariance,
+    check_parameter,
+    read_sections,
+    shaped,
+)
 from compcore.packed import pack_symmetric, unpack_symmetric
 from compcore.structure import Structure, is_rotary
-from compcore.toml_source import TomlSource, dotted
+from compcore.toml_source import TomlSource
 from compcore.units import to_internal
 
 FORMAT = "abbe-model/1"
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-_FileVec = tuple[Finite, Finite, Finite]
-
-
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class _AxisSection(_Section):
-    travel: tuple[Finite, Finite]
-    rotation_point: Finite | _FileVec = 0.0
-    location: _FileVec = (0.0, 0.0, 0.0)
-    direction: _FileVec | None = None
-    error_acts: Literal["before", "after"] | None = None
-
-
-class _SignalSection(_Section):
-    unit: str = "degC"
-    role: str = "other"
-    axis: str | None = None
-    location: str = ""
-
-
-class _MachineSection(_Section):
-    name: str = ""
-    structure: str
-    reference_temperature: Finite = 20.0
-    composition: Composition = "first-order"
-    axes: dict[str, _AxisSection]
-    signals: dict[str, _SignalSection] = {}
-
-
-class _ParameterSection(_Section):
-    value: Finite
-    sd: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None = None
-    unit: str | None = None
-
-
-class _File(_Section):
-    format: Literal["abbe-model/1"]
-    machine: _MachineSection
-    effects: list[dict[str, Any]] = []
-    fit: dict[str, Any] = {}
-    history: list[dict[str, Any]] = []
 
 
 def load_model(path: str | Path) -> Model:
@@ -82,33 +46,34 @@ def load_model(path: str | Path) -> Model:
 
 def parse_model(source: TomlSource) -> Model:
     """A model from TOML text; raises as `load_model`."""
-    try:
-        file = _File.model_validate(source.data)
-    except ValidationError as error:
-        raise _told(source, error, ()) from None
+    file = read_sections(source)
     try:
         machine = _machine(file.machine)
         terms = tuple(_term(source, i, section, machine) for i, section in enumerate(file.effects))
         fit = dict(file.fit)
         packed = fit.pop("covariance", None)
         size = sum(len(term.values) for term in terms)
-        covariance = None if packed is None else unpack_symmetric(packed, size)
-        return Model(machine, terms, file.machine.composition, fit, tuple(file.history), covariance)
+        model = Model(machine, terms, file.machine.composition, fit, tuple(file.history))
+        if packed is None:
+            return model
+        covariance = unpack_symmetric(packed, size)
+        check_covariance(covariance)
+        return replace(model, covariance=covariance)
     except InputError as error:
         raise source.located(error) from None
 
 
-def _machine(section: _MachineSection) -> Machine:
+def _machine(section: MachineSection) -> Machine:
     axes = {}
     for name, axis in section.axes.items():
-        if not name or name[0] not in "XYZUVWABC":
-            raise InputError(
-                "not the name of an axis",
-                field=f"machine.axes.{name}",
-                found=name,
-                expected="a letter of X Y Z U V W A B C",
-            )
         direction = axis.direction or nominal_direction(name)
+        if not any(direction):
+            raise InputError(
+                "not a unit vector",
+                field=f"machine.axes.{name}.direction",
+                found=list(direction),
+                expected="three components of a vector of length 1",
+            )
         scale = math.pi / 180.0 if is_rotary(name) else 1.0
         point: Vec3
         if isinstance(axis.rotation_point, tuple):
@@ -148,7 +113,7 @@ def _term(source: TomlSource, index: int, section: dict[str, Any], machine: Mach
     kind = keys.pop("kind", None)
     if not isinstance(kind, str):
         raise source.error("an effect needs its kind", ("effects", index, "kind"), found=kind)
-    parameters = keys.pop("parameters", {})
+    keys.pop("parameters", None)
     try:
         effect = make_effect(kind, keys)
         effect.check(machine)
@@ -157,47 +122,51 @@ def _term(source: TomlSource, index: int, section: dict[str, Any], machine: Mach
         raise InputError(
             error.problem, field=field, found=error.found, expected=error.expected
         ) from None
-    units = _units(effect, machine)
+    return Term(effect, _values(source, index, effect, machine, section.get("parameters", {})))
+
+
+def _values(
+    source: TomlSource, index: int, effect: Effect, machine: Machine, section: Any
+) -> dict[str, Value]:
+    """An effect's parameters, in the units inside the code."""
+    here = ("effects", index, "parameters")
+    if not isinstance(section, dict):
+        raise source.error("wrong kind of value", here, found=section, expected="a section")
+    known: dict[str, Parameter | NonlinearParameter] = {}
+    known.update({p.name: p for p in effect.linear(machine)})
+    known.update({p.name: p for p in effect.nonlinear(machine)})
     values: dict[str, Value] = {}
-    for name, raw in parameters.items():
-        path = ("effects", index, "parameters", name)
-        try:
-            parameter = _ParameterSection.model_validate(raw)
-        except ValidationError as error:
-            raise _told(source, error, path) from None
-        if name not in units:
+    for name, raw in section.items():
+        path = (*here, name)
+        parameter = shaped(source, ParameterSection, raw, path)
+        if name not in known:
             raise source.error(
-                f"{kind} has no such parameter",
+                f"{effect.kind} has no such parameter",
                 path,
                 found=name,
-                expected="one of " + ", ".join(units),
+                expected="one of " + ", ".join(known),
             )
-        unit = parameter.unit or units[name]
+        inside = known[name].unit
+        unit = parameter.unit or inside
         try:
-            value = to_internal(parameter.value, unit, units[name])
-            sd = None if parameter.sd is None else to_internal(parameter.sd, unit, units[name])
+            value = to_internal(parameter.value, unit, inside)
+            sd = None if parameter.sd is None else to_internal(parameter.sd, unit, inside)
+            check_parameter(known[name], value, sd)
         except InputError as error:
             raise source.error(
-                error.problem, (*path, "unit"), found=error.found, expected=error.expected
+                error.problem,
+                (*path, error.field or "unit"),
+                found=error.found,
+                expected=error.expected,
             ) from None
         values[name] = Value(value, sd)
-    return Term(effect, values)
+    return values
 
 
 def _units(effect: Effect, machine: Machine) -> dict[str, str]:
     units = {p.name: p.unit for p in effect.linear(machine)}
     units.update({p.name: p.unit for p in effect.nonlinear(machine)})
     return units
-
-
-def _told(source: TomlSource, error: ValidationError, prefix: tuple[str | int, ...]) -> InputError:
-    first = error.errors()[0]
-    path = (*prefix, *first["loc"])
-    if first["type"] == "extra_forbidden":
-        return source.error("unknown key", path, found=path[-1])
-    if first["type"] == "missing":
-        return source.error("missing", path, expected=f"a key {dotted(path[-1:])!r}")
-    return source.error(first["msg"], path, found=first["input"])
 
 
 def save_model(model: Model, path: str | Path) -> None:
@@ -207,8 +176,17 @@ def save_model(model: Model, path: str | Path) -> None:
     ------
     InputError
         When the file cannot be written.
+    AbbeError
+        When `load_model` would refuse it: nothing is written then.
     """
-    write_atomically(path, format_model(model))
+    text = format_model(model)
+    try:
+        parse_model(TomlSource(text))
+    except InputError as error:
+        raise AbbeError(
+            f"{path}: not written, as no such model can be read again: {error}"
+        ) from None
+    write_atomically(path, text)
 
 
 def format_model(model: Model) -> str:

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from compcore.errors import InputError
 from compcore.machine import Axis
+from compcore.plausible import POINT
 
 F64 = NDArray[np.float64]
 
@@ -69,12 +70,13 @@ class Shape:
         if family in limits and not limits[family][0] <= order <= limits[family][1]:
             raise InputError("shape out of range", field="shape", found=code, expected=_EXPECTED)
         if family == "table":
-            if len(nodes) < 2 or any(b <= a for a, b in pairwise(nodes)):
+            inside = all(POINT.holds(p) for p in nodes)
+            if len(nodes) < 2 or not inside or any(b <= a for a, b in pairwise(nodes)):
                 raise InputError(
                     "a table needs its positions",
                     field="positions",
                     found=list(nodes),
-                    expected="at least two positions, strictly increasing",
+                    expected=f"at least two positions, strictly increasing, {POINT}",
                 )
         elif nodes:
             raise InputError(

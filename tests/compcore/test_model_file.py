@@ -90,19 +90,23 @@ def test_saved_and_loaded_again(tmp_path):
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 names = st.text(st.characters(codec="utf-8", exclude_categories=["Cs", "Cc"]), max_size=12)
-vectors = st.tuples(finite, finite, finite)
+coordinate = st.floats(-2e5, 2e5)
+vectors = st.tuples(coordinate, coordinate, coordinate)
+ends = st.floats(-1e5, 1e5)
+small = st.floats(-1e-2, 1e-2)
 degrees = st.floats(-720.0, 720.0)
 toml = st.one_of(st.integers(-(2**63), 2**63 - 1), finite, names, st.booleans())
 
 
 @st.composite
 def axes(draw, name):
-    low, high = sorted(draw(st.lists(finite if name[0] not in "ABC" else degrees,
+    low, high = sorted(draw(st.lists(ends if name[0] not in "ABC" else degrees,
                                      min_size=2, max_size=2, unique=True)))  # fmt: skip
     if name[0] in "ABC":
         low, high = low * (math.pi / 180.0), high * (math.pi / 180.0)
-        if not low < high:
-            high = low + 1.0 * (math.pi / 180.0)
+    unit = math.pi / 180.0 if name[0] in "ABC" else 1.0
+    if high - low < 1e-3 * unit:
+        low, high = -1.0 * unit, 1.0 * unit
     return Axis(
         name,
         (low, high),
@@ -125,10 +129,10 @@ def models(draw):
         for name in ("T_x", "T y", "T.z")
     }
     machine = Machine(
-        draw(names), structure, {a: draw(axes(a)) for a in order}, signals, draw(finite)
+        draw(names), structure, {a: draw(axes(a)) for a in order}, signals, draw(st.floats(-20, 60))
     )
     linear = [a for a in order if a in "XYZ"]
-    nodes = sorted(draw(st.lists(finite, min_size=2, max_size=5, unique=True)))
+    nodes = sorted(draw(st.lists(coordinate, min_size=2, max_size=5, unique=True)))
     catalogue = [
         ("positioning", {"axis": "X", "shape": "table", "positions": nodes}),
         ("straightness", {"axis": "X", "direction": "Y", "shape": "polynomial:3"}),
@@ -141,7 +145,7 @@ def models(draw):
     for kind, keys in draw(st.lists(st.sampled_from(catalogue), unique_by=lambda c: c[0])):
         effect = make_effect(kind, keys)
         wanted = [p.name for p in (*effect.linear(machine), *effect.nonlinear(machine))]
-        values = {n: Value(draw(finite), draw(st.none() | st.floats(0.0, 1e300))) for n in wanted}
+        values = {n: Value(draw(small), draw(st.none() | st.floats(0.0, 1e-2))) for n in wanted}
         terms.append(Term(effect, values if draw(st.booleans()) else {}))
     size = sum(len(t.values) for t in terms)
     covariance = None
@@ -150,7 +154,9 @@ def models(draw):
         matrix = rng.normal(size=(size, size))
         covariance = matrix @ matrix.T
         covariance = np.triu(covariance) + np.triu(covariance, 1).T
-    record = st.dictionaries(names.filter(lambda n: n != "covariance"), toml, max_size=3)
+    record = st.dictionaries(
+        names.filter(lambda n: n not in ("covariance", "n", "rms")), toml, max_size=3
+    )
     history = tuple(draw(st.lists(record, max_size=2)))
     composition = draw(st.sampled_from(["first-order", "exact"]))
     return Model(machine, tuple(terms), composition, draw(record), history, covariance)

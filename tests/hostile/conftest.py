@@ -1,0 +1,24 @@
+"""Abbe is imported once, before the first fork."""
+
+from __future__ import annotations
+
+import gc
+import pkgutil
+from importlib import import_module
+
+import pytest
+
+
+@pytest.fixture(scope="session", autouse=True)
+def imported() -> None:
+    """Every module that a command may import when it runs."""
+    for package in ("compcore", "daemon", "drivers"):
+        path = import_module(package).__path__
+        for module in pkgutil.walk_packages(path, f"{package}."):
+            if not module.name.startswith(("drivers.simulated", "daemon.__main__")):
+                try:
+                    import_module(module.name)
+                except ImportError:
+                    continue  # what needs a package that is not installed (LinuxCNC's own)
+    gc.collect()
+    gc.freeze()  # a forked process that counts references copies no pages that nobody changes
