@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import fdtri, gammaincinv
 
 from compcore.campaign import Campaign, Kind
 from compcore.machine import Machine
@@ -172,7 +172,7 @@ def _level(
         return NoiseLevel(name, at_most=bound, set_aside=set_aside, reason=refused)
     deviation = float(np.sqrt(variance)) * typical
     half = CONFIDENCE / 2
-    low, high = (float(stats.chi2.ppf(p, freedom)) for p in (0.5 + half, 0.5 - half))
+    low, high = (2.0 * float(gammaincinv(0.5 * freedom, p)) for p in (0.5 + half, 0.5 - half))
     return NoiseLevel(
         name,
         value=deviation,
@@ -212,7 +212,7 @@ def _drift_left(groups: I64, time: F64, value: F64, variance: float, freedom: fl
     residual = wide.matrix @ value
     wide = wide.keep(_sound(residual))
     growth = float(np.mean((wide.matrix @ value) ** 2)) / variance if variance > 0.0 else 1.0
-    if growth <= stats.f.ppf(0.999, wide.degrees_of_freedom, freedom):
+    if growth <= fdtri(wide.degrees_of_freedom, freedom, 0.999):
         return 0.0
     return (growth - 1.0) / 3.0
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import fdtrc
 
 from compcore.campaign import Kind
 from compcore.channel import INSTRUMENT, Channel
@@ -136,4 +136,4 @@ def _tested(result: FitResult, channel: Channel, own: Axis, other: Axis) -> Depe
     lengths = (problem.campaign.kind != Kind.ROTATION) & (problem.weight > 0.0)
     moved = (part * np.where(lengths, problem.sd, 0.0))[lengths]
     rms = float(np.sqrt(np.mean(moved**2))) if moved.size else 0.0
-    return Dependence(str(channel), other.name, float(stats.f.sf(f, k, dof)), 1.0, f, k, rms)
+    return Dependence(str(channel), other.name, float(fdtrc(k, dof, f)), 1.0, f, k, rms)

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from compcore.decomposition import svd
 from compcore.design_matrix import Problem
@@ -167,6 +166,9 @@ def _refine(profile: Profile, alpha: F64) -> F64:
 
     def left(x: F64) -> F64:
         return profile.residual(inside(x))
+
+    # half a second of import, for those that need it
+    from scipy.optimize import least_squares
 
     found = least_squares(
         left,

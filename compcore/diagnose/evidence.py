@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import stats
+from scipy.special import fdtrc
 
 from compcore.diagnose.screening import Basis, Screened
 from compcore.effects.base import Effect
@@ -35,6 +35,12 @@ its shape's many coefficients are no reason to prefer two rarer causes that imit
 
 IMPLAUSIBLE = 12.0
 """Cost of a fitted parameter outside its plausible range."""
+
+
+def log_chance(f: float, k: int, dof: int) -> float:
+    """Natural logarithm of the chance of so large an F with k and `dof` degrees of freedom."""
+    chance = float(fdtrc(k, dof, max(f, 0.0)))
+    return math.log(chance) if chance > 0.0 else -math.inf
 
 
 @dataclass(frozen=True)
@@ -64,7 +70,7 @@ class Evidence:
         """Natural logarithm of the F-test's p-value, corrected for the number of tests made."""
         if self.k == 0:
             return 0.0
-        log_p = float(stats.f.logsf(self.f_drop / self.k, self.k, self.dof))
+        log_p = log_chance(self.f_drop / self.k, self.k, self.dof)
         return min(0.0, log_p + self.log_tests)
 
     @property

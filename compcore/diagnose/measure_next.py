@@ -12,16 +12,16 @@ its rows are added to the normal equations. Two figures come out:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compcore.campaign import Campaign
+from compcore.campaign_csv.join import join_campaigns
 from compcore.design_matrix import Problem
 from compcore.diagnose.pool import Found
-from compcore.diagnose.practicable import practicable, rows_at
+from compcore.diagnose.practicable import Proposal, practicable, rows_at
 from compcore.effects.base import Effect
 from compcore.fit import FitResult
 
@@ -71,24 +71,33 @@ def advise(
     machine = result.problem.model.machine
     proposals = list(practicable(machine, result.problem.campaign))
     known = _Known(result, winner)
-    news = [known.rows(p.rows) for p in proposals]
-    falls = [known.falls_by(new) for new in news]
+    new = _New(result, winner, known.strength, proposals)
     advice: list[Advice] = []
     for rival in rivals[:2] if winner is not None else ():
-        now = known.separation(rival, None)
+        now, separated = known.separations(rival, new)
         spec = rival.candidate.effect.spec
         advice += [
-            Advice(proposal.what, spec, known.separation(rival, new), now, fall)
-            for proposal, new, fall in zip(proposals, news, falls, strict=True)
+            Advice(proposal.what, spec, apart, now, 0.0)
+            for proposal, apart in zip(proposals, separated, strict=True)
         ]
     if advice:
         effort = {p.what: p.effort for p in proposals}
         advice.sort(
             key=lambda a: -(min(a.separation, 10 * _TOLD) - a.separation_now) / effort[a.what]
         )
-        return _first_of_each(advice, most)
-    plain = [Advice(p.what, None, 0.0, 0.0, fall) for p, fall in zip(proposals, falls, strict=True)]
-    plain.sort(key=lambda a: -a.uncertainty_falls_by)
+        rows = {p.what: rows for p, rows in zip(proposals, new.slices, strict=True)}
+        return [
+            replace(a, uncertainty_falls_by=known.falls_by(new.model[rows[a.what]]))
+            for a in _first_of_each(advice, most)
+        ]
+    bounds = [known.falls_at_most(new.model[rows]) for rows in new.slices]
+    plain: list[Advice] = []
+    for i in np.argsort(-np.array(bounds), kind="stable"):
+        if len(plain) >= most and plain[most - 1].uncertainty_falls_by >= bounds[i]:
+            break
+        fall = known.falls_by(new.model[new.slices[i]])
+        plain.append(Advice(proposals[i].what, None, 0.0, 0.0, fall))
+        plain.sort(key=lambda a: -a.uncertainty_falls_by)
     return plain[:most]
 
 
@@ -102,73 +111,79 @@ def _first_of_each(advice: Sequence[Advice], most: int) -> list[Advice]:
     return out[:most]
 
 
+def _columns(problem: Problem, found: Found, theta: F64) -> F64:
+    effect, nonlinear = found.candidate.effect, found.screened.nonlinear
+    return problem.effect_columns(effect, nonlinear, theta)
+
+
+def _model_columns(problem: Problem, theta: F64, scale: F64) -> F64:
+    """Columns of rows that have no base points, in units of the scales of all unknowns."""
+    size = problem.layout.size
+    out = np.zeros((problem.n, len(scale)))
+    out[:, :size] = problem.columns(theta[:size]) * scale[:size]
+    return out
+
+
 class _Known:
-    """What the campaign says already, as normal equations over model and winner."""
+    """What the campaign says already, as normal equations over model and winner.
+
+    Attributes
+    ----------
+    strength
+        The winner's linear parameters as they would be fitted; empty without a winner.
+    """
 
     def __init__(self, result: FitResult, winner: Found | None) -> None:
         self._result = result
-        self._winner = winner
         problem = result.problem
         self._scale = problem.layout.scale
-        self._model = problem.columns(result.theta) * self._scale
-        self._model = result.eliminator.project(self._model)
+        self._model = result.eliminator.project(problem.columns(result.theta) * self._scale)
         self._signature: F64 | None = None
-        self._strength: F64 = np.zeros(0)
+        self.strength: F64 = np.zeros(0)
         if winner is not None:
-            own = result.eliminator.project(self._columns(problem, winner))
+            own = result.eliminator.project(_columns(problem, winner, result.theta))
             together = np.hstack([self._model, own])
             beta = np.linalg.lstsq(together, result.weighted, rcond=1e-9)[0][-own.shape[1] :]
-            self._strength = np.asarray(beta, dtype=np.float64)
+            self.strength = np.asarray(beta, dtype=np.float64)
             self._signature = own @ beta
         self._information = self._model.T @ self._model
         self._grid = self._volume()
+        self._half = _determined(self._information)
+        self._seen = self._grid @ self._half
+        self._spread = _spread(self._information, self._grid)
 
-    def _columns(self, problem: Problem, found: Found) -> F64:
-        return problem.effect_columns(
-            found.candidate.effect, found.screened.nonlinear, self._result.theta
-        )
-
-    def rows(self, campaign: Campaign) -> Problem:
-        """New rows as a problem of the same model."""
-        return Problem(self._result.problem.model, campaign)
-
-    def _new(self, problem: Problem) -> tuple[F64, F64]:
-        """Model columns and winner's signature on new rows, their zero taken out."""
-        theta = self._result.theta
-        eliminator = problem.eliminator(theta)
-        model = eliminator.project(problem.columns(theta) * self._scale)
-        if self._winner is None:
-            return model, np.zeros(problem.n)
-        own = eliminator.project(self._columns(problem, self._winner))
-        return model, own @ self._strength
-
-    def separation(self, rival: Found, new: Problem | None) -> float:
-        """χ² by which winner and rival are told apart, with new rows or without."""
+    def separations(self, rival: Found, new: _New) -> tuple[float, list[float]]:
+        """χ² by which winner and rival are told apart: now, and with each of the new set-ups."""
         if self._signature is None:
-            return 0.0
-        other = self._result.eliminator.project(self._columns(self._result.problem, rival))
+            return 0.0, [0.0] * len(new.slices)
+        theta = self._result.theta
+        other = self._result.eliminator.project(_columns(self._result.problem, rival, theta))
         size = np.linalg.norm(other, axis=0)
         size[size == 0.0] = 1.0
         columns = np.hstack([self._model, other / size])
-        moment = columns.T @ self._signature
-        information = columns.T @ columns
+        information, moment = columns.T @ columns, columns.T @ self._signature
         total = float(self._signature @ self._signature)
-        if new is not None:
-            model, signature = self._new(new)
-            eliminator = new.eliminator(self._result.theta)
-            more = np.hstack([model, eliminator.project(self._columns(new, rival)) / size])
-            information = information + more.T @ more
-            moment = moment + more.T @ signature
-            total += float(signature @ signature)
-        imitated = _solve(information, moment)
-        return max(0.0, total - float(moment @ imitated))
+        every = np.hstack([new.model, new.columns(rival) / size])
+        found = []
+        for rows in new.slices:
+            more, signature = every[rows], new.signature[rows]
+            left = _left(information + more.T @ more, moment + more.T @ signature)
+            found.append(max(0.0, total + float(signature @ signature) - left))
+        return max(0.0, total - _left(information, moment)), found
 
-    def falls_by(self, new: Problem) -> float:
+    def falls_by(self, more: F64) -> float:
         """Part of the prediction's mean standard deviation that new rows take away."""
-        more, _ = self._new(new)
-        before = _spread(self._information, self._grid)
         after = _spread(self._information + more.T @ more, self._grid)
-        return 1.0 - after / before if before > 0.0 else 0.0
+        return 1.0 - after / self._spread if self._spread > 0.0 else 0.0
+
+    def falls_at_most(self, more: F64) -> float:
+        """The same were nothing determined beyond what the campaign determines: never less."""
+        mixed = more @ self._half
+        inner = np.linalg.cholesky(np.eye(len(mixed)) + mixed @ mixed.T)
+        taken = np.linalg.solve(inner, mixed @ self._seen.T)
+        before = float(np.mean((self._seen**2).sum(axis=1)))
+        after = before - float(np.mean((taken**2).sum(axis=0)))
+        return 1.0 - float(np.sqrt(max(after, 0.0) / before)) if before > 0.0 else 0.0
 
     def _volume(self) -> F64:
         """Rows that predict the error at corners, edges and middle, relative to the middle."""
@@ -181,23 +196,66 @@ class _Known:
         grids = []
         for part in rows:
             problem = Problem(self._result.problem.model, part)
-            columns = problem.columns(self._result.theta) * self._scale * part.sd[:, None]
+            columns = _model_columns(problem, self._result.theta, self._scale) * part.sd[:, None]
             grids.append(columns - columns[len(columns) // 2])
         return np.vstack(grids)
 
 
-def _solve(information: F64, moment: F64) -> F64:
+class _New:
+    """The rows of all proposals, evaluated together.
+
+    Attributes
+    ----------
+    slices
+        The rows of each proposal.
+    model, signature
+        The model's columns in units of the unknowns' scales, and the winner's signature, with each
+        set-up's zero taken out.
+    """
+
+    def __init__(
+        self,
+        result: FitResult,
+        winner: Found | None,
+        strength: F64,
+        proposals: Sequence[Proposal],
+    ) -> None:
+        self._problem = Problem(result.problem.model, join_campaigns([p.rows for p in proposals]))
+        self._theta = result.theta
+        self._eliminator = self._problem.eliminator(self._theta)
+        ends = np.cumsum([p.rows.n for p in proposals])
+        self.slices = [
+            slice(end - p.rows.n, end) for p, end in zip(proposals, ends.tolist(), strict=True)
+        ]
+        scale = result.problem.layout.scale
+        self.model = self._eliminator.project(_model_columns(self._problem, self._theta, scale))
+        self.signature = np.zeros(self._problem.n)
+        if winner is not None:
+            self.signature = self.columns(winner) @ strength
+
+    def columns(self, found: Found) -> F64:
+        """A candidate's columns on all rows, each set-up's zero taken out."""
+        return self._eliminator.project(_columns(self._problem, found, self._theta))
+
+
+def _determined(information: F64) -> F64:
+    """Combinations of unknowns that are determined, at one standard deviation, as columns."""
     values, vectors = np.linalg.eigh(information)
-    keep = values > _RIDGE * values[-1]
-    return np.asarray(vectors[:, keep] @ ((vectors[:, keep].T @ moment) / values[keep]))
+    keep = values > 1e-7 * values[-1]
+    return np.asarray(vectors[:, keep] / np.sqrt(values[keep]))
 
 
 def _spread(information: F64, grid: F64) -> float:
     """Mean standard deviation of predictions, determined combinations only."""
+    return float(np.sqrt(np.mean(((grid @ _determined(information)) ** 2).sum(axis=1))))
+
+
+def _left(information: F64, moment: F64) -> float:
+    """What of a signature model and rival imitate together."""
     values, vectors = np.linalg.eigh(information)
-    keep = values > 1e-7 * values[-1]
-    seen = grid @ vectors[:, keep]
-    return float(np.sqrt(np.mean((seen**2 / values[keep]).sum(axis=1))))
+    keep = values > _RIDGE * values[-1]
+    part = vectors[:, keep].T @ moment
+    return float((part**2 / values[keep]).sum())
 
 
 def separable(effect: Effect) -> bool:

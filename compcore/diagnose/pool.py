@@ -10,7 +10,6 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
 
 from compcore.diagnose.candidates import Candidate
 from compcore.diagnose.evidence import CONVINCING, IMPLAUSIBLE, Evidence, weigh
@@ -177,6 +176,9 @@ class Pool:
                 basis, [(found.key, nonlinear, lambda: self.columns(found.key, nonlinear))]
             )
             return -s.drop
+
+        # half a second of import, for those that need it
+        from scipy import optimize
 
         if not all(p.smooth for p in candidate.effect.nonlinear(self.machine)):
             # a step: the fall of χ² is flat between rows, so every interval is looked at

@@ -12,10 +12,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from compcore.diagnose.candidates import RIGID
-from compcore.diagnose.evidence import CONVINCING, INDISTINCT
+from compcore.diagnose.evidence import CONVINCING, INDISTINCT, log_chance
 from compcore.diagnose.pool import SIGNIFICANT, Found, Pool
 from compcore.diagnose.screening import Basis, orthonormal
 from compcore.revise import identity
@@ -136,7 +135,7 @@ def _special_case(pool: Pool, basis: Basis, plain: Found, wide: Found) -> bool:
     dof = max(1, basis.dof - wide.screened.rank)
     variance = (basis.chi2 - wide.screened.drop) / dof
     beyond = (wide.screened.drop - plain.screened.drop) / variance
-    if stats.f.logsf(beyond / further, further, dof) < SIGNIFICANT:
+    if log_chance(beyond / further, further, dof) < SIGNIFICANT:
         return False
     span = _span(pool, basis, wide)
     own = _span(pool, basis, plain)
