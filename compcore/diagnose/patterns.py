@@ -9,8 +9,9 @@ as a ready ``formula`` effect, marked as empirical.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations, combinations_with_replacement
 from typing import NamedTuple
 
@@ -70,6 +71,10 @@ class Variable:
         return self.of or (self.name,)
 
 
+Rows = NDArray[np.int64] | slice
+Values = Callable[[Rows], F64]
+
+
 class Wave(NamedTuple):
     """An oscillation in `v`, growing along an axis or not, with so many harmonics."""
 
@@ -91,8 +96,10 @@ class Pattern:
         In words: 'product', 'smooth function', 'oscillation with a period of …'.
     channel
         The error motion on which it acts.
-    basis
-        Shape (n, k), unit-free.
+    width
+        Number k of its coefficients.
+    values
+        Rows → its basis functions there, shape (rows, k), unit-free.
     terms
         Formula terms, one per column; empty where no short formula says it.
     factors
@@ -106,11 +113,17 @@ class Pattern:
     depends_on: tuple[str, ...]
     form: str
     channel: Channel
-    basis: F64
+    width: int
+    values: Values
     terms: tuple[str, ...] = ()
     factors: tuple[str, ...] = ()
     wave: Wave | None = None
     made_of: tuple[str, ...] = ()
+
+    @property
+    def basis(self) -> F64:
+        """Its basis functions on all rows, shape (n, k)."""
+        return self.values(slice(None))
 
 
 def variables(machine: Machine, conditions: Conditions) -> list[Variable]:
@@ -187,12 +200,12 @@ def products(
             parts = [chosen]
             if families["signal"] == 2 and not squared:
                 parts += [chosen[:1], chosen[1:]]
-            basis = np.stack([np.prod([v.value for v in part], axis=0) for part in parts], axis=1)
+            values = partial(_products, parts)
             terms = tuple(term_of(part) for part in parts)
             depends = tuple(dict.fromkeys(n for v in chosen for n in v.recorded))
             form = _product_form(tuple(dict.fromkeys(names)), squared)
             for channel in on:
-                yield Pattern(depends, form, channel, basis, terms, tuple(names))
+                yield Pattern(depends, form, channel, len(parts), values, terms, tuple(names))
 
 
 def surfaces(
@@ -205,38 +218,32 @@ def surfaces(
     """
     for v in quantities:
         for most in _DEGREES.get(v.family, ()):
-            basis = _f64(chebyshev.chebvander(v.value, most)[:, 1:])
+            values = partial(_smooth, v, most)
             for channel in on:
                 form = f"smooth function of {v.name}"
-                yield Pattern(v.recorded, form, channel, basis, made_of=(v.name,))
+                yield Pattern(v.recorded, form, channel, most, values, made_of=(v.name,))
     smooth = [v for v in quantities if v.family not in ("direction", "difference")]
     for a, b in combinations(smooth, 2):
         if a.family != "position":
             continue
-        one = chebyshev.chebvander(a.value, degree)
-        two = chebyshev.chebvander(b.value, degree)
-        basis = _f64(one[:, 1:, None] * two[:, None, 1:]).reshape(len(a.value), -1)
+        values = partial(_surface, a, b, degree)
+        form = f"smooth function of {a.name} and {b.name}"
         for channel in on:
-            yield Pattern(
-                (a.name, b.name), f"smooth function of {a.name} and {b.name}", channel, basis
-            )
+            yield Pattern((a.name, b.name), form, channel, degree**2, values)
     for a in (q for q in quantities if q.family == "position"):
         for b in (q for q in quantities if q.family in ("signal", "difference")):
-            basis = _f64(chebyshev.chebvander(a.value, degree) * b.value[:, None])
+            values = partial(_times_smooth, b, a, degree)
             form = f"proportional to {b.name}, by a smooth function of {a.name}"
             for channel in on:
                 depends = (a.name, *b.recorded)
-                yield Pattern(depends, form, channel, basis, made_of=(a.name, b.name))
+                made_of = (a.name, b.name)
+                yield Pattern(depends, form, channel, degree + 1, values, made_of=made_of)
     for v in (q for q in quantities if q.family == "direction"):
         for w in (q for q in smooth if q.family in ("position", "signal")):
-            basis = _f64(v.value[:, None] * chebyshev.chebvander(w.value, degree))
+            values = partial(_times_smooth, v, w, degree)
+            form = f"smooth function of {w.name}, of opposite sign in the two directions"
             for channel in on:
-                yield Pattern(
-                    (w.name, v.name),
-                    f"smooth function of {w.name}, of opposite sign in the two directions",
-                    channel,
-                    basis,
-                )
+                yield Pattern((w.name, v.name), form, channel, degree + 1, values)
 
 
 def oscillations(
@@ -251,9 +258,8 @@ def oscillations(
             continue
         span = 2.0 * v.scale
         for period in period_grid(shortest[v.name], 0.8 * span, _FINE / span):
-            basis = _waves(v, period)
             for channel in on:
-                yield oscillation(v, period, channel, basis=basis)
+                yield oscillation(v, period, channel)
 
 
 def swings(
@@ -269,11 +275,9 @@ def swings(
     span = 2.0 * time.scale
     positions = [q for q in quantities if q.family == "position"]
     for period in period_grid(2.0 * shortest[time.name], 0.8 * span, _COARSE / span):
-        waves = _waves(time, period)
         for along in positions:
-            basis = along.value[:, None] * waves
             for channel in on:
-                yield oscillation(time, period, channel, along, basis=basis)
+                yield oscillation(time, period, channel, along)
 
 
 def oscillation(
@@ -283,15 +287,12 @@ def oscillation(
     along: Variable | None = None,
     *,
     harmonics: int = 1,
-    basis: F64 | None = None,
 ) -> Pattern:
     """One oscillation of a period (in the unit of the quantity), perhaps growing along an axis.
 
     With `harmonics` above 1 it repeats, but is not a sine.
     """
-    if basis is None:
-        basis = np.hstack([_waves(v, period / k) for k in range(1, harmonics + 1)])
-        basis = basis if along is None else along.value[:, None] * basis
+    wave = Wave(v, period, along, harmonics)
     grown = "" if along is None else f"{term_of([along])}*"
     arguments = [f"{2 * k}*pi*{v.name}/{period:.6g}" for k in range(1, harmonics + 1)]
     form = f"oscillation in {v.name} with a period of {_readable(period, v.unit)}"
@@ -303,15 +304,69 @@ def oscillation(
         (v.name,) if along is None else (along.name, v.name),
         form,
         channel,
-        basis,
-        tuple(f"{grown}{wave}({a})" for a in arguments for wave in ("cos", "sin")),
-        wave=Wave(v, period, along, harmonics),
+        2 * harmonics,
+        partial(_repeating, wave),
+        tuple(f"{grown}{turn}({a})" for a in arguments for turn in ("cos", "sin")),
+        wave=wave,
     )
 
 
-def _waves(v: Variable, period: float) -> F64:
-    phase = 2.0 * np.pi * (v.value * v.scale + v.centre) / period
-    return np.stack([np.cos(phase), np.sin(phase)], axis=1)
+def _waves(v: Variable, periods: F64, rows: Rows) -> F64:
+    """Cosine and sine of several periods, shape (2 · periods, rows)."""
+    angle = 2.0 * np.pi * (v.value[rows] * v.scale + v.centre)
+    phase = angle / periods[:, None]
+    out = np.empty((len(periods), 2, phase.shape[1]))
+    np.cos(phase, out=out[:, 0])
+    np.sin(phase, out=out[:, 1])
+    return out.reshape(-1, phase.shape[1])
+
+
+def _repeating(wave: Wave, rows: Rows) -> F64:
+    periods = wave.period / np.arange(1, wave.harmonics + 1)
+    basis = _waves(wave.v, periods, rows)
+    return (basis if wave.along is None else basis * wave.along.value[rows]).T
+
+
+def oscillating(patterns: Sequence[Pattern], rows: Rows) -> F64 | None:
+    """Basis functions of oscillations, (patterns · 2, rows).
+
+    Their quantity and what they grow along are those of the first; None for any other patterns.
+    """
+    waves = [p.wave for p in patterns if p.wave is not None and p.wave.harmonics == 1]
+    if len(waves) < len(patterns):
+        return None
+    basis = _waves(waves[0].v, np.array([w.period for w in waves]), rows)
+    if waves[0].along is not None:
+        basis *= waves[0].along.value[rows]
+    return basis
+
+
+def with_product(pattern: Pattern, factors: Sequence[Variable]) -> Pattern:
+    """A pattern with one more column, a product of quantities."""
+
+    def values(rows: Rows) -> F64:
+        return np.hstack([pattern.values(rows), _products([factors], rows)])
+
+    terms = (*pattern.terms, term_of(factors))
+    return replace(pattern, width=pattern.width + 1, values=values, terms=terms)
+
+
+def _products(parts: Sequence[Sequence[Variable]], rows: Rows) -> F64:
+    return np.stack([np.prod([v.value[rows] for v in part], axis=0) for part in parts], axis=1)
+
+
+def _smooth(v: Variable, degree: int, rows: Rows) -> F64:
+    return _f64(chebyshev.chebvander(v.value[rows], degree)[:, 1:])
+
+
+def _surface(a: Variable, b: Variable, degree: int, rows: Rows) -> F64:
+    one = chebyshev.chebvander(a.value[rows], degree)[:, 1:, None]
+    two = chebyshev.chebvander(b.value[rows], degree)[:, None, 1:]
+    return _f64(one * two).reshape(len(one), -1)
+
+
+def _times_smooth(v: Variable, w: Variable, degree: int, rows: Rows) -> F64:
+    return _f64(chebyshev.chebvander(w.value[rows], degree) * v.value[rows, None])
 
 
 def period_grid(shortest: float, longest: float, step: float) -> F64:

@@ -280,7 +280,7 @@ class _Batch:
         while first < len(order):
             width, count = widths[first], widths.count(widths[first])
             part = slice(at, at + count * width)
-            gram = _grams(stacked[part], width) - _grams(imitated[part], width)
+            gram = grams(stacked[part], width) - grams(imitated[part], width)
             groups.append((first, count, at, gram))
             first, at = first + count, at + count * width
         return cls([trials[i] for i in order], stacked, groups)
@@ -291,24 +291,59 @@ class _Batch:
         joined = self.columns @ basis.extra
         for first, count, at, fitted in self.groups:
             width = fitted.shape[1]
-            gram = fitted - _grams(joined[at : at + count * width], width)
-            b = moment[at : at + count * width].reshape(count, width)
-            if width == 1:
-                square = gram[:, 0, 0]
-                seen = square > SEEN**2
-                drop = np.where(seen, b[:, 0] ** 2 / np.where(seen, square, 1.0), 0.0)
-                rank = seen.astype(np.int64)
-            else:
-                values, vectors = np.linalg.eigh(gram)
-                visible = values > SEEN**2
-                part = np.einsum("kij,ki->kj", vectors, b)
-                drop = np.where(visible, part**2 / np.where(visible, values, 1.0), 0.0).sum(axis=1)
-                rank = visible.sum(axis=1)
+            own = slice(at, at + count * width)
+            drop, rank = drops_of(fitted, moment[own], joined[own])
             for i, d, r in zip(range(first, first + count), drop, rank, strict=True):
                 yield self.trials[i], float(d), int(r)
 
 
-def _grams(rows: F64, width: int) -> F64:
+def drops_of(left: F64, moment: F64, joined: F64) -> tuple[F64, NDArray[np.int64]]:
+    """Fall of χ² and rank of trials of one width, each of shape (trials,).
+
+    Parameters
+    ----------
+    left
+        Gram matrices of what the fitted model leaves of their columns, (trials, width, width).
+    moment
+        Inner products of the columns with the residual, (trials · width,).
+    joined
+        And with the orthonormal columns that joined the model since, (trials · width, m).
+    """
+    width = left.shape[1]
+    gram = left - grams(joined, width)
+    b = moment.reshape(-1, width)
+    if width == 1:
+        square = gram[:, 0, 0]
+        seen = square > SEEN**2
+        drop = np.where(seen, b[:, 0] ** 2 / np.where(seen, square, 1.0), 0.0)
+        return drop, seen.astype(np.int64)
+    if width == 2:
+        return _drops_of_pairs(gram, b)
+    values, vectors = np.linalg.eigh(gram)
+    visible = values > SEEN**2
+    part = np.einsum("kij,ki->kj", vectors, b)
+    drop = np.where(visible, part**2 / np.where(visible, values, 1.0), 0.0).sum(axis=1)
+    return drop, visible.sum(axis=1)
+
+
+def _drops_of_pairs(gram: F64, b: F64) -> tuple[F64, NDArray[np.int64]]:
+    """As `drops_of` for two columns: thousands of eigenvalue problems in closed form."""
+    p, q, r = gram[:, 0, 0], gram[:, 1, 1], gram[:, 0, 1]
+    half, mean = 0.5 * (p - q), 0.5 * (p + q)
+    root = np.hypot(half, r)
+    # the eigenvector of the greater eigenvalue, the other at a right angle to it
+    angle = 0.5 * np.arctan2(r, half)
+    c, s = np.cos(angle), np.sin(angle)
+    along = (c * b[:, 0] + s * b[:, 1], -s * b[:, 0] + c * b[:, 1])
+    drop, rank = np.zeros(len(b)), np.zeros(len(b), dtype=np.int64)
+    for value, part in zip((mean + root, mean - root), along, strict=True):
+        visible = value > SEEN**2
+        drop += np.where(visible, part**2 / np.where(visible, value, 1.0), 0.0)
+        rank += visible
+    return drop, rank
+
+
+def grams(rows: F64, width: int) -> F64:
     """Gram matrix of each `width` rows that follow one another, (rows/width, width, width)."""
     if width == 1:
         return np.asarray(np.einsum("ij,ij->i", rows, rows))[:, None, None]

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compcore.channel import Channel
 from compcore.design_matrix import Problem
 from compcore.diagnose.evidence import CONVINCING, Evidence, weigh
+from compcore.diagnose.pattern_bank import PatternBank
 from compcore.diagnose.patterns import (
     Pattern,
     Variable,
-    Wave,
     channels,
     lever_axes,
     oscillation,
@@ -25,11 +24,11 @@ from compcore.diagnose.patterns import (
     products,
     surfaces,
     swings,
-    term_of,
     variables,
+    with_product,
 )
 from compcore.diagnose.pool import MATERIAL, SIGNIFICANT
-from compcore.diagnose.screening import Bank, Basis, Trial, screen
+from compcore.diagnose.screening import Basis, Screened
 from compcore.diagnose.short_formula import shortened
 
 F64 = NDArray[np.float64]
@@ -47,6 +46,9 @@ _KEPT_PRODUCTS = 40
 """Of a family's patterns those that are looked at closely; of a product of three half may be
 elsewhere, in a product of two."""
 
+_NEARBY = 21
+"""Periods that are tried between a period's neighbours."""
+
 _HARMONICS = 3
 """Of what repeats and is not a sine."""
 
@@ -59,8 +61,8 @@ class Structure:
     ----------
     pattern
         What it depends on and how.
-    columns
-        Weighted columns, shape (n, k).
+    made
+        Makes its weighted columns.
     evidence
         How strong it is.
     drop
@@ -70,10 +72,15 @@ class Structure:
     """
 
     pattern: Pattern
-    columns: F64
+    made: Callable[[], F64] = field(repr=False)
     evidence: Evidence
     drop: float
     depends_on: tuple[str, ...]
+
+    @property
+    def columns(self) -> F64:
+        """Weighted columns, shape (n, k)."""
+        return self.made()
 
     def established(self, n: int) -> bool:
         """Whether the data establish that the structure is there, for n observations."""
@@ -107,11 +114,8 @@ class Patterns:
             list(oscillations(self._quantities, on[:3], shortest)),
             list(swings(self._quantities, on[:3], shortest)),
         ]
-        self._banks = [Bank(fitted, partial(self._trials, f)) for f in self._families]
-
-    def _trials(self, family: Sequence[Pattern]) -> Iterator[Trial]:
-        for key, pattern in enumerate(family):
-            yield key, {}, partial(self.columns, pattern)
+        self._fitted = fitted
+        self._banks = [PatternBank(fitted, family, self._seen) for family in self._families]
 
     def columns(self, pattern: Pattern) -> F64:
         """Weighted columns of a pattern, shape (n, k)."""
@@ -121,12 +125,13 @@ class Patterns:
         """The strongest patterns in the residuals, strongest first, no two nearly the same."""
         found: list[Structure] = []
         for family, bank in zip(self._families, self._banks, strict=True):
-            screened = [s for s in bank.screen(basis) if s.rank]
+            screened = bank.screen(basis)
             screened.sort(key=lambda s: -_value(basis, s.drop, s.rank))
             kept = _KEPT_PRODUCTS if family and family[0].factors else _KEPT
-            found += [self._weighed(basis, family[s.key], len(family)) for s in screened[:kept]]
+            leading = [family[s.key] for s in screened[:kept]]
+            found += self._weighed(basis, leading, len(family))
         found.sort(key=lambda s: -s.evidence.value)
-        return _distinct(basis, found, most)
+        return self._distinct(basis, found, most)
 
     def established(self, basis: Basis) -> list[Structure]:
         """The strongest patterns that the data establish; with a formula where a short one does."""
@@ -156,18 +161,26 @@ class Patterns:
         lower = [(seen * value[a] * value[b])[:, None] for a, b in pairs]
         return np.hstack([structure.columns, *lower])
 
-    def _weighed(self, basis: Basis, pattern: Pattern, tests: int) -> Structure:
-        if pattern.wave is None:
-            forms = [pattern, *self._counted_from_elsewhere(pattern)]
-            weighed = [self._weighed_as_it_is(basis, p, tests, 0) for p in forms]
-            return max(weighed, key=lambda s: s.evidence.value)
-        refined = self._refined_period(basis, pattern.wave, pattern.channel)
-        wave = refined.wave or pattern.wave
-        repeated = oscillation(
-            wave.v, wave.period, pattern.channel, wave.along, harmonics=_HARMONICS
-        )
-        both = [self._weighed_as_it_is(basis, p, tests, 1) for p in (refined, repeated)]
-        return max(both, key=lambda s: s.evidence.value)
+    def _weighed(self, basis: Basis, patterns: Sequence[Pattern], tests: int) -> list[Structure]:
+        """Each pattern in the form that says most."""
+        refined = iter(self._refined_periods(basis, [p for p in patterns if p.wave is not None]))
+        forms: list[tuple[int, Pattern, int]] = []
+        for i, pattern in enumerate(patterns):
+            if pattern.wave is None:
+                forms += [(i, p, 0) for p in (pattern, *self._counted_from_elsewhere(pattern))]
+                continue
+            best = next(refined)
+            w = best.wave or pattern.wave
+            repeated = oscillation(w.v, w.period, best.channel, w.along, harmonics=_HARMONICS)
+            forms += [(i, best, 1), (i, repeated, 1)]
+        bank = PatternBank(self._fitted, [form for _, form, _ in forms], self._seen)
+        seen = {s.key: s for s in bank.screen(basis)}
+        strongest: dict[int, Structure] = {}
+        for key, (i, form, chosen) in enumerate(forms):
+            one = self._structure(basis, form, seen.get(key, Screened(key)), tests, chosen)
+            if i not in strongest or one.evidence.value > strongest[i].evidence.value:
+                strongest[i] = one
+        return list(strongest.values())
 
     def _counted_from_elsewhere(self, pattern: Pattern) -> Iterator[Pattern]:
         """A product of three quantities with one of its products of two beside it.
@@ -180,34 +193,49 @@ class Patterns:
         by_name = {q.name: q for q in self._quantities}
         factors = [by_name[name] for name in pattern.factors]
         for pair in dict.fromkeys(combinations(factors, 2)):
-            lower = np.prod([q.value for q in pair], axis=0)[:, None]
-            yield replace(
-                pattern,
-                basis=np.hstack([pattern.basis, lower]),
-                terms=(*pattern.terms, term_of(pair)),
-            )
+            yield with_product(pattern, pair)
 
-    def _weighed_as_it_is(
-        self, basis: Basis, pattern: Pattern, tests: int, refined: int
+    def _structure(
+        self, basis: Basis, pattern: Pattern, s: Screened, tests: int, refined: int
     ) -> Structure:
-        columns = self.columns(pattern)
-        (s,) = screen(basis, [(0, {}, lambda: columns)])
         cost = EMPIRICAL + (TILT if pattern.channel.rotation else 0.0)
         evidence = weigh(basis, s, tests, cost, refined)
         levers = lever_axes(self._machine, pattern.channel)
         depends = tuple(dict.fromkeys((*pattern.depends_on, *levers)))
-        return Structure(pattern, columns, evidence, s.drop, depends)
+        return Structure(pattern, partial(self.columns, pattern), evidence, s.drop, depends)
 
-    def _refined_period(self, basis: Basis, wave: Wave, channel: Channel) -> Pattern:
-        """The same oscillation with its period moved to the best place nearby."""
-        frequency = 1.0 / wave.period
-        step = 0.25 / (2.0 * wave.v.scale)
-        trials = [
-            oscillation(wave.v, 1.0 / (frequency + part * step), channel, wave.along)
-            for part in np.linspace(-1.0, 1.0, 21)
-        ]
-        drops = screen(basis, self._trials(trials))
-        return trials[max(drops, key=lambda s: s.drop).key]
+    def _refined_periods(self, basis: Basis, patterns: Sequence[Pattern]) -> list[Pattern]:
+        """The same oscillations with their periods moved to the best places nearby."""
+        trials: list[Pattern] = []
+        for pattern in patterns:
+            if pattern.wave is not None:
+                v, period, along, _ = pattern.wave
+                step = 0.25 / (2.0 * v.scale)
+                trials += [
+                    oscillation(v, 1.0 / (1.0 / period + part * step), pattern.channel, along)
+                    for part in np.linspace(-1.0, 1.0, _NEARBY)
+                ]
+        drop = np.zeros(len(trials))
+        for s in PatternBank(self._fitted, trials, self._seen).screen(basis):
+            drop[s.key] = s.drop
+        best = drop.reshape(len(patterns), _NEARBY).argmax(axis=1) if len(patterns) else ()
+        return [trials[i * _NEARBY + int(k)] for i, k in enumerate(best)]
+
+    def _distinct(self, basis: Basis, found: Sequence[Structure], most: int) -> list[Structure]:
+        """The strongest first; one that says little beyond those already taken is left out."""
+        bank = PatternBank(self._fitted, [s.pattern for s in found], self._seen)
+        left: dict[int, float] = {}
+        taken: list[Structure] = []
+        current = basis
+        for key, s in enumerate(found):
+            if taken and left.get(key, 0.0) < 0.3 * s.drop:
+                continue
+            taken.append(s)
+            if len(taken) == most:
+                break
+            current = current.extended(s.columns)
+            left = {one.key: one.drop for one in bank.screen(current)}
+        return taken
 
 
 def _value(basis: Basis, drop: float, rank: int) -> float:
@@ -228,19 +256,3 @@ def _shortest(quantities: Sequence[Variable]) -> dict[str, float]:
         finest = 4.0 * float(np.median(steps)) if v.family == "time" else 2.0 * float(steps.min())
         out[v.name] = max(finest, span / 250.0)
     return out
-
-
-def _distinct(basis: Basis, found: Sequence[Structure], most: int) -> list[Structure]:
-    """The strongest first; one that says little beyond those already taken is left out."""
-    taken: list[Structure] = []
-    current = basis
-    for s in found:
-        if len(taken) == most:
-            break
-        if taken:
-            (again,) = screen(current, [(0, {}, lambda s=s: s.columns)])  # type: ignore[misc]
-            if again.drop < 0.3 * s.drop:
-                continue
-        taken.append(s)
-        current = current.extended(s.columns)
-    return taken
