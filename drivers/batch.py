@@ -23,7 +23,7 @@ _KINDS = (
 
 
 class Batch:
-    """One call of `drivers.link.Link.write` that sends a message for each channel.
+    """One call of `drivers.link.Link.write` that sends one message after the other.
 
     Parameters
     ----------
@@ -37,16 +37,16 @@ class Batch:
         self._label = label
         self._names = tuple(names)
         self._done: list[str] = []
-        self._going = ""
+        self._going: tuple[str, ...] = ()
 
-    def begin(self, name: str) -> None:
-        """A channel's message is about to be sent."""
-        self._going = name
+    def begin(self, *names: str) -> None:
+        """The message of a channel, or of several, is about to be sent."""
+        self._going = names
 
     def done(self) -> None:
         """The device took it."""
-        self._done.append(self._going)
-        self._going = ""
+        self._done += self._going
+        self._going = ()
 
     def refused(self, why: str) -> LinkError:
         """The error that says that nothing at all was sent."""
@@ -55,10 +55,10 @@ class Batch:
     def failed(self, error: LinkError) -> LinkError:
         """The error of one message as that of all: what was taken, what was not, what is unknown.
 
-        That one's own channel is unknown, unless the error says that it is untouched.
+        That one's own channels are unknown, unless the error says that they are untouched.
         """
         left = [name for name in self._names if name not in self._done]
-        unknown = {self._going} - error.untouched
+        unknown = set(self._going) - error.untouched
         before = f"; written before: {', '.join(self._done)}" if self._done else ""
         kind = next((kind for kind in _KINDS if isinstance(error, kind)), LinkError)
         return kind(f"{self._label}: not written: {', '.join(left)}: {error}{before}").leaving(

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import threading
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
@@ -84,6 +86,7 @@ class CanBus:
             As `drivers.can.interface.open_interface`.
         """
         await self.close()
+        since = time.monotonic()
         loop = asyncio.get_running_loop()
         opening = loop.run_in_executor(None, open_interface, self._config)
         try:
@@ -96,9 +99,9 @@ class CanBus:
         except asyncio.CancelledError:
             opening.add_done_callback(_close_late)
             raise
-        self._take(opened)
+        self._take(opened, since)
 
-    def _take(self, opened: Opened) -> None:
+    def _take(self, opened: Opened, since: float) -> None:
         """Begin to receive and send."""
         config = self._config
 
@@ -114,6 +117,7 @@ class CanBus:
             datagrams or opened.bus,
             stamped=config.interface in STAMPED,
             name=config.where,
+            since=since,
             on_frame=self._on_frame,
             on_lost=lose,
         )
@@ -150,10 +154,19 @@ class CanBus:
             await asyncio.wait([self._closing], timeout=_CLOSE_TIMEOUT)
             self._closing = None
 
-    def send(self, messages: Sequence[can.Message]) -> None:
-        """Send frames, from the event loop; raises as `drivers.can.outgoing.Outgoing.send`."""
+    def send(self, messages: Sequence[can.Message], until: float = math.inf) -> None:
+        """Send frames, from the event loop; as `drivers.can.outgoing.Outgoing.send`."""
         connection = self._connection or self._open_one()
-        connection.outgoing.send(messages)
+        connection.outgoing.send(messages, until)
+
+    async def send_in_time(self, message: can.Message, until: float) -> None:
+        """Send a frame and see it leave; as `drivers.can.outgoing.Outgoing.send_in_time`."""
+        await self._open_one().outgoing.send_in_time(message, until)
+
+    def drain(self) -> None:
+        """Take in now what has come already: it is no answer to what is asked next."""
+        if self._connection is not None:
+            self._connection.incoming.drain()
 
     def wait(self, seconds: float) -> bool:
         """Wait on the spot for frames; as `drivers.can.incoming.Incoming.wait`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -13,13 +14,14 @@ from drivers.can.canopen_config import CanopenConfig
 from drivers.can.error_frames import LEFT_THE_BUS, BusErrors
 from drivers.can.interface import LINUX_ERRORS
 from drivers.can.node_care import NodeCare
-from drivers.can.sync import Sync
+from drivers.can.sync import SYNC_ID, Sync
 from drivers.link import (
     LinkDownError,
     LinkError,
     LinkProtocolError,
     LinkStatus,
     LinkTimeoutError,
+    TooLateError,
 )
 from drivers.quarantine import Roster
 from drivers.reconnect import Keeper
@@ -35,6 +37,10 @@ if TYPE_CHECKING:
 logger = logging.getLogger("abbe.drivers.can")
 
 T = TypeVar("T")
+
+
+class BusyError(LinkTimeoutError):
+    """Nothing was sent: a longer transfer of the node is under way."""
 
 
 class NodeBus:
@@ -123,7 +129,7 @@ class NodeBus:
         self._network = Network(self._bus, config.timeout)
         self._threads = ThreadPoolExecutor(len(config.nodes), "canopen")
         self.nodes = {
-            name: Node(name, config, self._network, self._threads, self._show, self.sync.came)
+            name: Node(name, config, self._network, self._threads, self._show, self.sync)
             for name in config.nodes
         }
         nodes = self.nodes.values()
@@ -132,11 +138,22 @@ class NodeBus:
 
     # Transfers
 
-    async def transfer(self, node: Node, job: Callable[[Network], T]) -> T:
+    async def transfer(self, node: Node, job: Callable[[Network], T], until: float = math.inf) -> T:
         """Do something with a node's objects, and take note of whether it answers.
+
+        Parameters
+        ----------
+        node
+            Whose.
+        job
+            What, in a thread.
+        until
+            Monotonic time in s after which it is not begun.
 
         Raises
         ------
+        TooLateError
+            When it was not.
         LinkError
             As `drivers.can.canopen_wall.Network` raises, or when the node is not to be had now.
         """
@@ -148,8 +165,14 @@ class NodeBus:
         status = self._status
         status.requests += 1
         began = time.monotonic()
+
+        def in_time() -> T:
+            if time.monotonic() > until:
+                raise TooLateError("too old before it could be sent, so not sent")
+            return job(network)
+
         try:
-            answer = await node.in_thread(lambda: job(network))
+            answer = await node.in_thread(in_time)
         except LinkProtocolError:
             status.failures += 1
             self._answered(node)
@@ -178,8 +201,10 @@ class NodeBus:
             node, lambda network: network.upload(node.number, index, subindex)
         )
 
-    async def ask(self, asked: Mapping[Node, Ask]) -> dict[Node, bytes | LinkError]:
-        """Read or write short objects, one of each node, all at once.
+    async def ask(
+        self, asked: Mapping[Node, Ask], until: float = math.inf
+    ) -> dict[Node, bytes | LinkError]:
+        """Read or write short objects, one of each node, all at once; not after `until`.
 
         Returns
         -------
@@ -199,11 +224,11 @@ class NodeBus:
             if await node.take_turn():
                 held.append(node)
             else:
-                found[node] = LinkTimeoutError(f"{node.name} is busy with a longer transfer")
+                found[node] = BusyError(f"{node.name} is busy with a longer transfer")
         self._status.requests += len(held)
         began = time.monotonic()
         try:
-            answers = await network.ask([asked[node] for node in held])
+            answers = await network.ask([asked[node] for node in held], until)
         except LinkDownError as error:
             self._status.failures += len(held)
             self.keeper.lost(str(error))
@@ -218,7 +243,7 @@ class NodeBus:
                 self._status.failures += 1
             if isinstance(answer, LinkTimeoutError):
                 self._unanswered(node, answer)
-            else:
+            elif not isinstance(answer, TooLateError):
                 self._answered(node)
         return found
 
@@ -239,6 +264,8 @@ class NodeBus:
         if message.is_error_frame:
             self._errors.take(message.arbitration_id, bytes(message.data))
         elif self._network is not None and not message.is_extended_id:
+            if message.arbitration_id == SYNC_ID:
+                self.sync.went(arrived)
             self._network.notify(message, arrived)
 
     def _show(self) -> None:

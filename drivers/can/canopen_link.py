@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
+from drivers import resources
 from drivers.can.canopen_bus import NodeBus
 from drivers.can.canopen_config import CanopenConfig
 from drivers.can.canopen_reading import Reader
 from drivers.can.canopen_writing import Writer
-from drivers.can.interface import check_interface
+from drivers.can.interface import check_interface, device_of
+from drivers.can.objects import range_of
 from drivers.link import (
     ChannelInfo,
     Link,
     LinkConfig,
     LinkConfigError,
     LinkError,
+    Place,
     Quality,
     Sample,
 )
@@ -61,9 +64,55 @@ class CanopenLink(Link):
         return {name: self._describe(name) for name in self._config.channels}
 
     def info(self, channel: str) -> ChannelInfo:
-        """Unit, whether it is written, and the time between two reads."""
+        """Unit, range and step of its type, whether it is written, the time between two reads.
+
+        The decimals of a CiA 404 input, which the device states, are not known here.
+        """
         section = self._config.channels[channel]
-        return ChannelInfo(section.unit, section.writable, section.every)
+        low, high, step = range_of(section.number_type)
+        if section.profile == "cia404":
+            low, high, step = -math.inf, math.inf, 0.0
+        low, high = sorted(end * section.scale + section.offset for end in (low, high))
+        return ChannelInfo(
+            section.unit,
+            section.writable,
+            section.every,
+            low,
+            high,
+            step * abs(section.scale),
+            read_back=section.writable,
+        )
+
+    def places(self, channel: str) -> tuple[Place, ...]:
+        """Its object in the node's dictionary, whether it comes by PDO or by SDO."""
+        section = self._config.channels[channel]
+        index, subindex = section.object
+        first = index << 8 | subindex
+        node = f"node {self._config.nodes[section.node].id}"
+        return (Place(device_of(self._config), first, first + 1, (node,), (True,)),)
+
+    @property
+    def owns(self) -> tuple[str, ...]:
+        """The interface."""
+        return resources.can(self._config.interface, self._config.channel)
+
+    def keep_together(self, channels: Collection[str], *, one_sample: bool = False) -> None:
+        """Channels that come by PDO at one SYNC are of one moment.
+
+        Raises
+        ------
+        LinkConfigError
+            When `one_sample` is asked for and they do not all answer the SYNC of a read.
+        """
+        self._check_known(channels, self._config.channels)
+        sections = self._config.channels
+        alone = [name for name in channels if sections[name].by != "pdo"]
+        if one_sample and len(channels) > 1 and (alone or self._config.sync != "read"):
+            told = f"{', '.join(alone)} by SDO" if alone else f"sync = {self._config.sync!r}"
+            raise LinkConfigError(
+                f"link {self.name}: {', '.join(channels)} must answer one SYNC: that takes "
+                f"by = 'pdo' and sync = 'read'; found {told}"
+            )
 
     async def open(self) -> None:
         """Open the interface and set up the nodes, or begin to retry.
@@ -96,7 +145,7 @@ class CanopenLink(Link):
             return dict.fromkeys(channels, lost)
 
     async def write(self, values: Mapping[str, float], *, until: float = math.inf) -> None:
-        """Write objects by SDO, in the order in which they are named.
+        """Write objects by SDO, in the order in which they are named, none after `until`.
 
         Raises
         ------
@@ -109,8 +158,7 @@ class CanopenLink(Link):
         """
         if values:
             self._check_known(values, self._config.channels)
-            self._in_time(until, values)
-            await self._writer.write(values)
+            await self._writer.write(values, until)
 
     async def download(self, node: str, index: int, subindex: int, data: bytes) -> bool:
         """Send a table (any long object) to a node by SDO block transfer, checked by its CRC.

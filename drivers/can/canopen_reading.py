@@ -11,6 +11,7 @@ from drivers.can.canopen_config import CanopenConfig, ChannelConfig
 from drivers.can.expedited import Ask
 from drivers.can.sdo_errors import TooLongError
 from drivers.link import LinkError, LinkProtocolError, Quality, Sample
+from drivers.pace import Pace
 
 if TYPE_CHECKING:
     from drivers.can.node import Node
@@ -34,6 +35,7 @@ class Reader:
         self._config = config
         self._bus = bus
         self._last: dict[str, Sample] = {}
+        self._paces = {name: Pace(section.every) for name, section in config.channels.items()}
         self._known: dict[tuple[str, ...], list[tuple[str, Node, ChannelConfig]]] = {}
         self._epoch = 0
 
@@ -58,7 +60,7 @@ class Reader:
             if (gone := node.unavailable(name)) is not None:
                 self._last[name] = gone
             elif section.by == "sdo":
-                if self._is_due(name, section.every, now):
+                if self._is_due(name, now):
                     by_sdo.setdefault(node, []).append(name)
             elif (pdo := node.pdo_of(name)) is not None:
                 by_pdo.append((name, node, pdo))
@@ -78,9 +80,14 @@ class Reader:
         found = self._known[names] = [(n, nodes[s.node], s) for n, s in sections.items()]
         return found
 
-    def _is_due(self, name: str, every: float, now: float) -> bool:
+    def _is_due(self, name: str, now: float) -> bool:
         last = self._last.get(name)
-        return last is None or last.quality is Quality.UNAVAILABLE or now - last.time >= every
+        unknown = last is None or last.quality is Quality.UNAVAILABLE
+        return unknown or self._paces[name].is_due(now)
+
+    def _keep(self, name: str, sample: Sample) -> None:
+        self._last[name] = sample
+        self._paces[name].asked(sample.time, good=sample.good)
 
     async def _read_objects(self, wanted: Mapping[Node, list[str]]) -> None:
         """All nodes at once, each node's objects one after the other."""
@@ -93,9 +100,9 @@ class Reader:
             for node, name in names.items():
                 answer = answers[node]
                 if isinstance(answer, bytes):
-                    self._last[name] = node.sample(name, answer, now)
+                    self._keep(name, node.sample(name, answer, asked[node].left))
                 elif isinstance(answer, LinkProtocolError):
-                    self._last[name] = Sample(_NAN, now, Quality.BAD, f"{name}: {answer}")
+                    self._keep(name, Sample(_NAN, now, Quality.BAD, f"{name}: {answer}"))
                     if isinstance(answer, TooLongError):
                         await self._read_long(node, name)
                 else:
@@ -111,13 +118,14 @@ class Reader:
 
     async def _read_long(self, node: Node, name: str) -> None:
         index, subindex = self._config.channels[name].object
+        began = time.monotonic()
         try:
             data = await self._bus.upload(node, index, subindex)
         except LinkError as error:
             kind = Quality.BAD if isinstance(error, LinkProtocolError) else Quality.UNAVAILABLE
-            self._last[name] = Sample(_NAN, time.monotonic(), kind, f"{name}: {error}")
+            self._keep(name, Sample(_NAN, began, kind, f"{name}: {error}"))
         else:
-            self._last[name] = node.sample(name, data, time.monotonic())
+            self._keep(name, node.sample(name, data, began))
 
     async def _read_pdos(self, wanted: Sequence[tuple[str, Node, Pdo]]) -> None:
         last = self._last
@@ -130,7 +138,7 @@ class Reader:
             return
         now = time.monotonic()
         for name, node, pdo in wanted:
-            if now - pdo.came <= self._config.channels[name].within:
+            if now - pdo.taken <= self._config.channels[name].within:
                 last[name] = node.from_pdo(name, pdo)
             else:
                 since = f"for {now - pdo.came:.1f} s" if pdo.data is not None else "yet"

@@ -14,7 +14,9 @@ What canopen 2.4.1 does by itself, and what is done about it here:
 from __future__ import annotations
 
 import contextlib
+import math
 import struct
+import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -26,7 +28,7 @@ from drivers.can.expedited import Ask, Expedited
 from drivers.can.frames import frame
 from drivers.can.sdo_blocks import Done, receive_block, send_block
 from drivers.can.sdo_errors import RefusedError, TooLongError
-from drivers.link import LinkDownError, LinkError, LinkTimeoutError
+from drivers.link import LinkDownError, LinkError, LinkTimeoutError, TooLateError
 
 DEVICE_TYPE = 0x1000
 _ABORT_GENERAL = 0x08000000
@@ -109,18 +111,20 @@ class Network:
         elif not self._expedited.take(can_id, message.data):
             self._feed.notify(can_id, message.data, message.timestamp)
 
-    async def ask(self, asked: Sequence[Ask]) -> list[LinkError | bytes]:
+    async def ask(self, asked: Sequence[Ask], until: float = math.inf) -> list[LinkError | bytes]:
         """Read or write short objects of several nodes at once, from the event loop.
 
         Parameters
         ----------
         asked
             At most one for each node.
+        until
+            Monotonic time in s after which they are not sent.
 
         Returns
         -------
         What was read (or written), or why it was not: `TooLongError`, `RefusedError`,
-        `LinkTimeoutError`.
+        `LinkTimeoutError`, `TooLateError`.
 
         Raises
         ------
@@ -131,6 +135,9 @@ class Network:
         if doubtful:
             await self._ask(doubtful)
         certain = [one for one in asked if not self._doubts(one)]
+        if time.monotonic() > until:
+            late = TooLateError("too old before it could be sent, so not sent")
+            return [late for _ in asked]
         if certain:
             await self._ask(certain)
         return [self._result(one) for one in asked]

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
-from drivers.can.canopen_bus import NodeBus
+from drivers.batch import Batch
+from drivers.can.canopen_bus import BusyError, NodeBus
 from drivers.can.canopen_config import CanopenConfig
 from drivers.can.expedited import Ask
 from drivers.can.objects import encode
-from drivers.link import (
-    LinkDownError,
-    LinkError,
-    LinkProtocolError,
-    LinkTimeoutError,
-    WriteNotVerifiedError,
-)
+from drivers.can.sdo_errors import RefusedError
+from drivers.link import LinkError, LinkTimeoutError, TooLateError, WriteNotVerifiedError
+
+if TYPE_CHECKING:
+    from drivers.can.node import Node
+
+_PERHAPS_TAKEN = (0x05040000, 0x06060000, 0x08000000)
+"""Abort codes after which nobody knows what the node holds: timed out, hardware, general error."""
 
 
 class Writer:
@@ -35,30 +38,24 @@ class Writer:
         self._config = config
         self._bus = bus
 
-    async def write(self, values: Mapping[str, float]) -> None:
+    async def write(self, values: Mapping[str, float], until: float) -> None:
         """As `drivers.can.canopen_link.CanopenLink.write`."""
-        data = self._encoded(values)
-        done: list[str] = []
+        batch = Batch(self._label, values)
+        data = self._encoded(values, batch)
         try:
             async with self._bus.turns:
                 for name, content in data.items():
-                    await self._write_one(name, content)
-                    done.append(name)
+                    batch.begin(name)
+                    await self._write_one(name, content, until)
+                    batch.done()
         except LinkError as error:
-            left = ", ".join(name for name in values if name not in done)
-            written = f"; written before: {', '.join(done)}" if done else ""
-            raise _kind_of(error)(
-                f"{self._label}: not written: {left}: {error}{written}"
-            ) from error
+            raise batch.failed(error) from error
 
-    def _encoded(self, values: Mapping[str, float]) -> dict[str, bytes]:
+    def _encoded(self, values: Mapping[str, float], batch: Batch) -> dict[str, bytes]:
         channels = self._config.channels
         fixed = [name for name in values if not channels[name].writable]
         if fixed:
-            raise LinkError(
-                f"{self._label}: nothing written; not writable: {', '.join(fixed)} "
-                "(set writable = true)"
-            )
+            raise batch.refused(f"not writable: {', '.join(fixed)} (set writable = true)")
         data: dict[str, bytes] = {}
         for name, value in values.items():
             section = channels[name]
@@ -66,40 +63,57 @@ class Writer:
                 number = (value - section.offset) / section.scale
                 data[name] = encode(section.number_type, number)
             except ValueError as error:
-                raise LinkError(f"{self._label}: nothing written; {name}: {error}") from None
+                raise batch.refused(f"{name}: {error}") from None
         return data
 
-    async def _write_one(self, name: str, content: bytes) -> None:
+    async def _write_one(self, name: str, content: bytes, until: float) -> None:
         section = self._config.channels[name]
         node = self._bus.node(section.node)
         if not node.prepared:
-            raise LinkTimeoutError(node.why or f"{node.name} was not found yet")
-        index, subindex = section.object
-        if len(content) > 4:
-            await self._bus.transfer(
-                node, lambda network: network.download(node.number, index, subindex, content)
-            )
-            found: bytes = content
-            if section.verify:
-                found = await self._bus.upload(node, index, subindex)
-        else:
-            answer = (await self._bus.ask({node: self._ask(name, content)}))[node]
-            if section.verify and isinstance(answer, bytes):
-                answer = (await self._bus.ask({node: self._ask(name)}))[node]
-            if isinstance(answer, LinkError):
-                raise answer
-            found = answer
+            why = node.why or f"{node.name} was not found yet"
+            raise LinkTimeoutError(why).leaving(untouched=(name,))
+        try:
+            found = await self._exchanged(name, node, content, until)
+        except (TooLateError, BusyError) as error:
+            raise error.leaving(untouched=(name,)) from None
+        except RefusedError as error:
+            raise error.leaving(() if error.code in _PERHAPS_TAKEN else (name,)) from None
         if found != content:
             raise WriteNotVerifiedError(
                 f"{name}: wrote {content.hex(' ')}, device holds {found.hex(' ')}"
             )
 
+    async def _exchanged(self, name: str, node: Node, content: bytes, until: float) -> bytes:
+        """Write an object; hands back what the node holds then, as far as it is asked."""
+        section = self._config.channels[name]
+        index, subindex = section.object
+        if len(content) > 4:
+            await self._bus.transfer(
+                node,
+                lambda network: network.download(node.number, index, subindex, content),
+                until,
+            )
+        else:
+            answer = (await self._bus.ask({node: self._ask(name, content)}, until))[node]
+            if isinstance(answer, LinkError):
+                raise answer
+        return await self._read_back(name, node, content) if section.verify else content
+
+    async def _read_back(self, name: str, node: Node, content: bytes) -> bytes:
+        found: bytes | LinkError
+        if len(content) > 4:
+            try:
+                found = await self._bus.upload(node, *self._config.channels[name].object)
+            except LinkError as error:
+                found = error
+        else:
+            found = (await self._bus.ask({node: self._ask(name)}))[node]
+        if isinstance(found, LinkError):
+            raise WriteNotVerifiedError(
+                f"{name}: wrote {content.hex(' ')}, and it cannot be read back: {found}"
+            )
+        return found
+
     def _ask(self, name: str, data: bytes | None = None) -> Ask:
         section = self._config.channels[name]
         return Ask(self._config.nodes[section.node].id, *section.object, data)
-
-
-def _kind_of(error: LinkError) -> type[LinkError]:
-    """The contract's class of an error, for saying it again with more context."""
-    kinds = (LinkDownError, LinkTimeoutError, LinkProtocolError, WriteNotVerifiedError)
-    return next((kind for kind in kinds if isinstance(error, kind)), LinkError)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 from drivers.can.bus import CanBus
@@ -101,11 +101,19 @@ class MessageBus:
         if not self.keeper.up:
             raise self.keeper.down_error()
 
-    def send(self, frames: Sequence[can.Message]) -> None:
-        """Send frames; raises `LinkError` when the interface does not take them."""
+    async def send(self, frame: can.Message, until: float) -> None:
+        """Send a frame, not after `until` (monotonic, s).
+
+        Raises
+        ------
+        TooLateError
+            When it was too late before the interface took it.
+        LinkError
+            When the interface does not take it.
+        """
         if not self.keeper.up:
             raise self.keeper.down_error()
-        self._bus.send(frames)
+        await self._bus.send_in_time(frame, until)
 
     # What comes
 
@@ -120,7 +128,8 @@ class MessageBus:
             return
         if heard.request is not None and not self._requests.is_awaited(heard):
             return
-        heard.take(bytes(frame.data), arrived)
+        asked_at = None if heard.request is None else self._requests.asked_at
+        heard.take(bytes(frame.data), arrived, asked_at)
         self._roster.silent_in_a_row = 0
         if heard.failures or heard.why:
             self._roster.answered(heard)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -105,6 +106,52 @@ def signal_of(message: Message, name: str, channel: ChannelConfig) -> Signal:
     )
 
 
+def page_of(message: Message, name: str) -> tuple[str, int] | None:
+    """The page of a multiplexed message on which a signal stands: multiplexer and its number.
+
+    The first one where it stands on several; None where every frame has it.
+    """
+    for signal in message.signals:
+        if signal.name == name and signal.multiplexer_ids and signal.multiplexer_signal:
+            return signal.multiplexer_signal, signal.multiplexer_ids[0]
+    return None
+
+
+def range_of(signal: Signal) -> tuple[float, float, float]:
+    """Smallest and largest physical value that a signal can carry, and its step.
+
+    By its bits and by the range in the file, whichever is less; step 0 for a floating-point one.
+    """
+    low, high = -math.inf, math.inf
+    step = 0.0 if signal.is_float else abs(float(signal.scale))
+    if not signal.is_float:
+        raw = (-(1 << signal.length - 1), (1 << signal.length - 1) - 1)
+        if not signal.is_signed:
+            raw = (0, (1 << signal.length) - 1)
+        low, high = sorted(number * float(signal.scale) + float(signal.offset) for number in raw)
+    if signal.minimum is not None:
+        low = max(low, float(signal.minimum))
+    if signal.maximum is not None:
+        high = min(high, float(signal.maximum))
+    return low, high, step
+
+
+def bits_of(signal: Signal) -> list[tuple[int, int]]:
+    """Where a signal's bits stand in the frame: first bit and end in each byte, bit 0 lowest."""
+    at, bits = signal.start, []
+    for _ in range(signal.length):
+        bits.append(at)
+        if signal.byte_order == "little_endian":
+            at += 1
+        else:
+            at = at - 1 if at % 8 else at + 15
+    return [
+        (min(in_byte), max(in_byte) + 1)
+        for byte in sorted({bit // 8 for bit in bits})
+        if (in_byte := [bit for bit in bits if bit // 8 == byte])
+    ]
+
+
 def within_of(message: Message, stated: float | None) -> float:
     """After how long (s) a message that did not come again counts as missing."""
     if stated is not None:
@@ -167,6 +214,7 @@ def encode(message: Message, values: Mapping[str, float]) -> bytes:
     import cantools
 
     try:
-        return message.encode(dict(values), scaling=True, strict=True)
+        carried = message.gather_signals(dict(values)) if message.is_multiplexed() else dict(values)
+        return message.encode(carried, scaling=True, strict=True)
     except (cantools.database.EncodeError, OverflowError) as error:
         raise ValueError(f"{message.name}: {error}") from None

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import struct
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -36,6 +37,8 @@ class Ask:
         The object.
     data
         To write; None reads.
+    left
+        When the request left (monotonic, s).
     answer
         What was read, or was written; None as long as there is none.
     aborted
@@ -48,6 +51,7 @@ class Ask:
     index: int
     subindex: int
     data: bytes | None = None
+    left: float = 0.0
     answer: bytes | None = None
     aborted: int | None = None
     too_long: bool = False
@@ -117,8 +121,13 @@ class Expedited:
         self._waiting = {_RESPONSE + one.number: one for one in asked}
         done = self._all_done
         done.begin(len(asked))
+        began = time.monotonic()
+        for one in asked:
+            one.left = began
         try:
-            self._bus.send([frame(_REQUEST + one.number, one.request()) for one in asked])
+            self._bus.send(
+                [frame(_REQUEST + one.number, one.request()) for one in asked], began + timeout
+            )
             with contextlib.suppress(TimeoutError):
                 await done.get(timeout)
         finally:

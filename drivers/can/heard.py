@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from drivers.can.dbc_config import DbcConfig
 from drivers.can.dbc_file import decoder, signal_of, within_of
 from drivers.link import Quality, Sample
+from drivers.pace import Pace
 from drivers.quarantine import Member
 
 if TYPE_CHECKING:
@@ -22,6 +23,10 @@ class Heard(Member):
     ----------
     data, came
         Its last frame and when it came (monotonic, s); None and −inf when none did.
+    taken
+        The earliest moment at which its values can have been taken (monotonic, s).
+    pace
+        When it is asked for.
     asked_at
         Monotonic time in s of a request whose answer may still come; None when none can.
     values
@@ -30,7 +35,7 @@ class Heard(Member):
 
     __slots__ = (
         "_decode", "_limit", "_multiplexed", "_scales", "asked_at", "came", "channels",
-        "data", "every", "fresh", "message", "request", "values", "within",
+        "data", "fresh", "message", "pace", "request", "taken", "values", "within",
     )  # fmt: skip
 
     def __init__(self, message: Message, config: DbcConfig) -> None:
@@ -40,7 +45,7 @@ class Heard(Member):
         self._multiplexed = message.is_multiplexed()
         self.within = within_of(message, section.within if section else None)
         self.request = section.request if section else None
-        self.every = section.every if section else 0.0
+        self.pace = Pace(section.every if section else 0.0)
         self.channels = {
             name: (signal_of(message, name, channel).name, channel)
             for name, channel in config.channels.items()
@@ -50,45 +55,50 @@ class Heard(Member):
             (name, signal, channel.scale, channel.offset)
             for name, (signal, channel) in self.channels.items()
         ]
-        self._limit = max(self.within, self.every)
+        self._limit = max(self.within, self.pace.every)
         self._decode = decoder(message, {signal for signal, _ in self.channels.values()})
         self.clear()
 
     def clear(self) -> None:
         """Forget what came: a new connection."""
         self.data: bytes | None = None
-        self.came = float("-inf")
+        self.came = self.taken = float("-inf")
+        self.pace.clear()
         self.asked_at: float | None = None
         self.fresh = False
         self.values: dict[str, Sample] = {}
 
-    def take(self, data: bytes, arrived: float) -> None:
-        """A frame came."""
+    def take(self, data: bytes, arrived: float, asked_at: float | None = None) -> None:
+        """A frame came (monotonic, s), as the answer to a request where one was sent."""
         self.data, self.came, self.fresh = data, arrived, True
+        self.taken = arrived if asked_at is None else min(arrived, asked_at)
         self.asked_at = None
-        if self._multiplexed:
+        if self._multiplexed or asked_at is not None:
             self.work_out()
+        if asked_at is not None:
+            good = all(name in self.values and self.values[name].good for name in self.channels)
+            self.pace.asked(asked_at, good=good)
 
     def work_out(self) -> None:
         """Bring `values` up to date with the last frame."""
         self.fresh = False
         if self.data is None:
             return
-        came = self.came
+        taken = self.taken
         try:
             values = self._decode(self.data)
         except ValueError as error:
-            self.values = dict.fromkeys(self.channels, Sample(_NAN, came, Quality.BAD, str(error)))
+            self.values = dict.fromkeys(self.channels, Sample(_NAN, taken, Quality.BAD, str(error)))
             return
         for name, signal, scale, offset in self._scales:
             if signal not in values:
                 continue
             value = float(values[signal]) * scale + offset
             if value - value == 0.0:
-                self.values[name] = Sample(value, came)
+                self.values[name] = Sample(value, taken)
             else:
                 why_not = f"{self.message.name}.{signal} is {value}"
-                self.values[name] = Sample(_NAN, came, Quality.BAD, why_not)
+                self.values[name] = Sample(_NAN, taken, Quality.BAD, why_not)
 
     def sample(self, channel: str, now: float) -> Sample:
         """A channel's last value; unavailable when it did not come again for too long."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import select
 import threading
 import time
@@ -28,8 +29,11 @@ if TYPE_CHECKING:
 _MOST_AT_ONCE = 256
 """Frames that are taken before others get their turn in the event loop: all that fit into a serial
 driver's 4 KB."""
-_LONGEST_WAIT = 60.0
-"""s that a frame can have waited for us; more is a clock that was set."""
+_DRIFT = 1e-3
+"""Part of the time, and s besides, by which two clocks may differ before one counts as set."""
+_LISTEN = 0.01
+"""s between two looks at whether something waits to be read, where nobody stamps it: by so much a
+frame may be younger than it is told to be."""
 _TOGETHER = 50e-6
 """s between two readings of a clock that count as one moment."""
 _READINGS = 4
@@ -49,8 +53,11 @@ class Incoming:
         waited for us is not new.
     name
         For the thread of an interface without a file descriptor.
+    since
+        Monotonic time in s before which nothing came.
     on_frame
-        Called in the event loop with every frame and its arrival (monotonic, s).
+        Called in the event loop with every frame and its arrival (monotonic, s): the kernel's
+        stamp; without one, the last moment at which nothing waited to be read.
     on_lost
         Called in the event loop, with the reason, when receiving fails.
     """
@@ -61,11 +68,16 @@ class Incoming:
         *,
         stamped: bool,
         name: str,
+        since: float = -math.inf,
         on_frame: Callable[[can.Message, float], None],
         on_lost: Callable[[str], None],
     ) -> None:
         self._bus = bus
         self._stamped = stamped
+        self._since = since
+        self._ahead = time.time() - time.monotonic()
+        """By how much (s) CLOCK_REALTIME was ahead of the monotonic clock."""
+        self._listening: asyncio.TimerHandle | None = None
         self._on_frame = on_frame
         self._on_lost = on_lost
         self._loop = asyncio.get_running_loop()
@@ -81,6 +93,8 @@ class Incoming:
         if self._fd >= 0:
             self._more.register(self._fd, select.POLLIN)
             self._loop.add_reader(self._fd, self._readable)
+            if not stamped:
+                self._listen()
         else:
             self._thread = threading.Thread(target=self._receive, daemon=True, name=f"{name} in")
             self._thread.start()
@@ -92,6 +106,13 @@ class Incoming:
         self._closed = True
         if self._fd >= 0:
             self._loop.remove_reader(self._fd)
+        if self._listening is not None:
+            self._listening.cancel()
+
+    def drain(self) -> None:
+        """Take in now what is there: it is no answer to what is asked next."""
+        if not self._closed and self._fd >= 0:
+            self._look()
 
     def join(self, limit: float) -> None:
         """Wait for the thread, at most so long (s)."""
@@ -133,37 +154,64 @@ class Incoming:
             if message is not None:
                 self._on_frame(message, self._arrival(message))
             # asking the kernel costs a tenth of asking python-can in vain
-            if self._closed or not (self._holds() or self._more.poll(0)):
+            if self._closed or not self._more_waits():
                 return
         if self._holds():
             self._loop.call_soon(self._readable)
+
+    def _more_waits(self) -> bool:
+        """Whether a frame waits; if none does, what comes from now on is no older."""
+        looked = time.monotonic()
+        if self._holds() or self._more.poll(0):
+            return True
+        if self._port is None or not self._port.has_begun:
+            self._since = looked
+        if self._stamped:
+            self._ahead = time.time() - looked
+        return False
+
+    def _look(self) -> None:
+        if self._more_waits():
+            self._readable()
+
+    def _listen(self) -> None:
+        self._look()
+        if not self._closed:
+            self._listening = self._loop.call_later(_LISTEN, self._listen)
 
     def _holds(self) -> bool:
         """Whether something has come that the file descriptor does not show."""
         return self._port is not None and self._port.holds
 
     def _arrival(self, message: can.Message) -> float:
-        now = time.monotonic()
         if not self._stamped:
-            return now
+            return self._since
+        now = time.monotonic()
         for _ in range(_READINGS):
             before, clock = now, time.time()
             now = time.monotonic()
             if now - before < _TOGETHER:
                 break
-        waited = clock - message.timestamp
-        return now - waited if 0.0 < waited < _LONGEST_WAIT else now
+        # a clock that was set meanwhile says too much or too little; that nothing waited is certain
+        if abs(clock - now - self._ahead) > _DRIFT * (1.0 + now - self._since):
+            return self._since
+        return max(now - max(clock - message.timestamp, 0.0), self._since)
 
     def _receive(self) -> None:
         """As `_readable`, in a thread, for interfaces without a file descriptor."""
+        since = self._since
         while not self._closed:
+            looked = time.monotonic()
             try:
-                message = self._bus.recv(0.1)
+                message = self._bus.recv(0.0)
+                if message is None:
+                    since = looked
+                    message = self._bus.recv(_LISTEN)
             except Exception as error:  # noqa: BLE001 - as above
                 self._tell(self._on_lost, f"receiving failed: {error}")
                 return
             if message is not None:
-                self._tell(self._deliver, message, time.monotonic())
+                self._tell(self._deliver, message, since)
 
     def _deliver(self, message: can.Message, arrived: float) -> None:
         if not self._closed:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from pydantic import Field
 
+from drivers import resources
 from drivers.can.slcan_status import Dialect
 from drivers.link import LinkConfigError, LinkDownError
 from drivers.quarantine import QuarantineConfig
@@ -55,6 +56,12 @@ class InterfaceConfig(QuarantineConfig):
     def where(self) -> str:
         """The bus, for people."""
         return f"{self.interface} {self.channel}"
+
+
+def device_of(config: InterfaceConfig) -> str:
+    """The bus as `drivers.link.Place` names it, for all links on it."""
+    named = resources.can(config.interface, config.channel)
+    return named[0] if named else f"can {config.where}"
 
 
 class Opened(NamedTuple):

@@ -15,6 +15,7 @@ from drivers.can.emergencies import emergency_told
 from drivers.can.node_setup import NodeSetup, set_up
 from drivers.can.objects import decode
 from drivers.can.pdo import Pdo
+from drivers.can.sync import Sync
 from drivers.link import LinkTimeoutError, Quality, Sample
 from drivers.quarantine import Member
 
@@ -46,8 +47,8 @@ class Node(Member):
         Where SDO transfers wait.
     on_change
         Called when its health may have changed.
-    on_pdo
-        Called when a PDO came that was waited for since a SYNC.
+    sync
+        Told when a PDO came that was waited for since its SYNC.
 
     Attributes
     ----------
@@ -77,8 +78,8 @@ class Node(Member):
         "_found",
         "_network",
         "_on_change",
-        "_on_pdo",
         "_restarted",
+        "_sync",
         "_threads",
         "emergency",
         "heard",
@@ -98,7 +99,7 @@ class Node(Member):
         network: Network,
         threads: Executor,
         on_change: Callable[[], None],
-        on_pdo: Callable[[], None],
+        sync: Sync,
     ) -> None:
         self.section = config.nodes[name]
         self.number = self.section.id
@@ -107,7 +108,7 @@ class Node(Member):
         self._network = network
         self._threads = threads
         self._on_change = on_change
-        self._on_pdo = on_pdo
+        self._sync = sync
         self._busy = asyncio.Lock()
         self._channels = {n: c for n, c in config.channels.items() if c.node == name}
         self._found = NodeSetup()
@@ -156,7 +157,7 @@ class Node(Member):
             lambda: set_up(self._network, self.section, self._channels, self._config)
         )
         self._found = found
-        self.refused = {name: f"{self.name}, {why}" for name, why in found.refused.items()}
+        self._tell_refused(found)
         if self.section.heartbeat is not None:
             await self._first_heartbeat(self.section.heartbeat)
         for pdo in self.pdos:
@@ -170,6 +171,31 @@ class Node(Member):
         self.prepared = True
         # set by heartbeats that came meanwhile
         self.needs_care.clear()
+
+    async def ask_again(self) -> None:
+        """Ask once more for what it refused when it was set up; what it gives is left alone.
+
+        Raises
+        ------
+        LinkTimeoutError, LinkDownError
+            When it does not answer.
+        """
+        left = {name: part for name, part in self._channels.items() if name in self.refused}
+        before = self.pdos
+        found = await self.in_thread(
+            lambda: set_up(self._network, self.section, left, self._config, before)
+        )
+        if not self.prepared:
+            return
+        self._found.pdos |= found.pdos
+        self._found.scales |= found.scales
+        for pdo in self.pdos:
+            if pdo not in before:
+                self._network.subscribe(pdo.cob_id, self._receiver(pdo))
+        self._tell_refused(found)
+
+    def _tell_refused(self, found: NodeSetup) -> None:
+        self.refused = {name: f"{self.name}, {why}" for name, why in found.refused.items()}
 
     async def _first_heartbeat(self, limit: float) -> None:
         try:
@@ -229,7 +255,7 @@ class Node(Member):
         return None
 
     def sample(self, name: str, data: bytes, at: float) -> Sample:
-        """A channel's value in its object's bytes, which came at `at`."""
+        """A channel's value in its object's bytes, which was asked for at `at` (monotonic, s)."""
         kind = self._channels[name].number_type
         return self._sample(name, lambda: decode(kind, data), at)
 
@@ -248,7 +274,7 @@ class Node(Member):
 
     def _work_out(self, pdo: Pdo) -> Mapping[str, Sample]:
         samples = pdo.samples = {
-            name: self._sample(name, read, pdo.came)
+            name: self._sample(name, read, pdo.taken)
             for name, (carrying, read) in self._found.pdos.items()
             if carrying is pdo
         }
@@ -267,10 +293,10 @@ class Node(Member):
 
     def _receiver(self, pdo: Pdo) -> Callable[[bytes], None]:
         def receive(data: bytes) -> None:
-            awaited = pdo.awaited_since is not None
-            if pdo.take(data, self._network.arrived) and awaited:
+            awaited, came = pdo.awaited_since is not None, self._network.arrived
+            if pdo.take(data, came, self._sync.before(came)) and awaited:
                 self._work_out(pdo)  # while others are waited for
-                self._on_pdo()
+                self._sync.came()
 
         return receive
 

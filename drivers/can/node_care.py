@@ -23,6 +23,8 @@ logger = logging.getLogger("abbe.drivers.can")
 _LOOK = 0.05
 """s between two looks at heartbeats."""
 _NMT_ID, _START = 0, 1
+_FIRST_PAUSE, _LAST_PAUSE = 0.25, 60.0
+"""s before a node is asked again for what it refused; doubles from the first to the last."""
 
 
 class NodeCare:
@@ -141,7 +143,7 @@ class NodeCare:
     async def _care_for(self, node: Node) -> None:
         """Look for a node whenever it has to be, less and less often."""
         while True:
-            await node.needs_care.wait()
+            await self._until_needed(node)
             wait = node.retry_at - time.monotonic()
             if node.failures and wait > 0:
                 await asyncio.sleep(min(wait, _LOOK))
@@ -154,6 +156,27 @@ class NodeCare:
             except LinkError as error:
                 self._roster.unanswered(node, str(error), bus_silent=False)
                 node.needs_care.set()
+
+    async def _until_needed(self, node: Node) -> None:
+        """Wait until a node needs care; meanwhile ask again, less and less, for what it refused.
+
+        A node that refuses something while it boots is not to be without it until it boots again.
+        """
+        pause = _FIRST_PAUSE
+        while True:
+            limit = pause if node.prepared and node.refused else None
+            try:
+                await asyncio.wait_for(node.needs_care.wait(), limit)
+                return
+            except TimeoutError:
+                pause = min(2.0 * pause, _LAST_PAUSE)
+            try:
+                await node.ask_again()
+            except LinkDownError as error:
+                self._keeper.lost(str(error))
+            except LinkError:
+                continue  # whether it answers at all is seen by those who read it
+            self._on_change()
 
     async def _prepare(self, node: Node) -> None:
         node.asked = True

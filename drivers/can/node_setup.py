@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
 from drivers.can.canopen_config import CanopenConfig, ChannelConfig, NodeConfig
@@ -40,6 +40,7 @@ def set_up(
     section: NodeConfig,
     channels: Mapping[str, ChannelConfig],
     sync: CanopenConfig,
+    known: Collection[Pdo] = (),
 ) -> NodeSetup:
     """Set a node up and find out what it has; from a thread, takes some dozen requests.
 
@@ -53,6 +54,8 @@ def set_up(
         Those of the node.
     sync
         The link's section: whether its SYNC is answered.
+    known
+        PDOs of which frames are taken in already; those that are still the same are kept.
 
     Raises
     ------
@@ -73,7 +76,10 @@ def set_up(
         except RefusedError as error:
             found.refused[""] = f"its heartbeat cannot be set: {error}"
     by_pdo = any(channel.by == "pdo" for channel in channels.values())
-    there = read_pdos(upload) if by_pdo else []
+    there = [
+        next((pdo for pdo in known if pdo.is_same(mapped)), mapped)
+        for mapped in (read_pdos(upload) if by_pdo else [])
+    ]
     for name, channel in channels.items():
         try:
             check_profile(channel, device_type)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from typing import Literal
 
@@ -32,6 +33,7 @@ _FORMATS: dict[str, struct.Struct] = {
     "float32": struct.Struct("<f"),
     "float64": struct.Struct("<d"),
 }
+_LARGEST_FLOAT32 = (2.0 - 2.0**-23) * 2.0**127
 _EXACT = 1 << 53
 """Whole numbers up to here are exact in a 64-bit float."""
 
@@ -39,6 +41,24 @@ _EXACT = 1 << 53
 def size_of(kind: Type) -> int:
     """Bytes that a type takes."""
     return _FORMATS[kind].size
+
+
+def range_of(kind: Type) -> tuple[float, float, float]:
+    """Smallest and largest number of a type that a 64-bit float holds exactly, and its step.
+
+    >>> range_of("int16")
+    (-32768.0, 32767.0, 1.0)
+    """
+    if kind.startswith("float"):
+        largest = _LARGEST_FLOAT32 if kind == "float32" else math.inf
+        return -largest, largest, 0.0
+    if kind == "bool":
+        return 0.0, 1.0, 1.0
+    bits = 8 * size_of(kind)
+    signed = not kind.startswith("u")
+    low = -(1 << bits - 1) if signed else 0
+    high = (1 << bits - signed) - 1
+    return float(max(low, 1 - _EXACT)), float(min(high, _EXACT - 1)), 1.0
 
 
 def decode(kind: Type, data: bytes) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -37,6 +38,8 @@ class Pdo:
         Object → (first bit, bits) in the frame.
     data, came
         Its last frame and when it came (monotonic, s).
+    taken
+        The earliest moment at which its values can have been taken (monotonic, s).
     samples
         Channel → its value in that; None until it is worked out.
     awaited_since
@@ -52,6 +55,7 @@ class Pdo:
     data: bytes | None = None
     samples: Mapping[str, Sample] | None = None
     came: float = field(default=float("-inf"))
+    taken: float = field(default=float("-inf"))
     awaited_since: float | None = None
     not_before: float = float("-inf")
 
@@ -60,12 +64,32 @@ class Pdo:
         """Whether the node sends it at a SYNC."""
         return self.transmission <= _LAST_SYNCHRONOUS
 
-    def take(self, data: bytes, came: float) -> bool:
-        """A frame of it came (monotonic, s); False when it is too old to be believed."""
+    def is_same(self, other: Pdo) -> bool:
+        """Whether both are the same PDO, mapped alike."""
+        mine = (self.number, self.cob_id, self.transmission, self.places)
+        return mine == (other.number, other.cob_id, other.transmission, other.places)
+
+    def take(self, data: bytes, came: float, sync_at: float = math.inf) -> bool:
+        """A frame of it came (monotonic, s); False when it is too old to be believed.
+
+        Parameters
+        ----------
+        data
+            Its content.
+        came
+            When.
+        sync_at
+            When the last SYNC before that went over the bus, monotonic s.
+        """
         since = self.awaited_since
         if came < self.not_before or (since is not None and came < since):
             return False
         self.data, self.came, self.samples, self.awaited_since = data, came, None, None
+        self.taken = came
+        if since is not None:
+            self.taken = since
+        elif self.synchronous:
+            self.taken = min(came, sync_at)
         return True
 
     def reader(self, wanted: Object, kind: Type) -> Callable[[], float]:

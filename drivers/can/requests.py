@@ -31,6 +31,11 @@ class Requests:
         Keeps count of who answers.
     status
         Counts requests.
+
+    Attributes
+    ----------
+    asked_at
+        Monotonic time in s at which the last requests left.
     """
 
     def __init__(self, bus: CanBus, config: DbcConfig, roster: Roster, status: LinkStatus) -> None:
@@ -38,6 +43,7 @@ class Requests:
         self._config = config
         self._roster = roster
         self._status = status
+        self.asked_at = 0.0
         self._awaited: set[Heard] = set()
         self._frames: dict[Heard, can.Message] = {}
         self._answered: Awaited[None] = Awaited(bus.wait)
@@ -47,7 +53,7 @@ class Requests:
         now = time.monotonic()
         asked: dict[Heard, None] = {}
         for heard in wanted:
-            if heard.request is None or (heard.every and now - heard.came < heard.every):
+            if heard.request is None or not heard.pace.is_due(now):
                 continue
             if heard.failures and heard.refusal(now):
                 continue
@@ -65,16 +71,17 @@ class Requests:
         LinkError
             When a request cannot be sent, or the interface is closed meanwhile.
         """
-        began = time.monotonic()
         frames = []
         for heard in asked:
             heard.asked = True
             frames.append(self._frames.get(heard) or self._frame(heard))
+        self._bus.drain()  # what waits to be read is no answer
+        began = self.asked_at = time.monotonic()
         self._awaited = set(asked)
         answered = self._answered
         answered.begin(len(asked))
         try:
-            self._bus.send(frames)
+            self._bus.send(frames, began + self._config.timeout)
             self._status.requests += len(asked)
             await answered.get(self._config.timeout)
             self._status.round_trip = time.monotonic() - began

@@ -13,11 +13,15 @@ import errno
 import fcntl
 import os
 import termios
+import time
 from collections.abc import Callable
 from typing import Any
 
 from drivers.can.slcan_status import LINE
+from drivers.serial.port import in_driver
 
+_DRAIN = 0.1
+"""s that the rest may take to leave before the port is closed; it may hold the closing command."""
 _LONGEST = 512
 """Bytes of an unfinished line beyond which it is no line of any adapter."""
 
@@ -98,6 +102,11 @@ class BufferedPort:
         return whole
 
     @property
+    def has_begun(self) -> bool:
+        """Whether a line has begun to come."""
+        return bool(self._begun)
+
+    @property
     def holds(self) -> bool:
         """Whether bytes are here that the file descriptor does not show any more."""
         return self._at < len(self._held)
@@ -133,6 +142,18 @@ class BufferedPort:
             with contextlib.suppress(BlockingIOError):
                 self._unsent = self._unsent[os.write(self._fd, self._unsent) :]
 
+    @property
+    def unsent(self) -> int:
+        """Bytes that have not left yet, as far as is known: here and in the driver."""
+        self._send_rest()
+        return len(self._unsent) + in_driver(self._fd)
+
+    def discard(self) -> None:
+        """Forget what has not left yet; the port is then to be closed."""
+        self._unsent = b""
+        with contextlib.suppress(OSError, termios.error):
+            termios.tcflush(self._fd, termios.TCOFLUSH)
+
     def flush(self) -> None:
         """Wait for nothing."""
 
@@ -146,10 +167,14 @@ class BufferedPort:
         return self._fd
 
     def close(self) -> None:
-        """Close the port; safe to call twice."""
+        """Close the port; what a stuck adapter did not take is forgotten. Safe to call twice."""
         if self._port.is_open:
             with contextlib.suppress(OSError):
                 fcntl.ioctl(self._fd, termios.TIOCNXCL)
+                deadline = time.monotonic() + _DRAIN
+                while self.unsent and time.monotonic() < deadline:
+                    time.sleep(0.002)
+            self.discard()
             self._port.close()
 
 

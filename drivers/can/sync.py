@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import time
+from collections import deque
 from collections.abc import Collection
 from typing import TYPE_CHECKING
 
@@ -17,7 +19,9 @@ from drivers.link import LinkError, LinkStatus
 if TYPE_CHECKING:
     from drivers.can.pdo import Pdo
 
-_SYNC_ID = 0x80
+SYNC_ID = 0x80
+_REMEMBERED = 64
+"""SYNC whose time is kept: more than are sent while we are stalled."""
 
 
 class Sync:
@@ -37,8 +41,9 @@ class Sync:
         self._bus = bus
         self._config = config
         self._status = status
-        self._frame = frame(_SYNC_ID, b"")
+        self._frame = frame(SYNC_ID, b"")
         self._missing = 0
+        self._times: deque[float] = deque(maxlen=_REMEMBERED)
         self._answered: Awaited[None] = Awaited(bus.wait)
 
     async def ask(self, pdos: Collection[Pdo]) -> None:
@@ -51,6 +56,7 @@ class Sync:
         """
         config = self._config
         began = time.monotonic()
+        self._bus.drain()  # what waits to be read is no answer
         waited_for = [pdo for pdo in pdos if began >= pdo.not_before]
         for pdo in waited_for:
             pdo.awaited_since = began
@@ -59,7 +65,8 @@ class Sync:
         answered.begin(len(waited_for))
         self._status.requests += 1
         try:
-            self._bus.send((self._frame,))
+            self._bus.send((self._frame,), began + config.timeout)
+            self.went(began)
             if waited_for:
                 await answered.get(config.timeout)
         except TimeoutError:
@@ -79,9 +86,20 @@ class Sync:
         due = loop.time()
         while True:
             with contextlib.suppress(LinkError):
-                self._bus.send((self._frame,))
+                now = time.monotonic()
+                self._bus.drain()
+                self._bus.send((self._frame,), now + period)
+                self.went(now)
             due = max(due + period, loop.time())
             await asyncio.sleep(due - loop.time())
+
+    def went(self, at: float) -> None:
+        """A SYNC went over the bus (monotonic, s), ours or somebody else's."""
+        self._times.append(at)
+
+    def before(self, at: float) -> float:
+        """When the last SYNC went before `at` (monotonic, s); infinite when none is known."""
+        return next((time for time in reversed(self._times) if time <= at), math.inf)
 
     def came(self) -> None:
         """A PDO that was waited for is there; the last one ends the wait."""

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 from drivers.awaited import is_there
 from drivers.link import LinkDownError, LinkError
-from drivers.serial.port import CLOSE_TIMEOUT, reason_of
+from drivers.serial.port import CLOSE_TIMEOUT, in_driver, reason_of
 
 if TYPE_CHECKING:
     from serial import SerialBase
@@ -103,7 +103,7 @@ class FdPort:
     @property
     def unsent(self) -> int:
         """Bytes here and in the driver; what an adapter holds is not known."""
-        return len(self._unsent) + _in_driver(self._fd)
+        return len(self._unsent) + in_driver(self._fd)
 
     def close(self) -> None:
         """As `Port.close`."""
@@ -129,7 +129,7 @@ class FdPort:
     def _flush(self) -> None:
         """Give the driver a moment to send the rest, then have it forget what is stuck."""
         deadline = time.monotonic() + DRAIN
-        while _in_driver(self._fd):
+        while in_driver(self._fd):
             if time.monotonic() > deadline:
                 self._forget()
                 return
@@ -191,11 +191,3 @@ class FdPort:
     def _lose(self, why: str) -> None:
         self.close()
         self._on_lost(why)
-
-
-def _in_driver(fd: int) -> int:
-    """Bytes that the driver has not sent yet; of a connection, those that did not arrive."""
-    try:
-        return int.from_bytes(fcntl.ioctl(fd, termios.TIOCOUTQ, b"\0\0\0\0"), "little")
-    except OSError:
-        return 0

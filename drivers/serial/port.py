@@ -170,6 +170,14 @@ def reason_of(error: Exception) -> str:
     return os.strerror(number) if isinstance(number, int) else str(error)
 
 
+def in_driver(fd: int) -> int:
+    """Bytes that the driver has not sent yet; of a connection, those that did not arrive."""
+    try:
+        return int.from_bytes(fcntl.ioctl(fd, termios.TIOCOUTQ, b"\0\0\0\0"), "little")
+    except OSError:
+        return 0
+
+
 def _close_late(opening: asyncio.Future[SerialBase]) -> None:
     """Close a port that opened after all."""
     if not opening.cancelled() and opening.exception() is None:

@@ -30,7 +30,7 @@ from drivers.can.datagrams import Datagrams
 from drivers.can.dbc_config import DbcConfig
 from drivers.can.dbc_link import DbcLink
 from drivers.can.error_frames import told
-from drivers.link import LinkDownError, LinkError, LinkState, Quality
+from drivers.link import LinkDownError, LinkError, LinkState, Quality, TooLateError
 from drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
@@ -164,26 +164,55 @@ async def test_frames_wait_for_a_driver_that_is_full_and_none_is_lost(
     patient = {"POSITION": {"within": 60.0}}
     async with linked(own_bus.ready, {"x": READ["x"]} | CORRECTION, messages=patient) as link:
         os.kill(pid, signal.SIGSTOP)
-        values, taken = dict.fromkeys(CORRECTION, 0.0), 0
-
-        async def fill() -> None:
-            nonlocal taken
-            while True:
-                await link.write(values | {"life": taken % 256})
-                taken += 1
-
+        values, writes = dict.fromkeys(CORRECTION, 0.0), list[asyncio.Task[None]]()
         try:
+            while not writes or not writes[-1].done() or not writes[-1].exception():
+                life = {"life": len(writes) % 256}
+                writes.append(asyncio.create_task(link.write(values | life)))
+                await asyncio.sleep(0)
             with pytest.raises(LinkError, match="1000 frames wait to be sent"):
-                await fill()
+                await writes.pop()
         finally:
             os.kill(pid, signal.SIGCONT)
+        taken = len(writes)
         assert taken > 1000
+        await asyncio.gather(*writes)
         await until(lambda: own_bus.order("report")["setpoints_taken"] == taken)
         last = own_bus.order("report")["setpoints"]
         assert [bytes.fromhex(data)[6] for data in last] == [
             i % 256 for i in range(taken - 5, taken)
         ]
         assert link.status.reconnects == 0
+
+
+async def test_what_waits_too_long_for_room_is_never_sent(
+    own_bus: SimulatedProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(outgoing, "_PATIENCE", 60.0)
+    patient = {"POSITION": {"within": 60.0}}
+    async with linked(own_bus.ready, {"x": READ["x"]} | CORRECTION, messages=patient) as link:
+        old, new = dict.fromkeys(CORRECTION, 1.0), dict.fromkeys(CORRECTION, 0.0)
+        with pytest.raises(TooLateError) as late:
+            await link.write(old, until=time.monotonic() - 1e-3)
+        assert late.value.untouched == set(CORRECTION)
+        os.kill(own_bus.ready["pid"], signal.SIGSTOP)
+        writes = list[asyncio.Task[None]]()
+        try:
+            while not writes or writes[-1].done():
+                writes.append(asyncio.create_task(link.write(new)))
+                await asyncio.sleep(0)
+            given_up = asyncio.create_task(link.write(old))
+            await asyncio.sleep(0)
+            given_up.cancel()
+            with pytest.raises(TooLateError, match="too old before it could be sent") as late:
+                await link.write(old, until=time.monotonic() + 0.1)
+            assert late.value.untouched == set(CORRECTION)
+        finally:
+            os.kill(own_bus.ready["pid"], signal.SIGCONT)
+        await asyncio.gather(*writes)
+        await link.write(new)
+        await until(lambda: own_bus.order("report")["setpoints_taken"] >= len(writes) + 1)
+        assert own_bus.order("report")["setpoints_taken"] == len(writes) + 1
 
 
 async def test_a_driver_that_stays_full_is_an_outage(own_bus: SimulatedProcess) -> None:
@@ -198,7 +227,7 @@ async def test_a_driver_that_stays_full_is_an_outage(own_bus: SimulatedProcess) 
                     await link.write(dict.fromkeys(CORRECTION, 0.0))
                     await asyncio.sleep(0.001)
 
-            with pytest.raises(LinkDownError, match="no room for a frame"):
+            with pytest.raises(LinkDownError, match="no room for a frame|takes no more"):
                 await fill()
         finally:
             os.kill(pid, signal.SIGCONT)

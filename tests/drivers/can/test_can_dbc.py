@@ -108,12 +108,15 @@ async def test_a_message_that_is_asked_for(bus: SimulatedProcess) -> None:
 
 async def test_messages_are_sent(bus: SimulatedProcess) -> None:
     async with linked(bus.ready, READ | CORRECTION) as link:
-        with pytest.raises(LinkError, match="CORRECTION also has correction_y, correction_z, life"):
+        also = "CORRECTION also carries correction_y, correction_z, life, whose last value"
+        with pytest.raises(LinkError, match=also) as alone:
             await link.write({"correction_x": 0.1})
+        assert alone.value.untouched == {"correction_x"}
         await link.write(
             {"correction_x": 0.1, "correction_y": -0.2, "correction_z": 0.0003, "life": 7}
         )
-        await link.write({"life": 8})
+        again = {"correction_x": 0.1, "correction_y": -0.2, "correction_z": 0.0003}
+        await link.write(again | {"life": 8})
 
         def sent() -> bool:
             return bus.order("report")["setpoints"][-2:] == [
@@ -123,7 +126,7 @@ async def test_messages_are_sent(bus: SimulatedProcess) -> None:
 
         await until(sent)
         with pytest.raises(LinkError, match="nothing written; CORRECTION: .*correction_x.*5"):
-            await link.write({"correction_x": 5.0})
+            await link.write(again | {"life": 9, "correction_x": 5.0})
         with pytest.raises(LinkError, match="nothing written; not writable: x"):
             await link.write({"life": 9, "x": 1.0})
         assert sent()
