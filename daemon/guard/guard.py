@@ -62,10 +62,10 @@ class Decision(NamedTuple):
 _ALL_ACTIVE = (GuardState.ACTIVE, GuardState.ACTIVE, GuardState.ACTIVE)
 
 
-_Held = tuple[float, float]
-"""Least and largest correction in one direction that the controller may have, mm."""
+_Sent = tuple[float, float]
+"""A correction in one direction that the controller may have, mm, and when it was handed out, s."""
 
-_NOTHING: _Held = (0.0, 0.0)
+_SURE: tuple[tuple[_Sent, ...], ...] = ((), (), ())
 
 
 class Guard:
@@ -83,9 +83,9 @@ class Guard:
         self._last = math.nan
         self._computed = ZERO
         self._applied = ZERO
-        self._before: tuple[_Held, _Held, _Held] = (_NOTHING, _NOTHING, _NOTHING)
-        self._held: tuple[_Held, _Held, _Held] = (_NOTHING, _NOTHING, _NOTHING)
-        self._unsure = 0
+        # what the controller may have in place of `_applied`, by direction
+        self._else = _SURE
+        self._before = self._applied, -math.inf, self._else
         self._too_large_since = [math.inf, math.inf, math.inf]
         self._steady = False
         self._releasing = False
@@ -103,7 +103,7 @@ class Guard:
     @property
     def released(self) -> bool:
         """Whether, after `release`, the correction has come down to zero in the controller."""
-        return self._releasing and self._applied == ZERO and not self._unsure
+        return self._releasing and self._applied == ZERO and self._else is _SURE
 
     def not_taken(self, untouched: int, unknown: int = 0) -> None:
         """Take note of what the controller did not take of the last step's correction.
@@ -117,20 +117,25 @@ class Guard:
         unknown
             Mask of those of which nobody knows whether they have the new one.
         """
-        held = list(self._held)
-        applied = list(self._applied)
+        applied, others = list(self._applied), list(self._else)
+        applied_before, at_before, else_before = self._before
         for i in range(3):
-            low, high = self._before[i]
             if untouched >> i & 1:
-                held[i] = self._before[i]
-                applied[i] = min(max(applied[i], low), high)
+                # it counts from now on: a controller that refuses is given no larger steps later
+                applied[i], others[i] = applied_before[i], else_before[i]
             elif unknown >> i & 1:
-                held[i] = min(low, applied[i]), max(high, applied[i])
-        self._held = held[0], held[1], held[2]
+                others[i] = self._still(else_before[i], (applied_before[i], at_before))
         self._applied = applied[0], applied[1], applied[2]
-        self._unsure = sum(1 << i for i, (low, high) in enumerate(held) if low != high)
+        self._else = tuple(others) if any(others) else _SURE
         # the short way asks only where it stands, so what it stands on must be sure
         self._steady = self._steady and not (untouched | unknown)
+
+    def _still(self, sent: tuple[_Sent, ...], one_more: _Sent) -> tuple[_Sent, ...]:
+        """What may be held, without what makes no difference: of what is old only the extremes."""
+        since = self._last - self._limits.longest_step
+        old = sorted(item for item in (*sent, one_more) if item[1] <= since)
+        young = tuple(item for item in (*sent, one_more) if item[1] > since)
+        return (*old[:1], *old[1:][-1:], *young)
 
     def step(self, now: float, computed: Vec3 | None, faulty: int = 0) -> Decision:
         """Take in what was computed and hand out what may be applied.
@@ -150,23 +155,20 @@ class Guard:
         limits = self._limits
         elapsed = now - self._last
         dt = min(elapsed, limits.longest_step) if elapsed > 0.0 else 0.0
+        self._before = self._applied, self._last, self._else
         self._last = now
         if computed is not None and not _finite(computed):
             computed = None
         if computed is None or self._releasing:
             faulty = ALL
-        self._before = before = self._held
         if computed is not None:
             self._computed = computed
             if self._steady and not faulty and self._allowed(computed, limits.max_rate * dt):
                 self._applied = computed
-                x, y, z = computed
-                self._held = (x, x), (y, y), (z, z)
                 return Decision(computed, _ALL_ACTIVE, False, False)
         target, limited = self._target(now, dt, faulty)
-        self._applied, behind = self._approach(target, before, limits.max_rate * dt)
-        x, y, z = self._applied
-        self._held, self._unsure = ((x, x), (y, y), (z, z)), 0
+        self._applied, behind = self._approach(target, now, dt)
+        self._else = _SURE
         along_x, along_y, along_z = self._directions
         states = (along_x.state, along_y.state, along_z.state)
         self._steady = states == _ALL_ACTIVE and not limited
@@ -226,42 +228,41 @@ class Guard:
             and math.hypot(x, y, z) <= self._limits.max_norm
         )
 
-    def _approach(
-        self, target: list[float], before: tuple[_Held, _Held, _Held], reach: float
-    ) -> tuple[Vec3, int]:
+    def _approach(self, target: list[float], now: float, dt: float) -> tuple[Vec3, int]:
         """The correction after a step towards `target`, and the mask of what did not arrive.
 
-        The step is of at most `reach` mm in each direction, from all that the controller may have.
+        In each direction a step of what may change since it was handed out, from all that the
+        controller may have.
         """
-        now = self._applied
-        moved = (
-            _towards(before[0], now[0], target[0], reach),
-            _towards(before[1], now[1], target[1], reach),
-            _towards(before[2], now[2], target[2], reach),
-        )
+        applied = self._applied
+        moved = tuple(self._towards(i, target[i], now, dt) for i in range(3))
         most = self._limits.max_norm
-        if math.hypot(*moved) > most >= math.hypot(*now):
+        if math.hypot(*moved) > most >= math.hypot(*applied):
             # directions that arrive before others may pass through a longer vector; a step
             # on the straight line between two allowed vectors never does
             part = min(
-                (m - n) / (t - n) for t, n, m in zip(target, now, moved, strict=True) if t != n
+                (m - n) / (t - n) for t, n, m in zip(target, applied, moved, strict=True) if t != n
             )
-            x, y, z = (n + part * (t - n) for t, n in zip(target, now, strict=True))
-            moved = (x, y, z)
-        return moved, sum(1 << i for i in range(3) if moved[i] != target[i])
+            moved = tuple(n + part * (t - n) for t, n in zip(target, applied, strict=True))
+        x, y, z = moved
+        return (x, y, z), sum(1 << i for i in range(3) if moved[i] != target[i])
 
+    def _towards(self, i: int, end: float, now: float, dt: float) -> float:
+        """Where a step to `end` may go in one direction.
 
-def _towards(held: _Held, now: float, end: float, reach: float) -> float:
-    """Where a step from anywhere in `held` to `end` may go, `now` being within."""
-    low, high = held
-    way = end - now
-    if low == high:
-        return end + 0.0 if abs(way) <= reach else now + math.copysign(reach, way)  # no −0
-    first, last = high - reach, low + reach
-    if first > last:
-        # less time has passed than when they came apart: stay within what may be held already
-        first, last = low, high
-    return min(max(end, first), last) + 0.0
+        To stay is always allowed: what was handed out last was near enough to all the others.
+        """
+        limits = self._limits
+        rate, longest = limits.max_rate, limits.longest_step
+        applied = self._applied[i]
+        reach = rate * dt
+        first, last = applied - reach, applied + reach
+        for value, at in self._else[i]:
+            reach = rate * min(now - at, longest)
+            first, last = max(first, value - reach), min(last, value + reach)
+        if first <= end <= last:
+            return end + 0.0  # no −0
+        return min(max(end, min(first, applied)), max(last, applied))
 
 
 def _finite(vector: Vec3) -> bool:
