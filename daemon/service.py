@@ -10,10 +10,11 @@ import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 
+from compcore.errors import AbbeError
 from daemon.claims import held_by_run
 from daemon.config import Configuration
 from daemon.ownership import hold
-from daemon.pipeline.cycle import Pipeline
+from daemon.pipeline.cycle import LAST_WORD, Pipeline
 from daemon.pipeline.record import Listener
 from daemon.upload.unfinished import unfinished_in
 from drivers.link import Link
@@ -94,6 +95,10 @@ class Service:
         ------
         LinkConfigError
             When a link can never work.
+        NotToldError
+            When the controller could not be told of the end: it may go on with what it holds.
+        AbbeError
+            When a driver hung, so that the correction could not be ramped down.
         """
         loop = asyncio.get_running_loop()
         timer = None if duration is None else loop.call_later(duration, self._stop.set)
@@ -120,26 +125,44 @@ class Service:
             logger.warning("%s; run abbe upload %s --recover", told, self.configuration.path)
 
     async def _until_ended(self) -> None:
-        """Run the pipeline; a driver that never returns cannot keep the service from ending."""
+        """Run the pipeline; a driver that never returns cannot keep the service from ending.
+
+        Raises
+        ------
+        NotToldError
+            When the controller could not be told.
+        AbbeError
+            When it was told, but the correction not ramped down.
+        """
         running = asyncio.create_task(self.pipeline.run(self._stop, self._at_once))
         stopped = asyncio.create_task(self._stop.wait())
         at_once = asyncio.create_task(self._at_once.wait())
+        ending = self.pipeline.ending
         try:
             await asyncio.wait({running, stopped}, return_when=asyncio.FIRST_COMPLETED)
-            grace = self.pipeline.longest_end + _GRACE
+            grace = self.pipeline.longest_end + LAST_WORD + _GRACE
             await asyncio.wait(
                 {running, at_once}, timeout=grace, return_when=asyncio.FIRST_COMPLETED
             )
-            await asyncio.wait({running}, timeout=_GRACE)
-            if not running.done():
-                logger.error("ended without a word to the controller: a link does not come back")
+            if at_once.done():
+                await asyncio.wait({running}, timeout=LAST_WORD + _GRACE)
+            if running.done():
+                running.result()
+                ending.check()
+                logger.info("ended")
                 return
-            running.result()
-            logger.info("ended")
+            running.cancel()
+            await asyncio.wait({running}, timeout=_GRACE)
+            await ending.tell(LAST_WORD)
+            ending.check()
+            raise AbbeError(
+                "ended without ramping the correction down, because a driver does not come back; "
+                "the controller was told (status word 0)"
+            )
         finally:
             for task in (running, stopped, at_once):
                 task.cancel()
-            await asyncio.gather(running, stopped, at_once, return_exceptions=True)
+            await asyncio.wait({running, stopped, at_once}, timeout=_GRACE)
 
     async def _open(self, link: Link) -> None:
         try:

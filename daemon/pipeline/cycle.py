@@ -14,13 +14,14 @@ from daemon.pipeline.compensate import Compensation, direction_index
 from daemon.pipeline.convert import PositionConverter, SignalConverter, ToolConverter
 from daemon.pipeline.directions import Directions
 from daemon.pipeline.doubts import Doubts
+from daemon.pipeline.ending import Ending
 from daemon.pipeline.observe import Observer
 from daemon.pipeline.plan import keep_together, make_plan
 from daemon.pipeline.plausible import Plausible
 from daemon.pipeline.poll import Batch, Poll
 from daemon.pipeline.record import CycleRecord, Listener
 from daemon.pipeline.write_back import Outcome, WriteBack
-from daemon.status_word import STOPPED, fault_bits, status_word
+from daemon.status_word import fault_bits, status_word
 from drivers.link import Link, LinkState
 
 logger = logging.getLogger("abbe.pipeline")
@@ -29,6 +30,8 @@ _IDLE = 0.01
 """s to wait after a cycle in which no link had anything to wait for."""
 _NAP = 0.2
 """Longest sleep between two looks at whether to end, s."""
+LAST_WORD = 2.0
+"""s for which it is tried to tell the controller that Abbe has ended."""
 _GOING = (LinkState.UP, LinkState.DEGRADED)
 
 
@@ -52,6 +55,8 @@ class Pipeline:
         Those that are written back, or all linear ones where nothing is written.
     reads
         Link → channels that are read in every cycle.
+    ending
+        Says the last word.
     """
 
     def __init__(self, configuration: Configuration, links: Mapping[str, Link]) -> None:
@@ -88,6 +93,9 @@ class Pipeline:
         self._guard = Guard(configuration.limits)
         self._write_back = WriteBack(
             links, plan.targets, plan.echo, plan.status, plan.heartbeat, expected.beats
+        )
+        self.ending = Ending(
+            links, self._write_back, plan.status, plan.targets, LAST_WORD + file.cycle.period
         )
         machine = configuration.model.machine
         written = [t.axis for t in plan.targets]
@@ -151,8 +159,7 @@ class Pipeline:
                 self._internal = f"{type(error).__name__}: {error}"
                 await asyncio.sleep(_IDLE)
             due = await self._until(due, stop)
-        nowhere = [math.nan] * len(self._plan.targets)
-        self._outcome = await self._write_back(nowhere, {}, STOPPED)
+        await self.ending.tell(LAST_WORD)
 
     async def _until(self, due: float, stop: asyncio.Event) -> float:
         """Wait for the next cycle's time; what was missed is left out."""

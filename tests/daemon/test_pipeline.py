@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 
 import pytest
 from memory_link import MemoryLink
 
 from compcore.conditions import Conditions
+from compcore.errors import AbbeError
 from daemon.config import Configuration, load_config
 from daemon.guard import Guard, GuardState
 from daemon.pipeline.cycle import Pipeline
+from daemon.pipeline.ending import NotToldError
 from daemon.pipeline.record import CycleRecord
 from daemon.service import Service
 from daemon.status_word import STOPPED, Status
@@ -390,8 +393,9 @@ async def test_a_slow_sensor_bus_does_not_slow_the_cycle_nor_does_a_hanging_one(
 
 
 async def test_a_driver_that_hangs_cannot_keep_the_service_from_ending(
-    configuration: Configuration, link: MemoryLink, caplog: pytest.LogCaptureFixture
+    configuration: Configuration, link: MemoryLink
 ) -> None:
+    """Nor the controller from being told, where its own link still writes."""
     service = Service(configuration, {"cmm": link})
     records: list[CycleRecord] = []
     service.add([records.append])
@@ -400,9 +404,42 @@ async def test_a_driver_that_hangs_cannot_keep_the_service_from_ending(
     link.hangs = True
     await asyncio.sleep(0.05)
     service.stop()
-    await asyncio.wait_for(task, 30.0)
-    assert "without a word" in caplog.text
+    with pytest.raises(AbbeError, match="without ramping the correction down"):
+        await asyncio.wait_for(task, 60.0)
+    assert link.written[-1] == {"abbe_status": STOPPED}
     assert link.status.state is LinkState.CLOSED
+
+
+class DeafLink(MemoryLink):
+    """Its driver does not come back from a write when it `is_deaf`."""
+
+    is_deaf = False
+
+    async def write(self, values: Mapping[str, float], *, until: float = math.inf) -> None:
+        if self.is_deaf:
+            await asyncio.Event().wait()
+        await super().write(values, until=until)
+
+
+async def test_a_driver_that_hangs_while_it_writes_is_told_with_what_the_controller_holds(
+    configuration: Configuration,
+) -> None:
+    link = DeafLink("cmm", dict(VALUES) | dict.fromkeys(OUTPUTS, 0.0))
+    service = Service(configuration, {"cmm": link})
+    records: list[CycleRecord] = []
+    service.add([records.append])
+    task = asyncio.create_task(service.run())
+    await seen(records, 100)
+    assert compensating(records[-1])
+    link.is_deaf = True
+    service.stop()
+    with pytest.raises(NotToldError) as caught:
+        await asyncio.wait_for(task, 60.0)
+    told = str(caught.value)
+    assert "link cmm does not come back" in told
+    word, x = (link.written[-1][name] for name in ("abbe_status", "corrected_X"))
+    assert f"status word {int(word):#06x} (RUNNING COMPENSATING" in told
+    assert f"X {x:.10g} mm since" in told
 
 
 async def test_a_second_stop_leaves_out_the_ramp_but_not_the_word(
