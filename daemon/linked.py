@@ -8,6 +8,7 @@ from typing import Any
 from compcore.conditions import unit_of
 from daemon.config import Configuration
 from daemon.config.channels import WATCHED, split
+from daemon.config.notes import notes
 from drivers.link import Link
 from drivers.transducers import AnyTransducerConfig
 
@@ -19,7 +20,8 @@ def linked(configuration: Configuration) -> dict[str, Any]:
     """The links, inputs, outputs, guard and model of a configuration, ready for JSON.
 
     Each input and output says `what` it is, its `channel`, `where` that sits, its `unit` on the
-    wire, the `transducer`, and what unit it `becomes` (inputs) or is made `from` (outputs).
+    wire, the `transducer`, and what unit it `becomes` (inputs) or is made `from` (outputs). `notes`
+    are what somebody should have decided.
     """
     links = configuration.make_links()
     file, guard = configuration.file, configuration.file.guard
@@ -51,6 +53,7 @@ def linked(configuration: Configuration) -> dict[str, Any]:
             "hold_s": guard.hold,
             "ramp_s": guard.ramp,
         },
+        "notes": notes(configuration),
     }
 
 

@@ -26,6 +26,7 @@ def check(
 ) -> None:
     """Validate a configuration and print what would be linked; opens nothing."""
     from rich.console import Console
+    from rich.markup import escape
 
     from daemon.config import load_config
     from daemon.linked import linked
@@ -57,6 +58,8 @@ def check(
         f"{guard['hold_s']:g} s and ramped to zero in {guard['ramp_s']:g} s.\n"
         f"Cycle: every {cycle['period_s']:g} s, signals every {cycle['signals_every_s']:g} s."
     )
+    for note in found["notes"]:
+        console.print(f"[yellow]Note:[/yellow] {escape(note)}.", highlight=False)
     console.print("[green]The configuration is in order.[/green]", highlight=False)
 
 
