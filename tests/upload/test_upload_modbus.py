@@ -49,7 +49,8 @@ def test_first_upload_second_upload_and_roll_back(place: Place, made: Path):
 
 @pytest.mark.parametrize(("step", "kind"), cases())
 def test_every_step_with_every_fault(place: Place, made: Path, step: str, kind: str):
-    try_fault(place, made, step, kind, QUICK, QUICK | {"timeout": 3.0, "command_timeout": 5.0})
+    patient = QUICK | {"timeout": 3.0, "command_timeout": 5.0, "reconnect_within": 5.0}
+    try_fault(place, made, step, kind, QUICK, patient)
 
 
 def test_a_controller_that_adds_something_else_gets_its_old_table_back(place: Place, made: Path):

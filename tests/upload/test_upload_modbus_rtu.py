@@ -60,4 +60,5 @@ def test_first_upload_second_upload_and_roll_back(place: Place, made: Path):
 
 @pytest.mark.parametrize(("step", "kind"), CASES)
 def test_a_line_that_fails(place: Place, made: Path, step: str, kind: str):
-    try_fault(place, made, step, kind, QUICK, QUICK | {"timeout": 3.0, "command_timeout": 5.0})
+    patient = QUICK | {"timeout": 3.0, "command_timeout": 5.0, "reconnect_within": 5.0}
+    try_fault(place, made, step, kind, QUICK, patient)
