@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from compcore.errors import AbbeError, InputError
 from daemon.upload import backups
 from daemon.upload.content import Content, checksum
 from daemon.upload.journal import FIRST, Journal, read_journal
+from daemon.upload.journal_head import path_of
 from daemon.upload.lock import only_one
 from daemon.upload.unfinished import unfinished_in
 
@@ -63,15 +65,21 @@ def test_power_cuts_tear_the_last_line_and_the_next_says_so(
     tmp_path_factory: pytest.TempPathFactory, cut: int, again: int
 ):
     path = tmp_path_factory.mktemp("journal") / "uploads.jsonl"
-    written(path, line("a", "begin"), line("a", "stage"))
-    whole = path.read_bytes()
-    last = whole.index(b"\n") + 1
-    path.write_bytes(whole[: max(last, len(whole) - cut)])
+    written(path, line("a", "begin"))
+    last = path.stat().st_size
+
+    def torn(step: str, by: int) -> None:
+        """A power cut while a line is written: the head is written after it."""
+        head = path_of(path).read_bytes()
+        written(path, line("a", step))
+        whole = path.read_bytes()
+        path.write_bytes(whole[: max(last, len(whole) - by)])
+        path_of(path).write_bytes(head)
+
+    torn("stage", cut)
     assert read_journal(path).entries[0]["step"] == "begin"
-    written(path, line("a", "recover"))
-    # and once more, while that line was written
-    whole = path.read_bytes()
-    path.write_bytes(whole[: max(last, len(whole) - again)])
+    # and once more, in the line after it
+    torn("recover", again)
     written(path, line("a", "end"))
     found = read_journal(path)
     assert found.entries[0]["step"] == "begin"
@@ -91,6 +99,128 @@ def test_a_torn_line_that_is_mended_afterwards_is_noticed(tmp_path: Path):
     path.write_bytes(data.replace(b'{"format": "abbe-up\n', b""))
     with pytest.raises(InputError, match="the journal was changed"):
         read_journal(path)
+
+
+def test_the_last_line_is_sealed_by_the_head(tmp_path: Path):
+    path = tmp_path / "uploads.jsonl"
+    written(path, line("a", "begin"), line("a", "end", active="old"))
+    whole, head = path.read_bytes(), path_of(path).read_bytes()
+    path.write_bytes(whole.replace(b'"active": "old"', b'"active": "new"'))
+    with pytest.raises(InputError, match="the journal was changed: its last line is another"):
+        read_journal(path)
+    path.write_bytes(whole[: whole.index(b"\n") + 1])
+    with pytest.raises(InputError, match="1 lines at its end are missing") as told:
+        read_journal(path)
+    assert "put both files aside" in str(told.value)
+    path.unlink()
+    with pytest.raises(InputError, match="2 lines at its end are missing"):
+        read_journal(path)
+    # killed between the line and the head: the head is one line behind
+    path.write_bytes(whole)
+    first = json.loads(whole.splitlines()[1])["previous"]
+    path_of(path).write_text(head.decode().replace('"lines": 2', '"lines": 1'))
+    with pytest.raises(InputError, match="its last line is another"):
+        read_journal(path)
+    told_head = {"format": "abbe-uploads-head/1", "lines": 1, "last": first}
+    path_of(path).write_text(json.dumps(told_head))
+    assert len(read_journal(path).entries) == 2
+    # a head that was lost is no reason to refuse
+    path_of(path).unlink()
+    assert len(read_journal(path).entries) == 2
+    for bad in ("[]", "x", "[" * 100_000, '{"format": "abbe-uploads-head/1", "lines": "2"}'):
+        path_of(path).write_text(bad)
+        with pytest.raises(InputError, match=r"uploads\.jsonl\.head"):
+            read_journal(path)
+
+
+@pytest.mark.parametrize(
+    "more",
+    [{"old": 3}, {"new": None}, {"tool_mm": [1, 2]}, {"tool_mm": "abc"}, {"backup": 7},
+     {"active": ["new"]}, {"who": {}}, {"model": "m"}, {"time": 5}],
+)  # fmt: skip
+def test_wrong_types_in_a_line_are_one_error(tmp_path: Path, more: dict[str, object]):
+    path = tmp_path / "uploads.jsonl"
+    written(path, line("a", "begin"), line("a", "end", **more))
+    with pytest.raises(InputError, match=r"uploads\.jsonl, line 2, field '") as told:
+        read_journal(path)
+    assert next(iter(more)) in str(told.value)
+    assert "line 2" in unfinished_in(path)
+
+
+@pytest.mark.parametrize("content", ['format = "abbe-model/1"\n', "a,b\n1,2\n", '{"a": 1}\n'])
+def test_another_file_is_no_journal_and_is_left_alone(tmp_path: Path, content: str):
+    path = tmp_path / "model.toml"
+    path.write_text(content)
+    with pytest.raises(InputError, match="is not a journal of uploads"):
+        Journal(path)
+    assert "is not a journal" in unfinished_in(path)
+    assert path.read_text() == content
+
+
+@pytest.mark.parametrize("start", [b"", b"{", b'{"format": "abbe-upl', b"\0" * 300])
+def test_a_first_line_that_was_torn_is_a_journal(tmp_path: Path, start: bytes):
+    path = tmp_path / "uploads.jsonl"
+    path.write_bytes(start)
+    written(path, line("a", "begin"))
+    assert len(read_journal(path).entries) == 1
+
+
+def test_a_full_disk_leaves_no_part_of_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    path = tmp_path / "uploads.jsonl"
+    journal = Journal(path)
+    journal.append(line("a", "begin"))
+    whole = path.read_bytes()
+    write = os.write
+    room = [10]
+
+    def almost_full(descriptor: int, data: bytes) -> int:
+        if not room:
+            raise OSError(28, "No space left on device")
+        return write(descriptor, data[: room.pop()])
+
+    with monkeypatch.context() as full:
+        full.setattr(os, "write", almost_full)
+        with pytest.raises(InputError, match="cannot be written: No space left"):
+            journal.append(line("a", "stage"))
+    assert path.read_bytes() == whole
+    journal.append(line("a", "end"))
+    assert [e["step"] for e in read_journal(path).entries] == ["begin", "end"]
+
+
+def test_the_lock_leaves_everything_else_alone(tmp_path: Path):
+    path = tmp_path / "uploads.jsonl"
+    lock = tmp_path / "uploads.jsonl.lock"
+    model = tmp_path / "model.toml"
+    model.write_text("precious")
+    lock.symlink_to(model)
+    with pytest.raises(InputError, match="symbolic link"), only_one(path):
+        pass
+    lock.unlink()
+    lock.hardlink_to(model)
+    with pytest.raises(InputError, match="is not the lock of an upload"), only_one(path):
+        pass
+    lock.unlink()
+    lock.write_text("precious")
+    with pytest.raises(InputError, match="found 'precious'"), only_one(path):
+        pass
+    assert (model.read_text(), lock.read_text()) == ("precious", "precious")
+    lock.unlink()
+    os.mkfifo(lock)
+    with pytest.raises(InputError, match="is not the lock"), only_one(path):
+        pass
+
+
+def test_a_full_disk_at_the_lock_is_one_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def full(*_: object) -> int:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as disk:
+        disk.setattr(os, "pwrite", full)
+        told = pytest.raises(InputError, match="No space left.*nothing was uploaded")
+        with told, only_one(tmp_path / "uploads.jsonl"):
+            pass
+    with only_one(tmp_path / "uploads.jsonl") as left:
+        assert left == ""
 
 
 def test_an_upload_without_an_end_is_unfinished(tmp_path: Path):
