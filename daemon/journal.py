@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import queue
 import sys
@@ -13,6 +14,58 @@ from pathlib import Path
 from compcore.errors import InputError
 
 _FORMAT = "%(asctime)s %(levelname)-7s %(message)s"
+logger = logging.getLogger("abbe.journal")
+
+
+class JournalFile(RotatingFileHandler):
+    """The file of a journal; a disk that is full is one event, not one for each that is lost.
+
+    Parameters
+    ----------
+    file
+        Path; a symbolic link is followed and stays one.
+    max_bytes, keep
+        As `journal` takes them.
+
+    Raises
+    ------
+    OSError
+        When it cannot be opened.
+    """
+
+    def __init__(self, file: Path, max_bytes: int, keep: int) -> None:
+        self._lost = 0
+        super().__init__(
+            file.resolve(), maxBytes=max_bytes, backupCount=keep, encoding="utf-8",
+            errors="backslashreplace",
+        )  # fmt: skip
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write an event; when events before it were lost, say how many."""
+        lost = self._lost
+        super().emit(record)
+        if lost and self._lost == lost:
+            self._lost = 0
+            logger.warning("the journal is written again; %d events are missing in it", lost)
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """Count an event that could not be written; the first is told, once."""
+        error = sys.exc_info()[1]
+        if not isinstance(error, OSError):
+            super().handleError(record)
+            return
+        # what the stream still holds would come twice, or in part
+        stream, self.stream = self.stream, None
+        if stream is not None:
+            with contextlib.suppress(OSError):
+                stream.close()
+        self._lost += 1
+        if self._lost == 1:
+            logger.error(
+                "the journal cannot be written: %s (%s); going on without it",
+                error.strerror,
+                self.baseFilename,
+            )
 
 
 @contextmanager
@@ -48,14 +101,11 @@ def journal(
     slow: list[logging.Handler] = []
     if file is not None:
         try:
-            rotated = RotatingFileHandler(
-                file, maxBytes=max_bytes, backupCount=keep, encoding="utf-8"
-            )
+            slow.append(JournalFile(file, max_bytes, keep))
         except OSError as error:
             raise InputError(
                 f"the journal cannot be written: {error.strerror}", file=file
             ) from None
-        slow.append(rotated)
     if to_stderr:
         slow.append(logging.StreamHandler(sys.stderr))
     for handler in slow:
@@ -76,4 +126,5 @@ def journal(
         root.setLevel(level)
         listener.stop()
         for handler in slow:
-            handler.close()
+            with contextlib.suppress(OSError):
+                handler.close()

@@ -60,6 +60,14 @@ MODEL = Kind("a model of Abbe", _key(MODEL_FORMAT))
 CAMPAIGN = Kind("a campaign of Abbe", _key(campaign_head.FORMAT, '"?#'))
 CORRECTED = Kind("points that Abbe corrected", re.compile(rb"^[^#\n]*\bX_corrected\b", re.M))
 REPORT = Kind("a report of Abbe", re.compile(rb'<meta name="generator" content="Abbe '))
+JOURNAL = Kind(
+    "a journal of abbe run",
+    re.compile(rb"\A\0*\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} [A-Z]{4,8} "),
+)
+UPLOADS = Kind(
+    "a journal of uploads",
+    re.compile(rb'\A(?:\{"format": "abbe-uploads/1"|\{[^\n]{0,25}(?:\n\{"format"|\Z)|\0)'),
+)
 RECORD = Kind(
     "a record of Abbe's tables", re.compile(rb'"format":\s*"' + TABLES_FORMAT.encode() + b'"')
 )
@@ -120,7 +128,7 @@ def check_outputs(
             )
         _refuse_second(path, None if before is None else Path(before.name))
         taken[identity] = _Taken(str(path), read=False)
-        _require_kind(path, target, kind, force=force)
+        require_kind(path, target, kind, force=force)
     if to_stdout and as_json:
         raise InputError(
             "standard output cannot take both that file and the JSON answer",
@@ -234,7 +242,32 @@ def _refuse_second(path: Path, before: Path | None) -> None:
         )
 
 
-def _require_kind(path: Path, target: Target, kind: Kind, *, force: bool) -> None:
+def require_kind(
+    path: Path,
+    target: Target,
+    kind: Kind,
+    *,
+    force: bool,
+    way_out: str = "a new name; --force overwrites it",
+) -> None:
+    """Refuse a file that is there and of another kind.
+
+    Parameters
+    ----------
+    path, target
+        The file as the user named it, and where that leads to.
+    kind
+        What will be written.
+    force
+        Refuse nothing.
+    way_out
+        What the message says can be done.
+
+    Raises
+    ------
+    InputError
+        Says how the file begins.
+    """
     if force or not target.regular:
         return
     try:
@@ -244,10 +277,10 @@ def _require_kind(path: Path, target: Target, kind: Kind, *, force: bool) -> Non
         raise InputError(f"cannot be looked at: {error.strerror}", file=path) from None
     if not kind.holds(start):
         raise InputError(
-            "is there already and is something else than this command writes",
+            "is there already and is something else than what would be written",
             file=path,
             found=_words(start),
-            expected=f"{kind.title}, or a new name; --force overwrites it",
+            expected=f"{kind.title}, or {way_out}",
         )
 
 

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from compcore.model import Model
 from compcore.model_file import load_model
 from compcore.toml_source import TomlSource
+from daemon.config.files import check_files
 from daemon.config.sections import ConfigFile
 from daemon.config.told import told
 from daemon.config.upload import UploadSetup, upload_setup
@@ -99,6 +100,7 @@ def load_config(path: str | Path) -> Configuration:
     configuration = Configuration(Path(path), file, model, links, _limits(source, file), upload)
     made = {name: _made(source, name, setup) for name, setup in links.items()}
     check(source, configuration, made)
+    check_files(source, configuration)
     return configuration
 
 

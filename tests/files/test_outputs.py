@@ -76,7 +76,7 @@ def test_a_foreign_file_is_overwritten_with_force_only(shop: Path, task: str, co
     out = shop / "there.x"
     out.write_bytes(content)
     words = line_of(task)(shop, out)
-    refused(words, shop, "is something else than this command writes", "--force")
+    refused(words, shop, "is something else than what would be written", "--force")
     assert abbe(*words, "--force").status == 0
     assert out.read_bytes() != content
 

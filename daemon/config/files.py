@@ -1,0 +1,71 @@
+"""The files that a configuration has written: never one that it reads, never a foreign one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from compcore.errors import InputError
+from compcore.target import Target
+from compcore.toml_source import TomlSource
+from daemon.outputs import JOURNAL, UPLOADS, Kind, require_kind
+
+if TYPE_CHECKING:
+    from daemon.config.load import Configuration
+
+Key = tuple[str | int, ...]
+
+
+def check_files(source: TomlSource, configuration: Configuration) -> None:
+    """Refuse journals that would be written over something else.
+
+    Parameters
+    ----------
+    source
+        The file, for the places of errors.
+    configuration
+        What was read from it.
+
+    Raises
+    ------
+    InputError
+        For a journal on the configuration, the model or another journal, and on an existing file
+        that is no journal.
+    """
+    taken = {
+        Target.of(configuration.path).identity: "the configuration",
+        Target.of(configuration.model_path).identity: "the model",
+    }
+    for path, kind, key, name in _written(configuration):
+        try:
+            target = Target.of(path)
+            target.require_writable(path)
+            require_kind(path, target, kind, force=False, way_out="another name")
+        except InputError as error:
+            raise source.error(
+                f"{path}: {error.problem}", key, found=error.found, expected=error.expected
+            ) from None
+        identity = target.identity
+        if identity is None:
+            continue
+        if identity in taken:
+            raise source.error(
+                f"would be written onto {taken[identity]}",
+                key,
+                found=str(path),
+                expected="a name of its own",
+            )
+        taken[identity] = name
+
+
+def _written(configuration: Configuration) -> Iterator[tuple[Path, Kind, Key, str]]:
+    journal = configuration.journal_path
+    if journal is not None:
+        yield journal, JOURNAL, ("journal", "file"), "the journal"
+        for number in range(1, configuration.file.journal.keep + 1):
+            aside = journal.with_name(f"{journal.name}.{number}")
+            if aside.exists():
+                yield aside, JOURNAL, ("journal", "file"), "the journal"
+    if configuration.upload is not None:
+        yield configuration.upload.journal, UPLOADS, ("upload", "journal"), "the upload's journal"
