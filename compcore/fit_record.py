@@ -6,12 +6,33 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from compcore.campaign import Kind
+from compcore.conditions import Conditions
 from compcore.fit import FitResult
 from compcore.model import Model
 from compcore.model_file import summary
 
 LENGTHS = (Kind.DISPLACEMENT, Kind.DISTANCE, Kind.BASE_DISTANCE)
+
+
+def measured_ranges(conditions: Conditions) -> dict[str, Any]:
+    """Where the recorded signals (each in its unit) and the tool's offset (mm) ranged.
+
+    A live correction is no better founded elsewhere, and a sensor that shows something far from
+    it is more likely to be broken.
+    """
+    found: dict[str, Any] = {}
+    for name, values in conditions.signals.items():
+        known = values[np.isfinite(values)]
+        if known.size:
+            found[name] = [float(known.min()), float(known.max())]
+    tool = conditions.tool
+    return {
+        "signals": found,
+        "tool": [[float(column.min()), float(column.max())] for column in tool.T],
+    }
 
 
 def recorded(
@@ -52,6 +73,7 @@ def recorded(
         "dof": result.dof,
         "determined": result.decomposition.rank,
         "abbe": version,
+        "measured": measured_ranges(campaign.conditions),
     }
     kept = {
         k: v

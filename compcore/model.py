@@ -172,6 +172,12 @@ class Model:
                 names.update(dict.fromkeys(term.effect.signals_needed()))
         return tuple(names)
 
+    @property
+    def measured_signals(self) -> Mapping[str, tuple[float, float]]:
+        """Signal → where it ranged in the campaigns that were fitted, in its unit; may be empty."""
+        ranges = self.fit.get("measured", {}).get("signals", {})
+        return {name: (float(low), float(high)) for name, (low, high) in ranges.items()}
+
     def amended(self, conditions: Conditions) -> Conditions:
         """The recorded conditions as the fitted effects say that they truly were.
 

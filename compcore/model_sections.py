@@ -112,8 +112,17 @@ class _Record(BaseModel):
     abbe: str = ""
 
 
+class _Ranges(BaseModel):
+    """Where the recorded signals and the tool's offset ranged: least and greatest of each."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    signals: dict[str, tuple[Finite, Finite]] = {}
+    tool: list[tuple[Finite, Finite]] = []
+
+
 class _Fit(_Record):
     covariance: str | None = None
+    measured: _Ranges = _Ranges()
 
 
 class ModelSections(_Section):

@@ -20,6 +20,9 @@ from drivers.transducers import AnyTransducerConfig, make_transducer
 HEARTBEATS = 1 << 16
 """Where the heartbeat begins again at 0, unless its channel holds less."""
 
+_BEYOND = 15.0
+"""K that a thermometer may show beyond what it showed when the machine was measured; more where it
+ranged over more."""
 _APART = 15.0
 """K that thermometers of one role may be apart on one machine: a hall with the sun on one side."""
 _COMPARED = ("scale", "structure", "workpiece", "ambient", "air")
@@ -64,11 +67,14 @@ def expected_of(
 ) -> Expected:
     """What is expected of a configuration's channels; `links` need not be open."""
     file, machine = configuration.file, configuration.model.machine
+    measured = configuration.model.measured_signals
     known = {name: machine.signals[name] for name in file.signals}
     written = [axis for axis in axes if axis in file.output.axes]
     return Expected(
         positions=tuple(_positions(configuration, axes)),
-        signals={name: bounds_of(known[name], file.signals[name]) for name in known},
+        signals={
+            name: bounds_of(known[name], file.signals[name], measured.get(name)) for name in known
+        },
         likes=tuple(_likes(known)),
         tool=(_tool(configuration),) * 3,
         steps=tuple(_same_within(configuration, links, axis) for axis in written),
@@ -77,15 +83,28 @@ def expected_of(
     )
 
 
-def bounds_of(signal: Signal, section: SignalSection) -> Bounds:
-    """What is believed of a signal: what the configuration says, else what its role allows."""
+def bounds_of(
+    signal: Signal, section: SignalSection, measured: tuple[float, float] | None = None
+) -> Bounds:
+    """What is believed of a signal.
+
+    That is what the configuration says; else what its role allows and, for temperatures, is not far
+    from where it was when the machine was measured.
+    """
     allowed = signal_range(signal)
-    low, high = section.range or (allowed.low, allowed.high)
+    low, high = allowed.low, allowed.high
     rate = section.max_rate or allowed.rate
+    why = f", which is what a signal of role {signal.role} can be"
     if section.range:
+        low, high = section.range
         why = " (range in the configuration)"
-    else:
-        why = f", which is what a signal of role {signal.role} can be"
+    elif measured and signal.temperature:
+        margin = max(_BEYOND, measured[1] - measured[0])
+        low, high = max(low, measured[0] - margin), min(high, measured[1] + margin)
+        why = (
+            f" ({measured[0]:g} to {measured[1]:g} when the machine was measured; if it can be "
+            "more, give the signal a range)"
+        )
     return Bounds(low, high, rate, signal.unit, why)
 
 

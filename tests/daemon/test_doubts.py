@@ -14,8 +14,11 @@ from memory_link import MemoryLink
 from test_pipeline import AT, EXAMPLE, OHMS, QUICK, VALUES, Run, configured
 
 from compcore.errors import InputError
+from compcore.machine import Signal
 from daemon.config import Configuration, load_config
+from daemon.config.sections import SignalSection
 from daemon.guard import GuardState
+from daemon.pipeline.expected import bounds_of
 from daemon.pipeline.follow import Follow
 from daemon.pipeline.motion import Motion
 from daemon.pipeline.plausible import Bounds, Likes, Plausible
@@ -319,3 +322,14 @@ def test_places_overlap_across_tables_and_units_unless_apart() -> None:
 
 def test_a_sample_is_as_old_as_its_question() -> None:
     assert Sample(1.0, 10.0).age(10.5) == 0.5
+
+
+def test_a_temperature_is_believed_near_where_it_was_measured() -> None:
+    signal = Signal("T", "degC", "structure")
+    assert bounds_of(signal, SignalSection(source="a.b")).high == 100.0
+    near = bounds_of(signal, SignalSection(source="a.b"), (18.0, 24.0))
+    assert (near.low, near.high) == (3.0, 39.0)
+    told = bounds_of(signal, SignalSection(source="a.b", range=(0.0, 60.0)), (18.0, 24.0))
+    assert (told.low, told.high) == (0.0, 60.0)
+    load = bounds_of(Signal("m", "kg", "load"), SignalSection(source="a.b"), (0.0, 10.0))
+    assert load.high == 1e6
