@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ipaddress
 import os
+from pathlib import Path
 
 _THIS_COMPUTER = ("localhost", "ip6-localhost", "::1")
 _LOOPBACK = "127.0.0.1"
@@ -47,7 +48,7 @@ def serial(port: str) -> tuple[str, ...]:
     """
     scheme, colon, rest = port.partition("://")
     if not colon or scheme == "serial":
-        return (f"serial {os.path.realpath(rest if colon else port)}",)
+        return (f"serial {_device(rest if colon else port)}",)
     if scheme in _NOWHERE:
         return ()
     if scheme in _SERVER_PORTS:
@@ -55,6 +56,19 @@ def serial(port: str) -> tuple[str, ...]:
         if host and number.isdigit():
             return (tcp(host, int(number)),)
     return (f"serial {port}",)
+
+
+def _device(path: str) -> str:
+    """The device behind a path; of a link to a pseudo-terminal, the link.
+
+    Numbers of pseudo-terminals (``/dev/pts/3``) are given to others as soon as they are free: who
+    lost one and waits for its link to come back has nothing to do with the number any more.
+    """
+    real = os.path.realpath(path)
+    if not real.startswith("/dev/pts/") or path.startswith("/dev/pts/"):
+        return real
+    link = Path(path).absolute()
+    return str(link.parent.resolve() / link.name)
 
 
 def can(interface: str, channel: str | int) -> tuple[str, ...]:
