@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
 DEBIAN := mbpoll socat chromium fonts-dejavu-core linuxcnc-uspace
-BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis validation
+BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis_command diagnosis validation
 SOURCES := compcore drivers daemon tests benchmarks examples
 
 .DEFAULT_GOAL := help

@@ -74,7 +74,9 @@ def _motions(axis: str, machine: Machine, causes: Hidden, state: dict[str, Any])
     return total
 
 
-def simulate(machine: Machine, seed: int, causes: Hidden, *, held_out: bool = False) -> Simulated:
+def simulate(
+    machine: Machine, seed: int, causes: Hidden, *, held_out: bool = False, dense: int = 1
+) -> Simulated:
     """Measure a machine through a day.
 
     Parameters
@@ -85,10 +87,15 @@ def simulate(machine: Machine, seed: int, causes: Hidden, *, held_out: bool = Fa
         Hidden causes with their amplitudes.
     held_out
         Other lines than the calibration's.
+    dense
+        So many times the points on each line of the calibration.
     """
     rng = np.random.default_rng((seed, int(held_out)))
     axes = ("X", "Y", "Z")
-    planner = check(rng, axes, machine.travels) if held_out else calibration(axes, machine.travels)
+    if held_out:
+        planner = check(rng, axes, machine.travels)
+    else:
+        planner = calibration(axes, machine.travels, dense=dense)
     return measure(partial(exact, machine), machine.axes, planner, rng, causes)
 
 

@@ -28,9 +28,15 @@ TOOLS = ((0.0, 0.0, -120.0), (60.0, 0.0, -180.0), (0.0, -80.0, -150.0))
 
 
 class Planner:
-    """Writes down line after line, with a visit to the master point before each."""
+    """Writes down line after line, with a visit to the master point before each.
 
-    def __init__(self, axes: tuple[str, ...], travels: dict[str, tuple[float, float]]) -> None:
+    With `dense` above 1 lines have so many times the points in the same time.
+    """
+
+    def __init__(
+        self, axes: tuple[str, ...], travels: dict[str, tuple[float, float]], dense: int = 1
+    ) -> None:
+        self.dense = dense
         self.axes = axes
         self.low = np.array([travels[a][0] for a in axes])
         self.high = np.array([travels[a][1] for a in axes])
@@ -91,10 +97,10 @@ class Planner:
         """A line there and back after a visit to the master point."""
         self.master()
         self.free[name] = list(free)
-        parts = np.linspace(0.0, 1.0, points)
+        parts = np.linspace(0.0, 1.0, points * self.dense)
         for p in [*parts, *parts[::-1]]:
             place = start + p * (end - start)
-            self._row(name, kind, place, np.array(TOOLS[tool]), u, 11.8)
+            self._row(name, kind, place, np.array(TOOLS[tool]), u, 11.8 / self.dense)
         self.clock += 25.0
 
 
@@ -107,12 +113,13 @@ def calibration(
     axes: tuple[str, ...],
     travels: dict[str, tuple[float, float]],
     between: Callable[[Planner], None] = lambda _: None,
+    dense: int = 1,
 ) -> Planner:
     """Three rounds through a day: every axis's lines and angles, then diagonals, other tools.
 
-    `between`: what else is measured before each round and after the last.
+    `between`: what else is measured before each round and after the last; `dense`: see `Planner`.
     """
-    p = Planner(axes, travels)
+    p = Planner(axes, travels, dense)
     for cycle in range(3):
         between(p)
         for a in range(3):

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, reduce
 from itertools import combinations, combinations_with_replacement
 from typing import NamedTuple
 
@@ -352,7 +352,8 @@ def with_product(pattern: Pattern, factors: Sequence[Variable]) -> Pattern:
 
 
 def _products(parts: Sequence[Sequence[Variable]], rows: Rows) -> F64:
-    return np.stack([np.prod([v.value[rows] for v in part], axis=0) for part in parts], axis=1)
+    columns = [reduce(np.multiply, (v.value[rows] for v in part)) for part in parts]
+    return columns[0][:, None] if len(columns) == 1 else np.stack(columns, axis=1)
 
 
 def _smooth(v: Variable, degree: int, rows: Rows) -> F64:
