@@ -31,6 +31,8 @@ from drivers.turns import Turns
 logger = logging.getLogger("abbe.drivers.ipp")
 
 _NAN = float("nan")
+_MARK_EVERY = 0.1
+"""s between two questions of which the answers' places among the reports tell how old those are."""
 _SILENCES = 2
 """Commands that one call waits for in vain before it gives up on the rest."""
 
@@ -55,16 +57,20 @@ class Asking:
         self._of = {name: question for question in self._regular for name in question.fields}
         self._reports: MoveReport | None = None
         self._frame: Question | None = None
+        self._mark = ""
+        """What is asked for the place of its answer among the reports."""
         self._probes = list(self._regular)
         self._all = list(self._regular)
         if config.axes and config.move_report is not None:
             get = positions(config, None)
+            self._mark = get.command
             self._reports = MoveReport(config.move_report, get)
             self._probes.insert(0, get)
             self._all += [get, self._reports.question]
         if config.axes and config.coordinates != "any":
-            self._frame = Question("GetCoordSystem", (), config.coordinates_every, {})
+            self._frame = Question("GetCoordSystem", (), config.coordinates_every, {}, vital=True)
             self._all.append(self._frame)
+            self._mark = self._frame.command
         self.keeper = Keeper(
             label, config, status, self._connect, self._disconnect, logger,
             lambda: self._roster.renew(),
@@ -100,6 +106,12 @@ class Asking:
             lost = Sample(_NAN, time.monotonic(), Quality.UNAVAILABLE, str(error))
             return dict.fromkeys(names, lost)
 
+    def command_of(self, name: str) -> str:
+        """The command by which a channel is had."""
+        if self._reports is not None and self._config.channels[name].axis is not None:
+            return self._reports.question.command
+        return self._of[name].command
+
     def _sample(self, name: str, now: float) -> Sample:
         state, frame = self._state, self._frame
         is_axis = self._config.channels[name].axis is not None
@@ -107,7 +119,9 @@ class Asking:
         question = self._of[name] if reports is None else reports.question
         unknown = frame.refused if is_axis and frame is not None else ""
         wrong = question.refused or unknown or state.stopped
-        if wrong := wrong or (state.misplaced if is_axis else ""):
+        if is_axis:
+            wrong = wrong or state.misplaced or state.lost_frame(now)
+        if wrong:
             return Sample(_NAN, now, Quality.BAD, wrong)
         if reports is not None:
             return reports.sample(name, now)
@@ -126,7 +140,7 @@ class Asking:
             question = self._of.get(name)
             if question is not None and self._latest.is_due(question, name, now):
                 due[question] = None
-        return sorted((q for q in due if not q.refused), key=lambda q: q.failures)
+        return sorted((q for q in due if q.may_be_asked(now)), key=lambda q: q.failures)
 
     async def _ask_due(self, names: Sequence[str]) -> None:
         now = time.monotonic()
@@ -134,10 +148,12 @@ class Asking:
         if self._state.stopped:
             if not self._state.try_again(now):
                 return
-            due = due or [probe for probe in self._probes if not probe.refused][:1]
+            due = due or [probe for probe in self._probes if probe.may_be_asked(now)][:1]
             await self._clear()
         else:
             await self._look_for_reports(now)
+            if self._reports is not None and self._session is not None:
+                self._session.mark(self._mark, _MARK_EVERY)
         silences = 0
         for question in due:
             if not self.keeper.up:
@@ -201,13 +217,14 @@ class Asking:
             raise LinkDownError(str(error)) from error
         status.round_trip = session.round_trip
         self._answered(question)
+        self._state.accepted(question)
         self._state.resume()
         for warning in reply.warnings:
             self._state.warn(warning)
         if ordering is not None:
             ordering.order_taken()
         elif question is self._frame:
-            self._state.look_at_frame(reply.data)
+            self._state.look_at_frame(reply.data, reply.asked_at)
         else:
             self._latest.keep(question, reply)
 
@@ -226,11 +243,11 @@ class Asking:
             self._state.warn(error)
 
     def _on_event(self, tag: str, text: str) -> None:
-        reports = self._reports
-        if reports is None or tag != reports.tag:
+        reports, session = self._reports, self._session
+        if reports is None or session is None or tag != reports.tag:
             return
         self._status.requests += 1
-        if not reports.take(text):
+        if not reports.take(text, session.since):
             self._status.failures += 1
 
     async def _clear(self) -> None:

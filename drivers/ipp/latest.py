@@ -29,21 +29,22 @@ class Latest:
         LinkProtocolError
             When the answer as a whole is not of the form that is expected.
         """
-        now = time.monotonic()
-        answer = question.named(reply.data)
+        answer, asked_at, good = question.named(reply.data), reply.asked_at, True
         said = "".join(f" ({warning})" for warning in reply.warnings)
         for channel, field in question.fields.items():
             try:
-                self._last[channel] = Sample(field.value(answer), now)
+                self._last[channel] = Sample(field.value(answer), asked_at)
             except LinkProtocolError as error:
                 why = f"{question.name}: {error}{said}"
-                self._last[channel] = Sample(_NAN, now, Quality.BAD, why)
+                self._last[channel] = Sample(_NAN, asked_at, Quality.BAD, why)
+                good = False
+        question.pace.asked(asked_at, good=good)
 
     def mark(self, question: Question, quality: Quality, why: str) -> None:
         """Take note that all channels of a question have no value."""
-        sample = Sample(_NAN, time.monotonic(), quality, why)
-        for name in question.fields:
-            self._last[name] = sample
+        now = time.monotonic()
+        question.pace.asked(now, good=False)
+        self._last |= dict.fromkeys(question.fields, Sample(_NAN, now, quality, why))
 
     def is_due(self, question: Question, name: str, now: float) -> bool:
         """Whether a channel's question is to be asked at `now` (monotonic, s)."""
@@ -52,7 +53,7 @@ class Latest:
             last is None
             or question.failures > 0
             or last.quality is Quality.UNAVAILABLE
-            or now - last.time >= question.every
+            or question.pace.is_due(now)
         )
 
     def sample(self, question: Question, name: str, now: float) -> Sample:

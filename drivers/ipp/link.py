@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import ClassVar
 
+from drivers import resources
 from drivers.ipp.asking import Asking
 from drivers.ipp.config import IppConfig
-from drivers.link import ChannelInfo, Link, LinkConfig, LinkError, Sample
+from drivers.link import (
+    ChannelInfo,
+    Link,
+    LinkConfig,
+    LinkConfigError,
+    LinkError,
+    Place,
+    Sample,
+)
 
 
 class IppLink(Link):
@@ -38,6 +47,33 @@ class IppLink(Link):
         """Unit, and the time between two values; nothing is written."""
         unit = self._config.channels[channel].value_unit
         return ChannelInfo(unit, writable=False, every=self._config.every(channel))
+
+    def places(self, channel: str) -> tuple[Place, ...]:
+        """What it is in the server."""
+        section = self._config.channels[channel]
+        item = section.axis or section.prop or f"scale temperature {section.scale_temperature}"
+        return (Place(self.owns[0], space=(item,), apart=(True,)),)
+
+    @property
+    def owns(self) -> tuple[str, ...]:
+        """The server."""
+        return (resources.tcp(self._config.host, self._config.port),)
+
+    def keep_together(self, channels: Collection[str], *, one_sample: bool = False) -> None:
+        """Axes of one pace always are answers to one ``Get``, or come in one report.
+
+        Raises
+        ------
+        LinkConfigError
+            When `one_sample` is asked for and it takes several commands.
+        """
+        self._check_known(channels, self._config.channels)
+        commands = dict.fromkeys(self._asking.command_of(name) for name in channels)
+        if one_sample and len(commands) > 1:
+            raise LinkConfigError(
+                f"link {self.name}: {', '.join(channels)} must be of one answer, and take several "
+                f"commands: {'; '.join(commands)}"
+            )
 
     async def open(self) -> None:
         """Connect, start a session and get a first answer (or report), or begin to retry."""
@@ -70,7 +106,7 @@ class IppLink(Link):
             raise LinkError(
                 f"link {self.name}: nothing written: {', '.join(values)}: an I++ DME link only "
                 "reads; the machine is corrected through its controller, see docs/ipp.md"
-            )
+            ).leaving(untouched=values)
 
     def _describe(self, name: str) -> str:
         config, channel = self._config, self._config.channels[name]

@@ -9,7 +9,11 @@ from dataclasses import dataclass
 from drivers.ipp.config import ChannelConfig, IppConfig
 from drivers.ipp.grammar import Named, Value, by_name, shown
 from drivers.link import LinkProtocolError
+from drivers.pace import Pace
 from drivers.quarantine import Member
+
+_FIRST_AGAIN, _ONCE_AGAIN = 0.05, 1.0
+"""s before what was refused is asked again: for positions the second time, for anything else."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,25 +71,69 @@ class Question(Member):
         The command's name.
     command
         All of it.
-    every
-        s between two times.
+    pace
+        When it is due.
     fields
         Channel → where it stands in the answer.
+    vital
+        Whether there are no positions without it.
     refused
-        Why it is not asked any more on this connection; empty when it is.
+        Why the server does not answer it, for people; empty when it does.
     """
 
-    __slots__ = ("command", "every", "fields", "method", "refused")
+    __slots__ = (
+        "_again_at",
+        "_refusals",
+        "command",
+        "fields",
+        "method",
+        "pace",
+        "refused",
+        "vital",
+    )
 
     def __init__(
-        self, method: str, arguments: tuple[str, ...], every: float, fields: dict[str, Field]
+        self,
+        method: str,
+        arguments: tuple[str, ...],
+        every: float,
+        fields: dict[str, Field],
+        *,
+        vital: bool = False,
     ) -> None:
         self.method = method
         self.command = f"{method}({', '.join(arguments)})"
         super().__init__(self.command)
-        self.every = every
+        self.pace = Pace(every)
         self.fields = fields
+        self.vital = vital
+        self.accepted()
+
+    def accepted(self) -> None:
+        """The server answers it, as far as is known."""
         self.refused = ""
+        self._refusals = 0
+        self._again_at = -math.inf
+
+    def refuse(self, why: str, now: float, longest: float) -> str:
+        """Take note that the server refused it; hands back when it is asked again, for people.
+
+        A refusal may last a moment. What there are no positions without is asked again at once and
+        then less and less often (at most every `longest` s); anything else, which would only stop
+        the server again, once.
+        """
+        self.refused = why
+        self._refusals += 1
+        if self.vital:
+            again = _FIRST_AGAIN * 2.0 ** min(self._refusals - 2, 30) if self._refusals > 1 else 0.0
+            self._again_at = now + min(again, longest)
+            return "asked again"
+        self._again_at = now + _ONCE_AGAIN if self._refusals == 1 else math.inf
+        return "asked once again" if self._refusals == 1 else "not asked again"
+
+    def may_be_asked(self, now: float) -> bool:
+        """Whether it was not refused, or it is time to ask again."""
+        return now >= self._again_at
 
     def named(self, data: tuple[Value, ...]) -> dict[str, tuple[Value, ...]]:
         """An answer by name.
@@ -112,7 +160,7 @@ def positions(config: IppConfig, every: float | None) -> Question:
     }
     axes = tuple(dict.fromkeys(f"{section.axis}()" for section in chosen.values()))
     fields = {name: _field(section) for name, section in chosen.items()}
-    return Question("Get", axes, every or 0.0, fields)
+    return Question("Get", axes, every or 0.0, fields, vital=True)
 
 
 def questions(config: IppConfig) -> tuple[Question, ...]:

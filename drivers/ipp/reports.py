@@ -39,7 +39,7 @@ class MoveReport:
     def __init__(self, config: MoveReportConfig, get: Question) -> None:
         axes = tuple(dict.fromkeys(f"{field.name}()" for field in get.fields.values()))
         pace = (f"Time({config.time:g})", f"Dis({config.distance:g})")
-        self.question = Question("OnMoveReportE", (*pace, *axes), 0.0, get.fields)
+        self.question = Question("OnMoveReportE", (*pace, *axes), 0.0, get.fields, vital=True)
         self.patience = config.patience
         self.tag = "E0000"
         self.ordered = False
@@ -62,22 +62,30 @@ class MoveReport:
         self.ordered = True
         self._came = max(self._came, time.monotonic())
 
-    def take(self, text: str) -> bool:
-        """Keep a report; False when it was not understood."""
-        now, good = time.monotonic(), True
+    def take(self, text: str, since: float) -> bool:
+        """Keep a report; False when it was not understood.
+
+        Parameters
+        ----------
+        text
+            Of the report.
+        since
+            Monotonic time in s before which the server did not send it.
+        """
+        good = True
         try:
             answer = self.question.named(parse(text))
         except LinkProtocolError as error:
-            bad = Sample(_NAN, now, Quality.BAD, f"report: {error}")
+            bad = Sample(_NAN, since, Quality.BAD, f"report: {error}")
             self._last = dict.fromkeys(self.question.fields, bad)
             return False
         for channel, field in self.question.fields.items():
             try:
-                self._last[channel] = Sample(field.value(answer), now)
+                self._last[channel] = Sample(field.value(answer), since)
             except LinkProtocolError as error:
-                self._last[channel] = Sample(_NAN, now, Quality.BAD, f"report: {error}")
+                self._last[channel] = Sample(_NAN, since, Quality.BAD, f"report: {error}")
                 good = False
-        self._came = now
+        self._came = time.monotonic()
         if self.first is not None and not self.first.done():
             self.first.set_result(None)
         return good
@@ -96,7 +104,7 @@ class MoveReport:
         return f"no move report for {now - self._came:.1f} s"
 
     def sample(self, channel: str, now: float) -> Sample:
-        """The last value of a channel, with the time at which it came."""
+        """The last value of a channel; it was sent after the time that it has."""
         last = self._last.get(channel)
         if why := self.silence(now):
             return Sample(_NAN, now, Quality.UNAVAILABLE, why)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -29,6 +30,7 @@ _MOST_UNSENT = 1 << 16
 @dataclass(slots=True)
 class _Transaction:
     answer: asyncio.Future[None]
+    began: float
     taken: bool = False
     data: list[str] = field(default_factory=list)
     warnings: list[ServerError] = field(default_factory=list)
@@ -43,11 +45,14 @@ class Reply:
     ----------
     data
         All values of all its lines of data.
+    asked_at
+        Monotonic time in s at which the command left.
     warnings
         Errors of severity 0 and 1 that came with them.
     """
 
     data: tuple[Value, ...]
+    asked_at: float
     warnings: tuple[ServerError, ...] = ()
 
 
@@ -71,6 +76,9 @@ class Session(asyncio.Protocol):
         s from the last command to its completion.
     late
         Answers that came after their command was given up.
+    since
+        Monotonic time in s before which the server did not send what is being taken in: when the
+        last command left whose answer stands before it in the stream.
     """
 
     def __init__(
@@ -87,12 +95,17 @@ class Session(asyncio.Protocol):
         self._cutter = Cutter()
         self._transport: asyncio.Transport | None = None
         self._waiting: dict[str, _Transaction] = {}
-        self._owed: dict[str, None] = {}
+        self._owed: dict[str, float] = {}
+        """Tag → when the command left of which answers may still come."""
         self._number = 0
         self._closed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._abandoned = False
         self.round_trip = float("nan")
         self.late = 0
+        self.since = -math.inf
+        self._marks: dict[str, float] = {}
+        """Tag → when it left, of the last command that nobody waits for."""
+        self._marked_at = -math.inf
 
     async def open(self, host: str, port: int) -> None:
         """Connect.
@@ -140,8 +153,8 @@ class Session(asyncio.Protocol):
             raise LinkDownError("the server takes nothing any more")
         tag = self._next_tag() if event is None else event
         loop = asyncio.get_running_loop()
-        transaction = self._waiting[tag] = _Transaction(loop.create_future())
         began = time.monotonic()
+        transaction = self._waiting[tag] = _Transaction(loop.create_future(), began)
         give_up = loop.call_later(self._timeout, _expire, transaction.answer)
         completed = False
         try:
@@ -157,9 +170,24 @@ class Session(asyncio.Protocol):
             give_up.cancel()
             del self._waiting[tag]
             if not completed:
-                self._owe(tag)
+                self._owe(tag, began)
         self.round_trip = time.monotonic() - began
         return self._reply(command, transaction)
+
+    def mark(self, command: str, every: float) -> None:
+        """Send a command only for the place of its answer in the stream; nothing waits for it.
+
+        Not more than one at a time, and not when `since` is less than `every` s ago.
+        """
+        now, transport = time.monotonic(), self._transport
+        if transport is None or transport.is_closing() or now - self.since < every:
+            return
+        if now - self._marked_at < (self._timeout if self.since < self._marked_at else every):
+            return
+        self._marked_at = now
+        tag = self._next_tag()
+        self._marks = {tag: now}
+        transport.write(f"{tag} {command}\r\n".encode("ascii"))
 
     def abandon(self) -> None:
         """Give the connection up at once; safe to call twice."""
@@ -210,6 +238,11 @@ class Session(asyncio.Protocol):
     def _take(self, message: Message) -> None:
         tag, kind, text = message
         transaction = self._waiting.get(tag)
+        if not tag.startswith("E"):
+            # numbers are used once; an event's tag says nothing of when it was asked for
+            known = self._owed | self._marks
+            asked_at = known.get(tag, -math.inf) if transaction is None else transaction.began
+            self.since = max(self.since, asked_at)
         if kind is Kind.DATA and tag.startswith("E"):
             # what an event reports may come before its command is completed
             self._on_event(tag, text)
@@ -249,7 +282,7 @@ class Session(asyncio.Protocol):
             data = tuple(value for line in transaction.data for value in parse(line))
         except LinkProtocolError as problem:
             raise LinkProtocolError(f"{command}: {problem}") from None
-        return Reply(data, tuple(transaction.warnings))
+        return Reply(data, transaction.began, tuple(transaction.warnings))
 
     def _next_tag(self) -> str:
         while True:
@@ -258,8 +291,8 @@ class Session(asyncio.Protocol):
             if tag not in self._waiting and tag not in self._owed:
                 return tag
 
-    def _owe(self, tag: str) -> None:
-        self._owed[tag] = None
+    def _owe(self, tag: str, asked_at: float) -> None:
+        self._owed[tag] = asked_at
         if len(self._owed) > _MOST_OWED:
             del self._owed[next(iter(self._owed))]
 

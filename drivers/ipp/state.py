@@ -15,8 +15,11 @@ from drivers.quarantine import Roster
 
 logger = logging.getLogger("abbe.drivers.ipp")
 
-_FIRST_LOOK = 1.0
-"""s after a stop before a command is tried again; doubles from try to try."""
+_FIRST_LOOK, _CLEARED = 1.0, 0.1
+"""s after a stop before a command is tried again, where somebody else clears the server's errors
+and where the link does and it was in vain; doubles from try to try."""
+_FRAMES = 3.0
+"""Times that the coordinate system may be asked for in vain before it counts as unknown."""
 _SERVER, _COORDINATES = "server", "coordinates"
 
 
@@ -50,28 +53,31 @@ class ServerState:
         self._delay = 0.0
         self._resumed_at = -config.quarantine_max
         self._look_at = 0.0
-        self._frame_at = 0.0
+        self._frame_at = self._frame_seen_at = 0.0
         self._warned: set[int] = set()
 
     def renew(self, questions: Iterable[Question]) -> None:
         """A new connection: what was learned on an earlier one need not hold."""
         for question in questions:
-            question.refused = ""
+            question.accepted()
+            question.pace.clear()
             self._status.quarantined.pop(question.name, None)
         for key in (_SERVER, _COORDINATES):
             self._status.quarantined.pop(key, None)
         self.stopped = ""
         self.misplaced = "" if self._config.coordinates == "any" else "coordinates not known yet"
-        self._frame_at = 0.0
+        self._frame_at, self._frame_seen_at = 0.0, time.monotonic()
         self._warned.clear()
 
     def halt(self, error: ServerError, question: Question | None = None) -> None:
         """An error stopped the server; of a question, or of its own."""
         fresh = self._begin_stop(error)
         if question is not None and error.own_fault:
-            question.refused = f"{question.name} is refused: {error}"
-            logger.warning("%s: %s; not asked again", self._label, question.refused)
-            self._show(question.name, question.refused)
+            before, why = question.refused, f"{question.name} is refused: {error}"
+            then = question.refuse(why, time.monotonic(), self._config.quarantine_max)
+            if not before or not question.vital:
+                logger.warning("%s: %s; %s", self._label, why, then)
+            self._show(question.name, why)
         if fresh:
             logger.warning("%s: %s", self._label, self.stopped)
         self._show(_SERVER, self.stopped)
@@ -82,7 +88,7 @@ class ServerState:
         if fresh and now - self._resumed_at >= longest:
             self._delay = 0.0 if clears else _FIRST_LOOK
         else:
-            self._delay = min(max(2.0 * self._delay, _FIRST_LOOK), longest)
+            self._delay = min(max(2.0 * self._delay, _CLEARED if clears else _FIRST_LOOK), longest)
         self._look_at = now + self._delay
         if fresh or error.number != USE_CLEAR_ALL_ERRORS:
             cure = "the link clears it" if clears else "ClearAllErrors() is needed"
@@ -92,6 +98,13 @@ class ServerState:
     def try_again(self, now: float) -> bool:
         """Whether a command may be sent to a stopped server, to see whether it still is."""
         return now >= self._look_at
+
+    def accepted(self, question: Question) -> None:
+        """A question that was refused is answered."""
+        if question.refused:
+            logger.warning("%s: %s is answered again", self._label, question.name)
+            question.accepted()
+            self._show(question.name, "")
 
     def resume(self) -> None:
         """A command was carried out: the server is not stopped (any more)."""
@@ -112,8 +125,16 @@ class ServerState:
         """Whether to ask for the coordinate system."""
         return now >= self._frame_at
 
-    def look_at_frame(self, data: tuple[Value, ...]) -> None:
-        """Take note of the coordinate system that the server named.
+    def lost_frame(self, now: float) -> str:
+        """For how long the coordinate system was not told, for people; empty while it is known."""
+        config, age = self._config, now - self._frame_seen_at
+        limit = _FRAMES * config.coordinates_every + config.timeout
+        if config.coordinates == "any" or age <= limit:
+            return ""
+        return self.misplaced or f"the coordinate system was not told for {age:.1f} s"
+
+    def look_at_frame(self, data: tuple[Value, ...], asked_at: float) -> None:
+        """Take note of the coordinate system that the server named when asked at `asked_at`.
 
         Raises
         ------
@@ -121,7 +142,7 @@ class ServerState:
             When it named none.
         """
         wanted, found = self._config.coordinates, coordinate_system(data)
-        self._frame_at = time.monotonic() + self._config.coordinates_every
+        self._frame_at, self._frame_seen_at = asked_at + self._config.coordinates_every, asked_at
         before, self.misplaced = self.misplaced, ""
         if found != wanted:
             self.misplaced = f"positions are in {found}, and {wanted} is wanted"

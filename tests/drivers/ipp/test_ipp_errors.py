@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Iterator
 
 import pytest
@@ -98,7 +99,7 @@ async def test_with_clear_errors_the_link_clears_them(
     assert "ClearAllErrors()" in cmm.order("report")["commands"]
 
 
-async def test_a_property_that_the_server_does_not_know_is_asked_once_and_named(
+async def test_a_property_that_the_server_does_not_know_is_asked_twice_and_named(
     cmm: SimulatedProcess,
 ) -> None:
     channels = AXES | {"foo": {"property": "Part.Foo", "unit": "degC"}}
@@ -111,20 +112,55 @@ async def test_a_property_that_the_server_does_not_know_is_asked_once_and_named(
             assert bad((await link.read(("foo",)))["foo"])
         assert link.status.state is LinkState.DEGRADED
         assert "Part.Foo" in link.status.detail
-    commands = cmm.order("report")["commands"]
-    assert commands.count("GetProp(Part.Foo())") == 1
+
+        async def asked(times: int) -> bool:
+            await link.read(("x", "foo"))
+            commands = cmm.order("report")["commands"]
+            return bool(commands.count("GetProp(Part.Foo())") == times)
+
+        await until(lambda: asked(2))
+        # then the server is left alone with it, and goes on with the rest
+        await read_until(link, ("x",), good)
+        await asyncio.sleep(1.5)
+        for _ in range(5):
+            assert (await link.read(("x",)))["x"].good
+        assert await asked(2)
+
+
+@pytest.mark.parametrize("number", [501, 510, 2500])
+async def test_a_brief_refusal_of_positions_leaves_nothing_behind(
+    cmm: SimulatedProcess, number: int
+) -> None:
+    async with linked(cmm, AXES, clear_errors=True) as link:
+        await read_until(link, ("x",), good)
+        for _ in range(5):
+            cmm.order("error", severity=3, number=number, text="Not now")
+        await read_until(link, ("x",), bad)
+        await read_until(link, ("x",), good)
+        assert link.status.reconnects == 0
+        assert link.status.state is LinkState.UP
+
+
+@REPORTED
+async def test_a_refusal_that_somebody_clears_leaves_nothing_behind(
+    cmm: SimulatedProcess, settings: dict[str, object]
+) -> None:
+    async with linked(cmm, AXES, coordinates_every=0.0, **settings) as link:
+        await read_until(link, ("x",), good)
+        cmm.order("error", severity=3, number=510, text="Not now")
+        await read_until(link, ("x",), bad)
+        cmm.order("clear")
+        await read_until(link, ("x",), good)
+        assert link.status.reconnects == 0
 
 
 async def test_a_server_that_does_not_tell_its_coordinates(cmm: SimulatedProcess) -> None:
     async with linked(cmm, AXES, clear_errors=True) as link:
         cmm.order("error", severity=3, number=501, text="Unsupported command")
-        for _ in range(5):
-            # in which coordinates these are nobody knows
-            sample = (await link.read(("x",)))["x"]
-            assert "GetCoordSystem() is refused" in sample.reason
-        assert "Unsupported command" in link.status.detail
-    commands = cmm.order("report")["commands"]
-    assert commands.count("GetCoordSystem()") == 1
+        # in which coordinates these are nobody knows
+        sample = (await link.read(("x",)))["x"]
+        assert "GetCoordSystem() is refused" in sample.reason
+        await read_until(link, ("x",), good)
 
 
 async def test_a_fatal_error_ends_the_connection_and_it_is_found_again(
