@@ -5,6 +5,10 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+import signal
+import subprocess
+import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -17,11 +21,13 @@ from compcore.tables.volume import Volume
 from daemon.config import load_config
 from daemon.demo.configuration import demo_configuration
 from daemon.demo.simulator import simulated_bridge
-from daemon.table_watch import Follower, Target, follow, lags_of, watch_tables, words
+from daemon.table_watch import Follower, Target, follow, lags_of, words
 from drivers.controllers import make_controller
 
 MODEL = thermal(rigid())
 VOLUME = Volume.of(MODEL.machine)
+PATIENCE = 180.0
+"""s that a busy computer may take."""
 
 
 def follower(limit: float = 1e-3, idle: float = 5.0) -> Follower:
@@ -159,22 +165,44 @@ def test_what_is_said_of_an_event():
 
 
 @pytest.mark.integration
-def test_a_machine_that_warms_up_is_followed_over_modbus(tmp_path, capsys):
+def test_a_machine_that_warms_up_is_followed_over_modbus(tmp_path):
     """The simulated bridge in its own process; its shop warms by hours in seconds."""
     example = Path(__file__).parents[2] / "examples" / "bridge-cmm" / "model.toml"
     (tmp_path / "model.toml").write_bytes(example.read_bytes())
     with simulated_bridge(1, 600.0) as machine:
-        config = tmp_path / "config.toml"
+        config, folder = tmp_path / "config.toml", tmp_path / "t"
         config.write_text(demo_configuration(machine.ready, "model.toml"), encoding="utf-8")
-        watch_tables(
-            config, "cmm-map", tmp_path / "t", {}, (), None, 0.5e-3, 0.0, 8.0, "", True
-        )  # fmt: skip
-    events = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    tables = [e for e in events if e["event"] == "tables"]
-    assert len(tables) >= 2
+        command = [sys.executable, "-m", "daemon", "table", "--watch", str(config), "-o", folder]
+        command += ["--controller", "cmm-map", "--change", "0.5", "--idle", "0", "--json"]
+        watch = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        assert watch.stdout is not None
+        # nothing is waited for by the clock, but not for ever
+        overdue = threading.Timer(PATIENCE, watch.kill)
+        overdue.start()
+        events = []
+        try:
+            for line in watch.stdout:
+                events.append(json.loads(line))
+                kinds = [e["event"] for e in events]
+                if kinds.count("tables") >= 2 and kinds[-1] == "propose":
+                    break
+            # a machine that stands still for good: no more tables, so those there are the last
+            machine.process.send_signal(signal.SIGSTOP)
+            for line in watch.stdout:
+                events.append(json.loads(line))
+                if events[-1]["event"] == "waiting":
+                    break
+            tables = [e for e in events if e["event"] == "tables"]
+            made = TableSet.load(folder)
+            watch.send_signal(signal.SIGINT)
+            _, errors = watch.communicate()
+            assert watch.returncode == 130, errors
+        finally:
+            overdue.cancel()
+            watch.kill()
+            watch.wait()
+            machine.process.send_signal(signal.SIGCONT)
     assert tables[0]["change_um"] is None
     assert all(e["change_um"] > 0.5 for e in tables[1:])
-    assert any(e["event"] == "propose" for e in events)
-    made = TableSet.load(tmp_path / "t")
     assert made.checksum == tables[-1]["sha256"]
     assert set(made.record["conditions"]["signals"]) >= {"T_x1", "T_z2"}
