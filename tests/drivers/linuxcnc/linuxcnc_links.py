@@ -25,6 +25,8 @@ CHANNELS: dict[str, Any] = {
     "state": {"word": "state"},
     "nonsense": {"pin": "joint.0.no-such-pin"},
 }
+PATIENT = {"timeout": 10.0, "servo_silence": 10.0, "lease": 60.0}
+"""Where nothing is meant to be late: on a busy computer everything is."""
 ON, HOMED, IN_POSITION, ACTIVE, LIMITED = (1 << bit for bit in range(5))
 
 
@@ -43,7 +45,7 @@ async def value(link: LinuxCncLink, name: str) -> float:
     return (await link.read((name,)))[name].value
 
 
-async def until(true: Callable[[], Any], limit: float = 20.0) -> None:
+async def until(true: Callable[[], Any], limit: float = 60.0) -> None:
     began = time.monotonic()
     while True:
         found = true()
