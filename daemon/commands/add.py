@@ -40,7 +40,7 @@ def add(
 ) -> None:
     """Add an effect to a model, refit, and watch the error fall."""
     from compcore.revise import with_effect
-    from daemon.analysis import revised
+    from daemon.analysis import expected, revised
     from daemon.analysis.history_page import page_of
     from daemon.analysis.inputs import load
     from daemon.analysis.progress import shown
@@ -55,7 +55,7 @@ def add(
     )
     # a whole spec in one pair of quotes is what 'abbe diagnose' prints, too
     name, *more_keys = kind.split() or [kind]
-    with shown("reading") as tell:
+    with shown("reading", expected.adding(campaign)) as tell:
         loaded, measured = load(model, campaign)
         assigned = split_assignments([*more_keys, *(keys or [])])
         more, effect = with_effect(loaded, name, assigned)

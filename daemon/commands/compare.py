@@ -31,7 +31,7 @@ def compare(
 ) -> None:
     """Lay a model beside campaigns: how large is what it does not explain, and where."""
     from compcore.compare import compare as compare_model
-    from daemon.analysis import compared
+    from daemon.analysis import compared, expected
     from daemon.analysis.inputs import load
     from daemon.analysis.progress import shown
     from daemon.outputs import REPORT, check_outputs
@@ -39,7 +39,7 @@ def compare(
     say = check_outputs(
         [model, *campaigns, active], [(report, REPORT)], force=force, as_json=as_json
     )
-    with shown("reading") as tell:
+    with shown("reading", expected.comparing(campaigns)) as tell:
         loaded, campaign = load(model, campaigns, active)
         tell("comparing")
         comparison = compare_model(loaded, campaign)

@@ -30,17 +30,18 @@ def diagnose(
     from compcore.diagnose import advise
     from compcore.diagnose import diagnose as diagnose_model
     from compcore.noise import noise_floor
-    from daemon.analysis import diagnosed
+    from daemon.analysis import diagnosed, expected
     from daemon.analysis.inputs import load
     from daemon.analysis.progress import shown
     from daemon.outputs import REPORT, check_outputs
 
     say = check_outputs([model, *campaigns], [(report, REPORT)], force=force, as_json=as_json)
-    with shown("reading") as tell:
+    with shown("reading", expected.diagnosing(campaigns)) as tell:
         loaded, campaign = load(model, campaigns)
         found = diagnose_model(loaded, campaign, progress=tell)
         tell("what to measure next")
         advice = advise(found)
+        tell("noise floor")
         noise = noise_floor(campaign, loaded.machine)
     if report is not None:
         from daemon.analysis.diagnosis_page import page

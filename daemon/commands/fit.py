@@ -43,7 +43,7 @@ def fit(
     from compcore.frame import Frame
     from compcore.model_file import save_model
     from compcore.noise import noise_floor
-    from daemon.analysis import fitted
+    from daemon.analysis import expected, fitted
     from daemon.analysis.inputs import abbe_version, load, now
     from daemon.analysis.progress import shown
     from daemon.outputs import MODEL, REPORT, check_outputs
@@ -52,7 +52,7 @@ def fit(
     say = check_outputs(
         [model, *campaigns, active], [(out, MODEL), (report, REPORT)], force=force, as_json=as_json
     )
-    with shown("reading") as tell:
+    with shown("reading", expected.fitting(campaigns)) as tell:
         loaded, campaign = load(model, campaigns, active)
         result = fit_model(loaded, campaign, robust=robust, frame=chosen, progress=tell)
         tell("noise floor")
@@ -72,11 +72,14 @@ def fit(
 
             tell("drawing")
             fit_page(result, record, noise).write(report)
-    if as_json:
-        say(json.dumps(fitted.as_json(result, noise), ensure_ascii=False))
-        return
-    for line in fitted.as_text(result, noise):
+        tell("outliers, and whether bodies are rigid")
+        if as_json:
+            lines = [json.dumps(fitted.as_json(result, noise), ensure_ascii=False)]
+        else:
+            lines = list(fitted.as_text(result, noise))
+            lines += ["  " + line for line in fitted.parameter_lines(result)]
+    for line in lines:
         say(line)
-    for line in fitted.parameter_lines(result):
-        say("  " + line)
+    if as_json:
+        return
     say(f"written: {out}" + ("" if report is None else f", {report}"))

@@ -37,7 +37,7 @@ def remove(
     """Take an effect out of a model; the others keep their values unless campaigns are given."""
     from compcore.model_file import load_model, save_model
     from compcore.revise import without_effect
-    from daemon.analysis import revised
+    from daemon.analysis import expected, revised
     from daemon.analysis.history_page import page_of
     from daemon.analysis.inputs import load
     from daemon.analysis.progress import shown
@@ -64,7 +64,7 @@ def remove(
             say("refit them with: abbe fit, or give --campaign")
             say(f"written: {out}" + (f", {report}" if report else ""))
         return
-    with shown("reading") as tell:
+    with shown("reading", expected.adding(campaign)) as tell:
         loaded, measured = load(model, campaign)
         less, removed = without_effect(loaded, name)
         revision = revised.revise(

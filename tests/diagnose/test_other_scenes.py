@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from benchmarks.hidden import distances
 from benchmarks.hidden.scenario import Scenario, hide
 from benchmarks.hidden.scene import scene
 from benchmarks.hidden.score import score
 from benchmarks.hidden.trial import as_campaign
-from compcore.diagnose import diagnose
+from compcore.diagnose import advise, diagnose
 from compcore.model_file import parse_model
 from compcore.toml_source import TomlSource
 
@@ -38,3 +39,15 @@ def test_hidden_in_other_scenes(kind: str, seed: int, cause: str) -> None:
     assert len(found.established) == len(hidden)
     # the exact chain is explained down to its noise
     assert found.left == pytest.approx(1.0, abs=0.15)
+
+
+def test_distances_get_advice_too() -> None:
+    """Proposals have no base points, of which the model's unknowns hold some."""
+    stage = scene(5, distances.kinds()[0])
+    model = parse_model(TomlSource(stage.model_text()))
+    campaign = as_campaign(stage.simulate([]).text, model)
+    found = diagnose(model, campaign)
+    assert found.result.problem.layout.bases
+    advice = advise(found)
+    assert len(advice) == 4
+    assert all(0.0 < a.uncertainty_falls_by < 1.0 for a in advice)
