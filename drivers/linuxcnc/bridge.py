@@ -6,16 +6,18 @@ the file beside it, nothing else that is not in the standard library, and nothin
 
 Started with one argument, a JSON object: ``offsets`` (axis letter → ``scale``, its step, and
 ``max``, both in mm or degrees), ``lease``, ``ramp``, ``servo_silence`` (s). Says ``{"ready": …}``
-or ``{"error": …}`` first; then one answer for each line:
+or ``{"error": …}`` first; then one answer for each line, with the same ``id``:
 
-``{"read": ["joint.0.pos-fb", "no"]}``
-    ``{"values": [50.0, null], "why": {"no": "pin not found"}}``
-``{"set": {"x": 0.0123}}``
-    ``{"set": {"x": {"request": …, "applied": …}}, "limited": false, "why": ""}``
+``{"id": 1, "read": ["joint.0.pos-fb", "no"]}``
+    ``{"id": 1, "values": [50.0, null], "why": {"no": "pin not found"}, "at": …}``; `at` is the
+    moment (CLOCK_MONOTONIC, s) since which the servo thread has gone on: the values are no older
+``{"id": 2, "set": {"x": 0.0123}, "until": …}``
+    ``{"id": 2, "set": {"x": {"request": …, "applied": …}}, "limited": false, "why": ""}``; or
+    ``{"id": 2, "late": true}`` when it is later than `until` (CLOCK_MONOTONIC, s): nothing was set
 
-When Abbe sets nothing for ``lease`` s, or is gone, the offsets are taken back to zero within
-``ramp`` s. When the servo thread stands still for ``servo_silence`` s (LinuxCNC was killed), this
-process ends.
+An offset that Abbe does not set again for ``lease`` s, and all of them when it is gone, are taken
+back to zero within ``ramp`` s. When the servo thread stands still for ``servo_silence`` s (LinuxCNC
+was killed), this process ends.
 """
 
 from __future__ import annotations
@@ -37,7 +39,8 @@ else:
 
 HAL_KEY = 0x48414C32
 """Of HAL's shared memory (hal_priv.h). Attaching to what is not there would create it."""
-NAP = 0.02
+NAP = 0.005
+"""s between two looks at the servo thread: by so much a value may be younger than it is told."""
 
 
 class GoneError(Exception):
@@ -65,14 +68,16 @@ class Bridge:
     def __init__(self, settings: dict[str, Any], out: int) -> None:
         self._settings = settings
         self._out = out
-        self._lease_ends: float | None = None
-        self._ramp: tuple[float, dict[str, float]] | None = None
         self._ending = False
+        self._id: int | None = None
         self._beat = (0.0, time.monotonic())
+        self._looked = self._fresh = time.monotonic()
         self._offsets: dict[str, Offset] = {}
 
     def say(self, **facts: Any) -> None:
-        """Write one line."""
+        """Write one line, the answer to the order that is being carried out."""
+        if self._id is not None:
+            facts["id"] = self._id
         try:
             os.write(self._out, json.dumps(facts).encode() + b"\n")
         except BrokenPipeError:
@@ -137,8 +142,9 @@ class Bridge:
         return float(self._hal.get_value("motion.servo.last-period"))
 
     def read(self, names: list[str]) -> dict[str, Any]:
-        """Values of pins or signals, and why some cannot be read."""
-        get = self._hal.get_value
+        """Values of pins or signals, why some cannot be read, and since when they are."""
+        self._look()
+        at, get = self._fresh, self._hal.get_value
         values: list[float | None] = []
         why = {}
         for name in names:
@@ -147,17 +153,22 @@ class Bridge:
             except RuntimeError as error:
                 values.append(None)
                 why[name] = str(error)
-        return {"values": values, "why": why}
+        return {"values": values, "why": why, "at": at}
 
-    def set(self, wanted: dict[str, float]) -> dict[str, Any]:
-        """Move offsets and see whether LinuxCNC takes them up."""
+    def set(self, wanted: dict[str, float], until: float) -> dict[str, Any]:
+        """Move offsets, not after `until`, and see whether LinuxCNC takes them up."""
         try:
             for axis, offset in wanted.items():
-                self._offsets[axis].want(offset)
+                self._offsets[axis].check(offset)
         except ValueError as error:
             return {"failed": str(error)}
-        self._ramp = None
-        self._lease_ends = time.monotonic() + self._settings["lease"]
+        now = time.monotonic()
+        if now > until:
+            return {"late": True}
+        for axis, offset in wanted.items():
+            moved = self._offsets[axis]
+            moved.want(offset)
+            moved.ramp, moved.lease_ends = None, now + self._settings["lease"]
         offsets = [self._offsets[axis] for axis in wanted]
         deadline = time.monotonic() + ANSWER_TIME
         while not all(offset.settled for offset in offsets) and time.monotonic() < deadline:
@@ -199,7 +210,7 @@ class Bridge:
         """Answer until the input ends and the offsets are back at zero, or LinuxCNC is gone."""
         held = b""
         while True:
-            moving = self._ramp is not None or self._ending
+            moving = self._ending or any(offset.ramp for offset in self._offsets.values())
             ready = not self._ending and select.select([0], [], [], 0.002 if moving else NAP)[0]
             if self._ending:
                 time.sleep(0.002)
@@ -209,7 +220,10 @@ class Bridge:
                     self._ending = True
                 *lines, held = (held + data).split(b"\n")
                 for line in lines:
-                    self.answer(json.loads(line))
+                    order = json.loads(line)
+                    self._id = order.pop("id", None)
+                    self.answer(order)
+                    self._id = None
             self._watch()
             if self._release() and self._ending:
                 return
@@ -219,38 +233,42 @@ class Bridge:
         if "read" in order:
             self.say(**self.read(order["read"]))
         else:
-            self.say(**self.set(order["set"]))
+            self.say(**self.set(order["set"], order["until"]))
+
+    def _look(self) -> None:
+        """Whether the servo thread has gone on: then pins are no older than the last look."""
+        now, period = time.monotonic(), self._period()
+        if period != self._beat[0]:
+            self._beat = (period, now)
+            self._fresh = self._looked
+        self._looked = now
 
     def _watch(self) -> None:
         """Raise when the servo thread stands still."""
-        now = time.monotonic()
-        last, since = self._beat
-        period = self._period()
-        if period != last:
-            self._beat = (period, now)
-        elif now - since > self._settings["servo_silence"]:
+        self._look()
+        now, since = self._looked, self._beat[1]
+        if now - since > self._settings["servo_silence"]:
             raise GoneError("LinuxCNC's servo thread stands still")
 
     def _release(self) -> bool:
         """Take the offsets back when nobody answers for them; whether they are at zero."""
         now = time.monotonic()
-        over = self._lease_ends is not None and now > self._lease_ends
-        if not (over or self._ending) or self._lease_ends is None:
+        taken_back = [self._take_back(offset, now) for offset in self._offsets.values()]
+        return all(taken_back)
+
+    def _take_back(self, offset: Offset, now: float) -> bool:
+        if offset.lease_ends is None or not (now > offset.lease_ends or self._ending):
             return True
-        if self._ramp is None:
-            self._ramp = (now, {axis: o.wanted for axis, o in self._offsets.items()})
-        began, start = self._ramp
+        if offset.ramp is None:
+            offset.ramp = (now, offset.wanted)
+        began, start = offset.ramp
         share = max(0.0, 1.0 - (now - began) / self._settings["ramp"])
-        for axis, offset in self._offsets.items():
-            offset.want(start[axis] * share)
+        offset.want(start * share)
         if share > 0.0:
             return False
-        if all(offset.settled for offset in self._offsets.values()):
-            self._lease_ends = self._ramp = None
-            return True
-        # Not taken up: the machine is off, where an offset has no meaning.
-        if now - began > self._settings["ramp"] + 10 * ANSWER_TIME:
-            self._lease_ends = self._ramp = None
+        # One that is not taken up: the machine is off, where an offset has no meaning.
+        if offset.settled or now - began > self._settings["ramp"] + 10 * ANSWER_TIME:
+            offset.lease_ends = offset.ramp = None
             return True
         return False
 

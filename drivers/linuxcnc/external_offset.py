@@ -31,6 +31,13 @@ class Offset:
         Most that is ever asked for, mm (degrees).
     units
         Machine units per mm (degree).
+
+    Attributes
+    ----------
+    lease_ends
+        When it is taken back if nobody sets it again (monotonic, s); None: it is zero, or nobody's.
+    ramp
+        When taking it back began, and from where; None: it is not taken back.
     """
 
     def __init__(self, hal: Any, axis: str, scale: float, largest: float, units: float) -> None:
@@ -40,6 +47,8 @@ class Offset:
         self._largest = largest
         self._changed_at = 0.0
         self.wanted = 0.0
+        self.lease_ends: float | None = None
+        self.ramp: tuple[float, float] | None = None
         self._get = hal.get_value
         self._units = units
         hal.set_p(self._pin + "-scale", repr(scale * units))
@@ -57,12 +66,16 @@ class Offset:
         """How much of it is applied: on its way, or held back by a soft limit."""
         return float(self._get(self._pin)) / self._units
 
-    def want(self, offset: float) -> None:
-        """Ask for an offset."""
+    def check(self, offset: float) -> None:
+        """Raise ValueError when an offset is too large, or no number."""
         if not abs(offset) <= self._largest:
             raise ValueError(
                 f"{self._pin}: {offset:g} is beyond the largest allowed, {self._largest:g}"
             )
+
+    def want(self, offset: float) -> None:
+        """Ask for an offset; raises as `check`."""
+        self.check(offset)
         self.wanted = offset
         self._rebase_if_moved()
         counts, request = self._base

@@ -9,9 +9,11 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, ClassVar
 
+from drivers import resources
+from drivers.batch import Batch
 from drivers.link import (
     ChannelInfo,
     Link,
@@ -20,8 +22,10 @@ from drivers.link import (
     LinkError,
     LinkProtocolError,
     LinkTimeoutError,
+    Place,
     Quality,
     Sample,
+    TooLateError,
     WriteNotVerifiedError,
 )
 from drivers.linuxcnc.config import STATE_BITS, LinuxCncConfig
@@ -70,11 +74,36 @@ class LinuxCncLink(Link):
         return {name: self._describe(name) for name in self._config.channels}
 
     def info(self, channel: str) -> ChannelInfo:
-        """Unit, and whether it is written."""
+        """Unit, whether it is written, and an offset's range and step."""
         section = self._config.channels[channel]
-        if section.offset is not None:
-            return ChannelInfo("deg" if section.offset in _ROTARY else "mm", writable=True)
+        if section.offset is not None and section.max is not None:
+            return ChannelInfo(
+                "deg" if section.offset in _ROTARY else "mm",
+                writable=True,
+                low=-section.max,
+                high=section.max,
+                step=section.resolution,
+                read_back=True,
+            )
+        if section.word is not None:
+            return ChannelInfo(low=0.0, high=float((1 << len(STATE_BITS)) - 1), step=1.0)
         return ChannelInfo(section.unit)
+
+    def places(self, channel: str) -> tuple[Place, ...]:
+        """Its pins; of an offset also those by which it is set."""
+        pins = list(self._pins[channel])
+        if self._config.channels[channel].offset is not None:
+            pins += [f"{pins[0]}-{part}" for part in ("request", "counts", "scale", "enable")]
+        return tuple(Place(self.owns[0], space=(pin,), apart=(True,)) for pin in pins)
+
+    @property
+    def owns(self) -> tuple[str, ...]:
+        """The LinuxCNC of this computer."""
+        return (resources.linuxcnc(),)
+
+    def keep_together(self, channels: Collection[str], *, one_sample: bool = False) -> None:
+        """All channels of a call come in one answer, read within some ten microseconds."""
+        self._check_known(channels, self._config.channels)
 
     async def open(self) -> None:
         """Attach to LinuxCNC, or begin to wait for it to be started."""
@@ -103,12 +132,11 @@ class LinuxCncLink(Link):
         except LinkError as error:
             lost = Sample(_NAN, time.monotonic(), Quality.UNAVAILABLE, str(error))
             return dict.fromkeys(channels, lost)
-        now = time.monotonic()
         values = dict(zip(pins, said["values"], strict=True))
-        return {name: self._sample(name, values, said["why"], now) for name in channels}
+        return {name: self._sample(name, values, said["why"], said["at"]) for name in channels}
 
     async def write(self, values: Mapping[str, float], *, until: float = math.inf) -> None:
-        """Set external offsets, mm (degrees); returns when LinuxCNC has taken them up.
+        """Set external offsets, mm (degrees), not after `until`; returns when LinuxCNC has them.
 
         It moves there with its own share of speed and acceleration (``OFFSET_AV_RATIO``), which may
         take longer; reading the channel tells what is applied.
@@ -126,39 +154,40 @@ class LinuxCncLink(Link):
         if not values:
             return
         self._check_known(values, self._config.channels)
-        self._in_time(until, values)
-        orders: dict[str, float] = {}
+        batch, orders = Batch(f"link {self.name}", values), dict[str, float]()
         for name, value in values.items():
             section = self._config.channels[name]
             if section.offset is None or section.max is None:
-                raise LinkError(f"link {self.name}: nothing written; {name} is no offset")
+                raise batch.refused(f"{name} is no offset")
             if not abs(value) <= section.max:
-                raise LinkError(
-                    f"link {self.name}: nothing written; {name}: {value:g} is beyond max = "
-                    f"{section.max:g}"
-                )
+                raise batch.refused(f"{name}: {value:g} is beyond max = {section.max:g}")
             orders[section.offset.lower()] = float(value)
         try:
             async with self._turns:
-                said = await self._ask({"set": orders})
+                batch.begin(*values)
+                # what is in the pipe when the answer is given up is not to be carried out later
+                last = min(until, time.monotonic() + self._config.timeout)
+                said = await self._ask({"set": orders, "until": last})
+        except (TooLateError, LinkProtocolError) as error:
+            raise batch.failed(error.leaving(untouched=values)) from error
         except LinkError as error:
-            raise type(error)(
-                f"link {self.name}: not written: {', '.join(values)}: {error}"
-            ) from error
+            raise batch.failed(error) from error
         self._verify(values, said)
 
     def _verify(self, values: Mapping[str, float], said: Mapping[str, Any]) -> None:
-        wrong = []
+        wrong = {}
         for name, value in values.items():
             section = self._config.channels[name]
             now = said["set"][str(section.offset).lower()]
             request, applied = now["request"], now["applied"]
             if abs(request - value) > section.resolution:
-                wrong.append(f"{name}: wrote {value:g}, LinuxCNC has {request:g}: {said['why']}")
+                wrong[name] = f"{name}: wrote {value:g}, LinuxCNC has {request:g}: {said['why']}"
             elif said["limited"] and abs(applied - value) > section.resolution:
-                wrong.append(f"{name}: wrote {value:g}, a soft limit lets {applied:g} through")
+                wrong[name] = f"{name}: wrote {value:g}, a soft limit lets {applied:g} through"
         if wrong:
-            raise WriteNotVerifiedError(f"link {self.name}: {'; '.join(wrong)}")
+            raise WriteNotVerifiedError(f"link {self.name}: {'; '.join(wrong.values())}").leaving(
+                written=values.keys() - wrong.keys()
+            )
 
     async def _ask(self, order: dict[str, Any]) -> dict[str, Any]:
         bridge, status = self._bridge, self.status
@@ -187,15 +216,15 @@ class LinuxCncLink(Link):
         return (str(section.pin),)
 
     def _sample(
-        self, name: str, values: Mapping[str, float], why: Mapping[str, str], now: float
+        self, name: str, values: Mapping[str, float], why: Mapping[str, str], at: float
     ) -> Sample:
         for pin in self._pins[name]:
             if pin in why:
-                return Sample(_NAN, now, Quality.BAD, f"{pin}: {why[pin]}")
+                return Sample(_NAN, at, Quality.BAD, f"{pin}: {why[pin]}")
         value = self._value(name, values)
         if value - value != 0.0:
-            return Sample(_NAN, now, Quality.BAD, f"{self._pins[name][0]} is {value}")
-        return Sample(value, now)
+            return Sample(_NAN, at, Quality.BAD, f"{self._pins[name][0]} is {value}")
+        return Sample(value, at)
 
     def _value(self, name: str, values: Mapping[str, float]) -> float:
         section = self._config.channels[name]

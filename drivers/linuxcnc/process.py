@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError
+from drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError, TooLateError
 
 BRIDGE = Path(__file__).with_name("bridge.py")
 _START = 10.0
@@ -46,6 +46,7 @@ class BridgeProcess:
         self._on_lost = on_lost
         self._process: asyncio.subprocess.Process | None = None
         self._answer: asyncio.Future[dict[str, Any]] | None = None
+        self._number = 0
         self._reader: asyncio.Task[None] | None = None
         self._complaint = ""
         self._closing = False
@@ -90,6 +91,8 @@ class BridgeProcess:
             When it ends, or has ended.
         LinkProtocolError
             When the order cannot be carried out; says why.
+        TooLateError
+            When its `until` was over before it was carried out.
         """
         process = self._process
         if process is None or process.stdin is None or process.returncode is not None:
@@ -98,8 +101,10 @@ class BridgeProcess:
         self._answer = answer
         give_up = asyncio.get_running_loop().call_later(within, _expire, answer)
         try:
-            process.stdin.write(json.dumps(order).encode() + b"\n")
-            said = await answer
+            self._number += 1
+            said = json.dumps({"id": self._number} | order)
+            process.stdin.write(said.encode() + b"\n")
+            found = await answer
         except TimeoutError:
             raise LinkTimeoutError(
                 f"the bridge to LinuxCNC did not answer in {within:g} s"
@@ -107,9 +112,11 @@ class BridgeProcess:
         finally:
             give_up.cancel()
             self._answer = None
-        if "failed" in said:
-            raise LinkProtocolError(said["failed"])
-        return said
+        if "late" in found:
+            raise TooLateError("too old before LinuxCNC could be told, so not set")
+        if "failed" in found:
+            raise LinkProtocolError(found["failed"])
+        return found
 
     def abandon(self) -> None:
         """Let it go without waiting: it takes the offsets back and ends."""
@@ -142,6 +149,8 @@ class BridgeProcess:
                 said = json.loads(line)
                 if "error" in said:
                     why = said["error"]
+                elif said.get("id", self._number) != self._number:
+                    continue  # of an order that was given up
                 elif self._answer is not None and not self._answer.done():
                     self._answer.set_result(said)
         except ValueError as error:

@@ -150,6 +150,13 @@ class Machine:
             if self._process is not None:
                 self._process.wait(PATIENCE)
 
+    def tell_real_time(self, number: signal.Signals) -> None:
+        """Send its real-time process a signal: SIGSTOP has the servo thread stand still."""
+        for pid in self._all():
+            with contextlib.suppress(OSError):
+                if b"rtapi_app" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                    os.kill(pid, number)
+
     def order(self, *words: Any) -> list[str]:
         """Have the operator do something; LinuxCNC's complaints since the last order."""
         if self._operator is None:

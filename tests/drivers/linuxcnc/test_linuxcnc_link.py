@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import signal
 import sys
+import time
 from collections.abc import Iterator
 
 import pytest
@@ -22,7 +24,8 @@ from linuxcnc_links import (
 )
 from linuxcnc_machine import Machine
 
-from drivers.link import LinkError, LinkState, Quality, WriteNotVerifiedError
+from drivers.link import LinkError, LinkState, Quality, TooLateError, WriteNotVerifiedError
+from drivers.linuxcnc.link import LinuxCncLink
 
 pytestmark = pytest.mark.integration
 
@@ -167,12 +170,89 @@ async def test_without_new_values_the_offset_is_taken_back(machine: Machine) -> 
             await reaches(link, "offset_x", 0.0)
 
 
+async def test_an_offset_that_is_left_out_is_taken_back_by_itself(machine: Machine) -> None:
+    """Another axis that is still written does not answer for it."""
+    async with linked(lease=0.5) as link:
+        await link.write({"offset_x": 0.1, "offset_y": 0.1})
+        await reaches(link, "offset_y", 0.1)
+
+        async def gone() -> bool:
+            await link.write({"offset_x": 0.1})
+            return abs(await value(link, "offset_y")) < 1e-5
+
+        await until(gone)
+        assert await value(link, "offset_x") == pytest.approx(0.1, abs=1e-5)
+        await link.write({"offset_x": 0.0})
+
+
 async def test_closing_takes_the_offset_back(machine: Machine) -> None:
     async with linked(**PATIENT) as link:
         await link.write({"offset_x": 0.1})
         await reaches(link, "offset_x", 0.1)
     async with linked(**PATIENT) as link:
         assert abs(await value(link, "offset_x")) < 1e-5
+
+
+async def test_values_are_no_younger_than_the_servo_thread(machine: Machine) -> None:
+    async with linked(servo_silence=30.0, timeout=30.0) as link:
+        samples = await link.read(("x", "y", "state"))
+        # read within some milliseconds, and by one look
+        assert len({sample.time for sample in samples.values()}) == 1
+        await until(lambda: fresh(link))
+        machine.tell_real_time(signal.SIGSTOP)
+        try:
+            await asyncio.sleep(0.6)
+            # the pins can be read as ever, and nobody brings them up to date
+            sample = (await link.read(("x",)))["x"]
+            assert sample.good
+            assert sample.age() >= 0.5
+        finally:
+            machine.tell_real_time(signal.SIGCONT)
+        await until(lambda: fresh(link))
+
+
+async def fresh(link: LinuxCncLink) -> bool:
+    return (await link.read(("x",)))["x"].age() < 0.1
+
+
+async def test_a_bridge_that_stands_still_brings_old_values_and_sets_none(
+    machine: Machine,
+) -> None:
+    """Stopped before it reads, and before it sets: what it does afterwards was asked for before."""
+    async with linked(timeout=10.0) as link:
+        await link.write({"offset_x": 0.0})
+        assert link._bridge is not None
+        process = link._bridge._process
+        assert process is not None
+        process.send_signal(signal.SIGSTOP)
+        late = asyncio.create_task(link.write({"offset_x": 0.2}, until=time.monotonic() + 0.3))
+        await asyncio.sleep(0.6)
+        process.send_signal(signal.SIGCONT)
+        with pytest.raises(TooLateError, match="not written: offset_x: too old") as error:
+            await late
+        assert error.value.untouched == {"offset_x"}
+        assert abs(await value(link, "offset_x")) < 1e-5
+        # an order that was given up does not answer the next one
+        process.send_signal(signal.SIGSTOP)
+        given_up = asyncio.create_task(link.read(("state",)))
+        await asyncio.sleep(0.1)
+        given_up.cancel()
+        again = asyncio.create_task(link.read(("x", "y")))
+        await asyncio.sleep(0.1)
+        process.send_signal(signal.SIGCONT)
+        samples = await again
+        assert all(sample.good for sample in samples.values()), samples
+
+
+async def test_where_channels_sit(machine: Machine) -> None:
+    async with linked() as link:
+        offset, x = link.places("offset_x"), link.places("x")
+        assert not any(a.overlaps(b) for a in offset for b in x)
+        assert any(a.overlaps(b) for a in offset for b in link.places("offset_x"))
+        info = link.info("offset_x")
+        assert (info.low, info.high, info.step, info.read_back) == (-0.5, 0.5, 1e-5, True)
+        assert link.owns == ("linuxcnc hal",)
+        link.keep_together(("x", "state"), one_sample=True)
 
 
 async def test_a_killed_bridge_is_started_again(machine: Machine) -> None:
