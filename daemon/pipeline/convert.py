@@ -72,8 +72,6 @@ class PositionConverter:
     taken_at
         Earliest moment (monotonic, s) at which any of the last positions can have been taken;
         infinity before the first.
-    times
-        That of each axis.
     """
 
     def __init__(
@@ -98,7 +96,6 @@ class PositionConverter:
             (link, name, [i for i, s in enumerate(sources) if s.channel[0] == link])
             for link, name in echoed
         )
-        self.times = [math.inf] * len(self._sources)
         self.taken_at = math.inf
 
     def __call__(self, batch: Batch, now: float) -> tuple[list[float], dict[str, str]]:
@@ -116,37 +113,28 @@ class PositionConverter:
             if convert is not None:
                 sample = convert(sample)
             value, time, quality, _ = sample
-            time = min(time, latest)
             times.append(time)
-            if quality is _GOOD and time >= oldest and low <= value <= high:
+            if quality is _GOOD and time >= oldest <= latest and low <= value <= high:
                 positions.append(value)
             else:
                 positions.append(math.nan)
-                faults[name] = _why(sample, now, time, (low, high))
-        self.times, self.taken_at = times, min(times, default=math.inf)
+                faults[name] = _why(sample, now, min(time, latest), (low, high))
+        self.taken_at = min(latest, *times)
         problem = problem or self._watch.fault(batch, now)
         if problem:
             for i, source in enumerate(self._sources):
                 positions[i] = math.nan
                 faults.setdefault(source.name, problem)
         for link, channel, axes in self._echoed:
-            self._compare(batch[link][channel], axes, batch, positions, faults)
+            echo = batch[link][channel]
+            for i in axes:
+                if times[i] != echo.time and echo.good:
+                    # read in another question than the sample number
+                    positions[i] = math.nan
+                    faults.setdefault(
+                        self._sources[i].name, "not of the sample that is written back"
+                    )
         return positions, faults
-
-    def _compare(
-        self,
-        echo: Sample,
-        axes: Sequence[int],
-        batch: Batch,
-        positions: list[float],
-        faults: dict[str, str],
-    ) -> None:
-        """An axis that was read in another question than the sample number is not believed."""
-        for i in axes:
-            link, channel = self._sources[i].channel
-            if echo.good and batch[link][channel].time != echo.time:
-                positions[i] = math.nan
-                faults.setdefault(self._sources[i].name, "not of the sample that is written back")
 
 
 @dataclass(frozen=True, slots=True)

@@ -183,7 +183,7 @@ class Pipeline:
         now = time.monotonic()
         positions, faults = self._positions(batch, now)
         taken_at = self._positions.taken_at
-        lags = self._doubts.step(positions, faults, self._positions.times, now)
+        self._doubts.step(positions, faults, taken_at, now)
         computed: Vec3 | None = None
         if not faults:
             computed = self._compensation.step(
@@ -209,7 +209,7 @@ class Pipeline:
             )
         word = status_word(decision, wrong, self._not_held)
         if self._writes or self._plan.status or self._plan.heartbeat:
-            await self._answer(positions, corrected, batch, word, min(taken_at, now))
+            await self._answer(corrected, batch, word, min(taken_at, now))
         ended = time.monotonic()
         if now >= self._signals_due:
             self._signals_due = now + self._signals_every
@@ -240,7 +240,7 @@ class Pipeline:
             ended - began,
             outcome.written and self._writes,
             max(0.0, now - taken_at),
-            tuple(lags),
+            self._doubts.speeds,
         )
         for listener in tuple(self.listeners):
             try:
@@ -253,7 +253,6 @@ class Pipeline:
 
     async def _answer(
         self,
-        positions: Sequence[float],
         corrected: Sequence[float],
         batch: Batch,
         word: int,
@@ -262,7 +261,7 @@ class Pipeline:
         """Write one cycle's answer, and have the guard know what became of it."""
         answer: Sequence[float] = ()
         if self._writes:
-            answer = self._doubts.withhold(positions, corrected)
+            answer = self._doubts.withhold(corrected)
         outcome = await self._write_back(answer, batch, word, taken_at + self._stale_after)
         self._outcome, self._not_held = outcome, 0
         if self._writes:
@@ -271,8 +270,9 @@ class Pipeline:
                 unknown = self._directions_of(outcome.unknown)
                 self._guard.not_taken(untouched, unknown)
                 self._not_held = untouched | unknown
-            self._doubts.wrote(positions, answer, outcome)
-        await self._doubts.look()
+            self._doubts.wrote(answer, outcome)
+        if self._doubts.due(taken_at):
+            await self._doubts.look(taken_at)
 
     def _directions_of(self, targets: int) -> int:
         """The mask of directions for a mask of targets."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping, Sequence
 
 from daemon.config.sections import ConfigFile
@@ -43,7 +42,8 @@ class Doubts:
         self._axes = tuple(axes)
         self._written = tuple(axes.index(target.axis) for target in plan.targets)
         self._motion = Motion(len(axes))
-        self._max_lag = math.inf if file.guard.max_lag is None else file.guard.max_lag
+        self._max_lag = file.guard.max_lag
+        self._indicated: Sequence[float] = ()
         self._follow = Follow(plan.expected.steps)
         self._withheld: list[int] = []
         self._own = ""
@@ -59,13 +59,9 @@ class Doubts:
         return self._own or (self._foreign.fault if self._foreign is not None else "")
 
     def step(
-        self,
-        positions: list[float],
-        faults: dict[str, str],
-        times: Sequence[float],
-        now: float,
-    ) -> list[float]:
-        """Take doubtful positions out, with the reason; how far each axis may have gone since.
+        self, positions: list[float], faults: dict[str, str], taken_at: float, now: float
+    ) -> None:
+        """Take doubtful positions out, with the reason.
 
         Parameters
         ----------
@@ -73,31 +69,29 @@ class Doubts:
             mm (rotary: rad); those not to be believed become NaN.
         faults
             Axis → why; added to.
-        times
-            Earliest moment of each position, monotonic, s.
+        taken_at
+            Earliest moment at which they can have been taken, monotonic, s.
         now
             Monotonic, s.
-
-        Returns
-        -------
-        list of float
-            mm (rotary: rad), by axis.
         """
-        lags = self._motion.step(positions, times, now)
-        if max(lags, default=0.0) > self._max_lag:
-            for i, lag in enumerate(lags):
-                if lag > self._max_lag:
-                    positions[i] = math.nan
-                    faults.setdefault(
-                        self._axes[i],
-                        f"may have moved by {lag:.3g} since it was read, "
-                        f"{1e3 * (now - times[i]):.0f} ms ago",
-                    )
+        self._motion.step(positions, taken_at)
+        if self._max_lag is not None:
+            self._take_out_far(positions, faults, now - taken_at)
         if self._written:
-            self._withheld = self._follow.doubts([positions[i] for i in self._written])
+            self._indicated = [positions[i] for i in self._written]
+            self._withheld = self._follow.doubts(self._indicated)
             if self._withheld:
                 self._take_out_own(positions, faults)
-        return lags
+
+    def _take_out_far(self, positions: list[float], faults: dict[str, str], age: float) -> None:
+        for i, speed in enumerate(self._motion.speeds):
+            if age * speed > (self._max_lag or 0.0):
+                positions[i] = math.nan
+                faults.setdefault(
+                    self._axes[i],
+                    f"may have moved by {age * speed:.3g} since it was read, "
+                    f"{1e3 * age:.0f} ms ago",
+                )
 
     def _take_out_own(self, positions: list[float], faults: dict[str, str]) -> None:
         for place in self._follow.faults():
@@ -109,7 +103,12 @@ class Doubts:
             positions[self._written[place]] = math.nan
             faults.setdefault(axis, "its position is what Abbe wrote itself")
 
-    def withhold(self, positions: Sequence[float], corrected: Sequence[float]) -> Sequence[float]:
+    @property
+    def speeds(self) -> tuple[float, ...]:
+        """By axis, as measured, mm/s (rotary: rad/s), without sign."""
+        return self._motion.speeds
+
+    def withhold(self, corrected: Sequence[float]) -> Sequence[float]:
         """What is written for each target, mm: NaN where the position may be our own."""
         if not self._withheld:
             return corrected
@@ -118,14 +117,15 @@ class Doubts:
             answer[place] = math.nan
         return answer
 
-    def wrote(self, positions: Sequence[float], answer: Sequence[float], outcome: Outcome) -> None:
+    def wrote(self, answer: Sequence[float], outcome: Outcome) -> None:
         """Take note of what was written; what was not taken says nothing."""
-        kept = outcome.untouched | outcome.unknown
-        for place, value in enumerate(answer):
-            if value == value and not kept >> place & 1:
-                self._follow.wrote(place, positions[self._written[place]], value)
+        self._follow.wrote(self._indicated, answer, outcome.untouched | outcome.unknown)
 
-    async def look(self) -> None:
-        """Now and then, look whether somebody else writes what Abbe writes."""
-        if self._foreign is not None and self._foreign.due(now := time.monotonic()):
+    def due(self, now: float) -> bool:
+        """Whether it is time to `look`, at `now` (monotonic, s)."""
+        return self._foreign is not None and self._foreign.due(now)
+
+    async def look(self, now: float) -> None:
+        """See whether somebody else writes what Abbe writes."""
+        if self._foreign is not None:
             await self._foreign.look(self._write_back.held, now)

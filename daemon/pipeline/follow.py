@@ -21,28 +21,22 @@ _STAYS = 4
 """Further cycles in which it stays, until it is a fault."""
 
 
-class _Axis:
-    __slots__ = ("alike", "fault", "stays", "written")
-
-    def __init__(self) -> None:
-        self.written = math.nan
-        self.alike = self.stays = 0
-        self.fault = False
-
-
 class Follow:
     """Watches for positions that follow what is written.
 
     Parameters
     ----------
     steps
-        For each axis that is written, half the step of its position and of what is written, mm:
-        what differs by less is the same.
+        For each axis that is written, what its position and what is written may differ by and still
+        be the same, mm.
     """
 
     def __init__(self, steps: Sequence[float]) -> None:
         self._steps = tuple(steps)
-        self._axes = tuple(_Axis() for _ in steps)
+        self._indicated: Sequence[float] = [math.nan] * len(self._steps)
+        self._written: Sequence[float] = self._indicated
+        self._alike = [0] * len(self._steps)
+        self._any = False
 
     def doubts(self, indicated: Sequence[float]) -> list[int]:
         """Which axes are not to be written in this cycle, by place.
@@ -52,34 +46,40 @@ class Follow:
         indicated
             Positions of the axes that are written, mm; NaN where not to be believed.
         """
-        found = []
-        for i, (axis, position) in enumerate(zip(self._axes, indicated, strict=True)):
-            if axis.fault:
-                found.append(i)
-                continue
-            if position != position or axis.written != axis.written:
-                continue
-            same = abs(position - axis.written) <= self._steps[i]
-            if not same:
-                axis.alike = axis.stays = 0
-            elif axis.alike < _ALIKE:
-                axis.alike += 1
-            else:
-                axis.stays += 1
-                axis.fault = axis.stays > _STAYS
-            if axis.alike >= _ALIKE:
-                found.append(i)
-        return found
+        near = False
+        for position, written, step in zip(indicated, self._written, self._steps, strict=True):
+            if -step <= position - written <= step:
+                near = True
+        if not (near or self._any):
+            return []
+        return [i for i, position in enumerate(indicated) if self._doubted(i, position)]
+
+    def _doubted(self, place: int, position: float) -> bool:
+        """Whether one axis is not to be written."""
+        alike, step = self._alike[place], self._steps[place]
+        way = position - self._written[place]
+        # where nothing is corrected, what is written says nothing
+        corrected = abs(self._written[place] - self._indicated[place]) > 2.0 * step
+        if alike <= _ALIKE + _STAYS and way == way:
+            alike = alike + 1 if abs(way) <= step and corrected else 0
+            self._alike[place] = alike
+            self._any = any(self._alike)
+        return alike >= _ALIKE
 
     def faults(self) -> list[int]:
         """Axes whose position is what Abbe wrote, by place; for good."""
-        return [i for i, axis in enumerate(self._axes) if axis.fault]
+        return [i for i, alike in enumerate(self._alike) if alike > _ALIKE + _STAYS]
 
-    def wrote(self, place: int, position: float, corrected: float) -> None:
-        """Take note of what was written for an axis whose position was `position`, mm."""
-        axis = self._axes[place]
-        # where nothing is corrected, what is written says nothing
-        far = abs(corrected - position) > 2.0 * self._steps[place]
-        axis.written = corrected if far else math.nan
-        if not far:
-            axis.alike = axis.stays = 0
+    def wrote(self, indicated: Sequence[float], written: Sequence[float], kept: int = 0) -> None:
+        """Take note of what was written, mm, and at which positions; neither is changed later.
+
+        What is NaN was not written, nor what is in the mask `kept`: there, the last one counts.
+        """
+        if kept or math.isnan(sum(written)):
+            rows = zip(indicated, written, self._indicated, self._written, strict=True)
+            chosen = [
+                (was, before) if kept >> i & 1 or new != new else (at, new)
+                for i, (at, new, was, before) in enumerate(rows)
+            ]
+            indicated, written = [at for at, _ in chosen], [new for _, new in chosen]
+        self._indicated, self._written = indicated, written

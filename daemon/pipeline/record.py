@@ -40,8 +40,8 @@ class CycleRecord(NamedTuple):
     age
         Time from the earliest moment at which the positions can have been taken until they were
         about to be written.
-    lags
-        By axis, how far it may have moved in that time: age × measured speed.
+    speeds
+        By axis, as measured, mm/s (rotary: rad/s): age × speed is how far it may have moved since.
     """
 
     number: int
@@ -56,7 +56,7 @@ class CycleRecord(NamedTuple):
     duration: float
     written: bool
     age: float = 0.0
-    lags: tuple[float, ...] = ()
+    speeds: tuple[float, ...] = ()
 
 
 Listener = Callable[[CycleRecord], None]

@@ -89,8 +89,8 @@ class JsonLines:
             "cycle_ms": round(1e3 * record.duration, 3),
             "age_ms": _number(1e3 * record.age, 3),
             "lag_um": {
-                axis: _number(1e3 * lag * factor, 3)
-                for (axis, factor), lag in zip(self._axes, record.lags, strict=False)
+                axis: _number(1e3 * record.age * speed * factor, 3)
+                for (axis, factor), speed in zip(self._axes, record.speeds, strict=False)
             },
         }
         if others:

@@ -236,22 +236,53 @@ def test_an_axis_that_moves_by_its_correction_is_not_taken_for_our_own(
     position = 100.0
     for _ in range(cycles):
         if not follow.doubts([position]):
-            follow.wrote(0, position, position + correction)
+            follow.wrote([position], [position + correction])
         position += correction
     for _ in range(20):
         position += onward
         if not follow.doubts([position]):
-            follow.wrote(0, position, position + correction)
+            follow.wrote([position], [position + correction])
     if abs(onward) > 1e-3:
         assert follow.faults() == []
 
 
-def test_the_way_since_a_position_was_taken() -> None:
-    motion = Motion(1)
+def test_speeds_are_told_from_positions_and_their_times() -> None:
+    motion = Motion(2)
     for k in range(5):
-        lag = motion.step([20.0 * k], [1.0 * k], 1.0 * k + 0.1)
-    assert lag == [pytest.approx(2.0)]
-    assert motion.step([math.nan], [5.0], 5.1) == [0.0]
+        motion.step([20.0 * k, 1.0], 1.0 * k)
+    assert motion.speeds == (20.0, 0.0)
+    motion.step([math.nan, 1.0], 5.0)
+    assert motion.speeds == (20.0, 0.0)
+    motion.step([200.0, 1.0], 5.001)
+    assert motion.speeds == (20.0, 0.0)
+
+
+async def test_a_position_too_far_under_way_is_not_used(
+    tmp_path: Path,
+) -> None:
+    """The example's machine with max_lag: X moves at 500 mm/s, its answers take 10 ms."""
+    configuration = configured(tmp_path, {**QUICK, "hold = 0.1": "hold = 0.1\nmax_lag = 1.0"})
+
+    class Moving(LateLink):
+        speed = 0.0
+
+        async def read(self, channels):
+            moved = self.speed * 1e4 * (time.monotonic() - self.last)
+            self.values["count_X"] += round(moved)
+            self.last = time.monotonic()
+            return await super().read(channels)
+
+    link = Moving("cmm", VALUES)
+    link.last, link.late = time.monotonic(), 0.01
+    run = Run(configuration, link)
+
+    async def story() -> None:
+        await run.until(lambda r: r.decision.compensating)
+        link.values["count_X"], link.speed = 0.0, 500.0
+        record = await run.until(lambda r: bool(r.status & Status.POSITION_FAULT))
+        assert "may have moved by" in record.faults["axis X"]
+
+    await run.during(story)
 
 
 def test_a_devices_clock_dates_its_samples() -> None:
