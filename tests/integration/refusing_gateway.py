@@ -14,11 +14,13 @@ _ILLEGAL_DATA_ADDRESS = 2
 
 class RefusingGateway:
     """Forwards each request; with `refuses` = "blocks" all writes of more than one register get an
-    exception, with "all" every write."""
+    exception, with "all" every write. It relents when it has refused `relents_after` last words: a
+    0 for register 0."""
 
     def __init__(self, port: int) -> None:
         self._behind = port
         self.refuses: Refuses = ""
+        self.relents_after = 0
         self._listening = socket.create_server(("127.0.0.1", 0))
         self.port: int = self._listening.getsockname()[1]
         self._open: list[socket.socket] = []
@@ -53,6 +55,10 @@ class RefusingGateway:
         if self.refuses == "" or request[7] not in (6, 16):
             return False
         several = request[7] == 16 and int.from_bytes(request[10:12]) > 1
+        if not several and request[8:10] == request[-2:] == b"\0\0":
+            self.relents_after -= 1
+            if self.relents_after == 0:
+                self.refuses = ""
         return self.refuses == "all" or several
 
     def close(self) -> None:
