@@ -9,7 +9,7 @@ import secrets
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import BinaryIO, cast
 
@@ -34,14 +34,45 @@ def write_atomically(path: str | Path, content: str | bytes | Iterable[str]) -> 
     InputError
         When it cannot be written; it is then what it was.
     """
-    target = Target.of(path)
-    target.require_writable(path)
-    pieces = (content,) if isinstance(content, str | bytes) else content
+    write_together({Path(path): content})
+
+
+def write_together(contents: Mapping[Path, str | bytes | Iterable[str]]) -> None:
+    """Write several files as `write_atomically` does: all of them are whole before one is in place.
+
+    Raises
+    ------
+    InputError
+        When one cannot be written; all are then what they were.
+    """
+    ready: dict[Path, tuple[Path, Path]] = {}
+    streams = []
     try:
-        if target.replaced:
-            _replace(target, pieces)
-        else:
-            _write_through(target, pieces)
+        for path, content in contents.items():
+            target = Target.of(path)
+            target.require_writable(path)
+            pieces = (content,) if isinstance(content, str | bytes) else content
+            if not target.replaced:
+                streams.append((path, target, pieces))
+                continue
+            with _told(path):
+                ready[path] = (_prepared(target, pieces), target.path)
+        for path, target, pieces in streams:
+            with _told(path):
+                _write_through(target, pieces)
+        for path, (temporary, final) in ready.items():
+            with _told(path):
+                temporary.replace(final)
+    except BaseException:
+        for temporary, _ in ready.values():
+            temporary.unlink(missing_ok=True)
+        raise
+
+
+@contextlib.contextmanager
+def _told(path: Path) -> Iterator[None]:
+    try:
+        yield
     except BrokenPipeError:
         raise
     except OSError as error:
@@ -61,7 +92,8 @@ def encoded(text: str) -> bytes:
         return raw.decode("utf-8", "replace").encode("utf-8")
 
 
-def _replace(target: Target, pieces: Iterable[str | bytes]) -> None:
+def _prepared(target: Target, pieces: Iterable[str | bytes]) -> Path:
+    """The content in a file beside the target, on the disk, with the target's rights."""
     start = os.fsdecode(os.fsencode(target.path.name)[:_LONGEST_NAME])
     temporary = target.path.with_name(f".{start}.{secrets.token_hex(4)}")
     # made with all rights: the system takes off what the umask or the folder's defaults forbid
@@ -75,10 +107,10 @@ def _replace(target: Target, pieces: Iterable[str | bytes]) -> None:
             _pour(pieces, stream)
             stream.flush()
             os.fsync(handle)
-        temporary.replace(target.path)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+    return temporary
 
 
 def _write_through(target: Target, pieces: Iterable[str | bytes]) -> None:

@@ -35,10 +35,15 @@ class JournalFile(RotatingFileHandler):
 
     def __init__(self, file: Path, max_bytes: int, keep: int) -> None:
         self._lost = 0
+        # a device is named by its own path: what /dev/stdout leads to may have none
+        device = file.exists() and not file.is_file()
         super().__init__(
-            file.resolve(), maxBytes=max_bytes, backupCount=keep, encoding="utf-8",
+            file if device else file.resolve(),
+            maxBytes=max_bytes,
+            backupCount=keep,
+            encoding="utf-8",
             errors="backslashreplace",
-        )  # fmt: skip
+        )
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write an event; when events before it were lost, say how many."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from compcore.atomic import write_atomically
+from compcore.atomic import write_together
 from compcore.errors import InputError
 from compcore.json_source import read_json, shaped
 from compcore.tables.record_file import FORMAT, RecordFile
@@ -72,7 +72,7 @@ class TableSet:
         }
 
     def write(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write all files and the record, each atomically, the record last; returns their paths.
+        """Write all files and the record, together, the record last; returns their paths.
 
         Raises
         ------
@@ -84,13 +84,11 @@ class TableSet:
             target.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f"cannot be made: {error.strerror}", file=folder) from None
-        written = []
-        for name, text in self.files.items():
-            write_atomically(target / name, text)
-            written.append(target / name)
         document = json.dumps(self.document(), ensure_ascii=False, indent=1) + "\n"
-        write_atomically(target / RECORD_NAME, document)
-        return (*written, target / RECORD_NAME)
+        contents = {target / name: text for name, text in self.files.items()}
+        contents[target / RECORD_NAME] = document
+        write_together(contents)
+        return tuple(contents)
 
     @classmethod
     def load(cls, folder: str | Path) -> TableSet:

@@ -46,6 +46,13 @@ def check_files(source: TomlSource, configuration: Configuration) -> None:
             raise source.error(
                 f"{path}: {error.problem}", key, found=error.found, expected=error.expected
             ) from None
+        if kind is UPLOADS and not target.replaced:
+            raise source.error(
+                "must be a file: it is read again",
+                key,
+                found=str(path),
+                expected="a name of a file",
+            )
         identity = target.identity
         if identity is None:
             continue

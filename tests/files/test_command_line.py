@@ -16,13 +16,9 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "bridge-cmm" / "config.toml"
 PRINTING = [
     "--version",
     "--help",
-    "fit --help",
     "effects",
-    "effects straightness",
     "controllers",
-    "history fitted.toml",
     "history fitted.toml --json",
-    "compare fitted.toml day.csv",
     "compare fitted.toml day.csv --json",
     "diagnose fitted.toml day.csv --json",
     "fit model.toml day.csv -o out.toml",

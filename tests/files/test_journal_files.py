@@ -59,6 +59,35 @@ def test_a_journal_on_another_file_is_refused_at_check(config: Path, file: str, 
     assert {p: p.read_bytes() for p in folder.iterdir() if p.is_file()} == before
 
 
+@pytest.mark.parametrize(
+    ("file", "told"),
+    [
+        ("my.log", "would be written onto the journal"),
+        ("model.toml", "is something else than what would be written"),
+        ("day1.csv", "is something else than what would be written"),
+        ("/dev/null", "must be a file"),
+        ("/dev/zero", "must be a file"),
+        (".", "Is a directory"),
+    ],
+)
+def test_a_journal_of_uploads_on_another_file_is_refused_at_check(
+    tmp_path: Path, file: str, told: str
+):
+    example = EXAMPLE.parent / "upload"
+    for path in example.iterdir():
+        if path.is_file():
+            (tmp_path / path.name).write_bytes(path.read_bytes())
+    (tmp_path / "day1.csv").write_text("time,X\n0,1\n")
+    [config] = [p for p in tmp_path.glob("*.toml") if "[upload]" in p.read_text(encoding="utf-8")]
+    text = config.read_text(encoding="utf-8").replace(
+        "[upload]\n", f'[journal]\nfile = "my.log"\n[upload]\njournal = "{file}"\n', 1
+    )
+    config.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=told) as found:
+        load_config(config)
+    assert found.value.field == "upload.journal"
+
+
 @pytest.mark.parametrize("content", [None, "", EARLIER, "\0" * 40 + EARLIER])
 def test_a_journal_goes_on_in_an_earlier_one(config: Path, content: str | None):
     if content is not None:
