@@ -5,7 +5,7 @@ import stat
 
 import pytest
 
-from compcore.atomic import write_atomically
+from compcore.atomic import write_atomically, write_together
 from compcore.errors import InputError
 
 
@@ -50,3 +50,24 @@ def test_a_folder_in_the_files_place_is_said(tmp_path):
     with pytest.raises(InputError, match="cannot be written: Is a directory"):
         write_atomically(tmp_path / "a", "x")
     assert [p.name for p in tmp_path.iterdir()] == ["a"]
+
+
+def test_files_that_belong_together_are_all_old_or_all_new(tmp_path, monkeypatch):
+    names = [tmp_path / n for n in "abc"]
+    for path in names[:2]:
+        path.write_text("old")
+    sync, left = os.fsync, [1, 1]
+
+    def full(handle):
+        if not left:
+            raise OSError(28, "No space left on device")
+        left.pop()
+        sync(handle)
+
+    with monkeypatch.context() as disk:
+        disk.setattr(os, "fsync", full)
+        with pytest.raises(InputError, match=r"c: cannot be written: No space left"):
+            write_together(dict.fromkeys(names, "new"))
+    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"a": "old", "b": "old"}
+    write_together(dict.fromkeys(names, "new"))
+    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == dict.fromkeys("abc", "new")
