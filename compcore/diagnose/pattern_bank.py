@@ -41,7 +41,9 @@ class PatternBank:
         self, fitted: Basis, patterns: Sequence[Pattern], seen: Mapping[Channel, F64]
     ) -> None:
         self._patterns = patterns
-        self._parts = [_Part.of(fitted, c, seen[c]) for c in {p.channel: None for p in patterns}]
+        # an error motion that no row sees has no columns, and no part
+        channels = [c for c in {p.channel: None for p in patterns} if seen[c].any()]
+        self._parts = [_Part.of(fitted, c, seen[c]) for c in channels]
         self._batches = [batch for part in self._parts for batch in _batches(part, patterns)]
         self._grams: dict[int, F64] = {}
 

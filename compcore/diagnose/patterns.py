@@ -363,7 +363,7 @@ def _smooth(v: Variable, degree: int, rows: Rows) -> F64:
 def _surface(a: Variable, b: Variable, degree: int, rows: Rows) -> F64:
     one = chebyshev.chebvander(a.value[rows], degree)[:, 1:, None]
     two = chebyshev.chebvander(b.value[rows], degree)[:, None, 1:]
-    return _f64(one * two).reshape(len(one), degree * degree)
+    return _f64(one * two).reshape(len(one), -1)
 
 
 def _times_smooth(v: Variable, w: Variable, degree: int, rows: Rows) -> F64:
