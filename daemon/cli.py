@@ -6,6 +6,7 @@ interrupted. Nothing is imported here before interruptions are caught.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import os
 import signal
@@ -17,16 +18,20 @@ INTERRUPTED = 130
 
 def main() -> None:
     """Run the command line; a user's mistake is one message, never a traceback."""
+    # what is done is done: a late Ctrl-C would only tear the interpreter's end
+    atexit.register(_ignore_interruptions)
     try:
         status = _run()
     except KeyboardInterrupt:
         status = INTERRUPTED
-    # what is done is done: a late Ctrl-C would only tear the interpreter's end
-    with contextlib.suppress(ValueError):
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
     if status == INTERRUPTED:
         _tell("interrupted")
     sys.exit(status)
+
+
+def _ignore_interruptions() -> None:
+    with contextlib.suppress(ValueError):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _run() -> int:

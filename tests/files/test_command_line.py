@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -117,6 +118,12 @@ def test_an_interruption_while_a_file_is_written_leaves_the_old_one(
     done = abbe(*line_of(task)(shop, out))
     assert (done.status, done.out, done.err) == (130, "", "abbe: interrupted\n")
     assert {p: p.read_bytes() for p in shop.iterdir()} == before
+
+
+def test_a_command_leaves_the_interruptions_of_its_process_alone(shop: Path):
+    before = signal.getsignal(signal.SIGINT)
+    assert abbe("history", shop / "fitted.toml").status == 0
+    assert signal.getsignal(signal.SIGINT) is before
 
 
 def test_names_that_are_no_utf_8(shop: Path):
