@@ -40,7 +40,7 @@ KINDS: dict[str, Kind] = {
     "silent": Kind((0.1, 3.0), (0, 0), "no answer"),
     "reset": Kind((0.05, 0.1), (0, 0), "the connection is cut"),
     "away": Kind((0.2, 2.0), (0, 0), "the connection is cut and refused"),
-    "mirrored": Kind((1.5, 4.0), (0, 0), "what is written appears where positions are read"),
+    "mirrored": Kind((1.5, 3.0), (0, 0), "what is written appears where positions are read"),
     "write_refused": Kind((0.2, 5.0), (0, 0), "writes are refused"),
     "write_late": Kind((0.2, 2.0), (0.02, 1.5), "writes are taken and answered so many s later"),
     "write_unanswered": Kind((0.2, 2.0), (0, 1), "not answered; below 0.5 taken all the same"),
@@ -49,5 +49,5 @@ KINDS: dict[str, Kind] = {
     "sensor_bad": Kind((0.3, 3.0), (0, 0), "X's thermometer is broken"),
 }
 
-AT_REST = frozenset({"mirrored"})
-"""The machine stands meanwhile."""
+LAST = frozenset({"mirrored"})
+"""Abbe stops for good, and rightly: one of these, when the machine stands, ends a script."""

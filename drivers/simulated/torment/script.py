@@ -7,7 +7,7 @@ from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from .kinds import AT_REST, KINDS
+from .kinds import KINDS, LAST
 
 
 class Torment(NamedTuple):
@@ -39,7 +39,8 @@ class Script:
     """
 
     def __init__(self, seed: str, kinds: Sequence[str], seconds: float) -> None:
-        self.torments = tuple(_made(random.Random(seed), kinds, seconds - 3.0))
+        torments = _made(random.Random(seed), kinds, seconds - 3.0)
+        self.torments = tuple(sorted(torments, key=lambda torment: torment.begin))
         self._begins = [t.begin for t in self.torments]
         self._begin = float("inf")
         self._by_kind = {
@@ -82,9 +83,15 @@ def _made(chance: random.Random, kinds: Sequence[str], seconds: float) -> Iterat
     time = 1.0
     made: list[Torment] = []
     waiting: list[str] = []
-    while True:
+    last = [name for name in kinds if name in LAST]
+    often = [name for name in kinds if name not in LAST]
+    if last:
+        name = chance.choice(last)
+        seconds -= KINDS[name].seconds[1] + 1.0
+        yield Torment(name, seconds + 1.0, seconds + 1.0 + KINDS[name].seconds[1], 0.0)
+    while often:
         if not waiting:
-            waiting = list(kinds)
+            waiting = list(often)
             chance.shuffle(waiting)
         name = waiting.pop()
         kind = KINDS[name]
@@ -94,9 +101,8 @@ def _made(chance: random.Random, kinds: Sequence[str], seconds: float) -> Iterat
         if torment.end > seconds:
             break
         made.append(torment)
-        alone = name in AT_REST or (waiting and waiting[-1] in AT_REST)
-        if chance.random() < 0.2 and not alone:
+        if chance.random() < 0.2:
             time += chance.uniform(0.0, length)
         else:
             time = max(t.end for t in made) + chance.choice((0.3, 1.0, 3.5))
-    yield from sorted(made, key=lambda torment: torment.begin)
+    yield from made

@@ -15,7 +15,7 @@ from pathlib import Path
 from .checker import Checker, Tally, between
 from .configuration import write_configuration
 from .evidence import WireLog
-from .kinds import AT_REST
+from .kinds import LAST
 from .loop import Loop
 from .machine import Machine
 from .motion import Motion
@@ -133,7 +133,7 @@ class Trial:
                 return
         self.script.start(time.monotonic())
         self._log.say("!", "the script begins")
-        halts = deque(t for t in self.script.torments if t.kind in AT_REST)
+        halts = deque(t for t in self.script.torments if t.kind in LAST)
         began = self._calm_since = time.monotonic()
         while (now := self._turn()) < began + self._seconds and abbe.poll() is None:
             self._recover(now)
