@@ -241,6 +241,15 @@ class Machine(RuleBasedStateMachine):
     def goes_on(self, count: int, elapsed: float) -> None:
         self.cycles(count, elapsed)
 
+    @rule(place=st.sampled_from((100.0, 300.0, 500.0)))
+    def recovers(self, place: float) -> None:
+        """All is well until everything is corrected in full."""
+        self.link.place = dict.fromkeys(AXES, place)
+        self.cycles(80, 0.05)
+        if place <= 300.0:  # farther out the correction is too long
+            assert self.decision is not None
+            assert self.decision.compensating
+
     @rule(place=st.tuples(*[st.sampled_from((0.0, 80.0, 300.0, 520.0, 600.0))] * 3))
     def moves(self, place: tuple[float, float, float]) -> None:
         self.link.place = dict(zip(AXES, place, strict=True))
@@ -259,15 +268,19 @@ class Machine(RuleBasedStateMachine):
 
     @rule(
         fate=st.sampled_from(FATES[1:]),
-        count=st.integers(1, 400),
-        place=st.sampled_from((0.0, 300.0, 600.0)),
+        count=st.sampled_from((150, 30, 3)),
+        speed=st.sampled_from((2.0, -2.0, 0.3, 6.0)),
+        then=st.lists(st.sampled_from(FATES), max_size=3),
     )
-    def for_long(self, fate: str, count: int, place: float) -> None:
+    def for_long(self, fate: str, count: int, speed: float, then: list[str]) -> None:
+        """One fate for all messages while X moves, so fast in mm a cycle."""
         for _ in range(count):
             self.link.fates = [fate] * 5
+            self.link.place["X"] = min(max(self.link.place["X"] + speed, 0.0), 600.0)
             self.cycle(0.02)
+        self.link.fates = list(then)
+        self.cycle(0.02)
         self.link.fates = []
-        self.link.place["X"] = place
 
     @rule(slow=st.sampled_from((0.03, 0.09, 0.3)), age=st.sampled_from((0.0, 0.1, 0.19)))
     def is_slow(self, slow: float, age: float) -> None:
@@ -307,5 +320,5 @@ class Machine(RuleBasedStateMachine):
             assert math.hypot(*(c for c, _ in self.had.values())) <= NORM + TINY
 
 
-Machine.TestCase.settings = settings(max_examples=60, stateful_step_count=25)
+Machine.TestCase.settings = settings(max_examples=70, stateful_step_count=20)
 TestGuardAndWriteBack = Machine.TestCase

@@ -69,7 +69,8 @@ class Checker:
     stalled
         Between two monotonic times: whether this process stood still in between.
     waited
-        Between two monotonic times: how long Abbe was ready to run and did not get a processor, s.
+        Between two monotonic times: how long Abbe was ready to run and did not get a processor, and
+        how late anything else was that is this computer's business, s.
 
     Attributes
     ----------
@@ -269,7 +270,7 @@ class Checker:
                 self._fail(
                     moment,
                     "position",
-                    f"{axis} = {value:.5f} is {off:+.3f} mm from the machine, which stands: it "
+                    f"{axis} = {value:.5f} has walked {off:+.3f} mm while the machine stands: it "
                     "follows what was written",
                 )
             return

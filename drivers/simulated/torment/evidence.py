@@ -38,7 +38,7 @@ class Shown:
     frozen
         The picture is an old one, and its heartbeat is the only thing that tells.
     mirrored
-        Where the machine truly is, while what stands where positions are is what Abbe wrote.
+        What was held when what is held began to appear where positions are; the machine stands.
     covers
         What of it the answer told.
     """

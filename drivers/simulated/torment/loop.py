@@ -10,6 +10,7 @@ import heapq
 import itertools
 import select
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -36,6 +37,8 @@ class Loop:
     ----------
     stalls
         (begin, end) of times in which this process did not run, monotonic, s.
+    delays
+        (when, how much) something came later than it was to come, monotonic, s.
     """
 
     def __init__(self) -> None:
@@ -46,6 +49,7 @@ class Loop:
         self._count = itertools.count()
         self._last = time.monotonic()
         self.stalls: list[tuple[float, float]] = []
+        self.delays: deque[tuple[float, float]] = deque(maxlen=2000)
 
     def watch(self, fd: int, reader: Reader) -> None:
         """Call `reader` whenever `fd` can be read."""
@@ -77,6 +81,8 @@ class Loop:
             wait = max(0.0, min(wait, self._timers[0][0] - entered))
         ready = self._poll.poll(wait)
         now = time.monotonic()
+        if now - entered > wait + 0.002:
+            self.delays.append((now, now - entered - wait))
         if now - entered > wait + STALL:
             self.stalls.append((entered, now))
         found = {fd for fd, _ in ready}
@@ -91,6 +97,16 @@ class Loop:
             heapq.heappop(self._timers)[2]()
         self._last = time.monotonic()
         return self._last
+
+    def delayed(self, early: float, late: float) -> float:
+        """The largest delay between two monotonic times, s."""
+        largest = 0.0
+        for when, delay in reversed(self.delays):
+            if when < early:
+                break
+            if when - delay < late:
+                largest = max(largest, delay)
+        return largest
 
     def close(self) -> None:
         """End it."""

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 from .evidence import AXES, Judge, Shown, Taken
 from .loop import Moment
-from .motion import Motion
+from .motion import Motion, Place
 from .script import Script
 
 RESOLUTION = 1e-5
@@ -50,6 +50,7 @@ class Machine:
         self._number = 0
         self._picture: Shown | None = None
         self._stopped_beat: int | None = None
+        self._mirrored: Place | None = None
         self._chance = random.Random(1)
 
     def look(self, now: float) -> Shown:
@@ -73,8 +74,8 @@ class Machine:
         x, y, z = (rounded(p) for p in self.motion.at(now))
         mirrored = None
         if active("mirrored", now) and all(axis in self.held for axis in AXES):
-            mirrored = (x, y, z)
             x, y, z = (self.held[axis] for axis in AXES)
+            mirrored = self._mirrored = self._mirrored or (x, y, z)
         self._number += 1
         place = (x, y, z)
         self._picture = Shown(

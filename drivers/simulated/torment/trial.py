@@ -22,6 +22,7 @@ from .motion import Motion
 from .promises import Promises, Violation
 from .script import Script
 from .wires import wire_class
+from .wires.pty import PtyProbe
 from .words import COMPENSATING
 
 PATIENCE = 60.0
@@ -98,6 +99,7 @@ class Trial:
         """Start Abbe, torment it, end it, judge."""
         self._log.open()
         self._wire.start()
+        probe = PtyProbe(self._loop)
         config = write_configuration(self._folder, self._wire, self._promises)
         with (self._folder / "abbe.log").open("wb") as said:
             self._abbe = subprocess.Popen(
@@ -113,6 +115,7 @@ class Trial:
                 if self._abbe.poll() is None:
                     self._abbe.kill()
                     self._abbe.wait()
+                probe.close()
                 self._wire.close()
                 self._loop.close()
                 self._log.close()
@@ -194,10 +197,10 @@ class Trial:
         return between(self._loop.stalls[-20:], early, late)
 
     def _waited(self, early: float, late: float) -> float:
-        """How long Abbe waited for a processor between two monotonic times, s."""
+        """How long Abbe waited for a processor, and pseudo-terminals for the kernel, s."""
         if not self._waits:
             return 0.0
-        after = self._wait()
+        after = self._wait() + self._loop.delayed(early, late)
         before = self._waits[0][1]
         for when, wait in reversed(self._waits):
             if when <= early:

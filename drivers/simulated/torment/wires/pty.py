@@ -1,10 +1,11 @@
-"""One end of a serial line: a raw pseudo-terminal that can be unplugged."""
+"""One end of a serial line: a raw pseudo-terminal that can be unplugged; how late those are."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import pty
+import time
 import tty
 from collections.abc import Callable
 from pathlib import Path
@@ -84,3 +85,43 @@ class PtyEnd:
                 self._early = moment.early
             self.held += data
             self._on_data(Moment(self._early, moment.late))
+
+
+class PtyProbe:
+    """Sends bytes to itself: on a busy computer the kernel's own part of a pseudo-terminal is late.
+
+    Parameters
+    ----------
+    loop
+        Gets the delays.
+    every
+        s between two bytes.
+    """
+
+    def __init__(self, loop: Loop, every: float = 0.02) -> None:
+        self._loop = loop
+        self._every = every
+        self._master, self._slave = pty.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self._sent = 0.0
+        self._closed = False
+        loop.watch(self._master, self._readable)
+        self._send()
+
+    def close(self) -> None:
+        """End it."""
+        self._closed = True
+        self._loop.forget(self._master)
+        os.close(self._master)
+        os.close(self._slave)
+
+    def _send(self) -> None:
+        if not self._closed:
+            self._sent = time.monotonic()
+            os.write(self._slave, b".")
+
+    def _readable(self, moment: Moment) -> None:
+        os.read(self._master, 64)
+        self._loop.delays.append((moment.late, moment.late - self._sent))
+        self._loop.after(self._every, self._send)
