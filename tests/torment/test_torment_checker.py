@@ -173,14 +173,14 @@ def test_mirrored_registers(scene: Scene) -> None:
 
 def test_an_end_that_the_controller_was_not_told(scene: Scene) -> None:
     scene.checker.ending = 2.0
-    scene.checker.ended(0, 3.0, calm=True)
+    scene.checker.ended(0, 3.0)
     assert scene.found == ["end"]
 
 
 def test_a_right_end(scene: Scene) -> None:
     scene.checker.ending = 2.0
     scene.write(2.5, {"status": 0.0, "heartbeat": 9.0})
-    scene.checker.ended(0, 3.0, calm=True)
+    scene.checker.ended(0, 3.0)
     assert scene.found == []
 
 

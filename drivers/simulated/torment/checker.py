@@ -88,7 +88,6 @@ class Checker:
     violations: list[Violation] = field(default_factory=list)
     tally: Tally = field(default_factory=Tally)
     ending: float = math.inf
-    exempt: bool = False
 
     def __post_init__(self) -> None:
         self._shown: deque[Shown] = deque()
@@ -377,27 +376,11 @@ class Checker:
             text = f"{1e3 * got:.2f} µm, the model says {1e3 * bounds[0]:.2f} µm"
         self._fail(moment, "status", f"COMPENSATING, and {axis} is corrected by {text}")
 
-    def ended(self, exit_status: int, now: float, *, calm: bool) -> None:
-        """Abbe's process is over.
-
-        Parameters
-        ----------
-        exit_status
-            Its exit status.
-        now
-            Monotonic time, s.
-        calm
-            Whether nothing was tormented since it was told to end.
-        """
-        moment = Moment(now, now)
-        if self._word != 0 and (calm or exit_status == 0):
-            self._fail(
-                moment,
-                "end",
-                f"exit status {exit_status}, and the controller has status 0x{self._word:04x}",
-            )
-        if calm and exit_status != 0:
-            self._fail(moment, "end", f"exit status {exit_status} after a calm end")
+    def ended(self, exit_status: int, now: float) -> None:
+        """Abbe's process is over at a monotonic time, s, with an exit status."""
+        if self._word != 0 and exit_status == 0:
+            text = f"exit status 0, and the controller has status 0x{self._word:04x}"
+            self._fail(Moment(now, now), "end", text)
 
 
 def _fit(shown: Shown) -> bool:

@@ -39,6 +39,8 @@ class Loop:
         (begin, end) of times in which this process did not run, monotonic, s.
     delays
         (when, how much) something came later than it was to come, monotonic, s.
+    expected
+        Since when something is under way that ought to come at once; infinite: nothing is.
     """
 
     def __init__(self) -> None:
@@ -49,6 +51,7 @@ class Loop:
         self._count = itertools.count()
         self._last = time.monotonic()
         self.stalls: list[tuple[float, float]] = []
+        self.expected = float("inf")
         self.delays: deque[tuple[float, float]] = deque(maxlen=2000)
 
     def watch(self, fd: int, reader: Reader) -> None:
@@ -100,7 +103,7 @@ class Loop:
 
     def delayed(self, early: float, late: float) -> float:
         """The largest delay between two monotonic times, s."""
-        largest = 0.0
+        largest = max(0.0, late - max(self.expected, early))
         for when, delay in reversed(self.delays):
             if when < early:
                 break

@@ -156,7 +156,7 @@ class Trial:
                 return
         for _ in range(20):
             self._turn()
-        self._checker.ended(abbe.returncode, time.monotonic(), calm=True)
+        self._checker.ended(abbe.returncode, time.monotonic())
         self._tell()
 
     def _recover(self, now: float) -> None:
