@@ -17,7 +17,7 @@ from drivers.simulated.torment.wires import WIRES, wire_class
 
 pytestmark = pytest.mark.integration
 
-SECONDS = 11.0
+SECONDS = 9.0
 RUNS = [
     ("modbus-tcp", "plain", 1),
     ("modbus-tcp", "patient", 2),
