@@ -88,7 +88,7 @@ class Ending:
     async def _try(self, link: Link, channel: str, until: float) -> str:
         if link.status.state not in _OPEN:
             return f"link {link.name} is {link.status.state.value}"
-        writing = asyncio.ensure_future(link.write({channel: STOPPED}, until=until))
+        writing = asyncio.ensure_future(link.write(self._message(link, channel), until=until))
         done, _ = await asyncio.wait({writing}, timeout=max(0.0, until - time.monotonic()))
         if not done:
             writing.cancel()
@@ -99,6 +99,16 @@ class Ending:
         if error is not None:
             return f"link {link.name}: its driver failed: {error}"
         return ""
+
+    def _message(self, link: Link, channel: str) -> dict[str, float]:
+        """The word, and what the link cannot send apart from it, as the controller has it."""
+        held = self._write_back.held
+        along = {
+            name: held[link.name, name].value
+            for name in link.goes_with(channel)
+            if (link.name, name) in held
+        }
+        return along | {channel: STOPPED}
 
     def check(self) -> None:
         """See that nobody takes the controller's registers for fresh ones.

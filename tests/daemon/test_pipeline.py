@@ -442,6 +442,24 @@ async def test_a_driver_that_hangs_while_it_writes_is_told_with_what_the_control
     assert f"X {x:.10g} mm since" in told
 
 
+async def test_the_word_goes_with_what_cannot_be_sent_apart_from_it(
+    configuration: Configuration, link: MemoryLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Status and heartbeat are signals of one CAN message."""
+    together = frozenset(("abbe_status", "abbe_heartbeat"))
+    monkeypatch.setattr(
+        link, "goes_with", lambda name: together if name in together else frozenset((name,))
+    )
+    run = Run(configuration, link)
+
+    async def story() -> None:
+        await run.until(compensating)
+
+    await run.during(story)
+    before, last = link.written[-2:]
+    assert last == {"abbe_status": STOPPED, "abbe_heartbeat": before["abbe_heartbeat"]}
+
+
 async def test_a_second_stop_leaves_out_the_ramp_but_not_the_word(
     tmp_path: Path, link: MemoryLink
 ) -> None:
