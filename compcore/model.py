@@ -204,8 +204,10 @@ class Model:
 
     def predict(self, conditions: Conditions) -> Prediction:
         """The error at the functional point at n rows of conditions."""
-        chain = Chain(self.machine, conditions)
-        motions = self.error_motions(conditions)
+        return self._predict(Chain(self.machine, conditions))
+
+    def _predict(self, chain: Chain) -> Prediction:
+        motions = self.error_motions(chain.conditions)
         if self.composition == "exact":
             translation, orientation = exact(chain, motions)
             skew = orientation - np.swapaxes(orientation, 1, 2)
@@ -220,8 +222,9 @@ class Model:
         On a machine whose linear axes stand square to the bed these are the components of the
         error; where rotary axes carry linear ones, the components along those axes as they stand.
         """
-        error = self.predict(conditions).translation
-        moves = Chain(self.machine, conditions).axis_moves()
+        chain = Chain(self.machine, conditions)
+        error = self._predict(chain).translation
+        moves = chain.axis_moves()
         along = np.asarray(np.linalg.solve(moves, error[:, :, None])[:, :, 0], dtype=np.float64)
         return {axis: along[:, k] for k, axis in enumerate("XYZ")}
 

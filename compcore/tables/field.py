@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from hashlib import blake2b
 from typing import Literal
 
 import numpy as np
@@ -24,6 +25,8 @@ Lookup = Literal["indicated", "command"]
 _SETTLED = 1e-6
 """mm: what another round may still change for a command to count as found."""
 _ROUNDS = 50
+_KEPT = 100
+"""Errors that are remembered, some 0.3 MB each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +49,7 @@ class ErrorField:
     model: Model
     state: SlowState
     lookup: Lookup = "indicated"
+    _known: dict[bytes, F64] = field(default_factory=dict, repr=False)
 
     def conditions(
         self, positions: Mapping[str, F64], directions: Mapping[str, F64] | None = None
@@ -63,6 +67,17 @@ class ErrorField:
         NotContractionError
             When the error changes too fast with position for a command to be found.
         """
+        # several sets of tables are made from one field, each asking at the same places
+        key = _places(positions, directions or {})
+        if key not in self._known:
+            if len(self._known) >= _KEPT:
+                self._known.clear()
+            self._known[key] = self._error(positions, directions)
+        return self._known[key].copy()
+
+    def _error(
+        self, positions: Mapping[str, F64], directions: Mapping[str, F64] | None = None
+    ) -> F64:
         here = self.conditions(positions, directions)
         error = self._at(here)
         if self.lookup == "indicated":
@@ -139,6 +154,17 @@ class ErrorField:
                 found.update(term.effect.kinks(machine).get(axis, ()))
         low, high = machine.axis(axis).travel
         return np.array(sorted(p for p in found if low < p < high))
+
+
+def _places(*tables: Mapping[str, F64]) -> bytes:
+    """A fingerprint of positions and directions."""
+    told = blake2b()
+    for table in tables:
+        for name, values in table.items():
+            told.update(f"{name} {len(values)} ".encode())
+            told.update(np.asarray(values, dtype=np.float64).tobytes())
+        told.update(b";")
+    return told.digest()
 
 
 def table_state(
