@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from compcore.campaign import Campaign
 from compcore.campaign_csv.columns import AXIS, read_columns
-from compcore.campaign_csv.head import FORMAT, Head, plain_line, read_head
+from compcore.campaign_csv.head import FORMAT, Head, add_metadata, plain_line, read_head
 from compcore.campaign_csv.join import join_campaigns
-from compcore.campaign_csv.lines import LineSource
+from compcore.campaign_csv.lines import LineSource, csv_cells
 from compcore.campaign_csv.rows import Rows
 from compcore.campaign_csv.table import parse_rows
 from compcore.campaign_csv.writing import write_campaign
@@ -93,7 +92,7 @@ def _head_and_header(
     for first, lines in chunks:
         for i, line in enumerate(lines):
             if (text := plain_line(line)) is not None:
-                top.append(text)
+                add_metadata(top, text, file)
                 continue
             head = read_head(top, file)
             return head, _header(line, file, first + i), first + i, lines[i + 1 :]
@@ -155,7 +154,4 @@ def require_signals(campaign: Campaign, model: Model) -> None:
 
 
 def _header(text: str, file: str, line: int) -> list[str]:
-    try:
-        return next(csv.reader([text], strict=True))
-    except csv.Error as error:
-        raise InputError(f"not a header line: {error}", file=file, line=line) from None
+    return csv_cells(text, file, line, "a header line")

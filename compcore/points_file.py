@@ -8,7 +8,6 @@ say what the named tools' offsets are, as in a campaign.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
@@ -19,9 +18,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from compcore.campaign_csv.believable import column_ranges
 from compcore.campaign_csv.columns import TOOL, Columns, name_columns
-from compcore.campaign_csv.head import plain_line, read_head
-from compcore.campaign_csv.lines import LineSource
+from compcore.campaign_csv.head import add_metadata, plain_line, read_head
+from compcore.campaign_csv.lines import LineSource, csv_cells
 from compcore.errors import InputError
 from compcore.machine import Machine
 
@@ -106,14 +106,16 @@ class PointsFile(AbstractContextManager["PointsFile"]):
             for i, text in enumerate(lines):
                 if (metadata := plain_line(text)) is not None:
                     self.top.append(text)
-                    plain.append(metadata)
+                    add_metadata(plain, metadata, self.file)
                     continue
                 self.header, line = text, first + i
                 self._rest = (line + 1, lines[i + 1 :])
-                cells = next(csv.reader([text]))
+                cells = csv_cells(text, self.file, line, "a header line")
                 self.columns = name_columns(cells, self._machine, self.file, line)
                 self._tools = self._named_tools(plain)
                 self._wanted = self._numbers()
+                ranges = column_ranges(self.columns, self._machine)
+                self._ranges = [(n, *ranges[n]) for n in self._wanted if n in ranges]
                 return
         raise InputError(
             "the header is missing",
@@ -156,6 +158,12 @@ class PointsFile(AbstractContextManager["PointsFile"]):
         if numbers is None:
             numbers = self._slow(text, line)
         columns = dict(zip(self._wanted, numbers.T, strict=True))
+        for name, allowed, why in self._ranges:
+            outside = allowed.outside(columns[name])
+            if outside.any():
+                row = int(outside.argmax())
+                found = f"{columns[name][row]:g}"
+                raise self._error(line[row], name, "not believable", found, f"{allowed}{why}")
         for column in self.columns.directions.values():
             wrong = ~np.isin(columns[column], (-1.0, 0.0, 1.0))
             if wrong.any():
@@ -188,7 +196,7 @@ class PointsFile(AbstractContextManager["PointsFile"]):
         places = [self.columns.index(name) for name in self._wanted]
         numbers = np.empty((len(text), len(places)))
         for i, row in enumerate(text):
-            cells = next(csv.reader([row]))
+            cells = csv_cells(row, self.file, int(line[i]), "a row of CSV")
             if len(cells) != width:
                 raise InputError(
                     f"too {'few' if len(cells) < width else 'many'} fields",
@@ -214,7 +222,11 @@ class PointsFile(AbstractContextManager["PointsFile"]):
 
     def _put_tools(self, text: list[str], line: NDArray[np.int64], columns: dict[str, F64]) -> None:
         at = self.columns.index("tool")
-        names = [next(csv.reader([row]))[at].strip() for row in text]
+        cells = (
+            csv_cells(row, self.file, int(i), "a row of CSV")
+            for row, i in zip(text, line, strict=True)
+        )
+        names = [row[at].strip() for row in cells]
         zero = np.zeros(len(text))
         offset = np.stack([columns.get(name, zero) for name in TOOL], axis=1)
         for i, name in enumerate(names):

@@ -18,6 +18,7 @@ FORMAT = "abbe-campaign/1"
 Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
 _Vec = tuple[Finite, Finite, Finite]
 _PADDING = ",,"
+_MOST_LINES = 100_000
 
 
 class _Section(BaseModel):
@@ -77,12 +78,33 @@ def plain_line(line: str) -> str | None:
     Spreadsheets quote a cell that holds quotes and pad the line with empty cells: both undone.
     """
     if line.startswith('"#'):
-        line = next(csv.reader([line]))[0]
+        try:
+            line = next(csv.reader([line]))[0]
+        except csv.Error:
+            return None  # a cell without end: no header either, which is told with its line
     if not line.startswith("#"):
         return "" if not line.strip(", \t") else None
     while line.endswith(_PADDING):
         line = line.rstrip(",")
     return line[1:].removeprefix(" ")
+
+
+def add_metadata(top: list[str], text: str, file: str) -> None:
+    """Keep one more line of metadata.
+
+    Raises
+    ------
+    InputError
+        When there are more than any campaign has.
+    """
+    if len(top) == _MOST_LINES:
+        raise InputError(
+            "metadata without end",
+            file=file,
+            line=len(top) + 1,
+            expected=f"a header and rows after at most {_MOST_LINES} lines of metadata",
+        )
+    top.append(text)
 
 
 def read_head(lines: list[str], file: str) -> Head:

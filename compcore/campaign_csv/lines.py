@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
 from collections.abc import Iterator
 from contextlib import AbstractContextManager
@@ -12,6 +13,8 @@ from compcore.errors import InputError
 
 CHUNK = 1 << 20
 """Bytes read at once: parsing needs some fifteen times this beside its result."""
+LONGEST = 1 << 20
+"""Bytes that a line may have."""
 _BOM = b"\xef\xbb\xbf"
 
 
@@ -76,8 +79,21 @@ class LineSource(AbstractContextManager["LineSource"]):
             self._ended = True
             block, self._rest = self._rest, b""
             return block
+        if b"\0" in block:
+            before = (self._rest + block).partition(b"\0")[0]
+            self._decoded(before, self.next_line)  # UTF-16 is told as what it is
+            line = self.next_line + before.count(b"\n")
+            raise InputError("not a text file", file=self.file, line=line, found="\0")
         block = self._rest + block
         end = block.rfind(b"\n") + 1
+        if len(block) - end > LONGEST:
+            raise InputError(
+                "not a text file of lines",
+                file=self.file,
+                line=self.next_line + block.count(b"\n"),
+                found=f"a line of more than {LONGEST / 1e6:g} MB",
+                expected="one observation a line",
+            )
         self._rest = block[end:]
         return block[:end]
 
@@ -95,7 +111,18 @@ class LineSource(AbstractContextManager["LineSource"]):
                 found=block[error.start : error.start + 1],
                 expected="a file saved as UTF-8 ('CSV UTF-8' in a spreadsheet)",
             ) from None
-        if "\0" in text:
-            line = first + text.count("\n", 0, text.index("\0"))
-            raise InputError("not a text file", file=self.file, line=line, found="\0")
         return text.replace("\r\n", "\n") if "\r" in text else text
+
+
+def csv_cells(text: str, file: str, line: int, what: str) -> list[str]:
+    """The cells of one line of comma-separated values.
+
+    Raises
+    ------
+    InputError
+        When it is not `what` it should be: quotes that do not end, a cell without end.
+    """
+    try:
+        return next(csv.reader([text], strict=True))
+    except csv.Error as error:
+        raise InputError(f"not {what}: {error}", file=file, line=line, found=text[:40]) from None

@@ -28,6 +28,8 @@ PER_UNIT = {
 """What one mm or rad inside the code is in the file: µm, µrad; distances mm."""
 DEFAULT_FREE = {True: (), False: ("zero",)}
 """`free` of a set-up that is not listed, by whether it measures distances."""
+_NO_COMPONENT = 1e6
+"""Of a unit vector: the squares of larger numbers may not be numbers any more."""
 _LENGTH_TOLERANCE = 1e-3
 """Three decimals of a unit vector's components are enough; its length is made 1 exactly."""
 
@@ -189,6 +191,9 @@ class Rows:
             np.copyto(value, 0.0, where=~component)
         if not component.any():
             return
+        for column in UNIT_VECTOR:
+            huge = component & (np.abs(numbers[column]) > _NO_COMPONENT)
+            self._refuse(huge, column, "not a component of a unit vector", "-1 to 1")
         u = np.stack([numbers[column] for column in UNIT_VECTOR], axis=1)
         length = np.linalg.norm(u, axis=1)
         wrong = component & (np.abs(length - 1.0) > _LENGTH_TOLERANCE)

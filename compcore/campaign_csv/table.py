@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from compcore.campaign_csv.columns import NAMES, Columns
 from compcore.campaign_csv.decimals import parse_decimals
+from compcore.campaign_csv.lines import csv_cells
 from compcore.campaign_csv.store import Names
 from compcore.errors import InputError
 
@@ -125,12 +126,7 @@ def _slow(
                 found=text[:40],
                 expected="metadata lines at the top of the file only",
             )
-        try:
-            fields = next(csv.reader([text], strict=True))
-        except csv.Error as error:
-            raise InputError(
-                f"not a row of CSV: {error}", file=columns.file, line=here, found=text[:40]
-            ) from None
+        fields = csv_cells(text, columns.file, here, "a row of CSV")
         if len(fields) != width:
             raise InputError(
                 f"too {'few' if len(fields) < width else 'many'} fields",

@@ -153,7 +153,8 @@ class Pool:
         """The same with less evidence where a parameter would be implausible."""
         if not found.established(basis.n):
             return found
-        variance = (basis.chi2 - found.screened.drop) / max(1, basis.dof - found.screened.rank)
+        left = max(0.0, basis.chi2 - found.screened.drop)
+        variance = left / max(1, basis.dof - found.screened.rank)
         if all(e.plausible for e in self.estimates(basis, found, variance)):
             return found
         return Found(

@@ -39,6 +39,8 @@ def search(pool: Pool, basis: Basis) -> tuple[list[Found], list[Found]]:
         All candidates against the model as it is, strongest evidence first.
     """
     ranked = pool.ranked(basis)
+    if basis.chi2 <= 0.0:
+        return [], ranked  # the model explains every digit: nothing is left to be explained
     established: list[Found] = []
     current, first = basis, ranked
     while len(established) < _MOST:
@@ -109,7 +111,7 @@ def _simplest(pool: Pool, basis: Basis, leaders: Sequence[Found]) -> Found | Non
         f
         for f in leaders
         if identity(f.candidate.effect) == identity(best.candidate.effect)
-        and f.evidence.value > best.evidence.value - INDISTINCT
+        and f.evidence.value >= best.evidence.value - INDISTINCT
     ]
     return min(
         alike,

@@ -239,6 +239,8 @@ class Patterns:
 
 
 def _value(basis: Basis, drop: float, rank: int) -> float:
+    if basis.chi2 <= 0.0:
+        return -math.inf
     left = max(basis.chi2 - drop, 1e-12 * basis.chi2)
     return basis.dof * math.log(basis.chi2 / left) - rank * math.log(basis.n)
 

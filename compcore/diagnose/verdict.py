@@ -26,6 +26,7 @@ from compcore.diagnose.pool import Found, Pool
 from compcore.diagnose.screening import Basis
 from compcore.diagnose.search import joint_value, search
 from compcore.diagnose.structure import Patterns, Structure
+from compcore.errors import FitError
 from compcore.fit import FitResult, fit
 from compcore.model import Model
 from compcore.threads import threads_for
@@ -132,11 +133,16 @@ def diagnose(model: Model, campaign: Campaign, *, progress: Progress = lambda _:
     Raises
     ------
     FitError
-        When the campaign has no rows.
+        When the campaign has no rows, or no more than the model has unknowns.
     """
     progress("fitting the model as it is")
     whole = fit(model, campaign)
     result = whole.thin
+    if result.dof < 1:
+        raise FitError(
+            f"{result.problem.n} rows are as many as the model has unknowns: nothing is left over "
+            "that could be diagnosed; measure more"
+        )
     with threads_for(result.problem.n * result.problem.layout.size):
         return _diagnosed(model, whole, result, progress)
 

@@ -66,19 +66,23 @@ def fit(
             noise_floor=None if lengths is None else lengths.value,
             noise_floor_rotation=noise.value("rotation"),
         )
-        save_model(record, out)
+        tell("outliers, and whether bodies are rigid")
+        # all that could fail comes before anything is written
+        if as_json:
+            told = [json.dumps(fitted.as_json(result, noise), ensure_ascii=False)]
+        else:
+            told = [*fitted.as_text(result, noise)]
+            told += ["  " + line for line in fitted.parameter_lines(result)]
+        page = None
         if report is not None:
             from daemon.report.fitted import fit_page
 
             tell("drawing")
-            fit_page(result, record, noise).write(report)
-        tell("outliers, and whether bodies are rigid")
-        if as_json:
-            lines = [json.dumps(fitted.as_json(result, noise), ensure_ascii=False)]
-        else:
-            lines = list(fitted.as_text(result, noise))
-            lines += ["  " + line for line in fitted.parameter_lines(result)]
-    for line in lines:
+            page = fit_page(result, record, noise)
+        save_model(record, out)
+        if page is not None and report is not None:
+            page.write(report)
+    for line in told:
         say(line)
     if as_json:
         return

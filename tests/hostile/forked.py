@@ -48,6 +48,8 @@ class Case:
         read; if it is refused, all else holds.
     kept
         Names of outputs: made with `OLD` as content, and unchanged unless the case succeeds.
+    cpu
+        s of processor time that it may cost; more only where a good input costs more.
     """
 
     name: str
@@ -56,6 +58,7 @@ class Case:
     says: tuple[str, ...] = ()
     may_succeed: bool = False
     kept: tuple[str, ...] = field(default=())
+    cpu: float = CPU
 
     def __str__(self) -> str:
         return self.name
@@ -189,7 +192,7 @@ def faults(case: Case, outcome: Outcome, folder: Path) -> list[str]:
         made = {str(p.relative_to(work)) for p in work.rglob("*") if p.is_file()}
         if more := made - set(case.files) - set(case.kept):
             found.append(f"left behind: {sorted(more)}")
-    if outcome.cpu > CPU:
+    if outcome.cpu > case.cpu:
         found.append(f"took {outcome.cpu:.1f} s")
     if outcome.memory > MEMORY:
         found.append(f"took {outcome.memory / 1e6:.0f} MB")
