@@ -142,7 +142,7 @@ HEAD = (
 TEXT = f"""## The commands as typed
 
 `benchmarks/diagnosis_command.py`: `abbe diagnose`, `abbe fit` and `abbe compare`, from the start of
-the process to its end, reading and imports included: a bridge CMM measured through a day (as below
+the process to its end, reading and imports included: a bridge CMM measured through a day (as
 under *Every candidate tested*; two causes hidden; lines with more and more points), least of
 {TURNS} turns where there are fewer than 50,000 rows; other programs shared the two cores.
 *Pursuit*: a script that reads the same files, fits, computes and projects all candidates' columns
