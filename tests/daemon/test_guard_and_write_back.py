@@ -250,10 +250,13 @@ class Machine(RuleBasedStateMachine):
             assert self.decision is not None
             assert self.decision.compensating
 
-    @rule(place=st.tuples(*[st.sampled_from((0.0, 80.0, 300.0, 520.0, 600.0))] * 3))
-    def moves(self, place: tuple[float, float, float]) -> None:
+    @rule(
+        place=st.tuples(*[st.sampled_from((0.0, 80.0, 300.0, 520.0, 600.0))] * 3),
+        count=st.sampled_from((1, 150)),
+    )
+    def moves(self, place: tuple[float, float, float], count: int) -> None:
         self.link.place = dict(zip(AXES, place, strict=True))
-        self.cycle(0.02)
+        self.cycles(count)
 
     @rule(axis=st.sampled_from(AXES), way=st.floats(-20.0, 20.0))
     def moves_a_little(self, axis: str, way: float) -> None:
@@ -269,14 +272,19 @@ class Machine(RuleBasedStateMachine):
     @rule(
         fate=st.sampled_from(FATES[1:]),
         count=st.sampled_from((150, 30, 3)),
-        speed=st.sampled_from((2.0, -2.0, 0.3, 6.0)),
+        way=st.sampled_from((2.0, -2.0, 0.3, 20.0)),
+        back_and_forth=st.booleans(),
         then=st.lists(st.sampled_from(FATES), max_size=3),
     )
-    def for_long(self, fate: str, count: int, speed: float, then: list[str]) -> None:
-        """One fate for all messages while X moves, so fast in mm a cycle."""
-        for _ in range(count):
+    def for_long(
+        self, fate: str, count: int, way: float, back_and_forth: bool, then: list[str]
+    ) -> None:
+        """From full correction on one fate for all messages, while X moves by `way` a cycle."""
+        self.recovers(300.0)
+        for k in range(1, count + 1):
             self.link.fates = [fate] * 5
-            self.link.place["X"] = min(max(self.link.place["X"] + speed, 0.0), 600.0)
+            gone = (-1) ** k * way if back_and_forth else k * way
+            self.link.place["X"] = min(max(300.0 + gone, 0.0), 600.0)
             self.cycle(0.02)
         self.link.fates = list(then)
         self.cycle(0.02)
@@ -320,5 +328,5 @@ class Machine(RuleBasedStateMachine):
             assert math.hypot(*(c for c, _ in self.had.values())) <= NORM + TINY
 
 
-Machine.TestCase.settings = settings(max_examples=70, stateful_step_count=20)
+Machine.TestCase.settings = settings(max_examples=60, stateful_step_count=15)
 TestGuardAndWriteBack = Machine.TestCase
