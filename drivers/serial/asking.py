@@ -212,9 +212,9 @@ class AskedLine:
 
     def _keep(self, message: Message, found: Match) -> None:
         at, last, good = self._talk.asked_at, self._last, True
-        for channel, (field, reader) in message.readers.items():
+        for channel, text, reader in message.texts(found):
             try:
-                last[channel] = Sample(reader(found[field]), at)
+                last[channel] = Sample(reader(text), at)
             except FieldError as error:
                 last[channel] = Sample(_NAN, at, Quality.BAD, f"{channel}: {error}")
                 good = False

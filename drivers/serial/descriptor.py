@@ -97,7 +97,7 @@ class FdPort:
         """As `Port.wait`."""
         if self._closing is not None or not is_there(self._fd, seconds):
             return False
-        self._readable()
+        self._read()
         return True
 
     @property

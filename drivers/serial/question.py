@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from drivers.link import LinkProtocolError
 from drivers.pace import Pace
@@ -133,7 +133,7 @@ class Message(Question):
         Channel → the field's name and how its text becomes the value.
     """
 
-    __slots__ = ("pace", "query", "readers", "within")
+    __slots__ = ("_channels", "_fields", "_readers", "pace", "query", "readers", "within")
 
     def __init__(self, name: str, config: SerialConfig) -> None:
         section = config.messages[name]
@@ -150,6 +150,16 @@ class Message(Question):
             for channel, part in config.channels.items()
             if part.message == name
         }
+        self._channels = tuple(self.readers)
+        self._fields = tuple(field for field, _ in self.readers.values())
+        self._readers = tuple(reader for _, reader in self.readers.values())
+
+    def texts(self, found: Match) -> Iterable[tuple[str, str | None, Reader]]:
+        """Of each channel in an answer: name, its field's text, and what reads that."""
+        fields = self._fields
+        texts: Sequence[str | None]
+        texts = found.group(*fields) if len(fields) > 1 else (found[fields[0]],)
+        return zip(self._channels, texts, self._readers, strict=True)
 
     def value(self, channel: str, found: Match) -> float:
         """A channel's value in an answer.

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from serial_links import section
 
 from drivers.serial.config import SerialConfig
-from drivers.serial.patterns import LIMIT, Pattern, SlowPatternError, checked
+from drivers.serial.patterns import LIMIT, Pattern, SlowPatternError, checked, simple_up_to
 from drivers.serial.question import Question
 
 ROOM = 0.5
@@ -56,3 +56,34 @@ def test_what_cannot_be_compiled_is_one_clear_error() -> None:
         with pytest.raises(ValueError, match="pattern"):
             checked(bad).fields.index("x")
         assert time.process_time() - began < ROOM
+
+
+@pytest.mark.parametrize(
+    ("pattern", "longest"),
+    [
+        (r"(?P<x>[-+.\d]+)", 65_536),
+        (r"X(?P<x>[-+.\d]+) Y(?P<y>[-+.\d]+) Z(?P<z>[-+.\d]+)", 104),
+        (r"[]+]+ \)+", 630),
+        (r"x?[^]\]+]+y*z*", 82),
+        (r"(\d+)+", -1),
+        (r"(?:ab)*", -1),
+        (r"(a|ab)c+", -1),
+        (r"(?P<a>.)(?P=a)+", -1),
+        (r"(.)\1+", -1),
+        (r"(?=x).+", -1),
+        (r"(?x) a + b", -1),
+    ],
+)
+def test_up_to_which_length_a_pattern_is_certainly_fast(pattern: str, longest: int) -> None:
+    assert simple_up_to(pattern) == longest
+
+
+@pytest.mark.parametrize(
+    "pattern", [r"\d*\d*\d*x", r"\d*\d*x", r"(\d+)(\d+)(\d+)\D", r"\d?" * 9 + "x"]
+)
+def test_no_line_of_that_length_takes_long(pattern: str) -> None:
+    made, line = Pattern(pattern), "1" * min(simple_up_to(pattern), 4096)
+    began = time.process_time()
+    assert made.fullmatch(line) is None
+    assert made.fullmatch(line + "1") is None  # and one more is given to the other one
+    assert time.process_time() - began < ROOM
