@@ -54,7 +54,8 @@ class CanBus:
     config
         Which interface.
     on_frame
-        Called in the event loop with every frame and its arrival (monotonic, s).
+        Called in the event loop with every frame, the earliest and the latest moment at which it
+        can have arrived (monotonic, s).
     on_lost
         Called once in the event loop, with the reason, when the interface is lost; not when it is
         closed.
@@ -66,7 +67,7 @@ class CanBus:
     def __init__(
         self,
         config: InterfaceConfig,
-        on_frame: Callable[[can.Message, float], None],
+        on_frame: Callable[[can.Message, float, float], None],
         on_lost: Callable[[str], None],
         on_state: Callable[[str, bool], None],
     ) -> None:

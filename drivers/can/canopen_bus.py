@@ -260,13 +260,13 @@ class NodeBus:
 
     # What comes
 
-    def _take(self, message: can.Message, arrived: float) -> None:
+    def _take(self, message: can.Message, arrived: float, latest: float) -> None:
         if message.is_error_frame:
             self._errors.take(message.arbitration_id, bytes(message.data))
         elif self._network is not None and not message.is_extended_id:
             if message.arbitration_id == SYNC_ID:
                 self.sync.went(arrived)
-            self._network.notify(message, arrived)
+            self._network.notify(message, arrived, latest)
 
     def _show(self) -> None:
         """Bring the link's state up to date: silent nodes, emergencies, states, bus errors."""

@@ -61,12 +61,13 @@ class Network:
 
     Attributes
     ----------
-    arrived
-        When the frame came that is being taken in (monotonic, s).
+    arrived, latest
+        The earliest and the latest moment at which the frame can have come that is being taken in
+        (monotonic, s).
     """
 
     def __init__(self, bus: CanBus, timeout: float) -> None:
-        self.arrived = 0.0
+        self.arrived = self.latest = 0.0
         self._feed = _Feed(bus)
         self._expedited = Expedited(bus)
         self._timeout = timeout
@@ -101,9 +102,9 @@ class Network:
         """Have a function called beside what canopen itself does with that id."""
         self._feed.subscribe(can_id, lambda _, data, __: callback(bytes(data)))
 
-    def notify(self, message: can.Message, arrived: float) -> None:
+    def notify(self, message: can.Message, arrived: float, latest: float) -> None:
         """Take a frame in, from the event loop."""
-        self.arrived = arrived
+        self.arrived, self.latest = arrived, latest
         can_id = message.arbitration_id
         if (callback := self._subscribed.get(can_id)) is not None:
             callback(bytes(message.data))

@@ -117,7 +117,7 @@ class MessageBus:
 
     # What comes
 
-    def _take(self, frame: can.Message, arrived: float) -> None:
+    def _take(self, frame: can.Message, arrived: float, latest: float) -> None:
         if frame.is_error_frame:
             self._errors.take(frame.arbitration_id, bytes(frame.data))
             return
@@ -126,7 +126,7 @@ class MessageBus:
         heard = self._by_id.get((frame.arbitration_id, frame.is_extended_id))
         if heard is None:
             return
-        if heard.request is not None and not self._requests.is_awaited(heard):
+        if heard.request is not None and not self._requests.is_awaited(heard, latest):
             return
         asked_at = None if heard.request is None else self._requests.asked_at
         heard.take(bytes(frame.data), arrived, asked_at)

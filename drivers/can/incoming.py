@@ -29,6 +29,10 @@ if TYPE_CHECKING:
 _MOST_AT_ONCE = 256
 """Frames that are taken before others get their turn in the event loop: all that fit into a serial
 driver's 4 KB."""
+_LOOK_EVERY = 0.1
+"""s between two looks at whether something waits, and at both clocks, where frames are stamped."""
+_STALLED = 0.05
+"""s that a thread may take to fetch a frame before it counts as stalled."""
 _DRIFT = 1e-3
 """Part of the time, and s besides, by which two clocks may differ before one counts as set."""
 _LISTEN = 0.01
@@ -56,8 +60,9 @@ class Incoming:
     since
         Monotonic time in s before which nothing came.
     on_frame
-        Called in the event loop with every frame and its arrival (monotonic, s): the kernel's
-        stamp; without one, the last moment at which nothing waited to be read.
+        Called in the event loop with every frame, the earliest and the latest moment at which it
+        can have arrived (monotonic, s). The earliest is the kernel's stamp; without one, the last
+        moment at which nothing waited to be read.
     on_lost
         Called in the event loop, with the reason, when receiving fails.
     """
@@ -69,7 +74,7 @@ class Incoming:
         stamped: bool,
         name: str,
         since: float = -math.inf,
-        on_frame: Callable[[can.Message, float], None],
+        on_frame: Callable[[can.Message, float, float], None],
         on_lost: Callable[[str], None],
     ) -> None:
         self._bus = bus
@@ -110,8 +115,10 @@ class Incoming:
             self._listening.cancel()
 
     def drain(self) -> None:
-        """Take in now what is there: it is no answer to what is asked next."""
-        if not self._closed and self._fd >= 0:
+        """Take in what is there, where no stamp tells that it is no answer to the next question."""
+        if self._closed or self._fd < 0:
+            return
+        if not self._stamped or time.monotonic() - self._since > _LOOK_EVERY:
             self._look()
 
     def join(self, limit: float) -> None:
@@ -134,7 +141,7 @@ class Incoming:
         # python-can waits for these by itself
         if (message := self._next(seconds)) is None:
             return False
-        self._on_frame(message, self._arrival(message))
+        self._on_frame(message, *self._arrival(message))
         return True
 
     def _next(self, seconds: float) -> can.Message | None:
@@ -152,7 +159,7 @@ class Incoming:
                 return
             message = self._next(0.0)
             if message is not None:
-                self._on_frame(message, self._arrival(message))
+                self._on_frame(message, *self._arrival(message))
             # asking the kernel costs a tenth of asking python-can in vain
             if self._closed or not self._more_waits():
                 return
@@ -183,9 +190,9 @@ class Incoming:
         """Whether something has come that the file descriptor does not show."""
         return self._port is not None and self._port.holds
 
-    def _arrival(self, message: can.Message) -> float:
+    def _arrival(self, message: can.Message) -> tuple[float, float]:
         if not self._stamped:
-            return self._since
+            return self._since, time.monotonic()
         now = time.monotonic()
         for _ in range(_READINGS):
             before, clock = now, time.time()
@@ -194,8 +201,9 @@ class Incoming:
                 break
         # a clock that was set meanwhile says too much or too little; that nothing waited is certain
         if abs(clock - now - self._ahead) > _DRIFT * (1.0 + now - self._since):
-            return self._since
-        return max(now - max(clock - message.timestamp, 0.0), self._since)
+            return self._since, self._since
+        arrived = max(now - max(clock - message.timestamp, 0.0), self._since)
+        return arrived, arrived
 
     def _receive(self) -> None:
         """As `_readable`, in a thread, for interfaces without a file descriptor."""
@@ -211,11 +219,15 @@ class Incoming:
                 self._tell(self._on_lost, f"receiving failed: {error}")
                 return
             if message is not None:
-                self._tell(self._deliver, message, since)
+                here = time.monotonic()
+                # whoever was stalled cannot tell what waited from what just came
+                self._tell(
+                    self._deliver, message, since, here if here - since < _STALLED else since
+                )
 
-    def _deliver(self, message: can.Message, arrived: float) -> None:
+    def _deliver(self, message: can.Message, earliest: float, latest: float) -> None:
         if not self._closed:
-            self._on_frame(message, arrived)
+            self._on_frame(message, earliest, latest)
 
     def _tell(self, function: Callable[..., None], *arguments: object) -> None:
         with contextlib.suppress(RuntimeError):  # the loop has ended

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
@@ -294,7 +295,8 @@ class Node(Member):
     def _receiver(self, pdo: Pdo) -> Callable[[bytes], None]:
         def receive(data: bytes) -> None:
             awaited, came = pdo.awaited_since is not None, self._network.arrived
-            if pdo.take(data, came, self._sync.before(came)) and awaited:
+            sync_at = math.inf if awaited else self._sync.before(came)
+            if pdo.take(data, came, sync_at, self._network.latest) and awaited:
                 self._work_out(pdo)  # while others are waited for
                 self._sync.came()
 

@@ -69,7 +69,9 @@ class Pdo:
         mine = (self.number, self.cob_id, self.transmission, self.places)
         return mine == (other.number, other.cob_id, other.transmission, other.places)
 
-    def take(self, data: bytes, came: float, sync_at: float = math.inf) -> bool:
+    def take(
+        self, data: bytes, came: float, sync_at: float = math.inf, latest: float | None = None
+    ) -> bool:
         """A frame of it came (monotonic, s); False when it is too old to be believed.
 
         Parameters
@@ -77,17 +79,21 @@ class Pdo:
         data
             Its content.
         came
-            When.
+            When, at the earliest.
         sync_at
             When the last SYNC before that went over the bus, monotonic s.
+        latest
+            When it came at the latest; default the same.
         """
         since = self.awaited_since
-        if came < self.not_before or (since is not None and came < since):
+        here = came if latest is None else latest
+        if here < self.not_before or (since is not None and here < since):
             return False
         self.data, self.came, self.samples, self.awaited_since = data, came, None, None
         self.taken = came
         if since is not None:
-            self.taken = since
+            # that it is an answer is certain enough
+            self.came, self.taken = max(came, since), since
         elif self.synchronous:
             self.taken = min(came, sync_at)
         return True

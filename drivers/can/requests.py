@@ -75,8 +75,8 @@ class Requests:
         for heard in asked:
             heard.asked = True
             frames.append(self._frames.get(heard) or self._frame(heard))
-        self._bus.drain()  # what waits to be read is no answer
         began = self.asked_at = time.monotonic()
+        self._bus.drain()  # what waits to be read is no answer
         self._awaited = set(asked)
         answered = self._answered
         answered.begin(len(asked))
@@ -104,10 +104,13 @@ class Requests:
         made = self._frames[heard] = _asking(heard)
         return made
 
-    def is_awaited(self, heard: Heard) -> bool:
-        """Whether a frame of a message that is asked for is an answer; late ones are none."""
+    def is_awaited(self, heard: Heard, latest: float) -> bool:
+        """Whether a frame of a message that is asked for is an answer; late ones are none.
+
+        `latest` is the latest moment at which it can have arrived (monotonic, s).
+        """
         if heard in self._awaited:
-            return True
+            return latest >= self.asked_at
         heard.asked_at = None  # late, or unasked: not what is asked for next
         return False
 

@@ -173,7 +173,7 @@ async def test_a_clock_that_was_set_makes_no_frame_younger(
             stamped=True,
             name="clocks",
             since=time.monotonic() - 1.0,
-            on_frame=lambda _, arrived: came.append(time.monotonic() - arrived),
+            on_frame=lambda _, arrived, __: came.append(time.monotonic() - arrived),
             on_lost=pytest.fail,
         )
         frame = can.Message(timestamp=time.time() - 0.2, arbitration_id=1)
@@ -217,6 +217,18 @@ async def test_a_late_node_is_as_old_as_its_question(make: Any, by: str, sync: s
             assert sample.value == 7.0, sample.reason
             assert began <= sample.time <= device.came[-1][0]
             assert sample.age() >= LATE
+
+
+@pytest.mark.parametrize("make", [on_udp, on_virtual])
+async def test_a_prompt_node_is_understood_at_every_read(make: Any) -> None:
+    """Its answer comes before anybody has looked again whether something waits."""
+    settings, node = make(), Node(3)
+    x = {"x": {"node": "x", "profile": "cia406", "by": "pdo"}}
+    with peer(settings, node.answer):
+        async with canopen(settings, x, sync="read") as link:
+            for node.position in range(50):
+                sample = (await link.read(("x",)))["x"]
+                assert sample.value == node.position, sample.reason
 
 
 async def test_a_pdo_is_as_old_as_its_sync() -> None:

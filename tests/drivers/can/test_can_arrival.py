@@ -66,7 +66,7 @@ async def test_a_stall_between_the_clocks_makes_no_frame_older(
         bus,  # type: ignore[arg-type]
         stamped=True,
         name="clocks",
-        on_frame=lambda _, arrived: came.append(arrived),
+        on_frame=lambda _, arrived, __: came.append(arrived),
         on_lost=pytest.fail,
     )
     clocks = Clocks(*stalls)
