@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import pytest
 
-from drivers.simulated.torment.checker import Checker
-from drivers.simulated.torment.evidence import Shown, Taken
+from drivers.simulated.torment.judge.checker import Checker
+from drivers.simulated.torment.judge.evidence import Shown, Taken
+from drivers.simulated.torment.judge.promises import Promises
 from drivers.simulated.torment.loop import Moment
 from drivers.simulated.torment.machine import REFERENCED
-from drivers.simulated.torment.promises import Promises
 
 PROMISES = Promises()
 GOOD = 0x7003

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.simulated.torment.checker import Tally
+from drivers.simulated.torment.judge.promises import Tally
 from drivers.simulated.torment.kinds import LAST
 from drivers.simulated.torment.trial import Trial
 from drivers.simulated.torment.wires import WIRES, wire_class

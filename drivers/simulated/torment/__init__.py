@@ -13,8 +13,7 @@ Abbe's drivers, so that it shares none of their assumptions. ``docs/torment.md``
 `delivery`         how an answer goes out: late, in pieces, twice, not at all
 `wires`            the protocols, on raw sockets and pseudo-terminals
 `configuration`    the configuration and the model that ``abbe run`` is given
-`evidence`         what was on the wire, with its times
-`checker`          the promises, judged from that alone
+`judge`            the checker: the promises, judged from what was on the wire and when
 `trial`            one run from beginning to end
 =================  =================================================================
 """

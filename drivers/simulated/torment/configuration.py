@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from .evidence import AXES
+from .judge.evidence import AXES
+from .judge.promises import Promises
 from .motion import TRAVEL
-from .promises import Promises
 from .wires.base import Wire
 
 

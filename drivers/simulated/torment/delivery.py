@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from .evidence import Shown, WireLog
+from .judge.evidence import Shown, WireLog
 from .loop import Loop
 from .machine import Machine
 

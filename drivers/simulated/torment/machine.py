@@ -7,7 +7,7 @@ import math
 import random
 from collections.abc import Mapping
 
-from .evidence import AXES, Judge, Shown, Taken
+from .judge.evidence import AXES, Judge, Shown, Taken
 from .loop import Moment
 from .motion import Motion, Place
 from .script import Script

@@ -12,18 +12,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from .checker import Checker, Tally, between
 from .configuration import write_configuration
-from .evidence import WireLog
+from .judge.checker import Checker, between
+from .judge.evidence import WireLog
+from .judge.promises import Promises, Tally, Violation
+from .judge.words import COMPENSATING
 from .kinds import LAST
 from .loop import Loop
 from .machine import Machine
 from .motion import Motion
-from .promises import Promises, Violation
 from .script import Script
 from .wires import wire_class
 from .wires.pty import PtyProbe
-from .words import COMPENSATING
 
 PATIENCE = 60.0
 """s for Abbe to come up, or to end, on a busy computer."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from ..delivery import Delivery
-from ..evidence import AXES, WireLog
+from ..judge.evidence import AXES, WireLog
 from ..loop import Loop
 from ..machine import Machine
 

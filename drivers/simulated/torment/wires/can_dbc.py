@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import ClassVar
 
-from ..evidence import AXES, Shown, WireLog
+from ..judge.evidence import AXES, Shown, WireLog
 from ..loop import Loop, Moment
 from ..machine import RESOLUTION, Machine
 from .base import Wire

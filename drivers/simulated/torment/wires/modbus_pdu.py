@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Collection
 from typing import NamedTuple
 
-from ..evidence import AXES, Shown
+from ..judge.evidence import AXES, Shown
 from ..loop import Moment
 from ..machine import RESOLUTION, Machine
 from ..script import Torment

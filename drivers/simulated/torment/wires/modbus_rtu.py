@@ -7,7 +7,7 @@ import struct
 from pathlib import Path
 from typing import ClassVar
 
-from ..evidence import WireLog
+from ..judge.evidence import WireLog
 from ..loop import Loop, Moment
 from ..machine import Machine
 from .base import Wire

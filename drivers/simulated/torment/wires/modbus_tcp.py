@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from ..delivery import FAMILIAR, Send
-from ..evidence import WireLog
+from ..judge.evidence import WireLog
 from ..loop import Loop, Moment
 from ..machine import Machine
 from .base import Wire

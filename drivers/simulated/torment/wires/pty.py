@@ -10,7 +10,7 @@ import tty
 from collections.abc import Callable
 from pathlib import Path
 
-from ..evidence import WireLog
+from ..judge.evidence import WireLog
 from ..loop import Loop, Moment
 
 

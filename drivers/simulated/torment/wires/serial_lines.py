@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from ..delivery import FAMILIAR
-from ..evidence import AXES, Shown, WireLog
+from ..judge.evidence import AXES, Shown, WireLog
 from ..loop import Loop, Moment
 from ..machine import Machine
 from .base import Wire

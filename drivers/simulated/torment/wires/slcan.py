@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from ..evidence import WireLog
+from ..judge.evidence import WireLog
 from ..loop import Loop, Moment
 from .pty import PtyEnd
 

@@ -7,7 +7,7 @@ import socket
 import struct
 from collections.abc import Callable
 
-from ..evidence import WireLog
+from ..judge.evidence import WireLog
 from ..loop import Loop, Moment
 
 

@@ -2,7 +2,6 @@
 
 RUNNING = 1 << 0
 COMPENSATING = 1 << 1
-SIZE_LIMITED = 1 << 4
 X_ACTIVE = 1 << 12
 Y_ACTIVE = 1 << 13
 Z_ACTIVE = 1 << 14

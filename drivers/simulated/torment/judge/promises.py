@@ -1,4 +1,4 @@
-"""What Abbe was configured to promise, in numbers; and what a violation is."""
+"""What Abbe was configured to promise, in numbers; what a violation is; how much was judged."""
 
 from __future__ import annotations
 
@@ -62,3 +62,17 @@ class Violation:
     time: float
     promise: str
     text: str
+
+
+@dataclass(slots=True)
+class Tally:
+    """How much was judged, so that a test cannot pass by judging nothing."""
+
+    pictures: int = 0
+    messages: int = 0
+    positions: int = 0
+    steps: int = 0
+    compensating: int = 0
+    not_judged: int = 0
+    slowest_recovery: float = 0.0
+    """Longest time in calm until all was corrected in full, s: liveness, not safety."""

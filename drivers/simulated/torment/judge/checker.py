@@ -11,15 +11,14 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field
 
+from ..loop import Moment
+from ..machine import FAULT, POISON, REFERENCED
 from .evidence import AXES, Shown, Taken
-from .loop import Moment
-from .machine import FAULT, POISON, REFERENCED, TRUE_TEMPERATURES
-from .motion import TRAVEL
-from .promises import Promises, Violation
+from .promises import Promises, Tally, Violation
+from .steps import Steps
 from .words import (
     COMPENSATING,
     RUNNING,
-    SIZE_LIMITED,
     X_ACTIVE,
     Y_ACTIVE,
     Z_ACTIVE,
@@ -27,35 +26,7 @@ from .words import (
 
 _REMEMBERED = 12.0
 """s for which pictures are kept."""
-_BACK = (1, 10, 50)
-"""Against which earlier messages a correction's change is judged."""
 _ACTIVE = {"X": X_ACTIVE, "Y": Y_ACTIVE, "Z": Z_ACTIVE}
-
-
-@dataclass(slots=True)
-class _Step:
-    """One correction that the controller had, as far as it can be told, and since when at least.
-
-    `low`, `high` in mm; `since` is when the picture that it is for went out, monotonic, s.
-    """
-
-    since: float
-    low: float
-    high: float
-
-
-@dataclass(slots=True)
-class Tally:
-    """How much was judged, so that a test cannot pass by judging nothing."""
-
-    pictures: int = 0
-    messages: int = 0
-    positions: int = 0
-    steps: int = 0
-    compensating: int = 0
-    not_judged: int = 0
-    slowest_recovery: float = 0.0
-    """Longest time in calm until all was corrected in full, s: liveness, not safety."""
 
 
 @dataclass
@@ -91,14 +62,12 @@ class Checker:
 
     def __post_init__(self) -> None:
         self._shown: deque[Shown] = deque()
-        self._steps: dict[str, deque[_Step]] = {a: deque(maxlen=max(_BACK)) for a in AXES}
+        self._steps = Steps(self.promises, self.tally, self._fail)
         self._beats: dict[int, float] = {}
         self._unfit_since = math.inf
-        self._last_fit = -math.inf
         self._good_temperature = -math.inf
         self._abbe_beat = math.nan
         self._word = 0
-        self._limited_since = math.inf
         self._written: dict[str, float] = {}
 
     @property
@@ -120,7 +89,7 @@ class Checker:
                 del self._beats[next(iter(self._beats))]
         if "status" in shown.covers:
             if _fit(shown):
-                self._unfit_since, self._last_fit = math.inf, shown.sent
+                self._unfit_since = math.inf
             else:
                 self._unfit_since = min(self._unfit_since, shown.sent)
         if "T_x" in shown.covers and not math.isnan(shown.temperature):
@@ -142,7 +111,7 @@ class Checker:
             self._word = int(values.get("status", self._word))
             for axis in AXES:
                 if axis in values:
-                    self._steps[axis].clear()
+                    self._steps.forget(axis)
             return
         sources: dict[str, list[Shown]] = {}
         for axis in AXES:
@@ -150,7 +119,7 @@ class Checker:
                 found = self._sources(axis, values[axis], values.get("echo"), moment)
                 if found:
                     sources[axis] = found
-                    self._step(axis, values[axis], found, moment)
+                    self._steps.judge(axis, values[axis], found, moment)
         self._written.update(values)
         if "echo" in values:
             self._echo(int(values["echo"]), values.keys(), moment)
@@ -257,62 +226,6 @@ class Checker:
                     f"has {value:.5f}",
                 )
 
-    def _step(self, axis: str, value: float, sources: list[Shown], moment: Moment) -> None:
-        """How fast the correction that the controller has changed."""
-        p = self.promises
-        k = AXES.index(axis)
-        mirrored = [s.mirrored[k] for s in sources if s.mirrored is not None]
-        if mirrored:
-            self._steps[axis].clear()
-            off = value - mirrored[0]
-            if abs(off) > 3.0 * p.max_correction:
-                self._fail(
-                    moment,
-                    "position",
-                    f"{axis} = {value:.5f} has walked {off:+.3f} mm while the machine stands: it "
-                    "follows what was written",
-                )
-            return
-        corrections = [value - s.place[k] for s in sources]
-        low, high = min(corrections), max(corrections)
-        least = min(corrections, key=abs)
-        if abs(least) > p.max_correction + 1.5 * p.resolution:
-            self._fail(moment, "step", f"{axis}: a correction of {1e3 * least:.2f} µm")
-        elif abs(least) > self._largest(axis):
-            self._fail(
-                moment,
-                "position",
-                f"{axis}: a correction of {1e3 * least:.2f} µm, more than the model gives at "
-                "any temperature that can be believed",
-            )
-        steps = self._steps[axis]
-        for back in _BACK:
-            if len(steps) < back:
-                break
-            before = steps[-back]
-            time = moment.late - before.since
-            if back == 1:
-                time = min(time, p.stale_after)
-            allowed = p.max_rate * time + 2.5 * p.resolution
-            change = max(low - before.high, before.low - high, 0.0)
-            self.tally.steps += 1
-            if change > allowed:
-                self._fail(
-                    moment,
-                    "step",
-                    f"{axis}: the correction that the controller has went from "
-                    f"{1e3 * before.low:.2f} to {1e3 * low:.2f} µm in "
-                    f"{moment.late - before.since:.3f} s; promised at most {1e3 * allowed:.2f} µm",
-                )
-                break
-        steps.append(_Step(min(s.sent for s in sources), low, high))
-
-    def _largest(self, axis: str) -> float:
-        """The model's largest error anywhere in the travel at any true temperature, mm."""
-        p, ends = self.promises, TRAVEL[AXES.index(axis)]
-        errors = [abs(p.error(axis, end, t)) for end in ends for t in TRUE_TEMPERATURES]
-        return max(errors) + 2e-3
-
     def _judge_word(
         self, word: int, values: dict[str, float], sources: dict[str, list[Shown]], moment: Moment
     ) -> None:
@@ -328,10 +241,6 @@ class Checker:
                 self._fail(moment, "status", f"Abbe's heartbeat stands still at {beat:.0f}")
             self._abbe_beat = beat
         slack = p.slack + self.waited(moment.early - p.stale_after, moment.late)
-        if word & SIZE_LIMITED:
-            self._limited_since = min(self._limited_since, moment.late)
-        else:
-            self._limited_since = math.inf
         if not word & COMPENSATING:
             return
         self.tally.compensating += 1

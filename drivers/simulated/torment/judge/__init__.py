@@ -1,0 +1,1 @@
+"""The checker and what it goes by: evidence from the wire, promises, steps, the status word."""
