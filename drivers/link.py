@@ -27,9 +27,11 @@ from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import entry_points
 from itertools import repeat
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import ClassVar, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict
+
+from compcore.plugins import BrokenPluginError, load_plugin
 
 LINK_GROUP = "abbe.links"
 
@@ -394,7 +396,7 @@ def link_class(driver: str) -> type[Link]:
     if not found:
         known = ", ".join(available_links()) or "none"
         raise LinkConfigError(f"no link driver {driver!r}; installed: {known}")
-    cls: Any = found[0].load()
-    if not (isinstance(cls, type) and issubclass(cls, Link)):
-        raise LinkConfigError(f"link driver {driver!r} ({found[0].value}) is not a Link class")
-    return cls
+    try:
+        return load_plugin(found[0], Link, "a link")  # type: ignore[type-abstract]
+    except BrokenPluginError as error:
+        raise LinkConfigError(f"link driver {driver!r}: {error}") from None

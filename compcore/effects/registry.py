@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 from compcore.effects.base import Effect
 from compcore.errors import InputError
+from compcore.plugins import Plugins, load_plugins
 
 EFFECT_GROUP = "abbe.effects"
 
@@ -73,35 +74,19 @@ def load_families() -> dict[str, ModuleType]:
 
 
 @cache
-def _plugins() -> dict[str, type[Effect]]:
-    found: dict[str, type[Effect]] = {}
-    for entry in entry_points(group=EFFECT_GROUP):
-        try:
-            cls = entry.load()
-        except Exception as error:  # noqa: BLE001 - whatever a stranger's package raises
-            raise InputError(
-                f"plugin {entry.value} cannot be loaded ({type(error).__name__}: {error})",
-                field=entry.name,
-            ) from None
-        if not (isinstance(cls, type) and issubclass(cls, Effect)):
-            raise InputError(
-                f"plugin {entry.value} is not an effect",
-                field=entry.name,
-                expected="a subclass of compcore.effects.Effect",
-            )
-        if cls.kind in _BUILT_IN or cls.kind in found:
-            taken = "a built-in kind" if cls.kind in _BUILT_IN else "another plugin's kind"
-            raise InputError(f"plugin {entry.value} claims {taken}", field=cls.kind)
-        found[cls.kind] = cls
-    return found
+def _plugins() -> Plugins[Effect]:
+    """The effects of plugin packages; the built-in ones are all registered by now."""
+    entries = entry_points(group=EFFECT_GROUP)
+    base: Any = Effect  # abstract, which mypy does not take for a type
+    return load_plugins(entries, base, "an effect", lambda cls: cls.kind, _BUILT_IN)
 
 
 def effect_kinds() -> dict[str, type[Effect]]:
-    """All kinds: built-in ones in catalogue order, then plugins'."""
+    """All kinds: built-in ones in catalogue order, then plugins'; broken plugins are left out."""
     load_families()
     order = list(FAMILIES)
     kinds = sorted(_BUILT_IN, key=lambda kind: order.index(_module(_BUILT_IN[kind])))
-    return {**{kind: _BUILT_IN[kind] for kind in kinds}, **_plugins()}
+    return {**{kind: _BUILT_IN[kind] for kind in kinds}, **_plugins().found}
 
 
 def _module(cls: type[Effect]) -> str:
@@ -119,21 +104,25 @@ def effect_class(kind: str) -> type[Effect]:
     Raises
     ------
     InputError
-        When there is none; lists those that exist.
+        When there is none, or its plugin cannot be loaded; lists those that exist.
     """
     if kind in COMMON:
         import_module(f"compcore.effects.{COMMON[kind]}")
+    if kind not in _BUILT_IN:
+        load_families()
     if kind in _BUILT_IN:
         return _BUILT_IN[kind]
-    kinds = effect_kinds()
-    if kind not in kinds:
-        raise InputError(
-            "unknown kind of effect",
-            field="kind",
-            found=kind,
-            expected="one of " + ", ".join(kinds),
-        )
-    return kinds[kind]
+    plugins = _plugins()
+    if kind in plugins.found:
+        return plugins.found[kind]
+    if kind in plugins.left_out:
+        raise InputError(plugins.left_out[kind], field="kind", found=kind)
+    raise InputError(
+        "unknown kind of effect",
+        field="kind",
+        found=kind,
+        expected="one of " + ", ".join(effect_kinds()) + plugins.missing(),
+    )
 
 
 def make_effect(kind: str, keys: Mapping[str, Any]) -> Effect:

@@ -14,6 +14,7 @@ from typing import Any
 
 from compcore.errors import InputError
 from compcore.machine import Machine
+from compcore.plugins import Plugins, load_plugins
 from drivers.controllers.base import (
     CONTROLLER_GROUP,
     Confidence,
@@ -35,14 +36,8 @@ __all__ = [
 
 
 @cache
-def controller_kinds() -> dict[str, type[Controller]]:
-    """All dialects by name: Abbe's own in alphabetical order, then plugins'.
-
-    Raises
-    ------
-    InputError
-        For a plugin that is not a controller, or claims a name that is taken.
-    """
+def _built_in() -> dict[str, type[Controller]]:
+    """Abbe's own dialects by name, in alphabetical order."""
     found: dict[str, type[Controller]] = {}
     for module in pkgutil.iter_modules(__path__):
         loaded = import_module(f"{__name__}.{module.name}")
@@ -54,19 +49,23 @@ def controller_kinds() -> dict[str, type[Controller]]:
                 and "name" in vars(value)
             ):
                 found[value.name] = value
-    found = dict(sorted(found.items()))
-    for entry in entry_points(group=CONTROLLER_GROUP):
-        cls: Any = entry.load()
-        if not (isinstance(cls, type) and issubclass(cls, Controller)):
-            raise InputError(
-                f"plugin {entry.value} is not a controller",
-                field=entry.name,
-                expected="a subclass of drivers.controllers.Controller",
-            )
-        if cls.name in found:
-            raise InputError(f"plugin {entry.value} claims a name that is taken", field=cls.name)
-        found[cls.name] = cls
-    return found
+    return dict(sorted(found.items()))
+
+
+@cache
+def _plugins() -> Plugins[Controller]:
+    """The dialects of plugin packages."""
+    entries = entry_points(group=CONTROLLER_GROUP)
+    base: Any = Controller  # abstract, which mypy does not take for a type
+    return load_plugins(entries, base, "a controller", lambda cls: cls.name, _built_in())
+
+
+def controller_kinds() -> dict[str, type[Controller]]:
+    """All dialects by name: Abbe's own in alphabetical order, then plugins'.
+
+    A plugin that cannot be loaded is told in one line (the log) and left out.
+    """
+    return {**_built_in(), **_plugins().found}
 
 
 def controller_class(name: str) -> type[Controller]:
@@ -75,17 +74,21 @@ def controller_class(name: str) -> type[Controller]:
     Raises
     ------
     InputError
-        When there is none; lists those that exist.
+        When there is none, or its plugin cannot be loaded; lists those that exist.
     """
-    kinds = controller_kinds()
-    if name not in kinds:
-        raise InputError(
-            "unknown controller",
-            field="controller",
-            found=name,
-            expected="one of " + ", ".join(kinds),
-        )
-    return kinds[name]
+    if name in _built_in():
+        return _built_in()[name]
+    plugins = _plugins()
+    if name in plugins.found:
+        return plugins.found[name]
+    if name in plugins.left_out:
+        raise InputError(plugins.left_out[name], field="controller", found=name)
+    raise InputError(
+        "unknown controller",
+        field="controller",
+        found=name,
+        expected="one of " + ", ".join(controller_kinds()) + plugins.missing(),
+    )
 
 
 def make_controller(

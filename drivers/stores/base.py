@@ -17,10 +17,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from pydantic import BaseModel, ConfigDict
 
+from compcore.plugins import BrokenPluginError, load_plugin
 from drivers.link import LinkConfigError, LinkError
 
 STORE_GROUP = "abbe.stores"
@@ -209,7 +210,7 @@ def store_class(kind: str) -> type[Store]:
     if not found:
         known = ", ".join(available_stores()) or "none"
         raise LinkConfigError(f"no store {kind!r}; installed: {known}")
-    cls: Any = found[0].load()
-    if not (isinstance(cls, type) and issubclass(cls, Store)):
-        raise LinkConfigError(f"store {kind!r} ({found[0].value}) is not a Store class")
-    return cls
+    try:
+        return load_plugin(found[0], Store, "a store")  # type: ignore[type-abstract]
+    except BrokenPluginError as error:
+        raise LinkConfigError(f"store {kind!r}: {error}") from None

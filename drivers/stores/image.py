@@ -7,6 +7,7 @@ bytes, so that lengths and checksums of an image can be compared.
 from __future__ import annotations
 
 import io
+import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -73,10 +74,14 @@ def unpack(image: bytes) -> dict[str, str]:
         with zipfile.ZipFile(io.BytesIO(image)) as archive:
             for info in archive.infolist():
                 check_name(info.filename)
+                if info.compress_type != zipfile.ZIP_STORED or info.file_size > len(image):
+                    raise ImageError(f"{info.filename} is not stored as it is in the image")
                 if info.filename in files:
                     raise ImageError(f"{info.filename} is in the image twice")
                 files[info.filename] = archive.read(info).decode("utf-8")
-    except (zipfile.BadZipFile, EOFError, ValueError, NotImplementedError, RuntimeError) as error:
+    except ImageError:
+        raise
+    except (zipfile.BadZipFile, OSError, EOFError, ValueError, RuntimeError, struct.error) as error:
         raise ImageError(f"not a whole image of tables: {error}") from None
     if pack(files) != image:
         raise ImageError("an image with more in it than its files")

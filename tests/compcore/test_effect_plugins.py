@@ -59,22 +59,33 @@ def test_without_it_the_kind_is_unknown():
         ("", "cannot be loaded (AttributeError"),
         ("Thing = 3", "is not an effect"),
         ("class Thing: kind = 'creep'", "is not an effect"),
-        (GOOD.replace("creep", "backlash"), "claims a built-in kind"),
+        ("import sys; sys.exit('no licence')", "cannot be loaded (SystemExit: no licence)"),
+        ("raise ValueError('two\\nlines')", "cannot be loaded (ValueError: two lines)"),
+        (GOOD.replace('"creep"', "3"), "does not say what it is called"),
+        (GOOD.replace("creep", "backlash"), "claims Abbe's own name 'backlash'"),
     ],
 )
-def test_a_broken_plugin_is_named_and_spares_the_built_in_effects(plugin, code, said):
+def test_a_broken_plugin_is_named_and_spares_all_other_effects(plugin, code, said, caplog):
     plugin(code)
     assert registry.make_effect("backlash", {"axis": "X"}).spec == "backlash axis=X"
+    assert not caplog.records, "nobody asked for a plugin"
+    assert set(registry.effect_kinds()) == set(registry._BUILT_IN)
+    (told,) = caplog.messages
+    assert said in told
+    assert "\n" not in told
+    assert "left out" in told
     with pytest.raises(InputError) as caught:
-        registry.effect_kinds()
+        registry.make_effect("thing", {})
     assert said in str(caught.value)
     assert "strange_effect:Thing" in str(caught.value)
+    with pytest.raises(InputError, match=r"unknown kind of effect: .*left out: thing"):
+        registry.make_effect("creep", {"direction": "X"})
 
 
 def test_two_plugins_cannot_claim_one_kind(plugin):
     plugin(GOOD, names=("thing", "other"))
-    with pytest.raises(InputError, match="claims another plugin's kind"):
-        registry.effect_kinds()
+    assert "creep" in registry.effect_kinds(), "the first has it"
+    assert list(registry._plugins().left_out) == ["other"]
 
 
 def test_two_built_in_effects_cannot_either():

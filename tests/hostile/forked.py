@@ -152,15 +152,20 @@ def _addresses() -> int:
 
 
 def _status(case: Case) -> int:
-    from daemon import cli
+    from compcore.errors import AbbeError
+    from daemon.cli import main
+    from drivers.link import LinkError
 
     if callable(case.run):
-        function = case.run
-        cli.app = lambda: function()  # type: ignore[assignment]  # told as a command's errors are
-    else:
-        sys.argv = ["abbe", *case.run]
+        try:
+            case.run()
+        except (AbbeError, LinkError) as error:  # as `main` tells them
+            sys.stderr.write(f"abbe: {error}\n")
+            return 1
+        return 0
+    sys.argv = ["abbe", *case.run]
     try:
-        cli.main()
+        main()
     except SystemExit as done:
         if done.code is None:
             return 0

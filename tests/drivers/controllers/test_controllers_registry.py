@@ -113,11 +113,11 @@ def plugged(tmp_path, monkeypatch):
     def plug(value: str, name: str = "mine") -> None:
         entry = EntryPoint(name, value, registry.CONTROLLER_GROUP)
         monkeypatch.setattr(registry, "entry_points", lambda group: [entry])
-        registry.controller_kinds.cache_clear()
+        registry._plugins.cache_clear()
 
     yield plug
     monkeypatch.undo()
-    registry.controller_kinds.cache_clear()
+    registry._plugins.cache_clear()
     sys.modules.pop("my_control", None)
 
 
@@ -141,10 +141,23 @@ def test_a_plugin_is_one_file_and_serves_like_any_other(plugged, tmp_path):
     assert np.abs(controller.read(files)[0].forward).max() > 0.0
 
 
-def test_a_plugin_that_is_none_or_takes_a_name_is_refused(plugged):
-    plugged("my_control:Trust")
-    with pytest.raises(InputError, match="not a controller"):
-        controller_kinds()
-    plugged("drivers.controllers.linuxcnc:LinuxCNC", "linuxcnc")
-    with pytest.raises(InputError, match="claims a name"):
-        controller_kinds()
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ("my_control:Trust", "not a controller"),
+        ("drivers.controllers.linuxcnc:LinuxCNC", "claims Abbe's own name 'linuxcnc'"),
+        ("nowhere_at_all:Mine", "ModuleNotFoundError"),
+        ("strange_control:Mine", "SystemExit: no licence"),
+    ],
+)
+def test_a_broken_plugin_is_left_out_and_costs_nobody_else(plugged, tmp_path, caplog, value, said):
+    (tmp_path / "strange_control.py").write_text("import sys\nsys.exit('no licence')\n")
+    plugged(value, "strange")
+    assert registry.controller_class("linuxcnc").name == "linuxcnc"
+    assert not caplog.records, "nobody asked for a plugin"
+    assert set(controller_kinds()) == FIRST
+    (told,) = caplog.messages
+    assert said in told
+    with pytest.raises(InputError, match="plugin") as caught:
+        registry.controller_class("strange")
+    assert said in str(caught.value)
