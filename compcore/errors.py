@@ -56,11 +56,11 @@ class InputError(AbbeError, ValueError):
         super().__init__(problem)
 
     def __str__(self) -> str:
-        where = [_printable(self.file)] if self.file else []
+        where = [_shortened(_printable(self.file))] if self.file else []
         if self.line is not None:
             where.append(f"line {self.line}")
         if self.field is not None:
-            where.append(f"field {self.field!r}")
+            where.append(f"field {_shortened(self.field)!r}")
         text = f"{', '.join(where)}: {self.problem}" if where else self.problem
         told = []
         if self.found is not None:

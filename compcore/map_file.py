@@ -14,11 +14,18 @@ from pathlib import Path
 from compcore.atomic import write_atomically
 from compcore.errors import InputError
 from compcore.map_table import COLUMNS, AxisTable, CompensationMap, Row
+from compcore.plausible import DISPLACEMENT, ROTATION, TRAVEL, Range
 
 HEADER = ("Position", *COLUMNS)
 _HEADING = re.compile(r"\s*(\S+)\s+Axis\s*", re.IGNORECASE)
 _AXIS = re.compile(r"[XYZUVW][0-9]?")
 _PER_RAD = 1e-3
+_ALLOWED = {
+    "P": TRAVEL,
+    "L": Range(1e-3 * DISPLACEMENT.low, 1e-3 * DISPLACEMENT.high, "mm"),
+    "R": Range(1e-3 * ROTATION.low, 1e-3 * ROTATION.high, "mm/m"),
+}
+"""First letter of a column → what its numbers can be."""
 _UNITS = ("mm", "mm", "mm", "mm", "mm/m", "mm/m", "mm/m")
 
 
@@ -136,6 +143,16 @@ class _Reader:
                 field=name,
                 found=text,
                 expected=f"a number in {unit}",
+            )
+        allowed = _ALLOWED[name[0]]
+        if not allowed.holds(value):
+            raise InputError(
+                "not believable",
+                file=self._file,
+                line=line,
+                field=name,
+                found=text,
+                expected=str(allowed),
             )
         return value
 

@@ -15,7 +15,6 @@ and signals are optional.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -27,10 +26,11 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from compcore.campaign_csv.head import plain_line
-from compcore.campaign_csv.lines import LineSource
+from compcore.campaign_csv.lines import LineSource, csv_cells
 from compcore.conditions import Conditions
 from compcore.errors import InputError
 from compcore.machine import Machine
+from compcore.plausible import DISPLACEMENT, TOOL, TRAVEL, Range, signal_range
 from compcore.toml_source import TomlSource
 
 F64 = NDArray[np.float64]
@@ -132,7 +132,9 @@ class _Table:
                 expected="X,Y,Z,dX,dY,dZ or X_off,Y_off,Z_off,X_on,Y_on,Z_on",
             )
         self._line, header = rows[0]
-        self._names = [name.strip() for name in next(csv.reader([header]))]
+        self._names = [
+            name.strip() for name in csv_cells(header, file, self._line, "a header line")
+        ]
         self._check_header()
         self._cells = list(self._rows(rows[1:]))
         if not self._cells:
@@ -218,7 +220,7 @@ class _Table:
         for line, text in rows:
             if not text.strip():
                 continue
-            cells = [cell.strip() for cell in next(csv.reader([text]))]
+            cells = [cell.strip() for cell in csv_cells(text, self._file, line, "a row of CSV")]
             if len(cells) != len(self._names):
                 raise InputError(
                     f"too {'few' if len(cells) < len(self._names) else 'many'} fields",
@@ -255,7 +257,27 @@ class _Table:
                 found=text,
                 expected="a finite number",
             )
+        allowed = self._range(name)
+        if not allowed.holds(value):
+            raise InputError(
+                "not believable",
+                file=self._file,
+                line=line,
+                field=name,
+                found=text,
+                expected=str(allowed),
+            )
         return value
+
+    def _range(self, name: str) -> Range:
+        if name in _DIFFERENCES:
+            most = 1e-3 * DISPLACEMENT.high / _FACTORS[self._head.unit or "mm"]
+            return Range(-most, most, self._head.unit or "mm")
+        if name in _TOOL:
+            return TOOL
+        if name in self._machine.signals:
+            return signal_range(self._machine.signals[name])
+        return TRAVEL
 
     def _decimals(self, names: tuple[str, ...]) -> int:
         """The most decimals of any cell: what the display shows, trailing zeros or not."""

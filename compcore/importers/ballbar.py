@@ -22,6 +22,7 @@ from compcore.errors import InputError
 from compcore.importers.placing import I64, Placing, Readings, place
 from compcore.importers.words import Sheet, as_number, direction, number, read_sheet, split_unit
 from compcore.machine import Machine
+from compcore.plausible import TRAVEL, TRAVEL_ROTARY
 from compcore.units import to_internal
 
 PLANES: Mapping[str, tuple[str, str]] = {"XY": ("X", "Y"), "YZ": ("Y", "Z"), "ZX": ("Z", "X")}
@@ -119,7 +120,7 @@ def _plane(text: str | None, sheet: Sheet) -> tuple[str, str]:
 def _centre(sheet: Sheet) -> tuple[float, float]:
     text = sheet.comments.get("centre", sheet.comments.get("center", ""))
     numbers = [as_number(word) for word in text.strip("[]()").replace(";", ",").split(",")]
-    if len(numbers) != 2 or numbers[0] is None or numbers[1] is None:
+    if len(numbers) != 2 or not all(n is not None and TRAVEL.holds(n) for n in numbers):
         raise InputError(
             "the centre is not known" if not text else "not a point of the plane",
             file=sheet.file,
@@ -127,13 +128,14 @@ def _centre(sheet: Sheet) -> tuple[float, float]:
             found=text or None,
             expected="two coordinates in mm (--centre, or a line # centre = 350, 450)",
         )
-    return numbers[0], numbers[1]
+    first, second = (n for n in numbers if n is not None)
+    return first, second
 
 
 def _said(sheet: Sheet, key: str, what: str) -> float:
     text = sheet.comments.get(key)
     value = None if text is None else as_number(text)
-    if value is None or value <= 0.0:
+    if value is None or not 0.0 < value <= TRAVEL.high:
         raise InputError(
             f"the {key} is not known" if text is None else f"not a {key}",
             file=sheet.file,
@@ -163,6 +165,15 @@ def _readings(sheet: Sheet) -> tuple[np.ndarray, I64, np.ndarray, I64, str | Non
     found: list[tuple[float, int, float, int]] = []
     for line, cells in sheet.rows[1:]:
         at = number(cells[angle], sheet, line, header[angle])
+        if not TRAVEL_ROTARY.holds(at):
+            raise InputError(
+                "not believable",
+                file=sheet.file,
+                line=line,
+                field=header[angle],
+                found=cells[angle],
+                expected=str(TRAVEL_ROTARY),
+            )
         if both:
             found += [
                 (at, d, number(cells[i], sheet, line, header[i]), line) for i, d in both if cells[i]

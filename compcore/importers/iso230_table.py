@@ -27,6 +27,7 @@ from compcore.importers.words import (
     number,
     read_sheet,
     split_unit,
+    whole,
 )
 from compcore.machine import Machine
 from compcore.structure import is_rotary
@@ -36,7 +37,7 @@ _POSITION = {"position", "target", "target_position", "p", "p_i", "x", "y", "z"}
 _RUN = {"run", "j", "no"}
 _DIRECTION = {"direction", "dir", "approach"}
 _DEVIATION = {"deviation", "error", "value", "x_ij", "dev"}
-_RUN_COLUMN = re.compile(r"(?:run\s*)?(\d+)\s*[ _]?\s*(\S+)|(\S+?)\s*(\d+)", re.IGNORECASE)
+_RUN_COLUMN = re.compile(r"(?:run\s*)?(\d{1,5})\s*[ _]?\s*(\S+)|(\S+?)\s*(\d{1,5})", re.IGNORECASE)
 
 Reading = tuple[float, int, int, float, int]
 """Target, run, direction, deviation (units of the file), line."""
@@ -150,7 +151,7 @@ def _long(sheet: Sheet, places: dict[str, int | None]) -> list[Reading]:
         q = number(cells[position], sheet, line, header[position])
         d = direction(cells[sense], sheet, line, header[sense])
         count[q, d] = count.get((q, d), 0) + 1
-        j = count[q, d] if run is None else int(number(cells[run], sheet, line, header[run]))
+        j = count[q, d] if run is None else whole(cells[run], sheet, line, header[run])
         found.append((q, j, d, number(cells[deviation], sheet, line, header[deviation]), line))
     return found
 
@@ -174,7 +175,7 @@ def _by_run(sheet: Sheet, places: dict[str, int | None], targets: list[int]) -> 
     for line, cells in sheet.rows[1:]:
         d = direction(cells[sense], sheet, line, header[sense])
         count[d] += 1
-        j = count[d] if run is None else int(number(cells[run], sheet, line, header[run]))
+        j = count[d] if run is None else whole(cells[run], sheet, line, header[run])
         for i in targets:
             if cells[i]:
                 q = number(header[i], sheet, sheet.rows[0][0], header[i])

@@ -15,6 +15,14 @@ from compcore.campaign_csv.columns import AXIS
 from compcore.conditions import Conditions
 from compcore.errors import InputError
 from compcore.machine import Machine, own_component
+from compcore.plausible import (
+    DISPLACEMENT,
+    ROTATION,
+    TRAVEL,
+    TRAVEL_ROTARY,
+    Range,
+    position_range,
+)
 from compcore.structure import is_rotary
 
 F64 = NDArray[np.float64]
@@ -124,6 +132,8 @@ def place(
     InputError
         When the machine has an axis whose position is not stated, or lacks one that is.
     """
+    for r in readings:
+        _check_readings(r, source, machine)
     moving = list(dict.fromkeys(a for r in readings for a in r.positions))
     axes = list(dict.fromkeys([*placing.at, *moving]))
     if machine is not None:
@@ -167,6 +177,31 @@ def place(
         files={str(source): hashlib.sha256(data).hexdigest()},
         metadata=(head,),
     )
+
+
+def _check_readings(readings: Readings, source: Path, machine: Machine | None) -> None:
+    """Refuse positions and deviations that nothing on a machine can have; names the line."""
+    columns: list[tuple[str, F64, Range]] = []
+    for axis, position in readings.positions.items():
+        rotary = is_rotary(axis)
+        allowed = TRAVEL_ROTARY if rotary else TRAVEL
+        if machine is not None and axis in machine.axes:
+            allowed = position_range(machine.axes[axis])
+        columns.append((axis, np.rad2deg(position) if rotary else position, allowed))
+    allowed, per = (ROTATION, 1e6) if readings.kind == Kind.ROTATION else (DISPLACEMENT, 1e3)
+    columns.append(("deviation", readings.value * per, allowed))
+    for field_name, values, allowed in columns:
+        outside = allowed.outside(values)
+        if outside.any():
+            row = int(outside.argmax())
+            raise InputError(
+                "not believable",
+                file=source,
+                line=int(readings.line[row]),
+                field=field_name,
+                found=f"{values[row]:g}",
+                expected=str(allowed),
+            )
 
 
 def _check_axes(stated: Sequence[str], machine: Machine) -> None:

@@ -30,6 +30,9 @@ _DOWN |= {"↓", "cw"}
 _UNITS = {"um", "µm", "mm", "nm", "deg", "rad", "mrad", "urad", "µrad", "arcsec"}
 
 
+MOST_RUNS = 100_000
+
+
 @dataclass(frozen=True)
 class Sheet:
     """Rows of cells with their line numbers; blank lines and comments left out.
@@ -97,6 +100,17 @@ def read_sheet(path: Path) -> Sheet:
                 expected=f"{width}, as the header has",
             )
     return Sheet(str(path), rows, comments, data)
+
+
+def whole(text: str, sheet: Sheet, line: int, field: str) -> int:
+    """A counting number of a cell (of a run); raises `InputError` naming the place."""
+    value = number(text, sheet, line, field)
+    if not 0.0 <= value <= MOST_RUNS:
+        raise InputError(
+            "not believable", file=sheet.file, line=line, field=field, found=text,
+            expected=f"0 to {MOST_RUNS}",
+        )  # fmt: skip
+    return int(value)
 
 
 def number(text: str, sheet: Sheet, line: int, field: str) -> float:

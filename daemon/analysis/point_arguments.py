@@ -13,9 +13,10 @@ from compcore.errors import InputError
 from compcore.machine import Machine
 from compcore.model import Model
 from compcore.needs import Needs, validity
+from compcore.plausible import SPINDLE_ANGLE, TIME, position_range, signal_range
 from compcore.structure import is_rotary
 from daemon.analysis.corrected import short
-from daemon.commands.assignments import number, split_assignments, vector
+from daemon.commands.assignments import number, split_assignments, tool_offset
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,8 @@ class Given:
             axis = key.removesuffix("_dir")
             if key in machine.axes:
                 rotary = is_rotary(key)
-                value = number(key, text, "degrees" if rotary else "mm")
+                allowed = position_range(machine.axes[key])
+                value = number(key, text, "degrees" if rotary else "mm", allowed)
                 positions[key] = math.radians(value) if rotary else value
             elif axis != key and axis in machine.axes:
                 directions[axis] = number(key, text, "1, -1 or 0")
@@ -66,13 +68,14 @@ class Given:
                         "not a direction", field=key, found=text, expected="1, -1 or 0 (unknown)"
                     )
             elif key == "tool":
-                tool = vector(key, text, "mm")
+                tool = tool_offset(key, text)
             elif key == "time":
-                time = number(key, text, "s")
+                time = number(key, text, "s", TIME)
             elif turning is not None and key in (turning, f"({turning})"):
-                spindle = math.radians(number(key, text, "degrees"))
+                spindle = math.radians(number(key, text, "degrees", SPINDLE_ANGLE))
             elif key in machine.signals:
-                signals[key] = number(key, text, machine.signals[key].unit)
+                signal = machine.signals[key]
+                signals[key] = number(key, text, signal.unit, signal_range(signal))
             else:
                 raise InputError(
                     "the model knows no such axis or signal",

@@ -9,6 +9,7 @@ from pathlib import Path
 from compcore.errors import InputError
 from compcore.machine import Machine
 from compcore.model import Model
+from compcore.plausible import position_range, signal_range
 from compcore.structure import is_rotary
 from compcore.tables.table_set import RECORD_NAME, TableSet, read_text
 from daemon.commands.assignments import number, split_assignments
@@ -34,8 +35,9 @@ def signals(arguments: Sequence[str], model: Model) -> dict[str, float]:
                 found[name] = machine.reference_temperature
     given = split_assignments(word for word in words if word != REFERENCE)
     for name, text in given.items():
-        unit = machine.signals[name].unit if name in machine.signals else "its own unit"
-        found[name] = number(name, text, unit)
+        signal = machine.signals.get(name)
+        unit = signal.unit if signal else "its own unit"
+        found[name] = number(name, text, unit, signal_range(signal))
     return found
 
 
@@ -57,7 +59,8 @@ def ranges(arguments: Sequence[str], machine: Machine) -> dict[str, tuple[float,
                 "not a range", field=f"volume {name}", found=text, expected=f"low,high in {unit}"
             )
         factor = math.pi / 180.0 if is_rotary(name) else 1.0
-        low, high = (number(f"volume {name}", part, unit) * factor for part in parts)
+        allowed = position_range(machine.axis(name))
+        low, high = (number(f"volume {name}", part, unit, allowed) * factor for part in parts)
         found[name] = (low, high)
     return found
 

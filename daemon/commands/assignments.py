@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from compcore.errors import InputError
+from compcore.plausible import TOOL, Range
 
 
 def split_assignments(arguments: Iterable[str]) -> dict[str, str]:
@@ -26,8 +27,8 @@ def split_assignments(arguments: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def number(key: str, text: str, unit: str) -> float:
-    """A finite number of the command line.
+def number(key: str, text: str, unit: str, allowed: Range | None = None) -> float:
+    """A finite number of the command line, within what is believable where that is given.
 
     Raises
     ------
@@ -40,13 +41,15 @@ def number(key: str, text: str, unit: str) -> float:
         value = float("nan")
     if value != value or value in (float("inf"), float("-inf")):
         raise InputError("not a number", field=key, found=text, expected=f"a number in {unit}")
+    if allowed is not None and not allowed.holds(value):
+        raise InputError("not believable", field=key, found=text, expected=str(allowed))
     return value
 
 
-def vector(key: str, text: str, unit: str) -> tuple[float, float, float]:
-    """Three comma-separated numbers of the command line; raises as `number`."""
+def tool_offset(key: str, text: str) -> tuple[float, float, float]:
+    """A tool's offset, mm: three comma-separated numbers; raises as `number`."""
     parts = text.split(",")
     if len(parts) != 3:
-        raise InputError("not three numbers", field=key, found=text, expected=f"x,y,z in {unit}")
-    x, y, z = (number(key, part, unit) for part in parts)
+        raise InputError("not three numbers", field=key, found=text, expected="x,y,z in mm")
+    x, y, z = (number(key, part, "mm", TOOL) for part in parts)
     return x, y, z

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from daemon.commands.bounded import within
 from daemon.commands.force import Force
 
 if TYPE_CHECKING:
@@ -30,8 +31,10 @@ def demo(
     as_json: Annotated[
         bool, typer.Option("--json", help="One JSON object a cycle, then a summary.")
     ] = False,
-    duration: Annotated[float, typer.Option(min=5.0, help="Seconds of live correction.")] = 40.0,
-    seed: Annotated[int, typer.Option(min=0, help="Which simulated machine.")] = 1,
+    duration: Annotated[
+        float, typer.Option(callback=within(5.0, 1e6, "s"), help="Seconds of live correction.")
+    ] = 40.0,
+    seed: Annotated[int, typer.Option(min=0, max=2**31, help="Which simulated machine.")] = 1,
     folder: Annotated[
         Path, typer.Option("--out", help="Folder for campaign, model and configuration.")
     ] = Path("demo-out"),

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from daemon.commands.bounded import within
 from daemon.commands.import_map import SQUARENESS_HELP
 
 
@@ -36,7 +37,11 @@ def identify_convention(
     ] = False,
     squareness: Annotated[list[str] | None, typer.Option(help=SQUARENESS_HELP)] = None,
     tolerance: Annotated[
-        float | None, typer.Option(help="RMS in µm up to which points count as reproduced.")
+        float | None,
+        typer.Option(
+            callback=within(1e-6, 1e6, "µm"),
+            help="RMS in µm up to which points count as reproduced.",
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
 ) -> None:

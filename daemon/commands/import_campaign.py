@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from daemon.commands.bounded import within
 from daemon.commands.force import Force
 
 if TYPE_CHECKING:
@@ -48,7 +49,11 @@ def import_campaign(
     tool: Annotated[str, typer.Option(help="Tool or probe offset x,y,z in mm.")] = "0,0,0",
     setup: Annotated[str, typer.Option(help="Name of the set-up; else the file's.")] = "",
     sd: Annotated[
-        float | None, typer.Option(help="Standard uncertainty of a reading, µm or µrad.")
+        float | None,
+        typer.Option(
+            callback=within(1e-6, 1e5, "µm or µrad"),
+            help="Standard uncertainty of a reading, µm or µrad.",
+        ),
     ] = None,
     signal: Annotated[
         list[str] | None, typer.Option(help="NAME=VALUE, the same throughout; may be repeated.")
@@ -63,7 +68,10 @@ def import_campaign(
     centre: Annotated[
         str | None, typer.Option(help="ballbar: centre in the plane, mm: 350,450.")
     ] = None,
-    radius: Annotated[float | None, typer.Option(help="ballbar: nominal radius, mm.")] = None,
+    radius: Annotated[
+        float | None,
+        typer.Option(callback=within(0.1, 1e5, "mm"), help="ballbar: nominal radius, mm."),
+    ] = None,
     structure: Annotated[
         str | None, typer.Option(help='map: the structure code, such as "w b Y X Z t".')
     ] = None,
@@ -75,6 +83,7 @@ def import_campaign(
     """Import a table of runs, a Renishaw rtl, a ball bar test or a compensation map."""
     from compcore.campaign_file import write_campaign
     from compcore.model_file import load_model
+    from compcore.plausible import TRAVEL
     from daemon.commands.assignments import number
     from daemon.outputs import CAMPAIGN, check_outputs
 
@@ -100,7 +109,7 @@ def import_campaign(
         middle = None
         if centre is not None:
             a, b = _split(centre, 2, "centre")
-            middle = number("centre", a, "mm"), number("centre", b, "mm")
+            middle = number("centre", a, "mm", TRAVEL), number("centre", b, "mm", TRAVEL)
         campaign = import_ballbar(
             file, placing, plane=plane, centre=middle, radius=radius, unit=unit, machine=machine
         )
@@ -156,8 +165,9 @@ def _placing(
 
     from compcore.errors import InputError
     from compcore.importers.placing import Placing
+    from compcore.plausible import TRAVEL, TRAVEL_ROTARY, signal_range
     from compcore.structure import is_rotary
-    from daemon.commands.assignments import number, split_assignments, vector
+    from daemon.commands.assignments import number, split_assignments, tool_offset
 
     if sign not in (1, -1):
         raise typer.BadParameter("1 or -1", param_hint="--sign")
@@ -165,8 +175,13 @@ def _placing(
     for name, text in split_assignments(at.split(",") if at else []).items():
         if not name or name[0] not in "XYZUVWABC":
             raise InputError("not the name of an axis", field="at", found=name)
-        value = number(name, text, "degrees" if is_rotary(name) else "mm")
+        rotary = is_rotary(name)
+        allowed = TRAVEL_ROTARY if rotary else TRAVEL
+        value = number(name, text, "degrees" if rotary else "mm", allowed)
         positions[name] = radians(value) if is_rotary(name) else value
-    recorded = {n: number(n, v, "its unit") for n, v in split_assignments(signals).items()}
+    recorded = {
+        n: number(n, v, "its unit", signal_range(None))
+        for n, v in split_assignments(signals).items()
+    }
     uncertainty = None if sd is None else sd * (1e-6 if rotation else 1e-3)
-    return Placing(positions, vector("tool", tool, "mm"), setup, uncertainty, recorded, sign)
+    return Placing(positions, tool_offset("tool", tool), setup, uncertainty, recorded, sign)

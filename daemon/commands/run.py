@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from daemon.commands.bounded import within
+
 
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
@@ -16,7 +18,8 @@ def register(app: typer.Typer) -> None:
 def run(
     config: Annotated[Path, typer.Argument(help="Configuration file.", metavar="CONFIG.toml")],
     duration: Annotated[
-        float | None, typer.Option(min=0.0, help="Seconds to run; default: until Ctrl-C.")
+        float | None,
+        typer.Option(callback=within(0.0, 1e9, "s"), help="Seconds to run; default: until Ctrl-C."),
     ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="One JSON object a cycle on standard output.")

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from daemon.commands.bounded import within
 from daemon.commands.force import Force
 
 
@@ -47,10 +48,16 @@ def table(
         ),
     ] = None,
     points: Annotated[
-        int | None, typer.Option(help="Most points of a table; otherwise as many as it takes.")
+        int | None,
+        typer.Option(
+            min=2, max=100_000, help="Most points of a table; otherwise as many as it takes."
+        ),
     ] = None,
     tolerance: Annotated[
-        float, typer.Option(min=0.001, help="Interpolation error that is small enough, µm.")
+        float,
+        typer.Option(
+            callback=within(1e-3, 1e3, "µm"), help="Interpolation error that is small enough, µm."
+        ),
     ] = 0.1,
     on: Annotated[
         Path | None,
@@ -74,13 +81,22 @@ def table(
         ),
     ] = None,
     change: Annotated[
-        float, typer.Option(min=0.01, help="With --watch: change anywhere, µm, that asks for it.")
+        float,
+        typer.Option(
+            callback=within(0.01, 1e5, "µm"),
+            help="With --watch: change anywhere, µm, that asks for it.",
+        ),
     ] = 5.0,
     idle: Annotated[
-        float, typer.Option(min=0.0, help="With --watch: s without motion that count as idle.")
+        float,
+        typer.Option(
+            callback=within(0.0, 1e6, "s"),
+            help="With --watch: s without motion that count as idle.",
+        ),
     ] = 10.0,
     duration: Annotated[
-        float | None, typer.Option(min=0.1, help="With --watch: end after so many s.")
+        float | None,
+        typer.Option(callback=within(0.1, 1e9, "s"), help="With --watch: end after so many s."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
     report: Annotated[
@@ -99,7 +115,7 @@ def table(
     from daemon.analysis.progress import shown
     from daemon.analysis.tabled import Order, as_text, make
     from daemon.analysis.tabled import as_json as told
-    from daemon.commands.assignments import vector
+    from daemon.commands.assignments import tool_offset
     from daemon.outputs import REPORT, check_folder
     from drivers.controllers import make_controller
 
@@ -129,7 +145,7 @@ def table(
         model,
         made_for,
         arguments.options(settings or []),
-        table_state(loaded, arguments.signals(at or [], loaded), tool=vector("tool", tool, "mm")),
+        table_state(loaded, arguments.signals(at or [], loaded), tool=tool_offset("tool", tool)),
         Volume.of(loaded.machine, arguments.ranges(volume or [], loaded.machine)),
         points,
         tolerance * 1e-3,

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from daemon.commands.bounded import within
+
 if TYPE_CHECKING:
     from daemon.config import Configuration
     from daemon.upload.session import Result, Wish
@@ -45,7 +47,10 @@ def upload(
     ] = False,
     max_change: Annotated[
         float | None,
-        typer.Option(min=0.0, help="Allowed change, µm, in place of upload.max_change_um."),
+        typer.Option(
+            callback=within(1e-3, 1e5, "µm"),
+            help="Allowed change, µm, in place of upload.max_change_um.",
+        ),
     ] = None,
     by: Annotated[str, typer.Option(help="Who uploads, for the journal.")] = "",
     note: Annotated[str, typer.Option(help="A remark for the journal.")] = "",

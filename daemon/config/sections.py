@@ -17,7 +17,12 @@ FORMAT = "abbe-config/1"
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Length = Annotated[float, Field(gt=0.0, le=10.0, allow_inf_nan=False)]
+"""mm; no machine errs by more than a centimetre, and no guard that allows more guards anything."""
+Rate = Annotated[float, Field(gt=0.0, le=1000.0, allow_inf_nan=False)]
+"""mm/s"""
+Seconds = Annotated[float, Field(gt=0.0, le=3600.0, allow_inf_nan=False)]
+"""s; an hour is longer than anything that is waited for"""
 ChannelName = Annotated[str, Field(pattern=r"^[^.\s]+\.\S+$")]
 """``link.channel``"""
 Word = Annotated[int, Field(ge=0, le=0xFFFF)]
@@ -47,7 +52,7 @@ class AxisSection(Section):
     direction: ChannelName | None = None
     """Channel that says in which direction the axis moved last (1, −1, 0); default: it is told
     from the positions."""
-    deadband: Positive = 0.01
+    deadband: Length = 0.01
     """Way back from the farthest point that counts as a change of direction, mm (rotary: rad)."""
 
 
@@ -103,7 +108,7 @@ class ControllerSection(Section):
     heartbeat: ChannelName | None = None
     """A number that changes while the controller lives; the positions count as stale when it stands
     still for longer than `heartbeat_within`."""
-    heartbeat_within: Positive = 1.0
+    heartbeat_within: Seconds = 1.0
     status: ChannelName | None = None
     """Status word."""
     require: Word = 0
@@ -114,7 +119,7 @@ class ControllerSection(Section):
     """A number that changes with every new sample of the positions: their age counts from then."""
     clock: ChannelName | None = None
     """The controller's own time stamp of the positions: their age counts from then."""
-    clock_tick: Positive = 1.0
+    clock_tick: Seconds = 1.0
     """What `clock` counts, s: 0.001 where it counts milliseconds."""
 
 
@@ -151,9 +156,9 @@ class OutputSection(Section):
 class PerDirection(Section):
     """A number for each direction, mm."""
 
-    X: Positive
-    Y: Positive
-    Z: Positive
+    X: Length
+    Y: Length
+    Z: Length
 
 
 def _alike(value: object) -> object:
@@ -165,20 +170,20 @@ class GuardSection(Section):
 
     max_correction: Annotated[PerDirection, BeforeValidator(_alike)]
     """Largest correction, mm: one number, or one for each of X, Y, Z."""
-    max_norm: Positive | None = None
+    max_norm: Length | None = None
     """Largest length of the correction vector, mm; default what `max_correction` allows."""
-    max_rate: Positive
+    max_rate: Rate
     """Fastest change of a correction, mm/s."""
-    stale_after: Positive = 0.2
+    stale_after: Seconds = 0.2
     """s after which a position counts as stale."""
-    signals_stale_after: Positive = 5.0
+    signals_stale_after: Seconds = 5.0
     """s after which a signal counts as stale."""
-    max_lag: Positive | None = None
+    max_lag: Length | None = None
     """How far an axis may have moved while its position was under way (age × measured speed), mm
     (rotary: rad), for it to be used; default: no such limit but `stale_after`."""
-    hold: NotNegative = 1.0
+    hold: Annotated[float, Field(ge=0.0, le=3600.0)] = 1.0
     """s for which the last good correction is held."""
-    ramp: Positive = 2.0
+    ramp: Seconds = 2.0
     """s in which it is then ramped to zero, and later back in."""
 
     @property

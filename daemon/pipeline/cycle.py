@@ -185,10 +185,11 @@ class Pipeline:
         taken_at = self._positions.taken_at
         self._doubts.step(positions, faults, taken_at, now)
         computed: Vec3 | None = None
+        directions: Sequence[float] = ()
+        if self._turns and not faults:
+            directions = self._directions(positions, batch, faults)
         if not faults:
-            computed = self._compensation.step(
-                positions, self._directions(positions, batch) if self._turns else ()
-            )
+            computed = self._compensation.step(positions, directions)
         foreign = self._doubts.foreign
         faulty = ALL if self._tool.fault or foreign else self._compensation.faulty
         decision = self._guard.step(now, computed, faulty)
@@ -286,13 +287,20 @@ class Pipeline:
             return self._nowhere
         return tuple(math.nan if s is None else s.take(batch).value for s in self._plan.reference)
 
-    def _directions(self, positions: Sequence[float], batch: Batch) -> list[float]:
+    def _directions(
+        self, positions: Sequence[float], batch: Batch, faults: dict[str, str]
+    ) -> list[float]:
         told = list(self._deadbands.step(positions))
         for i, channel in enumerate(self._plan.directions):
             if channel is not None:
                 sample = batch[channel[0]][channel[1]]
-                if sample.good:
-                    told[i] = sample.value
+                if not sample.good:
+                    continue
+                told[i] = sample.value
+                if sample.value not in (-1.0, 0.0, 1.0):
+                    faults[self.axes[i]] = (
+                        f"its direction reads {sample.value:g}, which is none of 1, -1, 0"
+                    )
         return told
 
     def _take_signals(self, batch: Batch, now: float) -> None:

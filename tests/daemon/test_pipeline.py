@@ -7,13 +7,17 @@ import logging
 import math
 import time
 from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from memory_link import MemoryLink
 
 from compcore.conditions import Conditions
+from compcore.effects import make_effect
 from compcore.errors import AbbeError
+from compcore.model import Term, Value
+from compcore.model_file import load_model, save_model
 from daemon.config import Configuration, load_config
 from daemon.guard import Guard, GuardState
 from daemon.pipeline.cycle import Pipeline
@@ -193,6 +197,30 @@ async def test_a_missing_position_is_not_written_and_the_others_hold(
         off = await run.until(lambda r: r.decision.states[2] is GuardState.OFF)
         assert off.corrected[run.pipeline.corrected_axes.index("X")] == pytest.approx(360.0)
         link.values["count_Y"] = VALUES["count_Y"]
+        await run.until(compensating)
+
+    await run.during(story)
+
+
+@pytest.mark.parametrize("value", [2.0, 32767.0, 65535.0, 0.5])
+async def test_a_direction_that_is_none_is_a_fault_of_its_axis(
+    tmp_path: Path, link: MemoryLink, value: float
+) -> None:
+    model = load_model(EXAMPLE / "model.toml")
+    play = make_effect("backlash", {"axis": "X"})
+    values = {p.name: Value(0.001) for p in play.linear(model.machine)}
+    with_play = replace(model, terms=(*model.terms, Term(play, values)), covariance=None)
+    save_model(with_play, tmp_path / "play.toml")
+    quick = {**QUICK, '"model.toml"': f'"{tmp_path / "play.toml"}"'}
+    run = Run(configured(tmp_path, quick), link)
+
+    async def story() -> None:
+        before = (await run.until(compensating)).decision.correction
+        link.values["direction_X"] = value
+        held = await run.until(lambda r: r.decision.states[0] is GuardState.HOLDING)
+        assert held.decision.correction == before
+        assert held.faults["axis X"] == f"its direction reads {value:g}, which is none of 1, -1, 0"
+        link.values["direction_X"] = -1.0
         await run.until(compensating)
 
     await run.during(story)

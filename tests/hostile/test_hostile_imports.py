@@ -1,0 +1,193 @@
+"""Bad files of other programs, compensation maps, points of a display, and numbers typed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import mutate
+import pytest
+from forked import Case, faults, run
+from good import model
+
+RTL = """\
+HEADER::
+File type: Linear
+Owner: Renishaw plc
+TARGET DATA::
+Target-count:3
+Targets :
+ 0.000000  100.000000
+ 200.000000
+USER-TEXT::
+Machine:Bridge
+Axis:X
+RUNS::
+Run-count:2
+DEVIATIONS::
+Run Target Data:
+ 1 1 0.0
+ 1 2 1.5
+ 1 3 2.5
+ 2 3 3.0
+ 2 2 2.0
+ 2 1 1.0
+"""
+LONG = "position,run,direction,deviation_um\n" + "".join(
+    f"{100 * i},{r},{d},{i + r}\n" for r in (1, 2) for d in "+-" for i in range(4)
+)
+BY_TARGET = "target,1+,1-,2+,2-\n" + "".join(
+    f"{100 * i},{i},{i + 1},{i},{i + 2}\n" for i in range(5)
+)
+BY_RUN = "run,direction,0,100,200\n1,+,0,1,2\n1,-,1,2,3\n2,+,0,1,2\n2,-,1,2,3\n"
+BALL = "# plane = XY\n# centre = 350, 450\n# radius = 100\nangle,ccw,cw\n" + "".join(
+    f"{10 * i},{0.1 * i:.1f},{0.2 * i:.1f}\n" for i in range(36)
+)
+MAP = "".join(
+    f"{axis} Axis\n\nPosition\tLx\tLy\tLz\tRx\tRy\tRz\n"
+    + "".join(f"{100.0 * i:.4f}\t0.00{i}\t0\t0\t0\t0.00{i}\t0\n" for i in range(4))
+    + "\n"
+    for axis in "XYZ"
+)
+SWITCHED = '# unit = "um"\nX,Y,Z,dX,dY,dZ\n' + "".join(
+    f"{90 * i},{80 * i % 290},{-40 * i % 290},0.{i}1,-0.2,0.{i}\n" for i in range(4)
+)
+
+AT = ("--at", "Y=450,Z=-180", "-o", "out.csv", "--force")
+
+
+def command(layout: str) -> tuple[str, ...]:
+    """What imports a file of that layout."""
+    more = ("--axis", "X", *AT) if layout == "iso230-2" else AT
+    if layout == "ballbar":
+        more = ("--at", "Z=-180", *AT[2:])
+    if layout == "map":
+        more = ("--structure", "w b Y X Z t", *AT[2:])
+    return ("import-campaign", "f.txt", "--as", layout, *more)
+
+
+MAPPED = ("import-map", "f.txt", "--structure", "w b Y X Z t", "-o", "out.toml", "--force")
+IDENTIFY = ("identify-convention", "m.txt", "f.txt", "--structure", "w b Y X Z t")
+READ: dict[str, tuple[str, tuple[str, ...], str]] = {
+    "rtl": (RTL, command("rtl"), "out.csv"),
+    "long": (LONG, command("iso230-2"), "out.csv"),
+    "by target": (BY_TARGET, command("iso230-2"), "out.csv"),
+    "by run": (BY_RUN, command("iso230-2"), "out.csv"),
+    "ball bar": (BALL, command("ballbar"), "out.csv"),
+    "map rows": (MAP, command("map"), "out.csv"),
+    "map": (MAP, MAPPED, "out.toml"),
+    "points": (SWITCHED, IDENTIFY, ""),
+}  # fmt: skip
+
+
+def files(kind: str, text: str | bytes) -> dict[str, str | bytes]:
+    """The bad file and what is needed beside it."""
+    return {"f.txt": text} | ({"m.txt": MAP} if kind == "points" else {})
+
+
+def named() -> Iterator[Case]:
+    """Faults by name."""
+    for kind, before, after in (
+        ("rtl", "Target-count:3", "Target-count:4"), ("rtl", "Target-count:3", "Target-count:x"),
+        ("rtl", "1 3 2.5", "1 9 2.5"), ("rtl", "1 3 2.5", "1 0 2.5"),
+        ("rtl", "1 3 2.5", "1 3 1e308"),
+        ("rtl", "1 3 2.5", "1 3 nan"), ("rtl", "1 3 2.5", "1 3"), ("rtl", "200.000000", "1e308"),
+        ("rtl", "200.000000", "2e9"), ("rtl", "Axis:X", "Axis:Q"), ("rtl", "1 3 2.5", "1 2 2.5"),
+        ("rtl", "Run-count:2", "Run-count:" + "9" * 5000), ("rtl", "1 3 2.5", "9" * 400 + " 3 2.5"),
+        ("long", "300,1,+,4", "300,1,+,1e308"), ("long", "300,1,+,4", "300,1,?,4"),
+        ("long", "300,1,+,4", "1e308,1,+,4"), ("long", "300,1,+,4", "300,1e308,+,4"),
+        ("long", "300,1,+,4", "300,nan,+,4"), ("long", "300,1,+,4", "300,1,+,"),
+        ("long", "300,1,+,4", "300,1,+,4,5"), ("long", "deviation_um", "deviation_furlong"),
+        ("by target", "100,1,2,1,3", "100,1,2,1,1e300"),
+        ("by target", "100,1,2,1,3", "1e300,1,2,1,3"),
+        ("by target", "1+,1-", "1+,1+x"), ("by target", "2-", "9" * 5000 + "-"),
+        ("by run", "200\n", "2e300\n"), ("by run", "1,-,1,2,3", "1,-,1,2,1e18"),
+        ("by run", "1,-,1,2,3", "1e308,-,1,2,3"),
+        ("ball bar", "centre = 350, 450", "centre = 1e308, 4"),
+        ("ball bar", "radius = 100", "radius = 1e308"), ("ball bar", "radius = 100", "radius = -1"),
+        ("ball bar", "radius = 100", "radius = nan"), ("ball bar", "plane = XY", "plane = XX"),
+        ("ball bar", "50,0.5,1.0", "1e308,0.5,1.0"), ("ball bar", "50,0.5,1.0", "50,1e300,1.0"),
+        ("map rows", "100.0000\t0.001", "100.0000\t1e300"),
+        ("map", "100.0000\t0.001", "1e300\t0.001"),
+        ("map", "100.0000\t0.001", "100.0000\t1e300"), ("map", "100.0000\t0.001", "nan\t0.001"),
+        ("map", "100.0000\t0.001", "0.0000\t0.001"), ("map", "Y Axis", "X Axis"),
+        ("map", "Y Axis", "Q Axis"), ("map", "Lx\tLy", "Ly\tLx"), ("map", "0.002\t0\n", "\n"),
+        ("map", "200.0000", "1e-300"), ("points", "90,80", "1e308,80"), ("points", "0.11", "1e300"),
+        ("points", "0.11", "nan"), ("points", "dX", "qX"),
+    ):  # fmt: skip
+        good, arguments, out = READ[kind]
+        assert before in good, (kind, before)
+        text = good.replace(before, after, 1)
+        kept = (out,) if out else ()
+        yield Case(f"{kind}: {after[:24]!r}", files(kind, text), arguments, ("f.txt",), kept=kept)
+
+
+def mutated() -> Iterator[Case]:
+    """Good files damaged by a machine."""
+    for seed, (kind, (text, arguments, out)) in enumerate(READ.items()):
+        good = text.encode()
+        damaged = [
+            *list(mutate.whole(good))[seed % 3 :: 3], *mutate.flipped(good, 7, 100 + seed),
+            *mutate.cut(good, 3, 200 + seed), *mutate.lines_mixed(good, 3, 300 + seed),
+            *mutate.numbers_replaced(good, 8, 400 + seed), *mutate.harmless(good),
+        ]  # fmt: skip
+        for name, content in damaged:
+            kept = (out,) if out else ()
+            yield Case(f"{kind}: {name}", files(kind, content), arguments, (), True, kept, cpu=6.0)
+
+
+def typed() -> Iterator[Case]:
+    """Numbers on the command line that are none, or absurd."""
+    point = ("correct", "m.toml", "Y=200", "Z=-30")
+    table = ("table", "m.toml", "--controller", "csv", "-o", "tables", "--at", "T_x=20")
+    rtl = ("import-campaign", "f.txt", "--as", "rtl", "-o", "out.csv", "--force")
+    for arguments, says in (
+        ((*point, "X=1e308", "T_x=21"), "'X'"), ((*point, "X=1e6", "T_x=21"), "'X'"),
+        ((*point, "X=nan", "T_x=21"), "'X'"), ((*point, "X=100", "T_x=293"), "'T_x'"),
+        ((*point, "X=100", "T_x=1e300"), "'T_x'"),
+        ((*point, "X=1", "T_x=21", "tool=0,0,1e5"), "'tool'"),
+        ((*point, "X=1", "T_x=21", "tool=0,0"), "'tool'"),
+        ((*point, "X=1", "T_x=21", "X_dir=2"), "'X_dir'"),
+        ((*point, "X=1", "T_x=21", "time=1e300"), "'time'"),
+        ((*point, "X=1", "X=2", "T_x=21"), "twice"),
+        ((*table[:-1], "T_x=293"), "'T_x'"), ((*table, "--tool", "0,0,1e300"), "'tool'"),
+        ((*table, "--volume", "X=0,1e300"), "volume X"),
+        ((*table, "--volume", "X=nan,1"), "volume X"),
+        ((*table, "--tolerance", "nan"), "--tolerance"),
+        ((*table, "--tolerance", "inf"), "--tolerance"),
+        ((*table, "--tolerance", "-1"), "--tolerance"), ((*table, "--points", "-1"), "--points"),
+        ((*table, "--points", "1000000000"), "--points"), ((*table, "--change", "inf"), "--change"),
+        ((*table, "--idle", "nan"), "--idle"), ((*table, "--duration", "inf"), "--duration"),
+        (("upload", "c.toml", "t", "--max-change", "inf"), "--max-change"),
+        (("upload", "c.toml", "t", "--max-change", "nan"), "--max-change"),
+        (("upload", "c.toml", "t", "--max-change", "0"), "--max-change"),
+        (("run", "c.toml", "--duration", "inf"), "--duration"),
+        (("run", "c.toml", "--duration", "nan"), "--duration"),
+        (("demo", "--duration", "1e300"), "--duration"), (("demo", "--seed", "-1"), "--seed"),
+        ((*rtl, *AT[:2], "--sd", "-1"), "--sd"), ((*rtl, *AT[:2], "--sd", "inf"), "--sd"),
+        ((*rtl, *AT[:2], "--sd", "0"), "--sd"), ((*rtl, *AT[:2], "--sd", "1e300"), "--sd"),
+        ((*rtl, *AT[:2], "--sign", "7"), "--sign"), ((*rtl, "--at", "Y=1e300,Z=0"), "'Y'"),
+        ((*rtl, "--at", "Y=inf,Z=0"), "'Y'"), ((*rtl, *AT[:2], "--tool", "0,0,1e300"), "'tool'"),
+        ((*rtl, *AT[:2], "--signal", "T=1e300"), "'T'"), ((*rtl, *AT[:2], "--unit", "kg"), "unit"),
+        (("identify-convention", "m.txt", "p.csv", "--tolerance", "inf"), "--tolerance"),
+    ):  # fmt: skip
+        beside = {"m.toml": model(), "f.txt": RTL, "m.txt": MAP, "p.csv": SWITCHED}
+        kept = ("out.csv",) if "out.csv" in arguments else ()
+        title = " ".join(arguments[-2:])
+        yield Case(f"typed: {arguments[0]} {title}", beside, arguments, (says,), kept=kept)
+
+
+CASES = [*named(), *mutated(), *typed()]
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_a_bad_file_of_others_is_told_in_one_line(case: Case, tmp_path: Path) -> None:
+    outcome = run(case, tmp_path)
+    assert not faults(case, outcome, tmp_path)
+
+
+@pytest.mark.parametrize("kind", READ)
+def test_the_good_one_is_read(kind: str, tmp_path: Path) -> None:
+    text, arguments, _ = READ[kind]
+    outcome = run(Case(kind, files(kind, text), arguments), tmp_path)
+    assert outcome.status == 0, outcome.err
