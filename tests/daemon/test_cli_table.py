@@ -194,7 +194,7 @@ def test_every_dialect_makes_tables_of_a_machine_with_rotary_axes(name, code, tm
         (("--controller", "linuxcnc", "-o", "T", "--at", "reference", "--volume", "X=5"), 1,
          "low,high in mm"),
         (("--controller", "linuxcnc", "-o", "T", "--at", "reference", "--volume", "X=0,9999"), 1,
-         "-100, 500 mm"),
+         "-400 to 800 mm"),
         (("--controller", "linuxcnc", "-o", "T", "--at", "reference", "--set", "typ=1"), 1,
          "no such option"),
         (("--controller", "linuxcnc", "-o", "T", "--at", "reference", "--points", "300"), 1,
