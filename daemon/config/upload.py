@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from compcore.machine import Machine
     from drivers.controllers import Controller
 
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, le=1e5, allow_inf_nan=False)]
+"""µm, µrad, s: no table, and nothing that is waited for, is larger."""
 
 
 class UploadSection(BaseModel):

@@ -50,7 +50,7 @@ class SensorFaultError(ValueError):
 class TransducerConfig(BaseModel):
     """Base of all transducer sections of a configuration; unknown keys are errors."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 class Transducer(ABC):

@@ -20,7 +20,7 @@ position then is can be known in one of two ways:
 from __future__ import annotations
 
 import math
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -75,7 +75,7 @@ class EncoderConfig(TransducerConfig):
     zero: int = 0
     bits: Literal[16, 32, 64] = 32
     signed: bool = True
-    travel: tuple[float, float] | None = None
+    travel: Annotated[tuple[float, float], Field(strict=False)] | None = None
     max_jump: float = Field(default=0.25, gt=0, lt=0.5)
     max_gap: float | None = Field(default=None, gt=0)
     max_speed: float | None = Field(default=None, gt=0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -27,7 +27,9 @@ class RTTableConfig(ResistiveConfig):
     """
 
     type: Literal["rt-table"] = "rt-table"
-    table: tuple[tuple[float, float], ...] = Field(min_length=2)
+    table: tuple[Annotated[tuple[float, float], Field(strict=False)], ...] = Field(
+        min_length=2, strict=False
+    )
     min_temperature: float = -ZERO_CELSIUS
     max_temperature: float = math.inf
 

@@ -162,6 +162,8 @@ def _status(case: Case) -> int:
         except (AbbeError, LinkError) as error:  # as `main` tells them
             sys.stderr.write(f"abbe: {error}\n")
             return 1
+        except SystemExit as done:
+            return done.code if isinstance(done.code, int) else int(done.code is not None)
         return 0
     sys.argv = ["abbe", *case.run]
     try:
