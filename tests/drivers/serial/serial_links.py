@@ -62,7 +62,7 @@ async def linked(port: str, parts: dict[str, Any], **settings: Any) -> AsyncIter
 
 
 async def until(
-    true: Callable[[], bool] | Callable[[], Awaitable[bool]], limit: float = 10.0
+    true: Callable[[], bool] | Callable[[], Awaitable[bool]], limit: float = 60.0
 ) -> float:
     """Wait for something to become true; how long it took, s."""
     began = time.monotonic()
