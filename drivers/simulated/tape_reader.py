@@ -10,6 +10,7 @@ stored, or one line ``SUM=`` with the CRC-16 (Modbus) of all between the two ``%
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable
 from typing import Any, Literal
 
@@ -66,6 +67,7 @@ class TapeReader:
         self._rate = rate
         self._capacity = capacity
         self._verify = verify
+        self._credit, self._looked_at = 0.0, time.monotonic()
         self._buffer = bytearray()
         self._block = bytearray()
         self._tape = bytearray()
@@ -123,8 +125,13 @@ class TapeReader:
         }
 
     def receive(self, data: bytes) -> None:
-        """Characters from the line."""
-        for byte in data:
+        """Characters from the line.
+
+        They came one after the other since the last look, also where this process was stalled.
+        """
+        first, now = self._looked_at, time.monotonic()
+        for place, byte in enumerate(data, start=1):
+            self._work_off(first + (now - first) * place / len(data))
             code = bytes((byte,))
             if code in (DC1, DC3):
                 (self._may_send.set if code == DC1 else self._may_send.clear)()
@@ -143,20 +150,22 @@ class TapeReader:
 
     async def work(self) -> None:
         """Take characters from the buffer at the control's own speed, for ever."""
-        loop = asyncio.get_running_loop()
-        credit, last = 0.0, loop.time()
         while True:
             await asyncio.sleep(_TICK)
-            now = loop.time()
-            credit = min(credit + (now - last) * self._rate, 0.5 * self._capacity)
-            last = now
-            while credit >= 1.0 and self._buffer and not self.stalled:
-                credit -= 1.0
-                byte = self._buffer.pop(0)
-                self._take(byte)
-            if self._stopped and self._reading and len(self._buffer) <= 0.25 * self._capacity:
-                self._stopped = False
-                self._send(DC1)
+            self._work_off(time.monotonic())
+
+    def _work_off(self, now: float) -> None:
+        """Take what could be taken from the buffer until `now`, monotonic, s."""
+        since = max(0.0, now - self._looked_at)
+        self._looked_at = max(now, self._looked_at)
+        self._credit = min(self._credit + since * self._rate, 0.5 * self._capacity)
+        while self._credit >= 1.0 and self._buffer and not self.stalled:
+            self._credit -= 1.0
+            byte = self._buffer.pop(0)
+            self._take(byte)
+        if self._stopped and self._reading and len(self._buffer) <= 0.25 * self._capacity:
+            self._stopped = False
+            self._send(DC1)
 
     def _take(self, byte: int) -> None:
         if byte == ord("%"):
