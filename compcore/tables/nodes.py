@@ -62,9 +62,15 @@ def place(
         return _free(positions, curves, spacing, most, tolerance, through)
     if spacing.rule == "power of two":
         return _powers(positions, curves, spacing, most, tolerance)
-    count = min(most, _count_for(spacing, low, high))
+    needed = _needed(spacing, low, high)
+    if most < needed:
+        raise InputError(
+            "too few points for a table with one at zero", field="points", found=most,
+            expected=f"{needed} or more",
+        )  # fmt: skip
+    count = max(needed, min(most, _count_for(spacing, low, high)))
     if tolerance > 0.0:
-        tried = 2
+        tried = needed
         while tried < count:
             nodes = equidistant(low, high, tried, spacing)
             if interpolation_error(positions, curves, nodes) <= tolerance:
@@ -103,13 +109,19 @@ def equidistant(low: float, high: float, count: int, spacing: Spacing) -> F64:
     unit = spacing.unit or span * 1e-9
     shortest = max(span / (count - 1), spacing.least, unit) / unit
     step = _round_number(shortest)
+    needed = _needed(spacing, low, high)
     while True:
         grid = step if spacing.through_zero else 1
         first = math.floor(low / (grid * unit) + 1e-9) * grid
         number = math.ceil((high / unit - first) / step - 1e-9) + 1
-        if number <= count or number == 2:
+        if number <= count or number == needed:
             return np.asarray((first + step * np.arange(number)) * unit, dtype=np.float64)
         step += 1 if step < 10 else max(1, step // 200)
+
+
+def _needed(spacing: Spacing, low: float, high: float) -> int:
+    """Points without which no range is covered: both ends, and zero between them if it must be."""
+    return 3 if spacing.through_zero and low < 0.0 < high else 2
 
 
 def _round_number(least: float) -> int:

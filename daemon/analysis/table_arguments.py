@@ -6,14 +6,18 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from compcore.bounded_text import read_bounded
 from compcore.errors import InputError
 from compcore.machine import Machine
 from compcore.model import Model
 from compcore.plausible import position_range, signal_range
 from compcore.structure import is_rotary
-from compcore.tables.table_set import RECORD_NAME, TableSet, read_text
+from compcore.tables.table_set import RECORD_NAME, TableSet
 from daemon.commands.assignments import number, split_assignments
 
+MOST_BYTES = 16_000_000
+"""Of a controller's present tables, all files together; reading needs some twenty times this."""
+_EXPECTED = f"a controller's tables, {MOST_BYTES / 1e6:g} MB at most in all"
 REFERENCE = "reference"
 """``--at reference``: every temperature at the machine's reference temperature."""
 
@@ -91,11 +95,24 @@ def present_files(path: Path, controller: str) -> dict[str, str]:
                     expected=controller,
                 )
             return dict(made.files)
+        return _whole_folder(path)
+    return {path.name: read_bounded(path, MOST_BYTES, expected=_EXPECTED)}
+
+
+def _whole_folder(path: Path) -> dict[str, str]:
+    """All files of a folder, together no more than one may be."""
+    try:
         names = sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
-        if not names:
-            raise InputError("no files in this folder", file=path)
-        return {p.name: read_text(p) for p in names}
-    return {path.name: read_text(path)}
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=path) from None
+    if not names:
+        raise InputError("no files in this folder", file=path)
+    found: dict[str, str] = {}
+    left = MOST_BYTES
+    for name in names:
+        found[name.name] = read_bounded(name, left, expected=_EXPECTED)
+        left -= len(found[name.name])
+    return found
 
 
 def options(arguments: Sequence[str]) -> Mapping[str, str]:

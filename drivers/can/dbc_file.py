@@ -13,6 +13,10 @@ from drivers.link import LinkConfigError
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
 
+MOST_BYTES = 16_000_000
+"""Of the file; cantools needs a minute for that many."""
+_LONGEST = 300
+"""Characters of a parser's complaint."""
 MISSING_AFTER = 3.0
 """Cycle times without a message after which it is missing."""
 _LEAST_WITHIN, _DEFAULT_WITHIN = 0.1, 1.0
@@ -32,10 +36,12 @@ def load(config: DbcConfig) -> dict[str, Message]:
     if not Path(config.dbc).is_file():
         raise LinkConfigError(f"there is no file {config.dbc}", ("dbc",))
     try:
+        if Path(config.dbc).stat().st_size > MOST_BYTES:
+            raise ValueError(f"it is larger than {MOST_BYTES / 1e6:g} MB")
         database = cantools.database.load_file(config.dbc)
     except Exception as error:
         # cantools raises its parsers' errors as they are
-        raise LinkConfigError(f"{config.dbc} cannot be read: {error}", ("dbc",)) from error
+        raise LinkConfigError(f"{config.dbc} cannot be read: {_told(error)}", ("dbc",)) from error
     found: dict[str, Message] = {}
     for name, channel in config.channels.items():
         key = ("channels", name)
@@ -48,6 +54,12 @@ def load(config: DbcConfig) -> dict[str, Message]:
             raise LinkConfigError(f"message {name} is used by no channel", ("messages", name))
     _check_frames(list(found.values()), config)
     return found
+
+
+def _told(error: Exception) -> str:
+    """A parser's complaint in one line: it may quote a line of any length."""
+    words = " ".join(str(error).split()) or type(error).__name__
+    return words if len(words) <= _LONGEST else words[:_LONGEST] + " …"
 
 
 def _message(database: Any, name: str, file: str, key: tuple[str, ...]) -> Message:

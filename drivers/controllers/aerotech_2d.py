@@ -22,7 +22,14 @@ from drivers.controllers.base import (
     PerAxis,
     Trust,
 )
-from drivers.controllers.text import above_zero, fixed, number, numbered_lines, whole_number
+from drivers.controllers.text import (
+    above_zero,
+    fixed,
+    number,
+    numbered_lines,
+    only_file,
+    whole_number,
+)
 
 _DECIMALS = 3
 """Of values in µm."""
@@ -122,7 +129,7 @@ class Aerotech2D(Controller):
         return {"calibration.cal": "\n".join([*lines, ":END", ""])}
 
     def _parse(self, files: Mapping[str, str]) -> Sequence[Table]:
-        ((name, text),) = files.items()
+        name, text = only_file(files)
         heads: list[str] = []
         values: list[list[float]] = []
         ended = False

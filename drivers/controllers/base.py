@@ -13,13 +13,18 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Annotated, Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
 
 from compcore.errors import AbbeError, InputError
 from compcore.machine import Machine
+from compcore.plausible import DISPLACEMENT, ROTATION, TRAVEL, TRAVEL_ROTARY, Range
+from compcore.structure import is_rotary
 from compcore.tables.capability import Capability
 from compcore.tables.table import Sign, Table
 
+F64 = NDArray[np.float64]
 CONTROLLER_GROUP = "abbe.controllers"
 
 _SLACK = 1e-3
@@ -184,7 +189,23 @@ class Controller(ABC):
         InputError
             Naming file, line, what was found and what was expected.
         """
-        return tuple(t.scaled(self._turn) for t in self._parse(files))
+        with np.errstate(over="ignore", invalid="ignore"):  # believed by none
+            found = [t.scaled(self._turn) for t in self._parse(files)]
+            for table in found:
+                self._believe(table, ", ".join(files))
+        return tuple(found)
+
+    def _believe(self, table: Table, file: str) -> None:
+        """Raise `InputError` where a table's positions or values cannot be."""
+        for axis, nodes in zip(table.inputs, table.nodes, strict=True):
+            rotary = is_rotary(axis)
+            allowed = TRAVEL_ROTARY if rotary else TRAVEL
+            _within(np.degrees(nodes) if rotary else nodes, allowed, table, "position", file)
+        rotation = table.output.rotation
+        allowed, unit = (ROTATION, 1e6) if rotation else (DISPLACEMENT, 1e3)
+        scale = unit * self._reach(table)
+        _within(scale * table.forward, allowed, table, "value", file)
+        _within(scale * table.downward, allowed, table, "value", file)
 
     def _step(self, table: Table) -> float:
         """The finest step of such values, mm or rad."""
@@ -250,6 +271,15 @@ def with_options(cls: type[Controller], given: Mapping[str, Any]) -> ControllerO
                 f"{cls.name} has no such option", field=field, expected=f"one of {known}"
             ) from None
         raise InputError(f"{cls.name}: {first['msg']}", field=field, found=first["input"]) from None
+
+
+def _within(values: F64, allowed: Range, table: Table, what: str, file: str) -> None:
+    bad = values[~((values >= allowed.low) & (values <= allowed.high))]
+    if bad.size:
+        raise InputError(
+            "not believable", file=file, field=f"{what} of {table.name}",
+            found=f"{bad.flat[0]:g}", expected=str(allowed),
+        )  # fmt: skip
 
 
 def both_ways(forward: Table, backward: Table | None) -> Table:

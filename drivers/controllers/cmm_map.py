@@ -16,7 +16,7 @@ from compcore.tables.capability import Capability, Holds, Spacing
 from compcore.tables.table import Table, tables_of
 from drivers.controllers.axes import F64
 from drivers.controllers.base import AxisNames, Confidence, Controller, ControllerOptions, Trust
-from drivers.controllers.text import fixed
+from drivers.controllers.text import fixed, only_file
 
 
 class CmmMapOptions(ControllerOptions):
@@ -94,7 +94,7 @@ class CmmMap(Controller):
         return np.array([float(fixed(v / unit, self.options.decimals)) * unit for v in values])
 
     def _parse(self, files: Mapping[str, str]) -> Sequence[Table]:
-        ((name, text),) = files.items()
+        name, text = only_file(files)
         signs = self._signs()
         found = []
         for axis, table in parse_map(text, name).tables.items():

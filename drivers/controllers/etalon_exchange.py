@@ -15,7 +15,7 @@ from compcore.tables.capability import Capability, Holds, Spacing
 from compcore.tables.table import Table
 from drivers.controllers.axes import DEGREE, position_unit
 from drivers.controllers.base import Confidence, Controller, Trust
-from drivers.controllers.text import fixed, increasing, number, numbered_lines
+from drivers.controllers.text import fixed, increasing, number, numbered_lines, only_file
 
 _DECIMALS = 12
 _SECTION = re.compile(r"\[\s*([A-Z0-9]+)\s*\]")
@@ -71,7 +71,7 @@ class EtalonExchange(Controller):
         return {"volcomp.txt": "\n".join([*lines, ""])}
 
     def _parse(self, files: Mapping[str, str]) -> Sequence[Table]:
-        ((name, text),) = files.items()
+        name, text = only_file(files)
         found: list[Table] = []
         section = ""
         rows: list[list[float]] | None = None

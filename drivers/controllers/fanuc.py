@@ -15,7 +15,7 @@ from compcore.tables.capability import Capability, Holds, Increment, Spacing
 from compcore.tables.table import Table
 from drivers.controllers.axes import DEGREE, axis_numbers, equidistant, output_of, position_unit
 from drivers.controllers.base import Confidence, Controller, ControllerOptions, PerAxis, Trust
-from drivers.controllers.text import above_zero, numbered_lines
+from drivers.controllers.text import above_zero, numbered_lines, only_file
 from drivers.controllers.text import number as to_number
 
 F64 = NDArray[np.float64]
@@ -23,8 +23,8 @@ F64 = NDArray[np.float64]
 _FIRST = 10_000
 """Block numbers of pitch entries are 10000 + point number."""
 _HIGHEST = 1023
-_BLOCK = re.compile(r"N(\d+)(?:Q(\d+))?((?:A\d+P[-+.\d]+)+|P[-+.\d]+);?")
-_ITEM = re.compile(r"A(\d+)P([-+.\d]+)")
+_BLOCK = re.compile(r"N(\d{1,9})(?:Q(\d+))?((?:A\d{1,9}P[-+.\d]+)+|P[-+.\d]+);?")
+_ITEM = re.compile(r"A(\d{1,9})P([-+.\d]+)")
 
 
 class FanucOptions(ControllerOptions):
@@ -151,7 +151,7 @@ class Fanuc(Controller):
         return {"pitch.txt": "\n".join([*lines, "%", ""])}
 
     def _parse(self, files: Mapping[str, str]) -> Sequence[Table]:
-        ((name, text),) = files.items()
+        name, text = only_file(files)
         parameters: dict[tuple[int, int], float] = {}
         entries: dict[int, int] = {}
         for line, number, items in _blocks(text, name):

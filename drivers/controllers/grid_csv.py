@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 from collections.abc import Mapping, Sequence
 from typing import Annotated, ClassVar
@@ -136,11 +137,17 @@ class GridCsv(Controller):
         table = np.array(rows)
         nodes = [np.unique(table[:, k]) for k in range(len(axes))]
         shape = tuple(len(n) for n in nodes)
-        mesh = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1).reshape(-1, len(axes))
-        if len(table) != len(mesh) or (table[:, : len(axes)] != mesh).any():
+        size = math.prod(shape)
+        if (
+            len(table) != size
+            or (
+                table[:, : len(axes)]
+                != np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+            ).any()
+        ):
             raise InputError(
                 "the points are not a full grid, the last axis running fastest", file=name,
-                found=f"{len(table)} rows", expected=f"{len(mesh)} rows",
+                found=f"{len(table)} rows", expected=f"{size} rows",
             )  # fmt: skip
         base = [position_unit(a) for a in axes]
         scaled = tuple(n * b for n, b in zip(nodes, base, strict=True))

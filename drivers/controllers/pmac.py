@@ -28,14 +28,18 @@ from drivers.controllers.base import (
     PerAxis,
     Trust,
 )
-from drivers.controllers.text import above_zero, numbered_lines, whole
+from drivers.controllers.text import above_zero, numbered_lines, only_file, whole
 
 _FINE = 16
 """Entries are sixteenths of a count."""
 _DEFINE = re.compile(
-    r"DEFINE COMP (?P<entries>\d+),#(?P<source>\d+)D?,#(?P<target>\d+),(?P<span>\d+)", re.IGNORECASE
+    r"DEFINE COMP (?P<entries>\d{1,9}),#(?P<source>\d{1,9})D?,#(?P<target>\d{1,9}),"
+    r"(?P<span>\d{1,12})",
+    re.IGNORECASE,
 )
 _MOTOR = re.compile(r"#(\d+)")
+_MOST_NODES = 100_000
+"""Over an axis's travel, where a table repeats itself."""
 _A_LINE = 10
 """Entries a line."""
 
@@ -174,7 +178,7 @@ class Pmac(Controller):
         return self._count(moved_axis(table)) / _FINE
 
     def _parse(self, files: Mapping[str, str]) -> Sequence[Table]:
-        ((name, text),) = files.items()
+        name, text = only_file(files)
         axes = {motor: axis for axis, motor in self._motors().items()}
         found: list[Table] = []
         heading: re.Match[str] | None = None
@@ -234,6 +238,11 @@ class Pmac(Controller):
         low, high = self.machine.axis(axis).travel
         below = 0 if low >= 0.0 else math.ceil(-low / step - 1e-6)
         above = count if not below and count * step <= high + 1e-6 else count - 1 - below
+        if below + above > _MOST_NODES:
+            raise InputError(
+                "a distance too small for the axis's travel", file=file, line=line,
+                field="DEFINE COMP", found=f"{step:g}", expected=f"{_MOST_NODES} steps at most",
+            )  # fmt: skip
         entry = [0 if k == 0 else values[(k - 1) % count] for k in range(-below, above + 1)]
         nodes = equidistant(-below * step, step, below + above + 1)
         fine = self._count(moved) / _FINE

@@ -19,6 +19,8 @@ POSITION_DECIMALS = 3
 """Of a position, mm or degrees."""
 
 _ASSIGNED = re.compile(r"\$A([AN])_([A-Z_]+)\s*\[([^\]]*)\]\s*=\s*([^;]+?)\s*(?:;.*)?")
+_INDEX = re.compile(r"[0-9]{1,6}")
+_MOST_POINTS = 1e6
 _FRAME = ("CHANDATA(1)", "M17")
 
 
@@ -169,7 +171,7 @@ class _Raw:
                 "modulo tables are not read", file=self.file, field=f"{self.family}_IS_MODULO"
             )
         low, high, step = (self.real(key, k) for k in ("MIN", "MAX", "STEP"))
-        if not step > 0.0 or not high > low:
+        if not step > 0.0 or not high > low or not (high - low) / step < _MOST_POINTS:
             raise InputError(
                 "not a range with a distance", file=self.file, field=f"{self.family} {key}",
                 found=f"{low:g} to {high:g} by {step:g}",
@@ -204,14 +206,14 @@ def read_archive(name: str, text: str) -> tuple[list[EncComp], list[Cec]]:
         kind, variable, inside, value = match.groups()
         index = [p.strip() for p in inside.split(",")]
         family: _Family = "ENC_COMP" if kind == "A" else "CEC"
-        if not index[0].isdecimal():
+        if not _INDEX.fullmatch(index[0]):
             raise InputError("not the number of a table", file=name, line=i, found=line)
         table = raw.setdefault(
             (family, index[-1 if kind == "A" else 0]), _Raw(name, family, {}, {})
         )
         if variable == family:
             point = index[1] if len(index) == (3 if kind == "A" else 2) else ""
-            if not point.isdecimal():
+            if not _INDEX.fullmatch(point):
                 raise InputError("not a point of a table", file=name, line=i, found=line)
             table.entries[int(point)] = number(value, name, i, variable)
         else:

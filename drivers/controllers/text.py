@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,6 +86,21 @@ def above_zero(value: float, file: str, line: int | None, what: str) -> float:
             "not above 0", file=file, line=line, field=what, found=value, expected="above 0"
         )
     return value
+
+
+def only_file(files: Mapping[str, str]) -> tuple[str, str]:
+    """Name and text of the one file that a dialect has.
+
+    Raises
+    ------
+    InputError
+        When there are several.
+    """
+    if len(files) != 1:
+        raise InputError(
+            "more than one file", found=", ".join(sorted(files)), expected="one with all tables"
+        )
+    return next(iter(files.items()))
 
 
 def numbered_lines(text: str) -> Iterator[tuple[int, str]]:

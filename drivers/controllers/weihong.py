@@ -12,7 +12,7 @@ from compcore.errors import InputError
 from compcore.tables.capability import Capability, Holds, Spacing
 from compcore.tables.table import Table, move
 from drivers.controllers.base import Confidence, Controller, ControllerOptions, Trust
-from drivers.controllers.text import fixed, increasing, number, numbered_lines
+from drivers.controllers.text import fixed, increasing, number, numbered_lines, only_file
 
 _DECIMALS = 4
 _UNIT = re.compile(r";?\s*unit\s*=\s*(\S+)", re.IGNORECASE)
@@ -68,7 +68,7 @@ class Weihong(Controller):
         return {"axeserr.dat": "\n".join([*lines, ""])}
 
     def _parse(self, files: Mapping[str, str]) -> Sequence[Table]:
-        ((name, text),) = files.items()
+        name, text = only_file(files)
         rows: dict[str, list[tuple[float, float, float]]] = {}
         axis = None
         unit = False

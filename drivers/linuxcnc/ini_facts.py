@@ -12,6 +12,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
+MOST_BYTES = 1_000_000
+"""Of an INI file."""
+MOST_JOINTS = 16
+"""LinuxCNC's own limit."""
+
 
 def facts(path: str) -> dict[str, Any]:
     """What the file says; lengths in the unit that it names."""
@@ -19,9 +24,14 @@ def facts(path: str) -> dict[str, Any]:
 
     if not Path(path).is_file():
         return {"error": "there is no such file"}
+    if Path(path).stat().st_size > MOST_BYTES:
+        return {"error": f"larger than {MOST_BYTES / 1e6:g} MB"}
     ini = linuxcnc.ini(path)
     joints = []
-    for number in range(int(ini.find("KINS", "JOINTS") or 0)):
+    count = int(ini.find("KINS", "JOINTS") or 0)
+    if not 0 <= count <= MOST_JOINTS:
+        return {"error": f"[KINS] JOINTS is not believable, expected 0 to {MOST_JOINTS}"}
+    for number in range(count):
         section = "JOINT_" + str(number)
         joints.append(
             {
