@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +21,6 @@ POSITION_DECIMALS = 3
 
 _ASSIGNED = re.compile(r"\$A([AN])_([A-Z_]+)\s*\[([^\]]*)\]\s*=\s*([^;]+?)\s*(?:;.*)?")
 _INDEX = re.compile(r"[0-9]{1,6}")
-_MOST_POINTS = 1e6
 _FRAME = ("CHANDATA(1)", "M17")
 
 
@@ -171,7 +171,7 @@ class _Raw:
                 "modulo tables are not read", file=self.file, field=f"{self.family}_IS_MODULO"
             )
         low, high, step = (self.real(key, k) for k in ("MIN", "MAX", "STEP"))
-        if not step > 0.0 or not high > low or not (high - low) / step < _MOST_POINTS:
+        if not step > 0.0 or not high > low or not math.isfinite((high - low) / step):
             raise InputError(
                 "not a range with a distance", file=self.file, field=f"{self.family} {key}",
                 found=f"{low:g} to {high:g} by {step:g}",

@@ -200,7 +200,7 @@ def test_every_dialect_makes_tables_of_a_machine_with_rotary_axes(name, code, tm
         (("--controller", "linuxcnc", "-o", "T", "--at", "reference", "--points", "300"), 1,
          "2 to 256"),
         (("--controller", "linuxcnc", "-o", "T", "--at", "reference", "--on", "nothing"), 1,
-         "cannot be read"),
+         "no such file"),
         (("-o", "T"), 2, "--controller"),
         (("--controller", "linuxcnc"), 2, "-o"),
     ],

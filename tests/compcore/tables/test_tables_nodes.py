@@ -124,7 +124,7 @@ def test_as_few_equidistant_points_as_it_takes():
 def test_points_on_both_sides_of_one_at_zero_are_three_at_least():
     """Zero must be a point, and so must both ends: two points cannot do."""
     where = np.linspace(-100.0, 100.0, 41)
-    spacing = Spacing(least=0.1, unit=1e-3, through_zero=True)
+    spacing = Spacing("equidistant", 0.1, 1e-3, through_zero=True)
     nodes = place(where, 1e-3 * where[None], spacing, 128, 1e-6)
     assert nodes == pytest.approx([-100.0, 0.0, 100.0])
     with pytest.raises(InputError, match="too few points"):
