@@ -38,8 +38,6 @@ _DEFINE = re.compile(
     re.IGNORECASE,
 )
 _MOTOR = re.compile(r"#(\d+)")
-_MOST_NODES = 100_000
-"""Over an axis's travel, where a table repeats itself."""
 _A_LINE = 10
 """Entries a line."""
 
@@ -238,11 +236,6 @@ class Pmac(Controller):
         low, high = self.machine.axis(axis).travel
         below = 0 if low >= 0.0 else math.ceil(-low / step - 1e-6)
         above = count if not below and count * step <= high + 1e-6 else count - 1 - below
-        if below + above > _MOST_NODES:
-            raise InputError(
-                "a distance too small for the axis's travel", file=file, line=line,
-                field="DEFINE COMP", found=f"{step:g}", expected=f"{_MOST_NODES} steps at most",
-            )  # fmt: skip
         entry = [0 if k == 0 else values[(k - 1) % count] for k in range(-below, above + 1)]
         nodes = equidistant(-below * step, step, below + above + 1)
         fine = self._count(moved) / _FINE
