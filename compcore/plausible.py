@@ -146,8 +146,8 @@ _MARGIN = 0.5
 """Part of its travel by which an axis may be recorded beyond each end …"""
 _LEAST_MARGIN = 50.0
 """… and at least this, mm …"""
-_LEAST_MARGIN_ROTARY = 360.0
-"""… or degrees: an axis that turns for ever is counted on."""
+_LEAST_MARGIN_ROTARY = 36e3
+"""… or degrees, a hundred turns: an axis that turns for ever is counted on."""
 
 
 def signal_range(signal: Signal | None) -> Range:
@@ -173,7 +173,7 @@ def position_range(axis: Axis) -> Range:
     """Where an axis can be recorded, mm (rotary: degrees): its travel, and half of it at each end.
 
     A travel in a model file is what was mapped; set-ups reach beyond it, and controllers differ in
-    where they count from. At least 50 mm, or a full turn, are allowed.
+    where they count from. At least 50 mm, or a hundred turns, are allowed.
     """
     scale = math.degrees(1.0) if axis.rotary else 1.0
     low, high = (end * scale for end in axis.travel)

@@ -24,7 +24,8 @@ _BEYOND = 15.0
 """K that a thermometer may show beyond what it showed when the machine was measured; more where it
 ranged over more."""
 _APART = 15.0
-"""K that thermometers of one role may be apart on one machine: a hall with the sun on one side."""
+"""K that thermometers of one role may be apart, or what they were when the machine was measured if
+that is more; twice as much where nobody knows what they were."""
 _COMPARED = ("scale", "structure", "workpiece", "ambient", "air")
 """Roles whose thermometers are compared: motors, spindles and coolant may well be far apart."""
 _FINEST = 1e-4
@@ -75,7 +76,7 @@ def expected_of(
         signals={
             name: bounds_of(known[name], file.signals[name], measured.get(name)) for name in known
         },
-        likes=tuple(_likes(known)),
+        likes=tuple(_likes(known, measured)),
         tool=(_tool(configuration),) * 3,
         steps=tuple(_same_within(configuration, links, axis) for axis in written),
         read_back=tuple(_read_back(configuration, links)),
@@ -127,19 +128,29 @@ def outputs_hold(links: Mapping[str, Link], status: str) -> bool:
 def _positions(configuration: Configuration, axes: Sequence[str]) -> Iterator[tuple[float, float]]:
     for name in axes:
         axis = configuration.model.machine.axes[name]
-        believed = position_range(axis)
-        scale = math.radians(1.0) if axis.rotary else 1.0
-        yield scale * believed.low, scale * believed.high
+        if axis.rotary:
+            # one that turns for ever is counted on, for ever
+            yield -math.inf, math.inf
+        else:
+            believed = position_range(axis)
+            yield believed.low, believed.high
 
 
-def _likes(known: Mapping[str, Signal]) -> Iterator[Likes]:
+def _likes(
+    known: Mapping[str, Signal], measured: Mapping[str, tuple[float, float]]
+) -> Iterator[Likes]:
     groups: dict[tuple[str, str], list[str]] = {}
     for name, signal in known.items():
         if signal.temperature and signal.role in _COMPARED:
             groups.setdefault((signal.role, signal.unit), []).append(name)
     for (role, unit), names in groups.items():
         if len(names) > 1:
-            yield Likes(tuple(names), _APART, role, unit)
+            ranges = [measured[name] for name in names if name in measured]
+            apart = 2.0 * _APART
+            if len(ranges) == len(names):
+                spread = max(high for _, high in ranges) - min(low for low, _ in ranges)
+                apart = max(_APART, spread)
+            yield Likes(tuple(names), apart, role, unit)
 
 
 def _tool(configuration: Configuration) -> tuple[float, float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ from compcore.machine import Signal
 from daemon.config import Configuration, load_config
 from daemon.config.sections import SignalSection
 from daemon.guard import GuardState
-from daemon.pipeline.expected import bounds_of
+from daemon.pipeline.expected import bounds_of, expected_of
 from daemon.pipeline.follow import Follow
 from daemon.pipeline.motion import Motion
 from daemon.pipeline.plausible import Bounds, Likes, Plausible
@@ -364,3 +365,15 @@ def test_a_temperature_is_believed_near_where_it_was_measured() -> None:
     assert (told.low, told.high) == (0.0, 60.0)
     load = bounds_of(Signal("m", "kg", "load"), SignalSection(source="a.b"), (0.0, 10.0))
     assert load.high == 1e6
+
+
+def test_thermometers_of_one_role_may_be_as_far_apart_as_they_were(tmp_path: Path) -> None:
+    configuration = configured(tmp_path, QUICK)
+    links = configuration.make_links()
+    scales = expected_of(configuration, ("X", "Y", "Z"), links).likes
+    assert [likes.apart for likes in scales if likes.role == "scale"] == [30.0]
+    names = [n for n, s in configuration.model.machine.signals.items() if s.role == "scale"]
+    ranges = {name: [18.0 + i, 38.0 + i] for i, name in enumerate(names)}
+    model = replace(configuration.model, fit={"measured": {"signals": ranges}})
+    scales = expected_of(replace(configuration, model=model), ("X", "Y", "Z"), links).likes
+    assert [likes.apart for likes in scales] == [20.0 + len(names) - 1]
