@@ -218,10 +218,10 @@ async def test_a_request_is_answered_again(own_bus: SimulatedProcess) -> None:
 
 async def test_a_second_link_on_the_same_adapter_is_told_so(bus: SimulatedProcess) -> None:
     async with linked(bus.ready, READ) as first, linked(bus.ready, READ) as second:
+        await until(lambda: "another program has it" in second.status.detail)
         assert second.status.state is LinkState.DOWN
-        assert "another program has it" in second.status.detail
         await asyncio.sleep(0.3)
-        assert first.status.state is LinkState.UP
+        await until(lambda: first.status.state is LinkState.UP)
         assert first.status.reconnects == 0
 
 
