@@ -94,12 +94,15 @@ class Delivery:
         if active("swapped", now) and not self._kept:
             self._kept.append((send, data, shown))
             return
+        cut = bool(active("partial", now)) and not self._whole_only
         self._pieces(send, data, shown)
         kept, self._kept = self._kept, []
         for item in kept:
             self._pieces(*item)
         if twice := active("duplicated", now):
-            self._loop.at(now + twice.amount, lambda: self.aside(send, data))
+            # of an answer that was cut, the second one is the first that shows anything
+            again = shown if cut else None
+            self._loop.at(now + twice.amount, lambda: self.aside(send, data, again))
 
     def send_own(
         self, send: Send, data: bytes, shown: Shown, covers: frozenset[str], foreign: bytes
@@ -169,9 +172,9 @@ class Delivery:
         if self._put(send, data) and shown is not None:
             self._machine.judge.sent(dataclasses.replace(shown, sent=before))
 
-    def aside(self, send: Send, data: bytes) -> None:
-        """Send something that is not judged, but never into the middle of an answer."""
+    def aside(self, send: Send, data: bytes, shown: Shown | None = None) -> None:
+        """Send something whole, but never into the middle of an answer; judged where `shown`."""
         if self._under_way:
-            self._waiting.append(partial(self.aside, send, data))
+            self._waiting.append(partial(self.aside, send, data, shown))
         else:
-            self._put(send, data)
+            self._whole(send, data, shown)
