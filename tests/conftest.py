@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,10 @@ from hypothesis import settings
 # The machine that runs the tests is shared: no deadlines; the same examples every time.
 settings.register_profile("abbe", deadline=None, derandomize=True, print_blob=False)
 settings.load_profile("abbe")
+
+# Where the tests are started in the background of a shell, their processes would ignore Ctrl-C too.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ALONE = {
     # one LinuxCNC on a computer: its shared memory has fixed keys

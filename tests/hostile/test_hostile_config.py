@@ -166,8 +166,13 @@ def beside(arguments: tuple[str, ...]):  # type: ignore[no-untyped-def]
     def ask() -> None:
         import sys
 
+        import drivers.controllers
+        from compcore.effects import registry
         from daemon.application import app
 
+        # the process that this one was forked from may have looked for plugins already
+        registry._plugins.cache_clear()
+        drivers.controllers._plugins.cache_clear()
         sys.dont_write_bytecode = True
         sys.path.insert(0, ".")
         sys.argv = ["abbe", *arguments]
