@@ -26,16 +26,20 @@ class Beat:
     value
         Its last value; NaN before the first.
     since
-        Earliest moment at which it can have had that value.
+        Earliest moment at which it can have come to have that value: just after the look that
+        showed another one. At the first look, that look.
     """
 
     value: float = math.nan
     since: float = -math.inf
+    _looked: float = math.nan
 
     def take(self, value: float, time: float) -> None:
         """Take in a reading whose question left at `time`."""
         if value != self.value:
-            self.value, self.since = value, time
+            self.since = self._looked if self.value == self.value else time
+            self.value = value
+        self._looked = time
 
 
 @dataclass(slots=True)

@@ -23,7 +23,7 @@ from daemon.pipeline.expected import bounds_of, expected_of
 from daemon.pipeline.follow import Follow
 from daemon.pipeline.motion import Motion
 from daemon.pipeline.plausible import Bounds, Likes, Plausible
-from daemon.pipeline.watch import DeviceClock
+from daemon.pipeline.watch import Beat, DeviceClock
 from daemon.status_word import Status
 from drivers.link import ChannelInfo, LinkError, Place, Sample
 from drivers.transducers import SteinhartHartConfig, make_transducer
@@ -294,6 +294,20 @@ def test_a_devices_clock_dates_its_samples() -> None:
     assert clock.moment(102.0, 1003.51) == pytest.approx(1002.01)
     # begun anew
     assert clock.moment(0.5, 1010.0) == pytest.approx(1010.0)
+
+
+def test_a_heartbeat_that_changed_unseen_may_have_changed_long_ago() -> None:
+    """The controller froze while a cycle waited for 2 s: what it shows now is not of now."""
+    beat = Beat()
+    beat.take(1.0, 10.00)
+    assert beat.since == 10.00
+    beat.take(2.0, 10.02)
+    assert beat.since == 10.00
+    beat.take(2.0, 10.04)
+    beat.take(3.0, 12.00)
+    assert beat.since == 10.04
+    beat.take(4.0, 12.02)
+    assert beat.since == 12.00
 
 
 BAD_CONFIGURATIONS = {
