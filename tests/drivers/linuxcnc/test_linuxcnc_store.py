@@ -78,12 +78,20 @@ async def upload(one: LinuxCncStore, wanted: Files) -> None:
 
 
 async def until(one: LinuxCncStore, true: Callable[[tuple[str, ...]], bool]) -> Readiness:
-    """Wait until what speaks against an upload is this."""
+    """Wait until what speaks against an upload is this; LinuxCNC may be starting until then."""
     began = time.monotonic()
-    while not true((found := await one.readiness()).hindrances):
-        assert time.monotonic() - began < PATIENCE, found
+    while True:
+        told: object
+        try:
+            told = found = await one.readiness()
+            if true(found.hindrances):
+                return found
+        except LinkDownError as error:
+            told = error
+            if "LinuxCNC is starting" not in str(error):
+                raise
+        assert time.monotonic() - began < PATIENCE, told
         await asyncio.sleep(0.05)
-    return found
 
 
 def told_at_once(order: str) -> None:
