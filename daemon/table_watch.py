@@ -178,7 +178,10 @@ async def follow(
         for link, names in channels.items():
             wanted[link] = (*wanted.get(link, ()), *names)
     poll = Poll(links, wanted)
-    positions = PositionConverter(plan.positions, max(guard.stale_after, 2.0 * every), plan.watch)
+    # one look in `every` s: a number is seen to have changed since the look before
+    patient = max(guard.stale_after, 3.0 * every)
+    watch = replace(plan.watch, stale_after=patient, within=max(plan.watch.within, 3.0 * every))
+    positions = PositionConverter(plan.positions, watch.stale_after, watch)
     signals = SignalConverter(plan.signals, guard.signals_stale_after)
     until = math.inf if duration is None else time.monotonic() + duration
     waiting: list[str] = []
