@@ -28,8 +28,14 @@ def last_line(run: LiveRun) -> str:
 
 
 def numbers(line: str) -> dict[str, float]:
-    """Axis → corrected position that the controller was last known to hold, mm."""
-    return {m[1]: float(m[2]) for m in re.finditer(r"\b([XYZ]) (-?[\d.e+-]+) mm since", line)}
+    """Axis → corrected position that the controller was last known to hold, mm.
+
+    Perhaps: a message was under way when the machine went.
+    """
+    return {
+        m[1]: float(m[2])
+        for m in re.finditer(r"\b([XYZ]) (-?[\d.e+-]+) mm (?:perhaps )?since", line)
+    }
 
 
 def test_a_machine_that_is_gone_at_the_end(tmp_path: Path) -> None:
