@@ -120,7 +120,8 @@ async def measure(rounds: int) -> tuple[Side, Side, list[float], int, int]:
                 medians = [statistics.median(s.durations[-CYCLES:]) for s in (abbe, plain)]
                 ratios.append(medians[0] / medians[1])
             requests = link.status.requests - before
-            if requests != 2 * rounds * CYCLES:
+            # now and then what was written is read back, to notice another writer
+            if not 0 <= requests - 2 * rounds * CYCLES <= rounds * CYCLES / 100:
                 raise RuntimeError(f"{requests} requests in {rounds * CYCLES} cycles: not alike")
         finally:
             client.close()
