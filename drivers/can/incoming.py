@@ -80,7 +80,7 @@ class Incoming:
         self._bus = bus
         self._stamped = stamped
         self._since = since
-        self._ahead = time.time() - time.monotonic()
+        self._ahead = _difference()
         """By how much (s) CLOCK_REALTIME was ahead of the monotonic clock."""
         self._listening: asyncio.TimerHandle | None = None
         self._on_frame = on_frame
@@ -174,7 +174,7 @@ class Incoming:
         if self._port is None or not self._port.has_begun:
             self._since = looked
         if self._stamped:
-            self._ahead = time.time() - looked
+            self._ahead = _difference()
         return False
 
     def _look(self) -> None:
@@ -193,12 +193,7 @@ class Incoming:
     def _arrival(self, message: can.Message) -> tuple[float, float]:
         if not self._stamped:
             return self._since, time.monotonic()
-        now = time.monotonic()
-        for _ in range(_READINGS):
-            before, clock = now, time.time()
-            now = time.monotonic()
-            if now - before < _TOGETHER:
-                break
+        now, clock = _clocks()
         # a clock that was set meanwhile says too much or too little; that nothing waited is certain
         if abs(clock - now - self._ahead) > _DRIFT * (1.0 + now - self._since):
             return self._since, self._since
@@ -232,3 +227,20 @@ class Incoming:
     def _tell(self, function: Callable[..., None], *arguments: object) -> None:
         with contextlib.suppress(RuntimeError):  # the loop has ended
             self._loop.call_soon_threadsafe(function, *arguments)
+
+
+def _clocks() -> tuple[float, float]:
+    """The monotonic clock and CLOCK_REALTIME (s) at one moment, as far as nobody stalls us."""
+    now = time.monotonic()
+    for _ in range(_READINGS):
+        before, clock = now, time.time()
+        now = time.monotonic()
+        if now - before < _TOGETHER:
+            break
+    return now, clock
+
+
+def _difference() -> float:
+    """By how much (s) CLOCK_REALTIME is ahead of the monotonic clock."""
+    now, clock = _clocks()
+    return clock - now

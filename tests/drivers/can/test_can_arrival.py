@@ -22,6 +22,9 @@ class Clocks:
         self._now = 1000.0
         self._stalls = list(stalls)
 
+    def pass_by(self, seconds: float) -> None:
+        self._now += seconds
+
     def monotonic(self) -> float:
         self._now += 1e-6
         return self._now
@@ -78,6 +81,32 @@ async def test_a_stall_between_the_clocks_makes_no_frame_older(
     taken.close()
     bus.close()
     assert came == [pytest.approx(1000.0 - 0.25, abs=20e-6)]
+
+
+async def test_a_stall_while_the_clocks_are_compared_sets_none_of_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Else what comes until the next comparison passes for older than any question."""
+    came: list[float] = []
+    bus = Waiting(message(-0.25))
+    taken = Incoming(
+        bus,  # type: ignore[arg-type]
+        stamped=True,
+        name="clocks",
+        on_frame=lambda _, arrived, __: came.append(arrived),
+        on_lost=pytest.fail,
+    )
+    clocks = Clocks(5e-3, 8e-3)
+    with monkeypatch.context() as patched:
+        patched.setattr(
+            incoming, "time", SimpleNamespace(monotonic=clocks.monotonic, time=clocks.time)
+        )
+        taken.drain()
+        clocks.pass_by(0.5)
+        assert taken.wait(0.0)
+    taken.close()
+    bus.close()
+    assert came == [pytest.approx(1000.25, abs=20e-6)]
 
 
 def pdo(**values: float | None) -> Pdo:
