@@ -266,7 +266,8 @@ class NodeBus:
         elif self._network is not None and not message.is_extended_id:
             if message.arbitration_id == SYNC_ID:
                 self.sync.went(arrived)
-            self._network.notify(message, arrived, latest)
+            else:
+                self._network.notify(message, arrived, latest)
 
     def _show(self) -> None:
         """Bring the link's state up to date: silent nodes, emergencies, states, bus errors."""

@@ -5,8 +5,9 @@ this interface gives back; that is half of what a request costs here. And where 
 group is no frame, its receiving fails. Here such a one is passed over.
 
 Datagrams of one id from one sender differ in the time and in the data alone, and where these stand
-follows from the bytes before them. So the rest is unpacked once and known from then on. A frame
-that is sent again and again, to ask for something, is packed once.
+follows from the bytes before them. So the rest is unpacked once and known from then on, as one
+frame that is handed out with each one's time and data. A frame that is sent again and again, to ask
+for something, is packed once.
 """
 
 from __future__ import annotations
@@ -15,10 +16,8 @@ import os
 import socket
 import struct
 import time
-from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from drivers.awaited import is_there
 
@@ -48,8 +47,6 @@ _TIME = struct.Struct("@ll")
 _TIMESTAMP = 35
 """SO_TIMESTAMPNS, which python-can has switched on: seconds and nanoseconds at arrival."""
 
-_Make: TypeAlias = "Callable[..., can.Message | None] | None"
-
 
 class Datagrams:
     """What sends and receives in place of an open ``udp_multicast`` bus.
@@ -78,9 +75,9 @@ class Datagrams:
         self._socket = socket.socket(fileno=os.dup(bus.fileno()))
         self._fd = self._socket.fileno()
         self._space = socket.CMSG_SPACE(_TIME.size)
-        self._known: dict[tuple[bytes, bytes, bytes], _Make] = {}
-        """What stands before the time, before the data and behind it → what makes a frame of time
-        and data; None for one that is passed over."""
+        self._known: dict[tuple[bytes, bytes, bytes], can.Message | None] = {}
+        """What stands before the time, before the data and behind it → the frame that gets time and
+        data; None for one that is passed over."""
 
     def fileno(self) -> int:
         """The socket's file descriptor."""
@@ -93,6 +90,8 @@ class Datagrams:
     def recv(self, timeout: float | None) -> can.Message | None:
         """The next frame, waited for at most so long (s); None when none came.
 
+        It holds until the next call: the next frame of its kind is the same object.
+
         Passed over: what is no frame, FD frames where they are not wanted, and remote frames, ours
         and others', which nobody here answers.
 
@@ -102,21 +101,22 @@ class Datagrams:
             When the network is gone.
         """
         left = timeout or 0.0
-        until = time.monotonic() + left
+        until = time.monotonic() + left if left else 0.0
         for _ in range(_MOST_PASSED_OVER):
             try:
                 # our own frame is there as soon as it is sent
                 found = self._socket.recvmsg(_LONGEST, self._space, socket.MSG_DONTWAIT)
             except BlockingIOError:
-                if not is_there(self._fd, left):
+                if left <= 0.0 or not is_there(self._fd, left):
                     return None
                 left = 0.0
                 continue
             if (frame := self._frame(found[0], found[1])) is not None:
                 return frame
-            left = max(0.0, until - time.monotonic())
-            if not is_there(self._fd, left):
-                return None
+            if until:
+                left = until - time.monotonic()
+                if not is_there(self._fd, max(0.0, left)):
+                    return None
         return None
 
     def send(self, message: can.Message, timeout: float | None = None) -> None:
@@ -141,15 +141,16 @@ class Datagrams:
         """The frame in a datagram; None when it is none, or a request, ours or another's."""
         try:
             begin, end = _where_data_is(data)
-            make = self._known[data[:_TIME_AT], data[_REST_AT:begin], data[end:]]
+            frame = self._known[data[:_TIME_AT], data[_REST_AT:begin], data[end:]]
         except (ValueError, IndexError, KeyError):
-            make = self._unpacked
-            begin, end = 0, len(data)
-        if make is None or end > len(data):
+            return self._unpacked(data, _stamp(more))
+        if frame is None or end > len(data):
             return None
-        return make(timestamp=_stamp(more), data=data[begin:end])
+        frame.timestamp = _stamp(more)
+        frame.data = bytearray(data[begin:end])
+        return frame
 
-    def _unpacked(self, timestamp: float, data: bytes) -> can.Message | None:
+    def _unpacked(self, data: bytes, timestamp: float) -> can.Message | None:
         """The frame in a datagram of a kind that did not come yet, which is remembered."""
         try:
             fields = self._unpack(data)
@@ -157,12 +158,12 @@ class Datagrams:
         except Exception:  # noqa: BLE001 - whatever somebody else sent to the group, it is no frame
             return None
         passed_over = frame.is_remote_frame or (frame.is_fd and not self._takes_fd)
-        make = None if passed_over else partial(self._message, **fields)
+        found = None if passed_over else frame
         with suppress(Exception):  # not as python-can lays them out: never what ends a connection
-            self._learn(data, fields, make)
-        return None if passed_over else frame
+            self._learn(data, fields, found)
+        return found
 
-    def _learn(self, data: bytes, fields: dict[str, Any], make: _Make) -> None:
+    def _learn(self, data: bytes, fields: dict[str, Any], frame: can.Message | None) -> None:
         """Remember what becomes of datagrams like this one, where only time and data can differ."""
         begin, end = _where_data_is(data)
         other = bytes(0xFF ^ byte for byte in data[begin:end])
@@ -171,7 +172,7 @@ class Datagrams:
             return
         if len(self._known) >= _MOST_KNOWN:
             self._known.clear()
-        self._known[data[:_TIME_AT], data[_REST_AT:begin], data[end:]] = make
+        self._known[data[:_TIME_AT], data[_REST_AT:begin], data[end:]] = frame
 
 
 def group_of(config: InterfaceConfig) -> tuple[str, int]:

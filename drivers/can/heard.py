@@ -75,7 +75,7 @@ class Heard(Member):
         self.asked_at = None
         if self._multiplexed or asked_at is not None:
             self.work_out()
-        if asked_at is not None:
+        if asked_at is not None and self.pace.every:
             good = all(name in self.values and self.values[name].good for name in self.channels)
             self.pace.asked(asked_at, good=good)
 
