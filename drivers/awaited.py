@@ -120,6 +120,8 @@ class Awaited(Generic[T]):
         try:
             if self._pause:
                 self._look()
+                if not self.waiting and self._came_soon():
+                    self._pause -= 1
             else:
                 turn = self._turn or self._first_turn()
                 may = self._longest
@@ -170,8 +172,11 @@ class Awaited(Generic[T]):
             self._future = None
         if self.waiting:
             raise TimeoutError
-        soon = self._given_at - self._began < self._longest
-        self._pause = max(0, self._pause - 1) if soon else _PAUSE
+        self._pause = max(0, self._pause - 1) if self._came_soon() else _PAUSE
+
+    def _came_soon(self) -> bool:
+        """Whether the last answer came as soon as one that is waited for on the spot."""
+        return self._given_at - self._began < self._longest
 
     def _finish(self) -> None:
         self.waiting = False

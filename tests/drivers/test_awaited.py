@@ -78,6 +78,21 @@ async def test_after_a_wait_in_vain_some_answers_must_come_soon_first() -> None:
     assert device.waits[0] > 1.0
 
 
+@pytest.mark.usefixtures("patient")
+async def test_answers_that_are_there_already_came_soon() -> None:
+    device = Device()
+    await device.answered_by_the_loop()
+    await device.answered_by_the_loop()
+    device.ready = True
+    for _ in range(3):
+        device.waits.clear()
+        assert await device.ask() == 7
+        assert device.waits == [0.0]
+    device.waits.clear()
+    assert await device.ask() == 7
+    assert device.waits[0] > 1.0
+
+
 async def test_slow_answers_are_never_waited_for_on_the_spot() -> None:
     device = Device()
     loop = asyncio.get_running_loop()
