@@ -39,7 +39,7 @@ bench: $(VENV)/.bench ## Measure speed, and how good it is, beside others (an ho
 SECONDS ?= 3600
 SEED ?= 1
 torment: $(VENV)/.dev ## Torment every protocol of a live run, an hour in all (SECONDS=, SEED=); docs/torment.md
-	$(BIN)/python -m drivers.simulated.torment --seconds $(SECONDS) --seed $(SEED)
+	$(BIN)/python -m abbe.drivers.simulated.torment --seconds $(SECONDS) --seed $(SEED)
 
 clean: ## Remove everything that the other targets made
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis demo-out

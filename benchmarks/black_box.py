@@ -16,8 +16,8 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
+from abbe.compcore.fitting.fit import FitResult
 from benchmarks.hidden.inputs import Inputs, Learnt
-from compcore.fit import FitResult
 
 F64 = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from statistics import median
 import numpy as np
 import report
 
-from compcore.campaign_file import bare_machine, read_campaign, write_campaign
+from abbe.compcore.files.campaign_file import bare_machine, read_campaign, write_campaign
 
 ROWS = 1_000_000
 TURNS = 3

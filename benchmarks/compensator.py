@@ -33,13 +33,13 @@ from formulations import (
 )
 from numpy.typing import NDArray
 
-from compcore.compensator import Compensator
-from compcore.conditions import Conditions
-from compcore.effects import make_effect
-from compcore.machine import Axis, Machine, Signal
-from compcore.model import Model, Term, Value
-from compcore.model_file import save_model
-from compcore.structure import Structure
+from abbe.compcore.compensator.compensator import Compensator
+from abbe.compcore.effects import make_effect
+from abbe.compcore.files.model_file import save_model
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import Axis, Machine, Signal
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.model.model import Model, Term, Value
 
 F64 = NDArray[np.float64]
 
@@ -341,8 +341,8 @@ compensator **{first[0]:.2f} s** ({first[1]:.2f}; target: below 0.6); `abbe corr
 
 _FIRST = """
 import sys
-from compcore.compensator import Compensator
-from compcore.model_file import load_model
+from abbe.compcore.compensator.compensator import Compensator
+from abbe.compcore.files.model_file import load_model
 c = Compensator(load_model(sys.argv[1]))
 c.update(0.0, {"T_x": 22.5, "T_y": 19.0, "T_z": 24.0})
 c.step((200.0, 100.0, -50.0))

@@ -23,11 +23,11 @@ from pathlib import Path
 import report
 from pymodbus.client import AsyncModbusTcpClient
 
-from daemon.config import load_config
-from daemon.demo.configuration import demo_configuration
-from daemon.demo.simulator import simulated_bridge
-from daemon.pipeline.cycle import Pipeline
-from drivers.simulated.bridge_registers import REGISTERS, UNIT_ID, WRITE_BACK
+from abbe.daemon.config import load_config
+from abbe.daemon.demo.configuration import demo_configuration
+from abbe.daemon.demo.simulator import simulated_bridge
+from abbe.daemon.pipeline.cycle import Pipeline
+from abbe.drivers.simulated.bridge.registers import REGISTERS, UNIT_ID, WRITE_BACK
 
 MODEL = Path(__file__).resolve().parent.parent / "examples" / "bridge-cmm" / "model.toml"
 CYCLES = 50

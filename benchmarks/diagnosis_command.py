@@ -16,14 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
+from abbe.compcore.diagnosis.screening.candidates import candidates
+from abbe.compcore.files.campaign_file import read_campaign
+from abbe.compcore.files.model_file import load_model
+from abbe.compcore.fitting.fit import fit
 from benchmarks.hidden.campaign import draw, model_text, simulate
 from benchmarks.hidden.causes import catalogue
 from benchmarks.report import machine, write_section
 from benchmarks.screening import count
-from compcore.campaign_file import read_campaign
-from compcore.diagnose.candidates import candidates
-from compcore.fit import fit
-from compcore.model_file import load_model
 
 ROWS = (2_117, 4_335, 10_000, 80_000, 1_000_000)
 LINES = 1_896
@@ -122,7 +122,7 @@ def row(rows: int) -> tuple[str, int]:
         folder = Path(name)
         n = written(folder, rows)
         turns = TURNS if n < 50_000 else 1
-        abbe = (sys.executable, "-m", "daemon")
+        abbe = (sys.executable, "-m", "abbe.daemon")
         used = {k: Used.least(turns, *abbe, *words, folder=folder) for k, words in COMMANDS.items()}
         their, size = other(folder, n)
         cells = [f"{u.wall:.1f} | {u.cpu:.1f} | {u.memory:.0f}" for u in used.values()]

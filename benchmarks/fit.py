@@ -23,16 +23,16 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.effects import make_effect
+from abbe.compcore.files.campaign_file import read_campaign
+from abbe.compcore.files.model_file import load_model
+from abbe.compcore.fitting.design.design_matrix import Problem
+from abbe.compcore.fitting.fit import fit
+from abbe.compcore.model.model import Model
+from abbe.compcore.threads import threads_for
 from benchmarks.report import machine, write_section
 from benchmarks.sources import krulewich
-from compcore.campaign import Campaign
-from compcore.campaign_file import read_campaign
-from compcore.design_matrix import Problem
-from compcore.effects import make_effect
-from compcore.fit import fit
-from compcore.model import Model
-from compcore.model_file import load_model
-from compcore.threads import threads_for
 
 F64 = NDArray[np.float64]
 DATA = Path(__file__).resolve().parent.parent / "tests" / "data" / "p02-bridge"

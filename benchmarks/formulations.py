@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import map_coordinates
 
-from compcore.channel import Channel
-from compcore.conditions import Conditions
-from compcore.model import Model
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.model.model import Model
 
 F64 = NDArray[np.float64]
 Errors = Callable[[F64], F64]

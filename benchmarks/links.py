@@ -19,6 +19,8 @@ from typing import Any, NamedTuple
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from abbe.drivers.link import Link, link_class
+from abbe.drivers.simulated.process import SimulatedProcess
 from benchmarks.bare_links import (
     AXES,
     DBC,
@@ -33,8 +35,6 @@ from benchmarks.bare_links import (
     sync_and_pdos,
 )
 from benchmarks.report import machine, write_section
-from drivers.link import Link, link_class
-from drivers.simulated.process import SimulatedProcess
 
 ROUNDS, POLLS = 40, 100
 LIMIT = 1.2

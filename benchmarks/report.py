@@ -7,7 +7,7 @@ import platform
 import re
 from pathlib import Path
 
-from compcore.atomic import write_atomically
+from abbe.compcore.files.text.atomic import write_atomically
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "performance.md"
 

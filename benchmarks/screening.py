@@ -18,18 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.diagnosis.screening.candidates import Candidate, candidates
+from abbe.compcore.diagnosis.screening.pool import Pool
+from abbe.compcore.diagnosis.screening.screening import Basis
+from abbe.compcore.files.campaign_file import read_campaign
+from abbe.compcore.files.model_file import parse_model
+from abbe.compcore.files.text.toml_source import TomlSource
+from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.model.model import Model
+from abbe.compcore.threads import WORTH_MORE, threads_for
 from benchmarks.hidden.campaign import draw, model_text, simulate
 from benchmarks.report import machine, write_section
-from compcore.campaign import Campaign
-from compcore.campaign_file import read_campaign
-from compcore.diagnose.candidates import Candidate, candidates
-from compcore.diagnose.pool import Pool
-from compcore.diagnose.screening import Basis
-from compcore.fit import FitResult, fit
-from compcore.model import Model
-from compcore.model_file import parse_model
-from compcore.threads import WORTH_MORE, threads_for
-from compcore.toml_source import TomlSource
 
 F64 = NDArray[np.float64]
 

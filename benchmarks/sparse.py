@@ -10,8 +10,8 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import lasso_path
 from sklearn.model_selection import GroupKFold
 
+from abbe.compcore.fitting.fit import FitResult
 from benchmarks.hidden.inputs import ORDER, Inputs, Learnt
-from compcore.fit import FitResult
 
 F64 = NDArray[np.float64]
 

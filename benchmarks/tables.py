@@ -16,18 +16,18 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from abbe.compcore.compensator.folding.slow_state import SlowState
+from abbe.compcore.effects import Angular, Positioning, ScaleExpansion, Squareness, Straightness
+from abbe.compcore.machine.machine import Axis, Machine, Signal
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.model.model import Model, Term, Value
+from abbe.compcore.tables.capability import RIGID, Capability, Holds
+from abbe.compcore.tables.field import ErrorField
+from abbe.compcore.tables.grid import spatial_grid
+from abbe.compcore.tables.projection.project import project
+from abbe.compcore.tables.remainder import Trial
+from abbe.compcore.tables.volume import Volume
 from benchmarks.report import machine, write_section
-from compcore.effects import Angular, Positioning, ScaleExpansion, Squareness, Straightness
-from compcore.folding.slow import SlowState
-from compcore.machine import Axis, Machine, Signal
-from compcore.model import Model, Term, Value
-from compcore.structure import Structure
-from compcore.tables.capability import RIGID, Capability, Holds
-from compcore.tables.field import ErrorField
-from compcore.tables.grid import spatial_grid
-from compcore.tables.project import project
-from compcore.tables.remainder import Trial
-from compcore.tables.volume import Volume
 
 F64 = NDArray[np.float64]
 TURNS = 7

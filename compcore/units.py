@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from compcore.errors import InputError
+from abbe.compcore.errors import InputError
 
 _DEG = math.pi / 180.0
 

@@ -1,5 +1,5 @@
-"""``python -m daemon``: the same as ``abbe``."""
+"""``python -m abbe.daemon``: the same as ``abbe``."""
 
-from daemon.cli import main
+from abbe.daemon.cli import main
 
 main()

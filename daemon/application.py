@@ -1,4 +1,4 @@
-"""The application of typer: ``abbe COMMAND``; each command is a file in `daemon.commands`.
+"""The application of typer: ``abbe COMMAND``; each command is a file in `abbe.daemon.commands`.
 
 Commands import what they need when they run, so that ``abbe correct`` starts fast.
 """
@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from daemon.commands import register
+from abbe.daemon.commands import register
 
 app = typer.Typer(
     name="abbe",

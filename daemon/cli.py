@@ -35,15 +35,15 @@ def _ignore_interruptions() -> None:
 
 
 def _run() -> int:
-    from compcore.errors import AbbeError
-    from daemon.standard_output import finish, install
-    from drivers.link import LinkError
+    from abbe.compcore.errors import AbbeError
+    from abbe.daemon.standard_output import finish, install
+    from abbe.drivers.link import LinkError
 
     told = ""
     status = 1
     try:
         install()
-        from daemon.application import app
+        from abbe.daemon.application import app
 
         app()
         status = 0

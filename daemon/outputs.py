@@ -14,12 +14,12 @@ from pathlib import Path
 
 import typer
 
-from compcore.campaign_csv import head as campaign_head
-from compcore.errors import InputError
-from compcore.model_file import FORMAT as MODEL_FORMAT
-from compcore.tables.record_file import FORMAT as TABLES_FORMAT
-from compcore.tables.table_set import RECORD_NAME, TableSet, sha256
-from compcore.target import Target
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.campaign_csv import head as campaign_head
+from abbe.compcore.files.model_file import FORMAT as MODEL_FORMAT
+from abbe.compcore.files.table_record import FORMAT as TABLES_FORMAT
+from abbe.compcore.files.table_set import RECORD_NAME, TableSet, sha256
+from abbe.compcore.files.text.write_target import Target
 
 Say = Callable[[str], None]
 """Tells the user a line."""

@@ -10,14 +10,14 @@ import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 
-from compcore.errors import AbbeError
-from daemon.claims import held_by_run
-from daemon.config import Configuration
-from daemon.ownership import hold
-from daemon.pipeline.cycle import LAST_WORD, Pipeline
-from daemon.pipeline.record import Listener
-from daemon.upload.unfinished import unfinished_in
-from drivers.link import Link
+from abbe.compcore.errors import AbbeError
+from abbe.daemon.config import Configuration
+from abbe.daemon.ownership.claims import held_by_run
+from abbe.daemon.ownership.lock import hold
+from abbe.daemon.pipeline.cycle import LAST_WORD, Pipeline
+from abbe.daemon.pipeline.record import Listener
+from abbe.daemon.upload.history.unfinished import unfinished_in
+from abbe.drivers.link import Link
 
 logger = logging.getLogger("abbe.service")
 

@@ -9,7 +9,7 @@ import os
 import sys
 from typing import TYPE_CHECKING, TextIO
 
-from compcore.errors import AbbeError
+from abbe.compcore.errors import AbbeError
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 
-from daemon.guard import Decision, GuardState
+from abbe.daemon.guard import Decision, GuardState
 
 
 class Status(enum.IntFlag):

@@ -20,23 +20,23 @@ from typing import Any
 
 import typer
 
-from compcore.conditions import Conditions
-from compcore.folding.slow import SlowState
-from compcore.lag import LagState
-from compcore.model import Model
-from compcore.tables.change import predicted_change
-from compcore.tables.volume import Volume
-from daemon.analysis import table_arguments
-from daemon.analysis.tabled import Order, make
-from daemon.claims import held_by_watch
-from daemon.config import Configuration, load_config
-from daemon.outputs import check_folder
-from daemon.ownership import hold
-from daemon.pipeline.convert import PositionConverter, SignalConverter
-from daemon.pipeline.plan import make_plan
-from daemon.pipeline.poll import Poll
-from drivers.controllers import Controller, make_controller
-from drivers.link import Link
+from abbe.compcore.compensator.folding.slow_state import SlowState
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.lag import LagState
+from abbe.compcore.model.model import Model
+from abbe.compcore.tables.change import predicted_change
+from abbe.compcore.tables.volume import Volume
+from abbe.daemon.answers.table import Order, make
+from abbe.daemon.arguments import table_arguments
+from abbe.daemon.config import Configuration, load_config
+from abbe.daemon.outputs import check_folder
+from abbe.daemon.ownership.claims import held_by_watch
+from abbe.daemon.ownership.lock import hold
+from abbe.daemon.pipeline.plan import make_plan
+from abbe.daemon.pipeline.reading.convert import PositionConverter, SignalConverter
+from abbe.daemon.pipeline.reading.poll import Poll
+from abbe.drivers.controllers import Controller, make_controller
+from abbe.drivers.link import Link
 
 _OPEN_WITHIN = 5.0
 """s that a link is given to open."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from drivers.link import (
+from abbe.drivers.link import (
     LinkDownError,
     LinkError,
     LinkProtocolError,
@@ -23,7 +23,7 @@ _KINDS = (
 
 
 class Batch:
-    """One call of `drivers.link.Link.write` that sends one message after the other.
+    """One call of `abbe.drivers.link.Link.write` that sends one message after the other.
 
     Parameters
     ----------

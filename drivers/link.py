@@ -31,7 +31,7 @@ from typing import ClassVar, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict
 
-from compcore.plugins import BrokenPluginError, load_plugin
+from abbe.compcore.plugins import BrokenPluginError, load_plugin
 
 LINK_GROUP = "abbe.links"
 
@@ -253,7 +253,8 @@ class LinkConfig(BaseModel):
 class Link(ABC):
     """One owner of one physical bus.
 
-    A link never blocks the event loop (for longer than `drivers.awaited` says), bounds every wait,
+    A link never blocks the event loop (for longer than `abbe.drivers.reply_wait` says), bounds
+    every wait,
     reconnects by itself, and hands back a `Sample` for every channel asked for: an outage shows as
     quality, not as an exception.
     """

@@ -14,8 +14,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from drivers.link import LinkState
-from drivers.reconnect import Keeper, ReconnectConfig
+from abbe.drivers.link import LinkState
+from abbe.drivers.reconnect import Keeper, ReconnectConfig
 
 
 class QuarantineConfig(ReconnectConfig):

@@ -15,7 +15,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from drivers.link import (
+from abbe.drivers.link import (
     LinkConfig,
     LinkConfigError,
     LinkDownError,

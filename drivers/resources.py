@@ -2,8 +2,8 @@
 
 ``tcp HOST:PORT``, ``serial REALPATH``, ``can INTERFACE CHANNEL``, ``linuxcnc hal`` (the LinuxCNC
 that runs on this computer), ``linuxcnc INI``. A link or store hands them out as its `owns`; who
-holds them is `daemon.ownership`'s business. Nothing is opened here, and no name is looked up in
-the network.
+holds them is `abbe.daemon.ownership.lock`'s business. Nothing is opened here, and no name is
+looked up in the network.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ def random_tables(rng, linear_mm=5e-3, angular_rad=30e-6):
 
 def as_map(tables):
     """The same tables as compcore holds them."""
-    from compcore.map_table import AxisTable, CompensationMap
+    from abbe.compcore.maps.table import AxisTable, CompensationMap
 
     return CompensationMap(
         {

@@ -8,7 +8,7 @@ import sys
 from dataclasses import dataclass
 from unittest import mock
 
-from daemon.cli import main
+from abbe.daemon.cli import main
 
 
 @dataclass(frozen=True)

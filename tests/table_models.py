@@ -6,7 +6,8 @@ from itertools import combinations
 
 import numpy as np
 
-from compcore.effects import (
+from abbe.compcore.compensator.folding.slow_state import SlowState
+from abbe.compcore.effects import (
     Angular,
     Backlash,
     CrossAngular,
@@ -21,10 +22,9 @@ from compcore.effects import (
     Straightness,
     ThermalOffset,
 )
-from compcore.folding.slow import SlowState
-from compcore.machine import Axis, Machine, Signal
-from compcore.model import Model, Term, Value
-from compcore.structure import Structure
+from abbe.compcore.machine.machine import Axis, Machine, Signal
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.model.model import Model, Term, Value
 
 TRAVELS = {"X": (-100.0, 500.0), "Y": (0.0, 800.0), "Z": (-300.0, 50.0)}
 SIGNALS = {n: Signal(n, "degC", "scale", a) for n, a in (("T_x", "X"), ("T_y", "Y"))}

@@ -6,11 +6,11 @@ import re
 import sys
 from pathlib import Path
 
-from compcore.atomic import write_atomically
-from compcore.effects import NonlinearParameter, Parameter, effect_class, effect_kinds
-from compcore.effects.handbook import Page, effect_page
-from compcore.effects.registry import FAMILIES
-from compcore.units import display
+from abbe.compcore.effects import NonlinearParameter, Parameter, effect_class, effect_kinds
+from abbe.compcore.effects.handbook import Page, effect_page
+from abbe.compcore.effects.registry import FAMILIES
+from abbe.compcore.files.text.atomic import write_atomically
+from abbe.compcore.units import display
 from tools.effect_pictures import picture
 from tools.effect_scenes import SCENES
 
@@ -21,7 +21,7 @@ _NAME = re.compile(r"(?<!`)`([a-z_]+)`(?!`)")
 
 def built_in() -> list[str]:
     """The kinds that have a page here: plugins have their own."""
-    return [k for k, cls in effect_kinds().items() if cls.__module__.startswith("compcore.")]
+    return [k for k, cls in effect_kinds().items() if cls.__module__.startswith("abbe.compcore.")]
 
 
 def _markdown(text: str) -> str:

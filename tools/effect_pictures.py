@@ -8,11 +8,11 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from compcore.channel import INSTRUMENT, Channel
-from compcore.conditions import Conditions
-from compcore.effects import make_effect
-from compcore.kinematics import Chain
-from compcore.model import Model, Term, Value
+from abbe.compcore.effects import make_effect
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.error_motion import INSTRUMENT, Channel
+from abbe.compcore.machine.kinematics import Chain
+from abbe.compcore.model.model import Model, Term, Value
 from tools.effect_scenes import SIGNALS, Scene
 from tools.svg import Drawing
 

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from compcore.machine import Axis, Machine, Signal
-from compcore.structure import Structure
+from abbe.compcore.machine.machine import Axis, Machine, Signal
+from abbe.compcore.machine.structure import Structure
 
 SIGNALS = {
     s.name: s

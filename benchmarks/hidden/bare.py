@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.drivers.simulated.bridge.truth import ExactMachine
 from benchmarks.hidden.campaign import STRUCTURES, Machine, draw, exact, model_text
 from benchmarks.hidden.causes import Cause, State, six
 from benchmarks.hidden.measuring import Hidden, Simulated, measure
 from benchmarks.hidden.plan import Planner, calibration, check
-from drivers.simulated.truth import ExactMachine
 
 F64 = NDArray[np.float64]
 

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.drivers.simulated.bridge.truth import ExactAxis, ExactMachine
 from benchmarks.hidden import shop
 from benchmarks.hidden.measuring import Hidden, Simulated, measure
 from benchmarks.hidden.plan import calibration, check
-from drivers.simulated.truth import ExactAxis, ExactMachine
 
 F64 = NDArray[np.float64]
 

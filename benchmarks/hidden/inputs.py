@@ -9,10 +9,10 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.typing import NDArray
 
-from compcore.campaign import Campaign, Kind
-from compcore.compare import compare
-from compcore.fit import FitResult
-from compcore.structure import is_rotary
+from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.comparison.compare import compare
+from abbe.compcore.fitting.fit import FitResult
+from abbe.compcore.machine.structure import is_rotary
 
 F64 = NDArray[np.float64]
 

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.drivers.simulated.bridge.truth import ExactAxis, ExactMachine
 from benchmarks.hidden.campaign import STRUCTURES, Machine, draw, exact, model_text
 from benchmarks.hidden.causes import POINT, READING, SENSOR, Cause, State, six
 from benchmarks.hidden.measuring import Hidden, Simulated, measure
 from benchmarks.hidden.plan import TOOLS, Planner, calibration, check
-from drivers.simulated.truth import ExactAxis, ExactMachine
 
 F64 = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.drivers.simulated.bridge.truth import ExactMachine
 from benchmarks.hidden import shop
 from benchmarks.hidden.causes import POINT, READING, SENSOR, Cause
 from benchmarks.hidden.plan import Planner
-from drivers.simulated.truth import ExactMachine
 
 F64 = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from abbe.compcore.files.text.atomic import write_atomically
 from benchmarks.hidden.scenario import Scenario
-from compcore.atomic import write_atomically
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.drivers.simulated.bridge.truth import ExactAxis, ExactMachine, rotation
 from benchmarks.hidden import rotary_causes
 from benchmarks.hidden.campaign import effect_text, machine_text, signals_text
 from benchmarks.hidden.causes import Cause, six
 from benchmarks.hidden.measuring import Hidden, Simulated, measure
 from benchmarks.hidden.rotary_plan import LAYOUTS, Layout, calibration, check
-from drivers.simulated.truth import ExactAxis, ExactMachine, rotation
 
 F64 = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.drivers.simulated.bridge.truth import ExactAxis, ExactMachine
 from benchmarks.hidden.plan import Planner, unit
-from drivers.simulated.truth import ExactAxis, ExactMachine
 
 F64 = NDArray[np.float64]
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from abbe.compcore.diagnosis import Diagnosis
+from abbe.compcore.diagnosis.aliases import TOLD_APART
+from abbe.compcore.diagnosis.screening.pool import Found
+from abbe.compcore.effects import make_effect
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.model.revise import identity
 from benchmarks.hidden.causes import Cause
-from compcore.diagnose import Diagnosis
-from compcore.diagnose.aliases import TOLD_APART
-from compcore.diagnose.pool import Found
-from compcore.effects import make_effect
-from compcore.effects.base import Effect
-from compcore.revise import identity
 
 
 def score(diagnosis: Diagnosis, causes: Sequence[Cause]) -> str:

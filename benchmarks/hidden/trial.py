@@ -13,6 +13,16 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.comparison.compare import compare
+from abbe.compcore.diagnosis import Diagnosis, diagnose
+from abbe.compcore.files.campaign_file import read_campaign
+from abbe.compcore.files.model_file import parse_model
+from abbe.compcore.files.text.toml_source import TomlSource
+from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.model.model import Model
+from abbe.compcore.model.revise import with_effect
+from abbe.compcore.threads import threads_for
 from benchmarks.hidden.causes import READING, Cause
 from benchmarks.hidden.inputs import Inputs, Learnt, Term, inputs
 from benchmarks.hidden.outcome import Outcome
@@ -20,16 +30,6 @@ from benchmarks.hidden.readable import readable
 from benchmarks.hidden.scenario import Scenario, hide
 from benchmarks.hidden.scene import scene
 from benchmarks.hidden.score import score
-from compcore.campaign import Campaign
-from compcore.campaign_file import read_campaign
-from compcore.compare import compare
-from compcore.diagnose import Diagnosis, diagnose
-from compcore.fit import FitResult, fit
-from compcore.model import Model
-from compcore.model_file import parse_model
-from compcore.revise import with_effect
-from compcore.threads import threads_for
-from compcore.toml_source import TomlSource
 
 LEADING = 3
 """Terms of a sparse regression that are kept."""

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from compcore.campaign import Campaign, Kind, Setup, Tool
-from compcore.conditions import Conditions
+from abbe.compcore.campaign.campaign import Campaign, Kind, Setup, Tool
+from abbe.compcore.machine.conditions import Conditions
 
 F64 = NDArray[np.float64]
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.fitting.fit import fit
+from abbe.compcore.fitting.rigid_body import Dependence, rigid_body_test
 from benchmarks.sources import iso16907, zhang
 from benchmarks.sources.campaigns import Rows
-from compcore.campaign import Kind
-from compcore.fit import fit
-from compcore.rigid_body import Dependence, rigid_body_test
 
 FLEX = 4e-3
 """How much further E_ZX bows at the far end of Y than at the near end, mm."""

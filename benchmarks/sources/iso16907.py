@@ -15,17 +15,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.campaign.campaign import Campaign, Kind, Tool
+from abbe.compcore.comparison.compare import compare
+from abbe.compcore.effects import make_effect
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.fitting.design.superposition import uncompensated
+from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.model.model import Model
+from abbe.compcore.model.sensitivity import sensitivities
 from benchmarks.sources import zhang
 from benchmarks.sources.campaigns import Rows
-from compcore.campaign import Campaign, Kind, Tool
-from compcore.compare import compare
-from compcore.conditions import Conditions
-from compcore.effects import make_effect
-from compcore.effects.base import Effect
-from compcore.fit import FitResult, fit
-from compcore.model import Model
-from compcore.sensitivity import sensitivities
-from compcore.superposition import uncompensated
 
 F64 = NDArray[np.float64]
 

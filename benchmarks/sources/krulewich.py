@@ -15,16 +15,16 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.campaign.campaign import Campaign, Kind, Tool
+from abbe.compcore.effects import make_effect
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import Axis, Machine
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.model.model import Model
+from abbe.drivers.simulated.bridge.truth import ExactAxis, ExactMachine
 from benchmarks.sources.campaigns import Rows
-from compcore.campaign import Campaign, Kind, Tool
-from compcore.conditions import Conditions
-from compcore.effects import make_effect
-from compcore.effects.base import Effect
-from compcore.fit import FitResult, fit
-from compcore.machine import Axis, Machine
-from compcore.model import Model
-from compcore.structure import Structure
-from drivers.simulated.truth import ExactAxis, ExactMachine
 
 F64 = NDArray[np.float64]
 Truth = Literal["polynomial", "wavy"]
@@ -244,7 +244,7 @@ def diagonals(machine: ExactMachine, fitted: Model) -> Diagonals:
 
 def _difference_sd(fitted: Model, conditions: Conditions, u: F64) -> F64:
     """Standard uncertainty of what is predicted along a line, from its first point."""
-    from compcore.sensitivity import sensitivities
+    from abbe.compcore.model.sensitivity import sensitivities
 
     moved, _ = sensitivities(fitted, conditions)
     along = np.einsum("nip,i->np", moved, u)

@@ -14,19 +14,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.comparison.compare import Comparison, compare
+from abbe.compcore.effects import make_effect
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import Axis, Machine, Signal
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.model.error_map import worst_pair
+from abbe.compcore.model.model import Model
+from abbe.compcore.model.sensitivity import sensitivities
+from abbe.drivers.simulated.bridge.truth import ExactAxis, ExactMachine
 from benchmarks.sources.campaigns import Rows
-from compcore.campaign import Campaign, Kind
-from compcore.compare import Comparison, compare
-from compcore.conditions import Conditions
-from compcore.effects import make_effect
-from compcore.effects.base import Effect
-from compcore.error_map import worst_pair
-from compcore.fit import FitResult, fit
-from compcore.machine import Axis, Machine, Signal
-from compcore.model import Model
-from compcore.sensitivity import sensitivities
-from compcore.structure import Structure
-from drivers.simulated.truth import ExactAxis, ExactMachine
 
 F64 = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from compcore.effects.base import Channel, Effect, Motion, NonlinearParameter, Parameter
-from compcore.effects.registry import (
+from abbe.compcore.effects.base import Channel, Effect, Motion, NonlinearParameter, Parameter
+from abbe.compcore.effects.registry import (
     effect_class,
     effect_kinds,
     load_families,
@@ -17,17 +17,23 @@ from compcore.effects.registry import (
 )
 
 if TYPE_CHECKING:
-    from compcore.effects.dynamic import FeedLag
-    from compcore.effects.elastic import CrossAngular, LoadBending, OverhangSag
-    from compcore.effects.events import Drift, Event, WarmUp
-    from compcore.effects.formula import Formula
-    from compcore.effects.instrument import InstrumentDrift, LengthBias, SensorOffset
-    from compcore.effects.laser import AirRefraction, Cosine, DeadPath
-    from compcore.effects.linear_axes import Angular, Positioning, Scale, Squareness, Straightness
-    from compcore.effects.local import LocalDefect
-    from compcore.effects.periodic import Cyclic
-    from compcore.effects.reversal import Backlash, ReversalAngle
-    from compcore.effects.rotary_axes import (
+    from abbe.compcore.effects.catalogue.dynamic import FeedLag
+    from abbe.compcore.effects.catalogue.elastic import CrossAngular, LoadBending, OverhangSag
+    from abbe.compcore.effects.catalogue.events import Drift, Event, WarmUp
+    from abbe.compcore.effects.catalogue.formula import Formula
+    from abbe.compcore.effects.catalogue.instrument import InstrumentDrift, LengthBias, SensorOffset
+    from abbe.compcore.effects.catalogue.laser import AirRefraction, Cosine, DeadPath
+    from abbe.compcore.effects.catalogue.linear_axes import (
+        Angular,
+        Positioning,
+        Scale,
+        Squareness,
+        Straightness,
+    )
+    from abbe.compcore.effects.catalogue.local import LocalDefect
+    from abbe.compcore.effects.catalogue.periodic import Cyclic
+    from abbe.compcore.effects.catalogue.reversal import Backlash, ReversalAngle
+    from abbe.compcore.effects.catalogue.rotary_axes import (
         RotaryAxial,
         RotaryLocation,
         RotaryPositioning,
@@ -35,10 +41,10 @@ if TYPE_CHECKING:
         RotaryTilt,
         SpindleSquareness,
     )
-    from compcore.effects.setup import SetupFrame, SetupSlope, SetupZero
-    from compcore.effects.thermal import ScaleExpansion, ScrewHeating, ThermalOffset
-    from compcore.effects.thermal_angles import ThermalBending, ThermalTilt
-    from compcore.effects.workpiece import WorkpieceExpansion
+    from abbe.compcore.effects.catalogue.setup import SetupFrame, SetupSlope, SetupZero
+    from abbe.compcore.effects.catalogue.thermal import ScaleExpansion, ScrewHeating, ThermalOffset
+    from abbe.compcore.effects.catalogue.thermal_angles import ThermalBending, ThermalTilt
+    from abbe.compcore.effects.catalogue.workpiece import WorkpieceExpansion
 
 __all__ = [
     "AirRefraction",

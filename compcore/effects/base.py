@@ -16,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
-from compcore.channel import (
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.error_motion import (
     ABOUT,
     FUNCTIONAL_POINT,
     INSTRUMENT,
@@ -26,13 +28,11 @@ from compcore.channel import (
     Channel,
     Component,
 )
-from compcore.conditions import Conditions
-from compcore.errors import InputError
-from compcore.machine import Machine
+from abbe.compcore.machine.machine import Machine
 
 if TYPE_CHECKING:
-    from compcore.expression import Node
-    from compcore.survey import Survey
+    from abbe.compcore.campaign.coverage import Survey
+    from abbe.compcore.effects.expressions.expression import Node
 
 F64 = NDArray[np.float64]
 Scope = Literal["machine", "workpiece", "instrument"]
@@ -122,7 +122,7 @@ class NonlinearParameter:
 
 
 class FittedEffect(Protocol):
-    """An effect with values, as `compcore.model.Term` is one."""
+    """An effect with values, as `abbe.compcore.model.model.Term` is one."""
 
     @property
     def effect(self) -> Effect:
@@ -280,7 +280,7 @@ class Effect(BaseModel, ABC):
     def spec(self) -> str:
         """What ``abbe add MODEL`` takes to add this effect; also its name for people.
 
-        >>> from compcore.effects import Straightness
+        >>> from abbe.compcore.effects import Straightness
         >>> Straightness(axis="X", direction="Y", shape="spline:8").spec
         'straightness axis=X direction=Y shape=spline:8'
         """

@@ -9,8 +9,8 @@ from typing import Any, get_args
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from compcore.effects.base import Effect
-from compcore.effects.registry import chapter
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.effects.registry import chapter
 
 SECTIONS = ("Formula", "Parameters", "Signals", "Typical causes", "Cure", "Source")
 """The sections that every page has, in order."""

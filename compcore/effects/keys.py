@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
 
-from compcore.errors import InputError
+from abbe.compcore.errors import InputError
 
 
 def _comma_separated(value: object) -> object:

@@ -14,9 +14,9 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from compcore.effects.base import Effect
-from compcore.errors import InputError
-from compcore.plugins import Plugins, load_plugins
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.errors import InputError
+from abbe.compcore.plugins import Plugins, load_plugins
 
 EFFECT_GROUP = "abbe.effects"
 
@@ -37,7 +37,7 @@ FAMILIES: dict[str, str] = {
     "setup": "Instrument",
     "formula": "Formula",
 }
-"""Module of `compcore.effects` → the catalogue's chapter, in the catalogue's order."""
+"""Module of the folder ``catalogue`` → the catalogue's chapter, in the catalogue's order."""
 
 COMMON: dict[str, str] = {
     "positioning": "linear_axes",
@@ -70,7 +70,7 @@ def register(cls: E) -> E:
 @cache
 def load_families() -> dict[str, ModuleType]:
     """Import every family of Abbe's own effects: module name → module."""
-    return {name: import_module(f"compcore.effects.{name}") for name in FAMILIES}
+    return {name: import_module(f"abbe.compcore.effects.{name}") for name in FAMILIES}
 
 
 @cache
@@ -107,7 +107,7 @@ def effect_class(kind: str) -> type[Effect]:
         When there is none, or its plugin cannot be loaded; lists those that exist.
     """
     if kind in COMMON:
-        import_module(f"compcore.effects.{COMMON[kind]}")
+        import_module(f"abbe.compcore.effects.{COMMON[kind]}")
     if kind not in _BUILT_IN:
         load_families()
     if kind in _BUILT_IN:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from itertools import combinations
 
-from compcore.conditions import Conditions
-from compcore.effects.base import F64, Effect, NonlinearParameter
-from compcore.effects.keys import Tau
-from compcore.machine import Machine, Signal
-from compcore.survey import Survey
+from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.effects.base import F64, Effect, NonlinearParameter
+from abbe.compcore.effects.keys import Tau
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import Machine, Signal
 
 _SPANS = {
     "degC": 10.0,

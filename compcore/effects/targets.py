@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pydantic import model_validator
 
-from compcore.effects.base import FUNCTIONAL_POINT, AxisLetter, Channel, Component, Effect
-from compcore.errors import InputError
-from compcore.machine import Machine, own_component
+from abbe.compcore.effects.base import FUNCTIONAL_POINT, AxisLetter, Channel, Component, Effect
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.machine import Machine, own_component
 
 TRANSLATIONS: tuple[Component, ...] = ("X", "Y", "Z")
 ROTATIONS: tuple[Component, ...] = ("A", "B", "C")

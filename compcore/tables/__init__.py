@@ -21,6 +21,6 @@
 ================ =====================================================================
 """
 
-from compcore.tables.table import Sign, Table, move, tables_of
+from abbe.compcore.tables.table import Sign, Table, move, tables_of
 
 __all__ = ["Sign", "Table", "move", "tables_of"]

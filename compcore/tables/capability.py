@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from compcore.structure import is_rotary
-from compcore.tables.field import Lookup
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.tables.field import Lookup
 
 Form = Literal["axis", "cross", "product", "plane", "motions", "grid"]
 """

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compcore.folding.slow import SlowState
-from compcore.model import Model
-from compcore.tables.field import ErrorField
-from compcore.tables.volume import Volume
+from abbe.compcore.compensator.folding.slow_state import SlowState
+from abbe.compcore.model.model import Model
+from abbe.compcore.tables.field import ErrorField
+from abbe.compcore.tables.volume import Volume
 
 _POINTS = 610
 

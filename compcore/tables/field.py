@@ -10,13 +10,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from compcore.channel import Channel
-from compcore.conditions import Conditions
-from compcore.errors import InputError, NotContractionError
-from compcore.folding.slow import SlowState
-from compcore.kinematics import Chain, exact, first_order
-from compcore.model import Model
-from compcore.tables.table import Table
+from abbe.compcore.compensator.folding.slow_state import SlowState
+from abbe.compcore.errors import InputError, NotContractionError
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.machine.kinematics import Chain, exact, first_order
+from abbe.compcore.model.model import Model
+from abbe.compcore.tables.table import Table
 
 F64 = NDArray[np.float64]
 Lookup = Literal["indicated", "command"]

@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from compcore.errors import InputError
-from compcore.tables.table import Table
+from abbe.compcore.errors import InputError
+from abbe.compcore.tables.table import Table
 
 F64 = NDArray[np.float64]
 Reversal = Literal["columns", "difference", "single"]
@@ -32,7 +32,7 @@ def reversal_columns(table: Table, reversal: Reversal) -> tuple[F64, F64]:
 
     >>> nodes = np.array([0.0, 50.0, 100.0])
     >>> up, down = np.array([0.0, 0.0015, 0.0019]), np.array([0.0008, 0.0022, 0.0025])
-    >>> from compcore.tables import move
+    >>> from abbe.compcore.tables import move
     >>> table = Table(move("X"), ("X",), (nodes,), up, down)
     >>> reversal_columns(table, "difference")[1].round(4).tolist()
     [0.0008, 0.0007, 0.0006]

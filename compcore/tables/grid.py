@@ -12,12 +12,12 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from compcore.errors import InputError
-from compcore.folding.slow import SlowState
-from compcore.kinematics import Chain
-from compcore.model import Model
-from compcore.structure import is_rotary
-from compcore.tables.table import Table, move
+from abbe.compcore.compensator.folding.slow_state import SlowState
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.kinematics import Chain
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.model.model import Model
+from abbe.compcore.tables.table import Table, move
 
 F64 = NDArray[np.float64]
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from compcore.model import Model
-from compcore.structure import is_rotary
-from compcore.tables.field import ErrorField
-from compcore.tables.remainder import Remainder
-from compcore.tables.table import Table, unit_of_position
-from compcore.tables.volume import Volume
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.model.model import Model
+from abbe.compcore.tables.field import ErrorField
+from abbe.compcore.tables.remainder import Remainder
+from abbe.compcore.tables.table import Table, unit_of_position
+from abbe.compcore.tables.volume import Volume
 
 
 def conditions_record(field: ErrorField, volume: Volume) -> dict[str, Any]:
@@ -56,7 +56,7 @@ def unit_of_entries(table: Table) -> tuple[str, float]:
     """Unit in which a record tells a table's values, and the factor to it.
 
     >>> import numpy as np
-    >>> from compcore.tables.table import move
+    >>> from abbe.compcore.tables.table import move
     >>> unit_of_entries(Table(move("X"), ("Y",), (np.zeros(1),), np.zeros(1), lever=("Z", 0.0)))
     ('um/m', 1000000.0)
     """

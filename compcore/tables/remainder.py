@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compcore.tables.field import ErrorField
-from compcore.tables.table import Table
-from compcore.tables.volume import Volume
+from abbe.compcore.tables.field import ErrorField
+from abbe.compcore.tables.table import Table
+from abbe.compcore.tables.volume import Volume
 
 F64 = NDArray[np.float64]
 

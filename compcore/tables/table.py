@@ -10,9 +10,9 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from compcore.channel import FUNCTIONAL_POINT, Channel, Component
-from compcore.conditions import Conditions
-from compcore.structure import is_rotary
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.error_motion import FUNCTIONAL_POINT, Channel, Component
+from abbe.compcore.machine.structure import is_rotary
 
 F64 = NDArray[np.float64]
 

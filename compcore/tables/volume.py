@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from compcore.errors import InputError
-from compcore.machine import Machine
-from compcore.tables.table import unit_of_position
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.tables.table import unit_of_position
 
 F64 = NDArray[np.float64]
 

@@ -32,4 +32,4 @@ NAMES = (
 def register(app: typer.Typer) -> None:
     """Add every command to the application."""
     for name in NAMES:
-        import_module(f"daemon.commands.{name}").register(app)
+        import_module(f"abbe.daemon.commands.{name}").register(app)

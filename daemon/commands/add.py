@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from daemon.commands.force import Force
-from daemon.commands.lists import ListOptions
+from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.lists import ListOptions
 
 
 def register(app: typer.Typer) -> None:
@@ -39,13 +39,14 @@ def add(
     force: Force = False,
 ) -> None:
     """Add an effect to a model, refit, and watch the error fall."""
-    from compcore.revise import with_effect
-    from daemon.analysis import expected, revised
-    from daemon.analysis.history_page import page_of
-    from daemon.analysis.inputs import load
-    from daemon.analysis.progress import shown
-    from daemon.commands.assignments import split_assignments
-    from daemon.outputs import MODEL, REPORT, check_outputs
+    from abbe.compcore.model.revise import with_effect
+    from abbe.daemon.answers import expected_times as expected
+    from abbe.daemon.answers import revise as revised
+    from abbe.daemon.answers.inputs import load
+    from abbe.daemon.arguments.assignments import split_assignments
+    from abbe.daemon.outputs import MODEL, REPORT, check_outputs
+    from abbe.daemon.progress import shown
+    from abbe.daemon.report.history import page_of
 
     say = check_outputs(
         [model, *campaign, *(holdout or [])],

@@ -28,8 +28,8 @@ def check(
     from rich.console import Console
     from rich.markup import escape
 
-    from daemon.config import load_config
-    from daemon.linked import linked
+    from abbe.daemon.config import load_config
+    from abbe.daemon.overview import linked
 
     found = linked(load_config(config))
     if as_json:

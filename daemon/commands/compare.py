@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from daemon.commands.force import Force
+from abbe.daemon.arguments.force import Force
 
 
 def register(app: typer.Typer) -> None:
@@ -30,11 +30,12 @@ def compare(
     force: Force = False,
 ) -> None:
     """Lay a model beside campaigns: how large is what it does not explain, and where."""
-    from compcore.compare import compare as compare_model
-    from daemon.analysis import compared, expected
-    from daemon.analysis.inputs import load
-    from daemon.analysis.progress import shown
-    from daemon.outputs import REPORT, check_outputs
+    from abbe.compcore.comparison.compare import compare as compare_model
+    from abbe.daemon.answers import compare as compared
+    from abbe.daemon.answers import expected_times as expected
+    from abbe.daemon.answers.inputs import load
+    from abbe.daemon.outputs import REPORT, check_outputs
+    from abbe.daemon.progress import shown
 
     say = check_outputs(
         [model, *campaigns, active], [(report, REPORT)], force=force, as_json=as_json
@@ -44,7 +45,7 @@ def compare(
         tell("comparing")
         comparison = compare_model(loaded, campaign)
         if report is not None:
-            from daemon.report.comparison import comparison_page
+            from abbe.daemon.report.compare import comparison_page
 
             tell("drawing")
             comparison_page(comparison).write(report)

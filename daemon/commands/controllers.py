@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from drivers.controllers import Controller
+    from abbe.drivers.controllers import Controller
 
 
 def register(app: typer.Typer) -> None:
@@ -21,7 +21,7 @@ def controllers(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
 ) -> None:
     """List the controllers whose tables Abbe writes and reads, or tell one in full."""
-    from drivers.controllers import controller_class, controller_kinds
+    from abbe.drivers.controllers import controller_class, controller_kinds
 
     kinds = controller_kinds() if name is None else {name: controller_class(name)}
     if as_json:
@@ -42,8 +42,8 @@ def controllers(
 
 def _example(cls: type[Controller]) -> Controller:
     """The dialect for a three-axis machine, with its own defaults."""
-    from compcore.machine import Axis, Machine
-    from compcore.structure import Structure
+    from abbe.compcore.machine.machine import Axis, Machine
+    from abbe.compcore.machine.structure import Structure
 
     structure = Structure.parse("w b X Y Z t")
     axes = {a: Axis(a, (0.0, 500.0)) for a in "XYZ"}

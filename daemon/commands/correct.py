@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from daemon.commands.force import Force
+from abbe.daemon.arguments.force import Force
 
 
 def register(app: typer.Typer) -> None:
@@ -51,9 +51,9 @@ def correct(
 
     An example: abbe correct model.toml X=200 Y=600 Z=-150 tool=0,0,-80 T_x=21.3
     """
-    from compcore.model_file import load_model
-    from daemon.analysis.point_arguments import Given
-    from daemon.outputs import CORRECTED, REPORT, check_outputs
+    from abbe.compcore.files.model_file import load_model
+    from abbe.daemon.arguments.point_arguments import Given
+    from abbe.daemon.outputs import CORRECTED, REPORT, check_outputs
 
     if (points is None) != (out is None):
         raise typer.BadParameter("--points IN.csv and -o OUT.csv go together")
@@ -65,8 +65,8 @@ def correct(
     loaded = load_model(model)
     given = Given.parse(arguments or [], loaded.machine)
     if points is not None and out is not None:
-        from daemon.analysis.corrected_file import correct_file
-        from daemon.analysis.progress import shown
+        from abbe.daemon.answers.correct_file import correct_file
+        from abbe.daemon.progress import shown
 
         with shown("correcting") as tell:
             done = correct_file(loaded, points, out, given, command=command, tell=tell)
@@ -76,15 +76,15 @@ def correct(
         else:
             say(f"{done.rows} points, greatest correction {done.worst * 1e3:.2f} µm: {out}")
         return
-    from daemon.analysis import corrected
-    from daemon.analysis.point_arguments import doubts
+    from abbe.daemon.answers import correct as corrected
+    from abbe.daemon.arguments.point_arguments import doubts
 
     at = given.conditions(loaded)
     found = corrected.correct_point(loaded, at, command=command)
     warnings = doubts(loaded, given)
     _warn(warnings)
     if report is not None:
-        from daemon.analysis.corrected_page import corrected_page
+        from abbe.daemon.report.correct import corrected_page
 
         corrected_page(found, warnings, loaded.machine.name, model.name).write(report)
     if as_json:

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daemon.commands.bounded import within
-from daemon.commands.force import Force
+from abbe.daemon.arguments.bounded import within
+from abbe.daemon.arguments.force import Force
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from daemon.show.figures import Figures
+    from abbe.daemon.show.figures import Figures
 
 DRIFT_TIME = 4200.0
 """Shop time that the live part spans, s: the shop warms by 1.8 K in the first hour."""
@@ -43,13 +43,13 @@ def demo(
     """Measure a simulated CMM, fit its model, and correct it live over Modbus while it warms up."""
     from rich.console import Console
 
-    from compcore.atomic import write_atomically
-    from daemon.config import load_config
-    from daemon.demo.configuration import demo_configuration
-    from daemon.demo.prepare import Workshop, prepare
-    from daemon.demo.simulator import simulated_bridge
-    from daemon.service import Service
-    from daemon.show.attach import choose, run_in_view
+    from abbe.compcore.files.text.atomic import write_atomically
+    from abbe.daemon.config import load_config
+    from abbe.daemon.demo.configuration import demo_configuration
+    from abbe.daemon.demo.prepare import Workshop, prepare
+    from abbe.daemon.demo.simulator import simulated_bridge
+    from abbe.daemon.service import Service
+    from abbe.daemon.show.attach import choose, run_in_view
 
     how = choose(as_json)
     console = Console(file=sys.stdout if how == "screen" else sys.stderr)

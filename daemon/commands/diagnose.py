@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from daemon.commands.force import Force
+from abbe.daemon.arguments.force import Force
 
 
 def register(app: typer.Typer) -> None:
@@ -27,13 +27,14 @@ def diagnose(
     force: Force = False,
 ) -> None:
     """Learn what is missing: every effect of the catalogue is tested against what is left over."""
-    from compcore.diagnose import advise
-    from compcore.diagnose import diagnose as diagnose_model
-    from compcore.noise import noise_floor
-    from daemon.analysis import diagnosed, expected
-    from daemon.analysis.inputs import load
-    from daemon.analysis.progress import shown
-    from daemon.outputs import REPORT, check_outputs
+    from abbe.compcore.campaign.noise import noise_floor
+    from abbe.compcore.diagnosis import advise
+    from abbe.compcore.diagnosis import diagnose as diagnose_model
+    from abbe.daemon.answers import diagnose as diagnosed
+    from abbe.daemon.answers import expected_times as expected
+    from abbe.daemon.answers.inputs import load
+    from abbe.daemon.outputs import REPORT, check_outputs
+    from abbe.daemon.progress import shown
 
     say = check_outputs([model, *campaigns], [(report, REPORT)], force=force, as_json=as_json)
     with shown("reading", expected.diagnosing(campaigns)) as tell:
@@ -44,7 +45,7 @@ def diagnose(
         tell("noise floor")
         noise = noise_floor(campaign, loaded.machine)
     if report is not None:
-        from daemon.analysis.diagnosis_page import page
+        from abbe.daemon.report.diagnosis import page
 
         subtitle = f"{model.name}, {', '.join(c.name for c in campaigns)}"
         page(found, noise, advice, subtitle).write(report)

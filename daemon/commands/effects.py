@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from compcore.effects.handbook import Page
+    from abbe.compcore.effects.handbook import Page
 
 
 def register(app: typer.Typer) -> None:
@@ -27,8 +27,8 @@ def effects(
     """List the catalogue of effects, or print the page of one of them."""
     from rich.console import Console
 
-    from compcore.effects import effect_class, effect_kinds
-    from compcore.effects.handbook import effect_page
+    from abbe.compcore.effects import effect_class, effect_kinds
+    from abbe.compcore.effects.handbook import effect_page
 
     if kind is not None:
         page = effect_page(effect_class(kind))

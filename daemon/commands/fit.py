@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from daemon.commands.force import Force
+from abbe.daemon.arguments.force import Force
 
 
 def register(app: typer.Typer) -> None:
@@ -38,15 +38,16 @@ def fit(
     force: Force = False,
 ) -> None:
     """Fit all parameters of a model to campaigns and write the fitted model."""
-    from compcore.fit import fit as fit_model
-    from compcore.fit_record import recorded
-    from compcore.frame import Frame
-    from compcore.model_file import save_model
-    from compcore.noise import noise_floor
-    from daemon.analysis import expected, fitted
-    from daemon.analysis.inputs import abbe_version, load, now
-    from daemon.analysis.progress import shown
-    from daemon.outputs import MODEL, REPORT, check_outputs
+    from abbe.compcore.campaign.noise import noise_floor
+    from abbe.compcore.files.fit_record import recorded
+    from abbe.compcore.files.model_file import save_model
+    from abbe.compcore.fitting.fit import fit as fit_model
+    from abbe.compcore.fitting.frame import Frame
+    from abbe.daemon.answers import expected_times as expected
+    from abbe.daemon.answers import fit as fitted
+    from abbe.daemon.answers.inputs import abbe_version, load, now
+    from abbe.daemon.outputs import MODEL, REPORT, check_outputs
+    from abbe.daemon.progress import shown
 
     chosen = Frame.parse(frame)
     say = check_outputs(
@@ -75,7 +76,7 @@ def fit(
             told += ["  " + line for line in fitted.parameter_lines(result)]
         page = None
         if report is not None:
-            from daemon.report.fitted import fit_page
+            from abbe.daemon.report.fit import fit_page
 
             tell("drawing")
             page = fit_page(result, record, noise)

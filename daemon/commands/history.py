@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from daemon.commands.force import Force
+from abbe.daemon.arguments.force import Force
 
 
 def register(app: typer.Typer) -> None:
@@ -25,9 +25,9 @@ def history(
     force: Force = False,
 ) -> None:
     """Show the error falling version by version, down to the noise floor, and the effects now."""
-    from compcore.model_file import load_model
-    from daemon.analysis.history_page import history_page, versions_of
-    from daemon.outputs import REPORT, check_outputs
+    from abbe.compcore.files.model_file import load_model
+    from abbe.daemon.outputs import REPORT, check_outputs
+    from abbe.daemon.report.history import history_page, versions_of
 
     say = check_outputs([model], [(report, REPORT)], force=force, as_json=as_json)
     loaded = load_model(model)

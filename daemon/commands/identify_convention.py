@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from daemon.commands.bounded import within
-from daemon.commands.import_map import SQUARENESS_HELP
+from abbe.daemon.arguments.bounded import within
+from abbe.daemon.commands.import_map import SQUARENESS_HELP
 
 
 def register(app: typer.Typer) -> None:
@@ -50,16 +50,16 @@ def identify_convention(
     Drive to points all over the volume, some with a tool or probe offset, and read the display with
     the correction switched on and off.
     """
-    from compcore.conventions.identify import identify
-    from compcore.conventions.subject import MapSubject, ModelSubject, Subject
-    from compcore.conventions.switched import read_switched
-    from compcore.errors import InputError
-    from compcore.map_file import load_map
-    from compcore.model_file import load_model
-    from compcore.structure import Structure
-    from daemon.analysis import identified
-    from daemon.analysis.map_options import squareness_of
-    from daemon.analysis.progress import shown
+    from abbe.compcore.errors import InputError
+    from abbe.compcore.files.map_file import load_map
+    from abbe.compcore.files.model_file import load_model
+    from abbe.compcore.machine.structure import Structure
+    from abbe.compcore.maps.conventions.identify import identify
+    from abbe.compcore.maps.conventions.subject import MapSubject, ModelSubject, Subject
+    from abbe.compcore.maps.conventions.switched import read_switched
+    from abbe.daemon.answers import identify_convention as identified
+    from abbe.daemon.arguments.map_options import squareness_of
+    from abbe.daemon.progress import shown
 
     subject: Subject
     if source.suffix.lower() == ".toml":

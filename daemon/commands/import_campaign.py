@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daemon.commands.bounded import within
-from daemon.commands.force import Force
+from abbe.daemon.arguments.bounded import within
+from abbe.daemon.arguments.force import Force
 
 if TYPE_CHECKING:
-    from compcore.campaign import Campaign
-    from compcore.importers.placing import Placing
-    from compcore.machine import Machine
-    from compcore.structure import Structure
+    from abbe.compcore.campaign.campaign import Campaign
+    from abbe.compcore.files.importers.placing import Placing
+    from abbe.compcore.machine.machine import Machine
+    from abbe.compcore.machine.structure import Structure
 
 
 class Layout(StrEnum):
@@ -81,30 +81,30 @@ def import_campaign(
     force: Force = False,
 ) -> None:
     """Import a table of runs, a Renishaw rtl, a ball bar test or a compensation map."""
-    from compcore.campaign_file import write_campaign
-    from compcore.model_file import load_model
-    from compcore.plausible import TRAVEL
-    from daemon.commands.assignments import number
-    from daemon.outputs import CAMPAIGN, check_outputs
+    from abbe.compcore.files.campaign_file import write_campaign
+    from abbe.compcore.files.model_file import load_model
+    from abbe.compcore.machine.plausible import TRAVEL
+    from abbe.daemon.arguments.assignments import number
+    from abbe.daemon.outputs import CAMPAIGN, check_outputs
 
     say = check_outputs([file, model], [(output, CAMPAIGN)], force=force)
     machine = None if model is None else load_model(model).machine
     rotation = (component or axis or "X")[0] in "ABC"
     placing = _placing(at, tool, setup, sd, signal or [], sign, rotation=rotation)
     if layout is Layout.ISO230_2:
-        from compcore.importers.iso230_table import import_iso230_table
+        from abbe.compcore.files.importers.iso230_table import import_iso230_table
 
         campaign = import_iso230_table(
             file, _needed(axis, "axis"), placing, component=component, unit=unit, machine=machine
         )
     elif layout is Layout.RTL:
-        from compcore.importers.rtl import import_rtl
+        from abbe.compcore.files.importers.rtl import import_rtl
 
         campaign = import_rtl(
             file, placing, axis=axis, component=component, unit=unit, machine=machine
         )
     elif layout is Layout.BALLBAR:
-        from compcore.importers.ballbar import import_ballbar
+        from abbe.compcore.files.importers.ballbar import import_ballbar
 
         middle = None
         if centre is not None:
@@ -114,7 +114,7 @@ def import_campaign(
             file, placing, plane=plane, centre=middle, radius=radius, unit=unit, machine=machine
         )
     else:
-        from compcore.importers.map_rows import import_map_rows
+        from abbe.compcore.files.importers.map_rows import import_map_rows
 
         campaign = import_map_rows(file, _structure(structure, machine), placing)
     write_campaign(campaign, output)
@@ -129,7 +129,7 @@ def _setups(campaign: Campaign) -> str:
 
 
 def _structure(code: str | None, machine: Machine | None) -> Structure:
-    from compcore.structure import Structure
+    from abbe.compcore.machine.structure import Structure
 
     if code is None and machine is not None:
         return machine.structure
@@ -143,7 +143,7 @@ def _needed(value: str | None, option: str) -> str:
 
 
 def _split(text: str, count: int, field: str) -> list[str]:
-    from compcore.errors import InputError
+    from abbe.compcore.errors import InputError
 
     parts = text.split(",")
     if len(parts) != count:
@@ -163,11 +163,11 @@ def _placing(
 ) -> Placing:
     from math import radians
 
-    from compcore.errors import InputError
-    from compcore.importers.placing import Placing
-    from compcore.plausible import TRAVEL, TRAVEL_ROTARY, signal_range
-    from compcore.structure import is_rotary
-    from daemon.commands.assignments import number, split_assignments, tool_offset
+    from abbe.compcore.errors import InputError
+    from abbe.compcore.files.importers.placing import Placing
+    from abbe.compcore.machine.plausible import TRAVEL, TRAVEL_ROTARY, signal_range
+    from abbe.compcore.machine.structure import is_rotary
+    from abbe.daemon.arguments.assignments import number, split_assignments, tool_offset
 
     if sign not in (1, -1):
         raise typer.BadParameter("1 or -1", param_hint="--sign")

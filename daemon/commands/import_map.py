@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from daemon.commands.force import Force
+from abbe.daemon.arguments.force import Force
 
 SIGN_HELP = (
     "A sign opposite to Abbe's: R=-1 all rotations, L=-1 all linear errors, Ry=-1 one column of "
@@ -53,13 +53,13 @@ def import_map(
     from dataclasses import replace
     from hashlib import sha256
 
-    from compcore.map_file import load_map
-    from compcore.maps import import_map as imported
-    from compcore.model_file import save_model
-    from compcore.structure import Structure
-    from daemon.analysis.inputs import abbe_version
-    from daemon.analysis.map_options import convention_of, squareness_of
-    from daemon.outputs import MODEL, check_outputs
+    from abbe.compcore.files.map_file import load_map
+    from abbe.compcore.files.model_file import save_model
+    from abbe.compcore.machine.structure import Structure
+    from abbe.compcore.maps.to_model import import_map as imported
+    from abbe.daemon.answers.inputs import abbe_version
+    from abbe.daemon.arguments.map_options import convention_of, squareness_of
+    from abbe.daemon.outputs import MODEL, check_outputs
 
     say = check_outputs([file], [(out, MODEL)], force=force)
     compensation = load_map(file)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from daemon.commands.force import Force
+from abbe.daemon.arguments.force import Force
 
 
 def register(app: typer.Typer) -> None:
@@ -29,15 +29,15 @@ def iso230(
     force: Force = False,
 ) -> None:
     """Evaluate positioning runs and diagonals by ISO 230-2 and ISO 230-6."""
-    from compcore.model_file import load_model
-    from daemon.analysis import iso230 as analysis
-    from daemon.outputs import REPORT, check_outputs
+    from abbe.compcore.files.model_file import load_model
+    from abbe.daemon.answers import iso230 as analysis
+    from abbe.daemon.outputs import REPORT, check_outputs
 
     say = check_outputs([campaign, model], [(report, REPORT)], force=force, as_json=as_json)
     machine = None if model is None else load_model(model).machine
     evaluation = analysis.evaluate(campaign, machine)
     if report is not None:
-        from daemon.report.iso230 import page
+        from abbe.daemon.report.iso230 import page
 
         page(evaluation).write(report)
     if as_json:

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from daemon.commands.force import Force
-from daemon.commands.lists import ListOptions
+from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.lists import ListOptions
 
 
 def register(app: typer.Typer) -> None:
@@ -35,13 +35,14 @@ def remove(
     force: Force = False,
 ) -> None:
     """Take an effect out of a model; the others keep their values unless campaigns are given."""
-    from compcore.model_file import load_model, save_model
-    from compcore.revise import without_effect
-    from daemon.analysis import expected, revised
-    from daemon.analysis.history_page import page_of
-    from daemon.analysis.inputs import load
-    from daemon.analysis.progress import shown
-    from daemon.outputs import MODEL, REPORT, check_outputs
+    from abbe.compcore.files.model_file import load_model, save_model
+    from abbe.compcore.model.revise import without_effect
+    from abbe.daemon.answers import expected_times as expected
+    from abbe.daemon.answers import revise as revised
+    from abbe.daemon.answers.inputs import load
+    from abbe.daemon.outputs import MODEL, REPORT, check_outputs
+    from abbe.daemon.progress import shown
+    from abbe.daemon.report.history import page_of
 
     name = " ".join(effect)
     say = check_outputs(

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from daemon.commands.bounded import within
+from abbe.daemon.arguments.bounded import within
 
 
 def register(app: typer.Typer) -> None:
@@ -30,9 +30,9 @@ def run(
     Ctrl-C (or SIGTERM) ramps the correction to zero, tells the controller, and ends; a second one
     ends at once.
     """
-    from daemon.config import load_config
-    from daemon.service import Service
-    from daemon.show.attach import choose, run_in_view
+    from abbe.daemon.config import load_config
+    from abbe.daemon.service import Service
+    from abbe.daemon.show.attach import choose, run_in_view
 
     configuration = load_config(config)
     title = f"Abbe · {configuration.model.machine.name or configuration.path.name}"

@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from daemon.commands.bounded import within
-from daemon.commands.force import Force
+from abbe.daemon.arguments.bounded import within
+from abbe.daemon.arguments.force import Force
 
 
 def register(app: typer.Typer) -> None:
@@ -108,16 +108,16 @@ def table(
 
     An example: abbe table model.toml --controller linuxcnc -o tables --at T_x=21.5,T_y=21.8
     """
-    from compcore.model_file import load_model
-    from compcore.tables.field import table_state
-    from compcore.tables.volume import Volume
-    from daemon.analysis import table_arguments as arguments
-    from daemon.analysis.progress import shown
-    from daemon.analysis.tabled import Order, as_text, make
-    from daemon.analysis.tabled import as_json as told
-    from daemon.commands.assignments import tool_offset
-    from daemon.outputs import REPORT, check_folder
-    from drivers.controllers import make_controller
+    from abbe.compcore.files.model_file import load_model
+    from abbe.compcore.tables.field import table_state
+    from abbe.compcore.tables.volume import Volume
+    from abbe.daemon.answers.table import Order, as_text, make
+    from abbe.daemon.answers.table import as_json as told
+    from abbe.daemon.arguments import table_arguments as arguments
+    from abbe.daemon.arguments.assignments import tool_offset
+    from abbe.daemon.outputs import REPORT, check_folder
+    from abbe.daemon.progress import shown
+    from abbe.drivers.controllers import make_controller
 
     if not controller or out is None:
         raise typer.BadParameter("--controller NAME and -o DIR are needed")
@@ -130,7 +130,7 @@ def table(
     if watch is not None:
         if at or report or on:
             raise typer.BadParameter("--at, --on and --report do not go with --watch")
-        from daemon.table_watch import watch_tables
+        from abbe.daemon.table_watch import watch_tables
 
         watch_tables(
             watch, controller, out, arguments.options(settings or []), volume or [], points,
@@ -158,7 +158,7 @@ def table(
         checked(done.made.files)
         written = done.made.write(out)
         if report is not None:
-            from daemon.report.tabled import table_page
+            from abbe.daemon.report.table import table_page
 
             tell("drawing")
             table_page(done).write(report)

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from daemon.commands.bounded import within
+from abbe.daemon.arguments.bounded import within
 
 if TYPE_CHECKING:
-    from daemon.config import Configuration
-    from daemon.upload.session import Result, Wish
-    from daemon.upload.speaker import Speaker
+    from abbe.daemon.config import Configuration
+    from abbe.daemon.upload.operator import Speaker
+    from abbe.daemon.upload.session import Result, Wish
 
 
 def register(app: typer.Typer) -> None:
@@ -61,8 +61,8 @@ def upload(
     Whatever fails, either the old tables are active or the new ones, never a mixture, and the last
     lines say which. An example: abbe upload mill.toml tables
     """
-    from daemon.config import load_config
-    from daemon.upload.session import Wish
+    from abbe.daemon.config import load_config
+    from abbe.daemon.upload.session import Wish
 
     if (tables is not None) + rollback + status + check + recover != 1:
         raise typer.BadParameter(
@@ -87,10 +87,10 @@ def _change(
 ) -> None:
     import asyncio
 
-    from compcore.errors import AbbeError
-    from daemon.analysis.tabled import trust_lines
-    from daemon.upload.session import roll_back, setup_of, upload
-    from daemon.upload.speaker import Speaker, can_ask
+    from abbe.compcore.errors import AbbeError
+    from abbe.daemon.answers.table import trust_lines
+    from abbe.daemon.upload.operator import Speaker, can_ask
+    from abbe.daemon.upload.session import roll_back, setup_of, upload
 
     if not (yes or wish.dry_run) and (as_json or not can_ask()):
         raise AbbeError(
@@ -143,8 +143,8 @@ def _as_json(result: Result, wish: Wish) -> dict[str, Any]:
 def _recover(configuration: Configuration, wish: Wish, as_json: bool) -> None:
     import asyncio
 
-    from daemon.upload.session import finish
-    from daemon.upload.speaker import Speaker
+    from abbe.daemon.upload.operator import Speaker
+    from abbe.daemon.upload.session import finish
 
     with Speaker(quiet=as_json, yes=True) as speaker:
         speaker.begin("recovering")
@@ -164,9 +164,9 @@ def _recover(configuration: Configuration, wish: Wish, as_json: bool) -> None:
 def _status(configuration: Configuration, as_json: bool) -> None:
     import asyncio
 
-    from daemon.upload.session import opened, working
-    from daemon.upload.speaker import Speaker
-    from daemon.upload.status import status, status_lines
+    from abbe.daemon.upload.operator import Speaker
+    from abbe.daemon.upload.session import opened, working
+    from abbe.daemon.upload.status import status, status_lines
 
     async def ask(speaker: Speaker) -> dict[str, Any]:
         with working(configuration, speaker.voice(), "", writes=False) as work:
@@ -185,8 +185,8 @@ def _status(configuration: Configuration, as_json: bool) -> None:
 def _check(configuration: Configuration, as_json: bool) -> None:
     import asyncio
 
-    from daemon.upload.session import check
-    from daemon.upload.speaker import Speaker
+    from abbe.daemon.upload.operator import Speaker
+    from abbe.daemon.upload.session import check
 
     with Speaker(quiet=as_json, yes=True) as speaker:
         seen = asyncio.run(check(configuration, speaker.voice()))

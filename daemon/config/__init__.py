@@ -1,5 +1,5 @@
 """The daemon's configuration, format ``abbe-config/1``: sections, loading, cross checks."""
 
-from daemon.config.load import Configuration, load_config
+from abbe.daemon.config.load import Configuration, load_config
 
 __all__ = ["Configuration", "load_config"]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from compcore.toml_source import TomlSource
-from daemon.config.sections import ConfigFile
-from drivers.link import ChannelInfo, Link
+from abbe.compcore.files.text.toml_source import TomlSource
+from abbe.daemon.config.sections import ConfigFile
+from abbe.drivers.link import ChannelInfo, Link
 
 Key = tuple[str | int, ...]
 """Where something stands in the file: the keys that lead to it."""

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from compcore.errors import InputError
-from compcore.target import Target
-from compcore.toml_source import TomlSource
-from daemon.outputs import JOURNAL, UPLOADS, Kind, require_kind
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.text.toml_source import TomlSource
+from abbe.compcore.files.text.write_target import Target
+from abbe.daemon.outputs import JOURNAL, UPLOADS, Kind, require_kind
 
 if TYPE_CHECKING:
-    from daemon.config.load import Configuration
+    from abbe.daemon.config.load import Configuration
 
 Key = tuple[str | int, ...]
 

@@ -9,15 +9,15 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from compcore.model import Model
-from compcore.model_file import load_model
-from compcore.toml_source import TomlSource
-from daemon.config.files import check_files
-from daemon.config.sections import ConfigFile
-from daemon.config.told import told
-from daemon.config.upload import UploadSetup, upload_setup
-from daemon.guard import GuardLimits
-from drivers.link import Link, LinkConfig, LinkConfigError, link_class
+from abbe.compcore.files.model_file import load_model
+from abbe.compcore.files.text.toml_source import TomlSource
+from abbe.compcore.model.model import Model
+from abbe.daemon.config.files import check_files
+from abbe.daemon.config.sections import ConfigFile
+from abbe.daemon.config.upload import UploadSetup, upload_setup
+from abbe.daemon.config.validation_errors import told
+from abbe.daemon.guard import GuardLimits
+from abbe.drivers.link import Link, LinkConfig, LinkConfigError, link_class
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +80,7 @@ def load_config(path: str | Path) -> Configuration:
     InputError
         The first thing that is wrong: file, line, key, what was found and what was expected.
     """
-    from daemon.config.checks import check
+    from abbe.daemon.config.checks import check
 
     source = TomlSource.read(path)
     try:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from daemon.config.channels import WATCHED, split
-from daemon.config.load import Configuration
+from abbe.daemon.config.channels import WATCHED, split
+from abbe.daemon.config.load import Configuration
 
 
 def notes(configuration: Configuration) -> list[str]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from compcore.machine import Machine, own_component
-from compcore.structure import is_rotary
-from daemon.config.channels import Channels, Key, split
-from daemon.status_word import LARGEST
-from drivers.link import ChannelInfo, LinkConfigError, Place
-from drivers.transducers import SensorFaultError, make_transducer
+from abbe.compcore.machine.machine import Machine, own_component
+from abbe.compcore.machine.structure import is_rotary
+from abbe.daemon.config.channels import Channels, Key, split
+from abbe.daemon.status_word import LARGEST
+from abbe.drivers.link import ChannelInfo, LinkConfigError, Place
+from abbe.drivers.transducers import SensorFaultError, make_transducer
 
 _FEWEST_BEATS = 4
 """A heartbeat that begins again sooner is not told from one that stands still."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from daemon.config.channels import Channels, Key
+from abbe.daemon.config.channels import Channels, Key
 
 _VALUE = 2.0
 """Looks that a value must be able to wait for."""

@@ -10,8 +10,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from daemon.config.upload import UploadSection
-from drivers.transducers import AnyTransducerConfig
+from abbe.daemon.config.upload import UploadSection
+from abbe.drivers.transducers import AnyTransducerConfig
 
 FORMAT = "abbe-config/1"
 
@@ -143,7 +143,7 @@ class OutputSection(Section):
 
     axes: dict[str, OutputAxisSection] = Field(default_factory=dict)
     status: ChannelName | None = None
-    """Abbe's status word, `daemon.status_word`."""
+    """Abbe's status word, `abbe.daemon.status_word`."""
     heartbeat: ChannelName | None = None
     """Counts cycles, from 0 to 65535 or as far as its channel holds, over and over; written after
     everything else."""
@@ -166,7 +166,7 @@ def _alike(value: object) -> object:
 
 
 class GuardSection(Section):
-    """What the guard allows; `daemon.guard`."""
+    """What the guard allows; `abbe.daemon.guard`."""
 
     max_correction: Annotated[PerDirection, BeforeValidator(_alike)]
     """Largest correction, mm: one number, or one for each of X, Y, Z."""

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from compcore.errors import InputError
-from compcore.toml_source import TomlSource
-from daemon.config.told import told
-from drivers.link import LinkConfigError
-from drivers.stores.base import Store, StoreConfig, store_class
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.text.toml_source import TomlSource
+from abbe.daemon.config.validation_errors import told
+from abbe.drivers.link import LinkConfigError
+from abbe.drivers.stores.base import Store, StoreConfig, store_class
 
 if TYPE_CHECKING:
-    from compcore.machine import Machine
-    from drivers.controllers import Controller
+    from abbe.compcore.machine.machine import Machine
+    from abbe.drivers.controllers import Controller
 
 Positive = Annotated[float, Field(gt=0.0, le=1e5, allow_inf_nan=False)]
 """µm, µrad, s: no table, and nothing that is waited for, is larger."""
@@ -93,7 +93,7 @@ class UploadSetup:
 
     def make_controller(self, machine: Machine) -> Controller:
         """The dialect with its options."""
-        from drivers.controllers import make_controller
+        from abbe.drivers.controllers import make_controller
 
         return make_controller(self.section.controller, machine, self.section.options)
 

@@ -9,14 +9,14 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from compcore.atomic import write_atomically
-from compcore.campaign_file import read_campaign
-from compcore.errors import InputError
-from compcore.fit import FitResult, fit
-from compcore.fit_record import recorded
-from compcore.model_file import load_model, save_model
-from daemon.demo.configuration import WRITTEN_BY
-from daemon.demo.simulator import measure_bridge
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.campaign_file import read_campaign
+from abbe.compcore.files.fit_record import recorded
+from abbe.compcore.files.model_file import load_model, save_model
+from abbe.compcore.files.text.atomic import write_atomically
+from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.daemon.demo.configuration import WRITTEN_BY
+from abbe.daemon.demo.simulator import measure_bridge
 
 START = Path(__file__).with_name("bridge.toml")
 """The machine and the effects to look for, without parameter values."""

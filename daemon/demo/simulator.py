@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from compcore.errors import AbbeError
+from abbe.compcore.errors import AbbeError
 
 _GRACE = 5.0
 """s for the process to end by itself before it is killed."""
@@ -49,14 +49,14 @@ def simulated_bridge(
     time_factor
         Shop seconds per second: how fast its temperatures drift.
     more
-        Further arguments of ``python -m drivers.simulated bridge``.
+        Further arguments of ``python -m abbe.drivers.simulated bridge``.
 
     Raises
     ------
     AbbeError
         When it does not start.
     """
-    command = [sys.executable, "-m", "drivers.simulated", "bridge", "--die-with-stdin"]
+    command = [sys.executable, "-m", "abbe.drivers.simulated", "bridge", "--die-with-stdin"]
     command += ["--seed", str(seed), "--time-factor", f"{time_factor:g}", *more]
     process = subprocess.Popen(
         command,
@@ -100,7 +100,7 @@ def measure_bridge(seed: int, output: str) -> None:
     AbbeError
         When it could not be written.
     """
-    command = [sys.executable, "-m", "drivers.simulated", "measure"]
+    command = [sys.executable, "-m", "abbe.drivers.simulated", "measure"]
     command += ["--seed", str(seed), "--output", output]
     done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=False)
     if done.returncode:

@@ -1,8 +1,8 @@
 """Between a computed correction and the controller; ``guard.py`` says what it promises."""
 
-from daemon.guard.direction import GuardState
-from daemon.guard.guard import Decision, Guard
-from daemon.guard.limits import ALL, DIRECTIONS, ZERO, GuardLimits, Vec3
+from abbe.daemon.guard.direction import GuardState
+from abbe.daemon.guard.guard import Decision, Guard
+from abbe.daemon.guard.limits import ALL, DIRECTIONS, ZERO, GuardLimits, Vec3
 
 __all__ = [
     "ALL",

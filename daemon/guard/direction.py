@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import math
 
-from daemon.guard.limits import GuardLimits
+from abbe.daemon.guard.limits import GuardLimits
 
 
 class GuardState(enum.Enum):

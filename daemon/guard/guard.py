@@ -28,8 +28,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from daemon.guard.direction import Direction, GuardState
-from daemon.guard.limits import ALL, ZERO, GuardLimits, Vec3
+from abbe.daemon.guard.direction import Direction, GuardState
+from abbe.daemon.guard.limits import ALL, ZERO, GuardLimits, Vec3
 
 
 class Decision(NamedTuple):

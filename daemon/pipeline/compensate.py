@@ -6,13 +6,13 @@ import logging
 import math
 from collections.abc import Mapping, Sequence
 
-from compcore.channel import FUNCTIONAL_POINT
-from compcore.compensator import Compensator
-from compcore.conditions import Conditions
-from compcore.machine import own_component
-from compcore.model import Model
-from daemon.guard import DIRECTIONS, Vec3
-from daemon.pipeline.convert import SignalReading
+from abbe.compcore.compensator.compensator import Compensator
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.error_motion import FUNCTIONAL_POINT
+from abbe.compcore.machine.machine import own_component
+from abbe.compcore.model.model import Model
+from abbe.daemon.guard import DIRECTIONS, Vec3
+from abbe.daemon.pipeline.reading.convert import SignalReading
 
 logger = logging.getLogger("abbe.pipeline")
 

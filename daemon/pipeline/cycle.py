@@ -8,21 +8,21 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 
-from daemon.config import Configuration
-from daemon.guard import ALL, Guard, Vec3
-from daemon.pipeline.compensate import Compensation, direction_index
-from daemon.pipeline.convert import PositionConverter, SignalConverter, ToolConverter
-from daemon.pipeline.directions import Directions
-from daemon.pipeline.doubts import Doubts
-from daemon.pipeline.ending import Ending
-from daemon.pipeline.observe import Observer
-from daemon.pipeline.plan import keep_together, make_plan
-from daemon.pipeline.plausible import Plausible
-from daemon.pipeline.poll import Batch, Poll
-from daemon.pipeline.record import CycleRecord, Listener
-from daemon.pipeline.write_back import Outcome, WriteBack
-from daemon.status_word import fault_bits, status_word
-from drivers.link import Link, LinkState
+from abbe.daemon.config import Configuration
+from abbe.daemon.guard import ALL, Guard, Vec3
+from abbe.daemon.pipeline.compensate import Compensation, direction_index
+from abbe.daemon.pipeline.doubts import Doubts
+from abbe.daemon.pipeline.observe import Observer
+from abbe.daemon.pipeline.plan import keep_together, make_plan
+from abbe.daemon.pipeline.reading.convert import PositionConverter, SignalConverter, ToolConverter
+from abbe.daemon.pipeline.reading.directions import Directions
+from abbe.daemon.pipeline.reading.plausible import Plausible
+from abbe.daemon.pipeline.reading.poll import Batch, Poll
+from abbe.daemon.pipeline.record import CycleRecord, Listener
+from abbe.daemon.pipeline.writing.ending import Ending
+from abbe.daemon.pipeline.writing.write_back import Outcome, WriteBack
+from abbe.daemon.status_word import fault_bits, status_word
+from abbe.drivers.link import Link, LinkState
 
 logger = logging.getLogger("abbe.pipeline")
 

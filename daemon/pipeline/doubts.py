@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from daemon.config.sections import ConfigFile
-from daemon.pipeline.follow import Follow
-from daemon.pipeline.foreign import Foreign
-from daemon.pipeline.motion import Motion
-from daemon.pipeline.plan import Plan
-from daemon.pipeline.write_back import Outcome, WriteBack
-from drivers.link import Link
+from abbe.daemon.config.sections import ConfigFile
+from abbe.daemon.pipeline.plan import Plan
+from abbe.daemon.pipeline.reading.motion import Motion
+from abbe.daemon.pipeline.writing.foreign_writes import Foreign
+from abbe.daemon.pipeline.writing.own_writes import Follow
+from abbe.daemon.pipeline.writing.write_back import Outcome, WriteBack
+from abbe.drivers.link import Link
 
 
 class Doubts:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 
-from daemon.faults import StandingFaults
-from daemon.guard import DIRECTIONS, Decision, GuardState
-from daemon.pipeline.convert import SignalReading
-from daemon.pipeline.plan import Plan
-from drivers.link import Link, LinkState
+from abbe.daemon.faults import StandingFaults
+from abbe.daemon.guard import DIRECTIONS, Decision, GuardState
+from abbe.daemon.pipeline.plan import Plan
+from abbe.daemon.pipeline.reading.convert import SignalReading
+from abbe.drivers.link import Link, LinkState
 
 logger = logging.getLogger("abbe.pipeline")
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from daemon.config import Configuration
-from daemon.config.channels import split
-from daemon.pipeline.convert import Source
-from daemon.pipeline.expected import Expected, expected_of
-from daemon.pipeline.poll import Channel, by_link
-from daemon.pipeline.watch import Watch
-from daemon.pipeline.write_back import Target
-from drivers.link import Link
-from drivers.transducers import AnyTransducerConfig, make_transducer
+from abbe.daemon.config import Configuration
+from abbe.daemon.config.channels import split
+from abbe.daemon.pipeline.reading.controller_watch import Watch
+from abbe.daemon.pipeline.reading.convert import Source
+from abbe.daemon.pipeline.reading.expected import Expected, expected_of
+from abbe.daemon.pipeline.reading.poll import Channel, by_link
+from abbe.daemon.pipeline.writing.write_back import Target
+from abbe.drivers.link import Link
+from abbe.drivers.transducers import AnyTransducerConfig, make_transducer
 
 
 @dataclass(frozen=True)

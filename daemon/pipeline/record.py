@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from daemon.guard import Decision
-from daemon.pipeline.convert import SignalReading
+from abbe.daemon.guard import Decision
+from abbe.daemon.pipeline.reading.convert import SignalReading
 
 
 class CycleRecord(NamedTuple):

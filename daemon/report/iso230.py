@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from compcore.iso230 import RESULTS, Positioning
-from compcore.iso230_diagonals import Diagonals
-from daemon.analysis.iso230 import MEANINGS, SYMBOLS, TARGET_COLUMNS, Evaluation, display, finite
-from daemon.report.figure import COLOURS, Trace, band, figure, line, points
-from daemon.report.page import Page
+from abbe.compcore.iso230.diagonals import Diagonals
+from abbe.compcore.iso230.positioning import RESULTS, Positioning
+from abbe.daemon.answers.iso230 import (
+    MEANINGS,
+    SYMBOLS,
+    TARGET_COLUMNS,
+    Evaluation,
+    display,
+    finite,
+)
+from abbe.daemon.report.figure import COLOURS, Trace, band, figure, line, points
+from abbe.daemon.report.page import Page
 
 
 def page(evaluation: Evaluation) -> Page:

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from compcore.atomic import write_atomically
-from daemon.report.style import STYLE
+from abbe.compcore.files.text.atomic import write_atomically
+from abbe.daemon.report.style import STYLE
 
 Figure = Mapping[str, Any]
 """A Plotly figure as plain data: ``{"data": [...], "layout": {...}}``."""
@@ -145,7 +145,7 @@ class Page:
         )
 
     def figure(self, figure: Figure, caption: str = "") -> None:
-        """Add a Plotly figure (see `daemon.report.figure`)."""
+        """Add a Plotly figure (see `abbe.daemon.report.figure`)."""
         self._figures += 1
         name = f"figure-{self._figures}"
         text = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from compcore.campaign import Campaign
-from compcore.error_map import ErrorMap
-from compcore.lines import Line, functional_moves
-from compcore.machine import own_component
-from compcore.motion_curves import MotionCurve
-from compcore.structure import is_rotary
-from daemon.report.figure import COLOURS, band, figure, line, points
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.comparison.lines import Line, functional_moves
+from abbe.compcore.machine.machine import own_component
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.model.error_map import ErrorMap
+from abbe.compcore.model.motion_curves import MotionCurve
+from abbe.daemon.report.figure import COLOURS, band, figure, line, points
 
 F64 = NDArray[np.float64]
 Index = NDArray[np.int64]

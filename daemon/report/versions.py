@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.report.figure import COLOURS, Trace, figure, line
-from daemon.report.page import Figure
+from abbe.daemon.report.figure import COLOURS, Trace, figure, line
+from abbe.daemon.report.page import Figure
 
 F64 = NDArray[np.float64]
 

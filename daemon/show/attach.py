@@ -12,14 +12,14 @@ from typing import Any, Literal
 
 from rich.console import Console
 
-from compcore.errors import AbbeError
-from daemon.journal import journal
-from daemon.service import Service
-from daemon.show.figures import Figures
-from daemon.show.json_lines import JsonLines
-from daemon.show.plain import PlainLines
-from daemon.show.screen import LiveScreen
-from daemon.show.writer import LineWriter
+from abbe.compcore.errors import AbbeError
+from abbe.daemon.event_log import journal
+from abbe.daemon.service import Service
+from abbe.daemon.show.figures import Figures
+from abbe.daemon.show.json_lines import JsonLines
+from abbe.daemon.show.plain import PlainLines
+from abbe.daemon.show.screen import LiveScreen
+from abbe.daemon.show.writer import LineWriter
 
 How = Literal["screen", "plain", "json"]
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from daemon.pipeline.record import CycleRecord
+from abbe.daemon.pipeline.record import CycleRecord
 
 
 @dataclass(slots=True)

@@ -7,11 +7,11 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from compcore.machine import Machine
-from daemon.guard import DIRECTIONS
-from daemon.pipeline.record import CycleRecord
-from daemon.show.writer import LineWriter
-from drivers.link import Link
+from abbe.compcore.machine.machine import Machine
+from abbe.daemon.guard import DIRECTIONS
+from abbe.daemon.pipeline.record import CycleRecord
+from abbe.daemon.show.writer import LineWriter
+from abbe.drivers.link import Link
 
 
 class JsonLines:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from daemon.guard import DIRECTIONS, GuardState
-from daemon.pipeline.record import CycleRecord
-from daemon.show.figures import volumetric_errors
-from daemon.show.writer import LineWriter
-from daemon.status_word import Status
-from drivers.link import Link
+from abbe.daemon.guard import DIRECTIONS, GuardState
+from abbe.daemon.pipeline.record import CycleRecord
+from abbe.daemon.show.figures import volumetric_errors
+from abbe.daemon.show.writer import LineWriter
+from abbe.daemon.status_word import Status
+from abbe.drivers.link import Link
 
 EVERY = 2.0
 """s from one line to the next."""

@@ -16,14 +16,14 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from compcore.machine import Machine
-from daemon.guard import GuardState
-from daemon.pipeline.compensate import direction_index
-from daemon.pipeline.record import CycleRecord
-from daemon.show.bars import deviation_bar, sparkline
-from daemon.show.figures import ErrorFigures, volumetric_errors
-from daemon.show.plain import headline
-from drivers.link import Link, LinkState
+from abbe.compcore.machine.machine import Machine
+from abbe.daemon.guard import GuardState
+from abbe.daemon.pipeline.compensate import direction_index
+from abbe.daemon.pipeline.record import CycleRecord
+from abbe.daemon.show.bars import deviation_bar, sparkline
+from abbe.daemon.show.figures import ErrorFigures, volumetric_errors
+from abbe.daemon.show.plain import headline
+from abbe.drivers.link import Link, LinkState
 
 REFRESH = 0.25
 """s from one picture to the next."""

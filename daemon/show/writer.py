@@ -7,7 +7,7 @@ import queue
 import threading
 from typing import TextIO
 
-from daemon.standard_output import GONE, StandardOutputError, silence
+from abbe.daemon.standard_output import GONE, StandardOutputError, silence
 
 logger = logging.getLogger("abbe.show")
 

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compcore.errors import AbbeError
-from compcore.folding.slow import SlowState
-from compcore.model import Model
-from compcore.structure import is_rotary
-from compcore.tables.field import ErrorField
-from compcore.tables.table import Sign, Table, superposed
+from abbe.compcore.compensator.folding.slow_state import SlowState
+from abbe.compcore.errors import AbbeError
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.model.model import Model
+from abbe.compcore.tables.field import ErrorField
+from abbe.compcore.tables.table import Sign, Table, superposed
 
 F64 = NDArray[np.float64]
 

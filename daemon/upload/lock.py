@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from compcore.errors import AbbeError, InputError
+from abbe.compcore.errors import AbbeError, InputError
 
 _FLAGS = os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK
 _LOOKED_AT = 64

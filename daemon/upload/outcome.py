@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from daemon.upload.content import Content, short
+from abbe.daemon.upload.history.content import Content, short
 
 Active = Literal["new", "old", "unknown"]
 

@@ -6,17 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from compcore.errors import AbbeError, InputError
-from compcore.model import Model
-from compcore.tables.table import Table
-from daemon.config.upload import UploadSetup
-from daemon.upload.bounds import Extent, Limits, check, extent, largest_change
-from daemon.upload.content import Content, short
-from daemon.upload.order import Order
-from daemon.upload.settle import check_identity, check_ready
-from drivers.controllers import Controller
-from drivers.link import LinkError
-from drivers.stores.base import Identity, Store
+from abbe.compcore.errors import AbbeError, InputError
+from abbe.compcore.model.model import Model
+from abbe.compcore.tables.table import Table
+from abbe.daemon.config.upload import UploadSetup
+from abbe.daemon.upload.bounds import Extent, Limits, check, extent, largest_change
+from abbe.daemon.upload.history.content import Content, short
+from abbe.daemon.upload.settle import check_identity, check_ready
+from abbe.daemon.upload.upload_plan import Order
+from abbe.drivers.controllers import Controller
+from abbe.drivers.link import LinkError
+from abbe.drivers.stores.base import Identity, Store
 
 
 @dataclass(frozen=True)

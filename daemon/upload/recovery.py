@@ -5,18 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from compcore.errors import InputError
-from daemon.upload import backups
-from daemon.upload.content import Content
-from daemon.upload.effect import Expectation
-from daemon.upload.journal import END, Entry
-from daemon.upload.outcome import Outcome
-from daemon.upload.settle import Settled, settle
-from daemon.upload.steps import Ledger
-from daemon.upload.unfinished import unfinished_words
-from daemon.upload.work import Work
-from drivers.link import LinkError
-from drivers.stores.base import Identity
+from abbe.compcore.errors import InputError
+from abbe.daemon.upload.history import backups
+from abbe.daemon.upload.history.content import Content
+from abbe.daemon.upload.history.unfinished import unfinished_words
+from abbe.daemon.upload.history.upload_log import END, Entry
+from abbe.daemon.upload.outcome import Outcome
+from abbe.daemon.upload.settle import Settled, settle
+from abbe.daemon.upload.shown_correction import Expectation
+from abbe.daemon.upload.steps import Ledger
+from abbe.daemon.upload.work import Work
+from abbe.drivers.link import LinkError
+from abbe.drivers.stores.base import Identity
 
 
 async def recover(work: Work) -> Outcome | None:

@@ -7,19 +7,18 @@ from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from compcore.errors import AbbeError
-from daemon.claims import held_by_upload
-from daemon.config import Configuration
-from daemon.config.upload import UploadSetup
-from daemon.ownership import hold
-from daemon.upload import backups
-from daemon.upload.content import Content
-from daemon.upload.effect import Expectation, Seen, check_effect
-from daemon.upload.journal import Journal, last_change
-from daemon.upload.lock import only_one
-from daemon.upload.order import Order, backup_order, load_order
-from daemon.upload.outcome import Outcome
-from daemon.upload.preflight import (
+from abbe.compcore.errors import AbbeError
+from abbe.daemon.config import Configuration
+from abbe.daemon.config.upload import UploadSetup
+from abbe.daemon.ownership.claims import held_by_upload
+from abbe.daemon.ownership.lock import hold
+from abbe.daemon.upload.history import backups
+from abbe.daemon.upload.history.content import Content
+from abbe.daemon.upload.history.unfinished import unfinished_words
+from abbe.daemon.upload.history.upload_log import Journal, last_change
+from abbe.daemon.upload.lock import only_one
+from abbe.daemon.upload.outcome import Outcome
+from abbe.daemon.upload.preflight import (
     Cleared,
     check_tables,
     limits_of,
@@ -27,12 +26,13 @@ from daemon.upload.preflight import (
     present_tables,
     unreachable,
 )
-from daemon.upload.recovery import recover
-from daemon.upload.settle import check_identity, check_ready
-from daemon.upload.steps import Ledger
-from daemon.upload.unfinished import unfinished_words
-from daemon.upload.work import Voice, Work, user
-from drivers.link import LinkError
+from abbe.daemon.upload.recovery import recover
+from abbe.daemon.upload.settle import check_identity, check_ready
+from abbe.daemon.upload.shown_correction import Expectation, Seen, check_effect
+from abbe.daemon.upload.steps import Ledger
+from abbe.daemon.upload.upload_plan import Order, backup_order, load_order
+from abbe.daemon.upload.work import Voice, Work, user
+from abbe.drivers.link import LinkError
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from compcore.errors import AbbeError
-from daemon.upload.content import Content, short
-from drivers.link import LinkError, LinkProtocolError
-from drivers.stores.base import Identity, RefusedError, Store
+from abbe.compcore.errors import AbbeError
+from abbe.daemon.upload.history.content import Content, short
+from abbe.drivers.link import LinkError, LinkProtocolError
+from abbe.drivers.stores.base import Identity, RefusedError, Store
 
 Tell = Callable[[str], None]
 _PAUSE = 0.2

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from daemon.upload.content import Content, short
-from daemon.upload.journal import END, Entry
-from daemon.upload.settle import check_identity
-from daemon.upload.unfinished import unfinished_words
-from daemon.upload.work import Work
+from abbe.daemon.upload.history.content import Content, short
+from abbe.daemon.upload.history.unfinished import unfinished_words
+from abbe.daemon.upload.history.upload_log import END, Entry
+from abbe.daemon.upload.settle import check_identity
+from abbe.daemon.upload.work import Work
 
 
 async def status(work: Work) -> dict[str, Any]:

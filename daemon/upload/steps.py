@@ -2,7 +2,7 @@
 
 backup → stage → compare → ready → activate → verify → restart → effect → end
 
-Nothing is decided by an acknowledgement: whatever breaks, and wherever, `daemon.upload.settle`
+Nothing is decided by an acknowledgement: whatever breaks, and wherever, `abbe.daemon.upload.settle`
 reads what is active and goes by that.
 """
 
@@ -14,15 +14,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from compcore.errors import AbbeError, InputError
-from daemon.upload.content import Content, short
-from daemon.upload.effect import Expectation, Seen, WrongEffectError, check_effect
-from daemon.upload.journal import END, Journal
-from daemon.upload.outcome import Outcome
-from daemon.upload.settle import check_identity, check_ready, settle
-from drivers.controllers import Controller
-from drivers.link import LinkError, LinkProtocolError
-from drivers.stores.base import Identity, RefusedError, Store
+from abbe.compcore.errors import AbbeError, InputError
+from abbe.daemon.upload.history.content import Content, short
+from abbe.daemon.upload.history.upload_log import END, Journal
+from abbe.daemon.upload.outcome import Outcome
+from abbe.daemon.upload.settle import check_identity, check_ready, settle
+from abbe.daemon.upload.shown_correction import Expectation, Seen, WrongEffectError, check_effect
+from abbe.drivers.controllers import Controller
+from abbe.drivers.link import LinkError, LinkProtocolError
+from abbe.drivers.stores.base import Identity, RefusedError, Store
 
 AFTER_ACTIVATION = ("verify", "restart", "effect")
 """Steps that only look; they can be done again."""

@@ -12,15 +12,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from compcore.model import Model
-from daemon.analysis.inputs import abbe_version
-from daemon.config.upload import UploadSetup
-from daemon.upload.content import Content
-from daemon.upload.effect import Expectation
-from daemon.upload.journal import Journal
-from daemon.upload.steps import Allowed, Changeover, Ledger
-from drivers.controllers import Controller
-from drivers.stores.base import Identity, Store
+from abbe.compcore.model.model import Model
+from abbe.daemon.answers.inputs import abbe_version
+from abbe.daemon.config.upload import UploadSetup
+from abbe.daemon.upload.history.content import Content
+from abbe.daemon.upload.history.upload_log import Journal
+from abbe.daemon.upload.shown_correction import Expectation
+from abbe.daemon.upload.steps import Allowed, Changeover, Ledger
+from abbe.drivers.controllers import Controller
+from abbe.drivers.stores.base import Identity, Store
 
 
 @dataclass(frozen=True)

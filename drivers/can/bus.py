@@ -11,9 +11,9 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
-from drivers.can.datagrams import Datagrams, group_of
-from drivers.can.incoming import Incoming
-from drivers.can.interface import (
+from abbe.drivers.can.datagrams import Datagrams, group_of
+from abbe.drivers.can.incoming import Incoming
+from abbe.drivers.can.interface import (
     PROMPT,
     STAMPED,
     InterfaceConfig,
@@ -21,10 +21,10 @@ from drivers.can.interface import (
     close_interface,
     open_interface,
 )
-from drivers.can.outgoing import Outgoing
-from drivers.can.slcan_port import BufferedPort
-from drivers.can.slcan_status import AdapterStatus
-from drivers.link import LinkDownError
+from abbe.drivers.can.outgoing import Outgoing
+from abbe.drivers.can.slcan_port import BufferedPort
+from abbe.drivers.can.slcan_status import AdapterStatus
+from abbe.drivers.link import LinkDownError
 
 if TYPE_CHECKING:
     import can
@@ -84,7 +84,7 @@ class CanBus:
         Raises
         ------
         LinkConfigError, LinkDownError
-            As `drivers.can.interface.open_interface`.
+            As `abbe.drivers.can.interface.open_interface`.
         """
         await self.close()
         since = time.monotonic()
@@ -156,12 +156,12 @@ class CanBus:
             self._closing = None
 
     def send(self, messages: Sequence[can.Message], until: float = math.inf) -> None:
-        """Send frames, from the event loop; as `drivers.can.outgoing.Outgoing.send`."""
+        """Send frames, from the event loop; as `abbe.drivers.can.outgoing.Outgoing.send`."""
         connection = self._connection or self._open_one()
         connection.outgoing.send(messages, until)
 
     async def send_in_time(self, message: can.Message, until: float) -> None:
-        """Send a frame and see it leave; as `drivers.can.outgoing.Outgoing.send_in_time`."""
+        """Send a frame and see it leave; as `abbe.drivers.can.outgoing.Outgoing.send_in_time`."""
         await self._open_one().outgoing.send_in_time(message, until)
 
     def drain(self) -> None:
@@ -170,7 +170,7 @@ class CanBus:
             self._connection.incoming.drain()
 
     def wait(self, seconds: float) -> bool:
-        """Wait on the spot for frames; as `drivers.can.incoming.Incoming.wait`."""
+        """Wait on the spot for frames; as `abbe.drivers.can.incoming.Incoming.wait`."""
         return self._connection is not None and self._connection.incoming.wait(seconds)
 
     def send_and_wait(self, message: can.Message) -> None:

@@ -19,12 +19,12 @@ import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from drivers.awaited import is_there
+from abbe.drivers.reply_wait import is_there
 
 if TYPE_CHECKING:
     import can
 
-    from drivers.can.interface import InterfaceConfig
+    from abbe.drivers.can.interface import InterfaceConfig
 
 _LONGEST = 4096
 """Bytes; python-can's own limit."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from drivers.link import LinkDownError, LinkError
+from abbe.drivers.link import LinkDownError, LinkError
 
 BUS_OFF = 0x40
 LEFT_THE_BUS = "bus-off: the controller has left the bus"

@@ -18,13 +18,13 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from drivers.awaited import is_there
-from drivers.can.slcan_port import BufferedPort
+from abbe.drivers.can.slcan_port import BufferedPort
+from abbe.drivers.reply_wait import is_there
 
 if TYPE_CHECKING:
     import can
 
-    from drivers.can.datagrams import Datagrams
+    from abbe.drivers.can.datagrams import Datagrams
 
 _MOST_AT_ONCE = 256
 """Frames that are taken before others get their turn in the event loop: all that fit into a serial

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from pydantic import Field
 
-from drivers import resources
-from drivers.can.slcan_status import Dialect
-from drivers.link import LinkConfigError, LinkDownError
-from drivers.quarantine import QuarantineConfig
+from abbe.drivers import resources
+from abbe.drivers.can.slcan_status import Dialect
+from abbe.drivers.link import LinkConfigError, LinkDownError
+from abbe.drivers.quarantine import QuarantineConfig
 
 if TYPE_CHECKING:
     import can
@@ -59,7 +59,7 @@ class InterfaceConfig(QuarantineConfig):
 
 
 def device_of(config: InterfaceConfig) -> str:
-    """The bus as `drivers.link.Place` names it, for all links on it."""
+    """The bus as `abbe.drivers.link.Place` names it, for all links on it."""
     named = resources.can(config.interface, config.channel)
     return named[0] if named else f"can {config.where}"
 
@@ -156,7 +156,7 @@ def open_interface(config: InterfaceConfig) -> Opened:
             ) from error
         raise LinkDownError(f"cannot open {config.where}: {error}") from error
     if guard >= 0:
-        from drivers.can.slcan_port import BufferedPort
+        from abbe.drivers.can.slcan_port import BufferedPort
 
         adapter: Any = bus
         adapter.serialPortOrig = BufferedPort(adapter.serialPortOrig)

@@ -18,15 +18,15 @@ from collections import deque
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from drivers.link import LinkDownError, LinkError, TooLateError
+from abbe.drivers.link import LinkDownError, LinkError, TooLateError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     import can
 
-    from drivers.can.datagrams import Datagrams
-    from drivers.can.slcan_port import BufferedPort
+    from abbe.drivers.can.datagrams import Datagrams
+    from abbe.drivers.can.slcan_port import BufferedPort
 
 _MOST_UNSENT = 1000
 """Frames that may wait to be sent."""

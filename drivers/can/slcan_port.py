@@ -17,8 +17,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from drivers.can.slcan_status import LINE
-from drivers.serial.port import in_driver
+from abbe.drivers.can.slcan_status import LINE
+from abbe.drivers.serial.port.port import in_driver
 
 _DRAIN = 0.1
 """s that the rest may take to leave before the port is closed; it may hold the closing command."""

@@ -21,7 +21,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 if TYPE_CHECKING:
-    from drivers.can.slcan_port import BufferedPort
+    from abbe.drivers.can.slcan_port import BufferedPort
 
 Dialect = Literal["lawicel", "usbtin"]
 """Whose meaning the status flags have."""

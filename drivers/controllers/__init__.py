@@ -12,10 +12,10 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any
 
-from compcore.errors import InputError
-from compcore.machine import Machine
-from compcore.plugins import Plugins, load_plugins
-from drivers.controllers.base import (
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.plugins import Plugins, load_plugins
+from abbe.drivers.controllers.base import (
     CONTROLLER_GROUP,
     Confidence,
     Controller,

@@ -9,12 +9,12 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import Field
 
-from compcore.errors import InputError
-from compcore.machine import Machine
-from compcore.tables.capability import Capability, Holds, Spacing
-from compcore.tables.table import Table, move
-from drivers.controllers.axes import axis_numbers, equidistant
-from drivers.controllers.base import (
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.tables.capability import Capability, Holds, Spacing
+from abbe.compcore.tables.table import Table, move
+from abbe.drivers.controllers.axes import axis_numbers, equidistant
+from abbe.drivers.controllers.base import (
     AxisNames,
     Confidence,
     Controller,
@@ -22,7 +22,7 @@ from drivers.controllers.base import (
     PerAxis,
     Trust,
 )
-from drivers.controllers.text import (
+from abbe.drivers.controllers.text import (
     above_zero,
     fixed,
     number,

@@ -8,11 +8,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from compcore.channel import Channel, Component
-from compcore.errors import InputError
-from compcore.machine import Machine, own_component
-from compcore.structure import is_rotary
-from compcore.tables.table import Table, move
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.error_motion import Channel, Component
+from abbe.compcore.machine.machine import Machine, own_component
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.tables.table import Table, move
 
 F64 = NDArray[np.float64]
 
@@ -28,8 +28,8 @@ def position_unit(axis: str) -> float:
 def axis_numbers(machine: Machine, given: Mapping[str, int], first: int = 1) -> dict[str, int]:
     """Axis → number: as given, or X, Y, Z and then the others as the structure lists them.
 
-    >>> from compcore.machine import Axis
-    >>> from compcore.structure import Structure
+    >>> from abbe.compcore.machine.machine import Axis
+    >>> from abbe.compcore.machine.structure import Structure
     >>> structure = Structure.parse("w C' b Y X Z t")
     >>> machine = Machine("", structure, {a: Axis(a, (0.0, 1.0)) for a in structure.axes})
     >>> axis_numbers(machine, {})

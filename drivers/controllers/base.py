@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
 
-from compcore.errors import AbbeError, InputError
-from compcore.machine import Machine
-from compcore.plausible import DISPLACEMENT, ROTATION, TRAVEL, TRAVEL_ROTARY, Range
-from compcore.structure import is_rotary
-from compcore.tables.capability import Capability
-from compcore.tables.table import Sign, Table
+from abbe.compcore.errors import AbbeError, InputError
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.machine.plausible import DISPLACEMENT, ROTATION, TRAVEL, TRAVEL_ROTARY, Range
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.tables.capability import Capability
+from abbe.compcore.tables.table import Sign, Table
 
 F64 = NDArray[np.float64]
 CONTROLLER_GROUP = "abbe.controllers"
@@ -161,7 +161,8 @@ class Controller(ABC):
         Parameters
         ----------
         tables
-            Of either sign, as `compcore.tables.project` makes them for this controller.
+            Of either sign, as `abbe.compcore.tables.projection.project` makes them for this
+            controller.
 
         Raises
         ------

@@ -8,15 +8,21 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import Field
 
-from compcore.channel import Channel, Component
-from compcore.conventions.convention import parse_signs
-from compcore.map_file import format_map, parse_map
-from compcore.map_table import COMPONENTS, AxisTable, CompensationMap
-from compcore.tables.capability import Capability, Holds, Spacing
-from compcore.tables.table import Table, tables_of
-from drivers.controllers.axes import F64
-from drivers.controllers.base import AxisNames, Confidence, Controller, ControllerOptions, Trust
-from drivers.controllers.text import fixed, only_file
+from abbe.compcore.files.map_file import format_map, parse_map
+from abbe.compcore.machine.error_motion import Channel, Component
+from abbe.compcore.maps.convention import parse_signs
+from abbe.compcore.maps.table import COMPONENTS, AxisTable, CompensationMap
+from abbe.compcore.tables.capability import Capability, Holds, Spacing
+from abbe.compcore.tables.table import Table, tables_of
+from abbe.drivers.controllers.axes import F64
+from abbe.drivers.controllers.base import (
+    AxisNames,
+    Confidence,
+    Controller,
+    ControllerOptions,
+    Trust,
+)
+from abbe.drivers.controllers.text import fixed, only_file
 
 
 class CmmMapOptions(ControllerOptions):

@@ -8,14 +8,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from compcore.channel import Channel, Component
-from compcore.errors import InputError
-from compcore.structure import is_rotary
-from compcore.tables.capability import Capability, Holds, Spacing
-from compcore.tables.table import Table
-from drivers.controllers.axes import DEGREE, position_unit
-from drivers.controllers.base import Confidence, Controller, Trust
-from drivers.controllers.text import fixed, increasing, number, numbered_lines, only_file
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.error_motion import Channel, Component
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.tables.capability import Capability, Holds, Spacing
+from abbe.compcore.tables.table import Table
+from abbe.drivers.controllers.axes import DEGREE, position_unit
+from abbe.drivers.controllers.base import Confidence, Controller, Trust
+from abbe.drivers.controllers.text import fixed, increasing, number, numbered_lines, only_file
 
 _DECIMALS = 12
 _SECTION = re.compile(r"\[\s*([A-Z0-9]+)\s*\]")

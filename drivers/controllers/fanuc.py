@@ -10,13 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from compcore.errors import InputError
-from compcore.tables.capability import Capability, Holds, Increment, Spacing
-from compcore.tables.table import Table
-from drivers.controllers.axes import DEGREE, axis_numbers, equidistant, output_of, position_unit
-from drivers.controllers.base import Confidence, Controller, ControllerOptions, PerAxis, Trust
-from drivers.controllers.text import above_zero, numbered_lines, only_file
-from drivers.controllers.text import number as to_number
+from abbe.compcore.errors import InputError
+from abbe.compcore.tables.capability import Capability, Holds, Increment, Spacing
+from abbe.compcore.tables.table import Table
+from abbe.drivers.controllers.axes import (
+    DEGREE,
+    axis_numbers,
+    equidistant,
+    output_of,
+    position_unit,
+)
+from abbe.drivers.controllers.base import Confidence, Controller, ControllerOptions, PerAxis, Trust
+from abbe.drivers.controllers.text import above_zero, numbered_lines, only_file
+from abbe.drivers.controllers.text import number as to_number
 
 F64 = NDArray[np.float64]
 

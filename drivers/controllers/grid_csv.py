@@ -11,14 +11,14 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import Field
 
-from compcore.channel import Component
-from compcore.errors import InputError
-from compcore.structure import is_rotary
-from compcore.tables.capability import Capability, Holds, Spacing
-from compcore.tables.table import Sign, Table, move
-from drivers.controllers.axes import DEGREE, position_unit
-from drivers.controllers.base import Confidence, Controller, ControllerOptions, Trust
-from drivers.controllers.text import fixed, number, numbered_lines
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.error_motion import Component
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.tables.capability import Capability, Holds, Spacing
+from abbe.compcore.tables.table import Sign, Table, move
+from abbe.drivers.controllers.axes import DEGREE, position_unit
+from abbe.drivers.controllers.base import Confidence, Controller, ControllerOptions, Trust
+from abbe.drivers.controllers.text import fixed, number, numbered_lines
 
 _FORMAT = "abbe-grid/1"
 _AXIS = re.compile(r"([XYZUVWABC][0-9]?) \[(mm|deg)\]")

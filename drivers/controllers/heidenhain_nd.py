@@ -9,12 +9,12 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from compcore.errors import InputError
-from compcore.tables.capability import Capability, Form, Holds, Spacing
-from compcore.tables.table import Table, move
-from drivers.controllers.axes import equidistant
-from drivers.controllers.base import Confidence, Controller, ControllerOptions, PerAxis, Trust
-from drivers.controllers.text import fixed, number, whole_number
+from abbe.compcore.errors import InputError
+from abbe.compcore.tables.capability import Capability, Form, Holds, Spacing
+from abbe.compcore.tables.table import Table, move
+from abbe.drivers.controllers.axes import equidistant
+from abbe.drivers.controllers.base import Confidence, Controller, ControllerOptions, PerAxis, Trust
+from abbe.drivers.controllers.text import fixed, number, whole_number
 
 _POINTS = 64
 _MOST_SPACING = 30

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from compcore.errors import InputError
-from compcore.structure import is_rotary
-from compcore.tables.table import Table
-from drivers.controllers.axes import DEGREE, moved_axis, output_of
-from drivers.controllers.text import increasing, number, numbered_lines, whole
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.tables.table import Table
+from abbe.drivers.controllers.axes import DEGREE, moved_axis, output_of
+from abbe.drivers.controllers.text import increasing, number, numbered_lines, whole
 
 LENGTH = 1e-4
 """A length in a list, mm (0.1 µm)."""

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from compcore.channel import Channel, Component
-from compcore.errors import InputError
-from compcore.machine import Machine
-from compcore.tables.table import Table, tables_of
-from drivers.controllers.axes import position_unit
-from drivers.controllers.text import fixed, increasing, number, numbered_lines
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.error_motion import Channel, Component
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.tables.table import Table, tables_of
+from abbe.drivers.controllers.axes import position_unit
+from abbe.drivers.controllers.text import fixed, increasing, number, numbered_lines
 
 _LETTERS: tuple[Component, ...] = ("X", "Y", "Z", "A", "B", "C")
 _DECIMALS = {False: 7, True: 10}

@@ -10,11 +10,11 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from compcore.channel import Channel, Component
-from compcore.errors import InputError
-from compcore.structure import is_rotary
-from compcore.tables.capability import Capability, Holds, Spacing
-from compcore.tables.form import (
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.error_motion import Channel, Component
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.tables.capability import Capability, Holds, Spacing
+from abbe.compcore.tables.form import (
     Entries,
     Reversal,
     accumulated,
@@ -23,10 +23,10 @@ from compcore.tables.form import (
     reversal_columns,
     to_single,
 )
-from compcore.tables.table import Sign, Table, move, tables_of
-from drivers.controllers.axes import DEGREE, F64
-from drivers.controllers.base import Confidence, Controller, ControllerOptions, Trust
-from drivers.controllers.text import fixed, increasing, number, numbered_lines
+from abbe.compcore.tables.table import Sign, Table, move, tables_of
+from abbe.drivers.controllers.axes import DEGREE, F64
+from abbe.drivers.controllers.base import Confidence, Controller, ControllerOptions, Trust
+from abbe.drivers.controllers.text import fixed, increasing, number, numbered_lines
 
 _FORMAT = "abbe-table/1"
 _SECOND: dict[Reversal, str] = {

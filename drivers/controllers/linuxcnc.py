@@ -9,13 +9,13 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from compcore.errors import InputError
-from compcore.structure import is_rotary
-from compcore.tables.capability import Capability, Holds, Spacing
-from compcore.tables.table import Table
-from drivers.controllers.axes import DEGREE, output_of
-from drivers.controllers.base import Confidence, Controller, ControllerOptions, PerAxis, Trust
-from drivers.controllers.text import fixed, increasing, number
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.tables.capability import Capability, Holds, Spacing
+from abbe.compcore.tables.table import Table
+from abbe.drivers.controllers.axes import DEGREE, output_of
+from abbe.drivers.controllers.base import Confidence, Controller, ControllerOptions, PerAxis, Trust
+from abbe.drivers.controllers.text import fixed, increasing, number
 
 _MOST = 256
 """EMCMOT_COMP_SIZE; the 257th line and all after it are ignored."""

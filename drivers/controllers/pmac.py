@@ -10,17 +10,17 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import Field
 
-from compcore.errors import InputError
-from compcore.tables.capability import Capability, Holds, Spacing
-from compcore.tables.table import Table
-from drivers.controllers.axes import (
+from abbe.compcore.errors import InputError
+from abbe.compcore.tables.capability import Capability, Holds, Spacing
+from abbe.compcore.tables.table import Table
+from abbe.drivers.controllers.axes import (
     axis_numbers,
     equidistant,
     moved_axis,
     output_of,
     position_unit,
 )
-from drivers.controllers.base import (
+from abbe.drivers.controllers.base import (
     Confidence,
     Controller,
     ControllerOptions,
@@ -28,7 +28,7 @@ from drivers.controllers.base import (
     PerAxis,
     Trust,
 )
-from drivers.controllers.text import above_zero, numbered_lines, only_file, whole
+from abbe.drivers.controllers.text import above_zero, numbered_lines, only_file, whole
 
 _FINE = 16
 """Entries are sixteenths of a count."""

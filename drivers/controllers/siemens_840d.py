@@ -9,11 +9,11 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from compcore.errors import InputError
-from compcore.tables.capability import Capability, Holds, Spacing
-from compcore.tables.table import Table
-from drivers.controllers.axes import DEGREE, F64, moved_axis, output_of, position_unit
-from drivers.controllers.base import (
+from abbe.compcore.errors import InputError
+from abbe.compcore.tables.capability import Capability, Holds, Spacing
+from abbe.compcore.tables.table import Table
+from abbe.drivers.controllers.axes import DEGREE, F64, moved_axis, output_of, position_unit
+from abbe.drivers.controllers.base import (
     Confidence,
     Controller,
     ControllerOptions,
@@ -21,7 +21,7 @@ from drivers.controllers.base import (
     NumberPerAxis,
     Trust,
 )
-from drivers.controllers.siemens_archive import (
+from abbe.drivers.controllers.siemens_archive import (
     DECIMALS,
     POSITION_DECIMALS,
     Cec,
@@ -29,7 +29,7 @@ from drivers.controllers.siemens_archive import (
     framed,
     read_archive,
 )
-from drivers.controllers.siemens_products import (
+from abbe.drivers.controllers.siemens_products import (
     RESOLUTION,
     TABLES,
     four_tables,

@@ -10,9 +10,9 @@ from typing import Literal
 
 import numpy as np
 
-from compcore.errors import InputError
-from drivers.controllers.axes import F64, equidistant
-from drivers.controllers.text import fixed, number, numbered_lines
+from abbe.compcore.errors import InputError
+from abbe.drivers.controllers.axes import F64, equidistant
+from abbe.drivers.controllers.text import fixed, number, numbered_lines
 
 DECIMALS = 6
 """Of a value, mm or degrees."""

@@ -17,11 +17,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from compcore.errors import InputError
-from compcore.machine import Machine
-from compcore.tables.table import Table
-from drivers.controllers.axes import F64, moved_axis, output_of, position_unit
-from drivers.controllers.siemens_archive import DECIMALS, POSITION_DECIMALS, Cec, by_index
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.tables.table import Table
+from abbe.drivers.controllers.axes import F64, moved_axis, output_of, position_unit
+from abbe.drivers.controllers.siemens_archive import DECIMALS, POSITION_DECIMALS, Cec, by_index
 
 FACTOR = 0.1
 """mm: the lever's factor at the ends of its table; it is 0 in the middle."""

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from compcore.errors import InputError
+from abbe.compcore.errors import InputError
 
 F64 = NDArray[np.float64]
 

@@ -8,12 +8,12 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from compcore.tables.capability import Capability, Holds, Spacing
-from compcore.tables.table import Table
-from drivers.controllers.axes import DEGREE, axis_numbers
-from drivers.controllers.base import Confidence, Controller, ControllerOptions, PerAxis, Trust
-from drivers.controllers.isg_axis_lists import ANGLE, LENGTH, axis_list, read_axis_list
-from drivers.controllers.isg_volumetric import isg_csv, read_isg_csv
+from abbe.compcore.tables.capability import Capability, Holds, Spacing
+from abbe.compcore.tables.table import Table
+from abbe.drivers.controllers.axes import DEGREE, axis_numbers
+from abbe.drivers.controllers.base import Confidence, Controller, ControllerOptions, PerAxis, Trust
+from abbe.drivers.controllers.isg_axis_lists import ANGLE, LENGTH, axis_list, read_axis_list
+from abbe.drivers.controllers.isg_volumetric import isg_csv, read_isg_csv
 
 
 class TwinCatIsgOptions(ControllerOptions):

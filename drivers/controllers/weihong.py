@@ -8,11 +8,11 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from compcore.errors import InputError
-from compcore.tables.capability import Capability, Holds, Spacing
-from compcore.tables.table import Table, move
-from drivers.controllers.base import Confidence, Controller, ControllerOptions, Trust
-from drivers.controllers.text import fixed, increasing, number, numbered_lines, only_file
+from abbe.compcore.errors import InputError
+from abbe.compcore.tables.capability import Capability, Holds, Spacing
+from abbe.compcore.tables.table import Table, move
+from abbe.drivers.controllers.base import Confidence, Controller, ControllerOptions, Trust
+from abbe.drivers.controllers.text import fixed, increasing, number, numbered_lines, only_file
 
 _DECIMALS = 4
 _UNIT = re.compile(r";?\s*unit\s*=\s*(\S+)", re.IGNORECASE)

@@ -8,14 +8,15 @@ import logging
 import time
 from collections.abc import Sequence
 
-from drivers.ipp.config import IppConfig
-from drivers.ipp.errors import ServerError, Severity, StoppedError
-from drivers.ipp.latest import Latest
-from drivers.ipp.question import Question, positions, questions
-from drivers.ipp.reports import MoveReport
-from drivers.ipp.session import Session
-from drivers.ipp.state import ServerState
-from drivers.link import (
+from abbe.drivers.bus_lock import Turns
+from abbe.drivers.ipp.config import IppConfig
+from abbe.drivers.ipp.errors import ServerError, Severity, StoppedError
+from abbe.drivers.ipp.latest import Latest
+from abbe.drivers.ipp.question import Question, positions, questions
+from abbe.drivers.ipp.reports import MoveReport
+from abbe.drivers.ipp.session import Session
+from abbe.drivers.ipp.state import ServerState
+from abbe.drivers.link import (
     LinkDownError,
     LinkError,
     LinkProtocolError,
@@ -24,9 +25,8 @@ from drivers.link import (
     Quality,
     Sample,
 )
-from drivers.quarantine import Roster
-from drivers.reconnect import Keeper
-from drivers.turns import Turns
+from abbe.drivers.quarantine import Roster
+from abbe.drivers.reconnect import Keeper
 
 logger = logging.getLogger("abbe.drivers.ipp")
 
@@ -96,7 +96,7 @@ class Asking:
         await self.keeper.close()
 
     async def read(self, names: Sequence[str]) -> dict[str, Sample]:
-        """As `drivers.link.Link.read`."""
+        """As `abbe.drivers.link.Link.read`."""
         try:
             async with self._turns:
                 await self._ask_due(names)

@@ -11,8 +11,8 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from drivers.ipp.grammar import Named, parse
-from drivers.link import LinkProtocolError
+from abbe.drivers.ipp.grammar import Named, parse
+from abbe.drivers.link import LinkProtocolError
 
 USE_CLEAR_ALL_ERRORS = 514
 """The server is still in the error state."""

@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from drivers.link import LinkProtocolError
+from abbe.drivers.link import LinkProtocolError
 
 _TOKEN = re.compile(
     r"""\s*(?:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import time
 
-from drivers.ipp.question import Question
-from drivers.ipp.session import Reply
-from drivers.link import LinkProtocolError, Quality, Sample
+from abbe.drivers.ipp.question import Question
+from abbe.drivers.ipp.session import Reply
+from abbe.drivers.link import LinkProtocolError, Quality, Sample
 
 _NAN = float("nan")
 

@@ -6,10 +6,10 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import ClassVar
 
-from drivers import resources
-from drivers.ipp.asking import Asking
-from drivers.ipp.config import IppConfig
-from drivers.link import (
+from abbe.drivers import resources
+from abbe.drivers.ipp.asking import Asking
+from abbe.drivers.ipp.config import IppConfig
+from abbe.drivers.link import (
     ChannelInfo,
     Link,
     LinkConfig,

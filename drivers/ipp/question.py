@@ -6,11 +6,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from drivers.ipp.config import ChannelConfig, IppConfig
-from drivers.ipp.grammar import Named, Value, by_name, shown
-from drivers.link import LinkProtocolError
-from drivers.pace import Pace
-from drivers.quarantine import Member
+from abbe.drivers.ipp.config import ChannelConfig, IppConfig
+from abbe.drivers.ipp.grammar import Named, Value, by_name, shown
+from abbe.drivers.link import LinkProtocolError
+from abbe.drivers.pace import Pace
+from abbe.drivers.quarantine import Member
 
 _FIRST_AGAIN, _ONCE_AGAIN = 0.05, 1.0
 """s before what was refused is asked again: for positions the second time, for anything else."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 import time
 
-from drivers.ipp.config import MoveReportConfig
-from drivers.ipp.grammar import parse
-from drivers.ipp.question import Question
-from drivers.link import LinkDownError, LinkProtocolError, Quality, Sample
+from abbe.drivers.ipp.config import MoveReportConfig
+from abbe.drivers.ipp.grammar import parse
+from abbe.drivers.ipp.question import Question
+from abbe.drivers.link import LinkDownError, LinkProtocolError, Quality, Sample
 
 _NAN = float("nan")
 _LAST_EVENT = 9999

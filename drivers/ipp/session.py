@@ -14,10 +14,10 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from drivers.ipp.errors import ServerError, Severity, StoppedError, server_error
-from drivers.ipp.grammar import Value, parse
-from drivers.ipp.wire import Cutter, Kind, Message
-from drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError
+from abbe.drivers.ipp.errors import ServerError, Severity, StoppedError, server_error
+from abbe.drivers.ipp.grammar import Value, parse
+from abbe.drivers.ipp.wire import Cutter, Kind, Message
+from abbe.drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError
 
 LAST_TAG = 99_999
 CONNECT_TIMEOUT = 3.0

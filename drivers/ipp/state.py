@@ -6,12 +6,12 @@ import logging
 import time
 from collections.abc import Iterable
 
-from drivers.ipp.config import IppConfig
-from drivers.ipp.errors import USE_CLEAR_ALL_ERRORS, ServerError, Severity
-from drivers.ipp.grammar import Value
-from drivers.ipp.question import Question, coordinate_system
-from drivers.link import LinkStatus
-from drivers.quarantine import Roster
+from abbe.drivers.ipp.config import IppConfig
+from abbe.drivers.ipp.errors import USE_CLEAR_ALL_ERRORS, ServerError, Severity
+from abbe.drivers.ipp.grammar import Value
+from abbe.drivers.ipp.question import Question, coordinate_system
+from abbe.drivers.link import LinkStatus
+from abbe.drivers.quarantine import Roster
 
 logger = logging.getLogger("abbe.drivers.ipp")
 

@@ -13,7 +13,7 @@ import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from drivers.serial.lines import Splitter
+from abbe.drivers.serial.port.lines import Splitter
 
 LONGEST = 65_536
 """Characters that a line may have."""

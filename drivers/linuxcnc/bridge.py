@@ -33,7 +33,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from drivers.linuxcnc.external_offset import ANSWER_TIME, Offset
+    from abbe.drivers.linuxcnc.external_offset import ANSWER_TIME, Offset
 else:
     from external_offset import ANSWER_TIME, Offset  # run as a script, beside that file
 

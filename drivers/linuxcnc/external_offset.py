@@ -4,7 +4,7 @@ An external offset is moved by *changes* of ``axis.L.eoffset-counts`` and zeroed
 machine-on; what the offset really is, ``eoffset-request`` tells. So counts are set relative to a
 pair (counts, request) that was seen, and the pair is taken anew when the two no longer agree.
 
-Run by the system's Python, as `drivers.linuxcnc.bridge` is: imports nothing of Abbe.
+Run by the system's Python, as `abbe.drivers.linuxcnc.bridge` is: imports nothing of Abbe.
 """
 
 from __future__ import annotations

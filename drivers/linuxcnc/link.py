@@ -1,7 +1,7 @@
 """The LinuxCNC link: HAL pins read, live corrections written as external offsets.
 
-LinuxCNC runs on the same computer; a bridge process (`drivers.linuxcnc.bridge`) of the system's
-Python is part of its HAL and ends with it.
+LinuxCNC runs on the same computer; a bridge process (`abbe.drivers.linuxcnc.bridge`) of the
+system's Python is part of its HAL and ends with it.
 """
 
 from __future__ import annotations
@@ -12,9 +12,10 @@ import time
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, ClassVar
 
-from drivers import resources
-from drivers.batch import Batch
-from drivers.link import (
+from abbe.drivers import resources
+from abbe.drivers.batch import Batch
+from abbe.drivers.bus_lock import Turns
+from abbe.drivers.link import (
     ChannelInfo,
     Link,
     LinkConfig,
@@ -28,10 +29,9 @@ from drivers.link import (
     TooLateError,
     WriteNotVerifiedError,
 )
-from drivers.linuxcnc.config import STATE_BITS, LinuxCncConfig
-from drivers.linuxcnc.process import BridgeProcess
-from drivers.reconnect import Keeper
-from drivers.turns import Turns
+from abbe.drivers.linuxcnc.config import STATE_BITS, LinuxCncConfig
+from abbe.drivers.linuxcnc.process import BridgeProcess
+from abbe.drivers.reconnect import Keeper
 
 logger = logging.getLogger("abbe.drivers.linuxcnc")
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError, TooLateError
+from abbe.drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError, TooLateError
 
 BRIDGE = Path(__file__).with_name("bridge.py")
 _START = 10.0
@@ -27,7 +27,7 @@ class BridgeProcess:
     python
         The interpreter that has LinuxCNC's modules.
     settings
-        As `drivers.linuxcnc.bridge` describes.
+        As `abbe.drivers.linuxcnc.bridge` describes.
     on_lost
         Called with the reason when it ends by itself.
     script

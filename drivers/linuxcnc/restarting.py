@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from drivers.link import LinkError, LinkTimeoutError
+from abbe.drivers.link import LinkError, LinkTimeoutError
 
 
 async def run_command(command: Sequence[str], folder: Path, limit: float) -> None:

@@ -1,7 +1,7 @@
 """Between Abbe and a running LinuxCNC, for tables: what it is doing, pins, small moves.
 
-Run by the system's Python as `drivers.linuxcnc.bridge` is, with the same first argument and line
-JSON on its pipes; sets no offsets. Besides ``{"read": […]}`` it answers
+Run by the system's Python as `abbe.drivers.linuxcnc.bridge` is, with the same first argument and
+line JSON on its pipes; sets no offsets. Besides ``{"read": […]}`` it answers
 
 ``{"state": true}``
     ``{"ini": …, "on": …, "idle": …, "homed": [true, …], "in_position": …, "units_per_mm": …,

@@ -12,7 +12,8 @@ import math
 import time
 from collections.abc import Sequence
 
-from drivers.link import (
+from abbe.drivers.bus_lock import Turns
+from abbe.drivers.link import (
     LinkDownError,
     LinkError,
     LinkProtocolError,
@@ -20,14 +21,13 @@ from drivers.link import (
     LinkTimeoutError,
     TooLateError,
 )
-from drivers.modbus.client import ModbusClient
-from drivers.modbus.config import ModbusConfig
-from drivers.modbus.plan import Span, signature
-from drivers.modbus.refusals import GatewayError, RefusedError
-from drivers.modbus.units import Unit, units_of
-from drivers.quarantine import Roster
-from drivers.reconnect import Keeper
-from drivers.turns import Turns
+from abbe.drivers.modbus.client import ModbusClient
+from abbe.drivers.modbus.config import ModbusConfig
+from abbe.drivers.modbus.plan import Span, signature
+from abbe.drivers.modbus.refusals import GatewayError, RefusedError
+from abbe.drivers.modbus.units import Unit, units_of
+from abbe.drivers.quarantine import Roster
+from abbe.drivers.reconnect import Keeper
 
 logger = logging.getLogger("abbe.drivers.modbus")
 
@@ -70,7 +70,7 @@ class Bus:
         Raises
         ------
         LinkDownError, LinkTimeoutError, LinkProtocolError
-            As in `drivers.modbus.client.ModbusClient.read`.
+            As in `abbe.drivers.modbus.client.ModbusClient.read`.
         """
         unit = self.units[span.unit]
         if unit.pending:

@@ -1,13 +1,14 @@
 """The wall around pymodbus: one connection, one request at a time, every answer checked.
 
-With `drivers.modbus.framing` the only file of the drivers that imports pymodbus, besides the
+With `abbe.drivers.modbus.framing` the only file of the drivers that imports pymodbus, besides the
 simulated server; both are written for the pinned version and reach into its transaction context
 where the public interface has no way to do what is needed. What pymodbus 3.16.1 does by itself, and
 what is done about it here:
 
 - Its RTU client takes any frame of the right unit for the answer: a reply that comes late is
   handed to the next request, a wrong position without an error. `StrictRtuFramer` lets through
-  only a frame that can answer the request in flight; `drivers.modbus.units` has the other half.
+  only a frame that can answer the request in flight; `abbe.drivers.modbus.units` has the other
+  half.
 - On TCP it accepts transaction id 0 for any request, and it drops the first half of a late reply
   that arrives in two pieces, so that the second half is parsed as a header. `StrictTcpFramer`
   refuses id 0; a connection with half a frame in its buffer is closed.
@@ -16,7 +17,7 @@ what is done about it here:
 - It raises some errors and returns others. `ModbusClient` raises, and only `LinkError`.
 - Its defaults (time-out 3 s, 3 retries, reconnecting up to 300 s apart, a dead connection
   dropped after eight failed calls) block for seconds to minutes. All are set here; retries and
-  reconnecting are `drivers.modbus.bus`'s.
+  reconnecting are `abbe.drivers.modbus.bus`'s.
 - It lets a request wait for its time-out when the connection is lost meanwhile. Here it fails
   at once.
 """
@@ -45,10 +46,10 @@ from pymodbus.pdu.register_message import (
     WriteSingleRegisterRequest,
 )
 
-from drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError, TooLateError
-from drivers.modbus.buffers import cut_off, give_up_after, unsent
-from drivers.modbus.config import ModbusConfig, Table
-from drivers.modbus.framing import (
+from abbe.drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError, TooLateError
+from abbe.drivers.modbus.buffers import cut_off, give_up_after, unsent
+from abbe.drivers.modbus.config import ModbusConfig, Table
+from abbe.drivers.modbus.framing import (
     Answer,
     Confirmed,
     RegistersRequest,
@@ -56,9 +57,9 @@ from drivers.modbus.framing import (
     StrictTcpFramer,
     decoder,
 )
-from drivers.modbus.plan import Span, signature
-from drivers.modbus.refusals import refusal
-from drivers.patience import Patience
+from abbe.drivers.modbus.plan import Span, signature
+from abbe.drivers.modbus.refusals import refusal
+from abbe.drivers.wait_limit import Patience
 
 _Client = AsyncModbusTcpClient | AsyncModbusSerialClient
 
@@ -180,7 +181,7 @@ class ModbusClient:
         Raises
         ------
         LinkDownError, LinkTimeoutError, LinkProtocolError
-            As in `drivers.link`; `GatewayError` and `RefusedError` among them.
+            As in `abbe.drivers.link`; `GatewayError` and `RefusedError` among them.
         """
         request = _READ[span.table](address=span.address, count=span.count, dev_id=span.unit)
         head = signature(span)

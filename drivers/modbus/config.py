@@ -40,9 +40,9 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from drivers.modbus.codec import WORDS, NumberType, Order, raw_range
-from drivers.quarantine import QuarantineConfig
-from drivers.serial.settings import SerialSettings
+from abbe.drivers.modbus.codec import WORDS, NumberType, Order, raw_range
+from abbe.drivers.quarantine import QuarantineConfig
+from abbe.drivers.serial.port.settings import SerialSettings
 
 Table = Literal["holding", "input", "coil", "discrete"]
 
@@ -77,7 +77,7 @@ class ChannelConfig(BaseModel):
     type: NumberType | None = None
     """Required for holding and input registers; coils and discrete inputs are always "bit"."""
     order: Order = "ABCD"
-    """Byte and word order, `drivers.modbus.codec`."""
+    """Byte and word order, `abbe.drivers.modbus.codec`."""
     bit: Annotated[int, Field(ge=0, le=15)] | None = None
     """For type "bit" in a register: which, 0 the least significant."""
     unit_id: UnitId | None = None

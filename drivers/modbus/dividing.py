@@ -14,10 +14,10 @@ import time
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass
 
-from drivers.link import LinkProtocolError
-from drivers.modbus.config import ModbusConfig
-from drivers.modbus.plan import Cut, ReadRequest, Span, Together, cut_of, read_plan
-from drivers.modbus.refusals import RefusedError
+from abbe.drivers.link import LinkProtocolError
+from abbe.drivers.modbus.config import ModbusConfig
+from abbe.drivers.modbus.plan import Cut, ReadRequest, Span, Together, cut_of, read_plan
+from abbe.drivers.modbus.refusals import RefusedError
 
 logger = logging.getLogger("abbe.drivers.modbus")
 

@@ -1,6 +1,7 @@
 """Which bytes are the answer to the request in flight: stricter than pymodbus is.
 
-`drivers.modbus.client` says what pymodbus does by itself; no third file of the drivers imports it.
+`abbe.drivers.modbus.client` says what pymodbus does by itself; no third file of the drivers
+imports it.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The Modbus link: named channels over one Modbus bus, TCP or RTU.
 
-`ModbusLink` is what the daemon sees: it knows the channels (`drivers.modbus.config`), has them
-read (`drivers.modbus.reading`) and written (`drivers.modbus.writing`) on the one bus it owns
-(`drivers.modbus.bus`).
+`ModbusLink` is what the daemon sees: it knows the channels (`abbe.drivers.modbus.config`), has them
+read (`abbe.drivers.modbus.reading`) and written (`abbe.drivers.modbus.writing`) on the one bus it
+owns (`abbe.drivers.modbus.bus`).
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import ClassVar
 
-from drivers.link import ChannelInfo, Link, LinkConfig, LinkConfigError, Place, Sample
-from drivers.modbus.bus import Bus
-from drivers.modbus.config import ModbusConfig
-from drivers.modbus.places import bus_name, info_of, place_of
-from drivers.modbus.reading import Reader
-from drivers.modbus.writing import Writer
+from abbe.drivers.link import ChannelInfo, Link, LinkConfig, LinkConfigError, Place, Sample
+from abbe.drivers.modbus.bus import Bus
+from abbe.drivers.modbus.config import ModbusConfig
+from abbe.drivers.modbus.places import bus_name, info_of, place_of
+from abbe.drivers.modbus.reading import Reader
+from abbe.drivers.modbus.writing import Writer
 
 
 class ModbusLink(Link):

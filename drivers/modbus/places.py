@@ -8,10 +8,10 @@ registers no device says in a way that is the same for two of them; they are tak
 
 from __future__ import annotations
 
-from drivers import resources
-from drivers.link import ChannelInfo, Place
-from drivers.modbus.codec import raw_range
-from drivers.modbus.config import BIT_TABLES, ModbusConfig
+from abbe.drivers import resources
+from abbe.drivers.link import ChannelInfo, Place
+from abbe.drivers.modbus.codec import raw_range
+from abbe.drivers.modbus.config import BIT_TABLES, ModbusConfig
 
 
 def bus_name(config: ModbusConfig) -> str:

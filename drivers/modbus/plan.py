@@ -6,7 +6,7 @@ import struct
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 
-from drivers.modbus.codec import (
+from abbe.drivers.modbus.codec import (
     Raw,
     compile_bit_decoder,
     compile_decoder,
@@ -14,7 +14,7 @@ from drivers.modbus.codec import (
     compile_reader,
     compile_writer,
 )
-from drivers.modbus.config import BIT_TABLES, ChannelConfig, ModbusConfig, Table
+from abbe.drivers.modbus.config import BIT_TABLES, ChannelConfig, ModbusConfig, Table
 
 WRITE_REGISTERS = 123
 """Registers that one write request holds (MODBUS Application Protocol V1.1b3, 6.12)."""

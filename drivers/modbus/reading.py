@@ -6,7 +6,7 @@ import time
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
-from drivers.link import (
+from abbe.drivers.link import (
     LinkDownError,
     LinkError,
     LinkProtocolError,
@@ -15,13 +15,13 @@ from drivers.link import (
     Sample,
     good_samples,
 )
-from drivers.modbus.bus import Bus
-from drivers.modbus.codec import NotRepresentableError
-from drivers.modbus.config import ModbusConfig
-from drivers.modbus.dividing import Dividing, groups_of
-from drivers.modbus.plan import ReadRequest, Together, read_plan
-from drivers.modbus.refusals import RefusedError
-from drivers.modbus.units import Unit
+from abbe.drivers.modbus.bus import Bus
+from abbe.drivers.modbus.codec import NotRepresentableError
+from abbe.drivers.modbus.config import ModbusConfig
+from abbe.drivers.modbus.dividing import Dividing, groups_of
+from abbe.drivers.modbus.plan import ReadRequest, Together, read_plan
+from abbe.drivers.modbus.refusals import RefusedError
+from abbe.drivers.modbus.units import Unit
 
 _NAN = float("nan")
 _PLANS = 64
@@ -84,7 +84,7 @@ class Reader:
         return len(read_plan(self._config, tuple(names), (), self._together))
 
     async def read(self, names: tuple[str, ...]) -> dict[str, Sample]:
-        """As `drivers.modbus.link.ModbusLink.read`."""
+        """As `abbe.drivers.modbus.link.ModbusLink.read`."""
         bus = self._bus
         try:
             async with bus.turns:

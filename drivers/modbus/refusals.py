@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.link import LinkError, LinkProtocolError, LinkTimeoutError
+from abbe.drivers.link import LinkError, LinkProtocolError, LinkTimeoutError
 
 _MEANINGS = {
     1: "illegal function",

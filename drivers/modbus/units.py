@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from drivers.modbus.config import ModbusConfig
-from drivers.modbus.plan import Span, read_plan, signature
-from drivers.quarantine import Member
+from abbe.drivers.modbus.config import ModbusConfig
+from abbe.drivers.modbus.plan import Span, read_plan, signature
+from abbe.drivers.quarantine import Member
 
 _PROBES = 8
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 
-from drivers.link import (
+from abbe.drivers.link import (
     LinkDownError,
     LinkError,
     LinkProtocolError,
@@ -13,11 +13,11 @@ from drivers.link import (
     TooLateError,
     WriteNotVerifiedError,
 )
-from drivers.modbus.bus import Bus
-from drivers.modbus.codec import NotRepresentableError
-from drivers.modbus.config import ModbusConfig
-from drivers.modbus.plan import WritePlan, WriteRequest, write_plan
-from drivers.modbus.refusals import RefusedError
+from abbe.drivers.modbus.bus import Bus
+from abbe.drivers.modbus.codec import NotRepresentableError
+from abbe.drivers.modbus.config import ModbusConfig
+from abbe.drivers.modbus.plan import WritePlan, WriteRequest, write_plan
+from abbe.drivers.modbus.refusals import RefusedError
 
 _NOT_TAKEN = (1, 2, 3, 6, 8)
 """Exceptions with which a device says that it has not written anything (Modbus Application
@@ -52,7 +52,7 @@ class Writer:
     async def write(
         self, names: tuple[str, ...], values: Mapping[str, float], until: float
     ) -> None:
-        """As `drivers.modbus.link.ModbusLink.write`; `names` are the keys of `values`, in order."""
+        """As the link's `write`; `names` are the keys of `values`, in order."""
         plan = self._plans.get(names) or self._plan(names)
         raw: dict[str, float] = {}
         wrong = []

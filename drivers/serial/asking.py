@@ -8,8 +8,9 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 
-from drivers.batch import Batch
-from drivers.link import (
+from abbe.drivers.batch import Batch
+from abbe.drivers.bus_lock import Turns
+from abbe.drivers.link import (
     LinkDownError,
     LinkError,
     LinkProtocolError,
@@ -19,14 +20,13 @@ from drivers.link import (
     Sample,
     TooLateError,
 )
-from drivers.quarantine import Roster
-from drivers.reconnect import Keeper
-from drivers.serial.config import SerialConfig
-from drivers.serial.conversation import Conversation, LateAnswerError
-from drivers.serial.fields import FieldError
-from drivers.serial.patterns import Match
-from drivers.serial.question import Message, Question, RefusedError, framed
-from drivers.turns import Turns
+from abbe.drivers.quarantine import Roster
+from abbe.drivers.reconnect import Keeper
+from abbe.drivers.serial.config import SerialConfig
+from abbe.drivers.serial.conversation import Conversation, LateAnswerError
+from abbe.drivers.serial.fields import FieldError
+from abbe.drivers.serial.patterns import Match
+from abbe.drivers.serial.question import Message, Question, RefusedError, framed
 
 logger = logging.getLogger("abbe.drivers.serial")
 
@@ -85,7 +85,7 @@ class AskedLine:
         await self._talk.close()
 
     async def read(self, names: Sequence[str]) -> dict[str, Sample]:
-        """As `drivers.link.Link.read`."""
+        """As `abbe.drivers.link.Link.read`."""
         try:
             async with self._turns:
                 if self.keeper.epoch != self._epoch:

@@ -27,10 +27,10 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from drivers.quarantine import QuarantineConfig
-from drivers.serial.checksum import ChecksumConfig
-from drivers.serial.patterns import Pattern, checked
-from drivers.serial.settings import PortSettings
+from abbe.drivers.quarantine import QuarantineConfig
+from abbe.drivers.serial.checksum import ChecksumConfig
+from abbe.drivers.serial.patterns import Pattern, checked
+from abbe.drivers.serial.port.settings import PortSettings
 
 _STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 _WHOLE = "dxX"

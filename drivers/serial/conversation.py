@@ -14,15 +14,15 @@ import math
 import time
 from collections.abc import Callable, Collection, Sequence
 
-from drivers.awaited import Awaited
-from drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError, TooLateError
-from drivers.serial.checksum import shown
-from drivers.serial.config import LineConfig
-from drivers.serial.lines import Splitter
-from drivers.serial.patterns import Match
-from drivers.serial.port import Port, open_port
-from drivers.serial.question import Question, RefusedError
-from drivers.serial.sending import see_sent, withdrawn
+from abbe.drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError, TooLateError
+from abbe.drivers.reply_wait import Awaited
+from abbe.drivers.serial.checksum import shown
+from abbe.drivers.serial.config import LineConfig
+from abbe.drivers.serial.patterns import Match
+from abbe.drivers.serial.port.lines import Splitter
+from abbe.drivers.serial.port.port import Port, open_port
+from abbe.drivers.serial.port.sending import see_sent, withdrawn
+from abbe.drivers.serial.question import Question, RefusedError
 
 
 class LateAnswerError(LinkTimeoutError):
@@ -124,7 +124,7 @@ class Conversation:
         Raises
         ------
         LinkDownError, LinkError
-            As `drivers.serial.port.Port.write`.
+            As `abbe.drivers.serial.port.port.Port.write`.
         """
         self._open_port().write(data)
 

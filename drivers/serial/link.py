@@ -6,8 +6,8 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import ClassVar
 
-from drivers import resources
-from drivers.link import (
+from abbe.drivers import resources
+from abbe.drivers.link import (
     ChannelInfo,
     Link,
     LinkConfig,
@@ -16,10 +16,10 @@ from drivers.link import (
     Place,
     Sample,
 )
-from drivers.serial.asking import AskedLine
-from drivers.serial.checksum import shown
-from drivers.serial.config import SerialConfig
-from drivers.serial.streaming import StreamingLine
+from abbe.drivers.serial.asking import AskedLine
+from abbe.drivers.serial.checksum import shown
+from abbe.drivers.serial.config import SerialConfig
+from abbe.drivers.serial.streaming import StreamingLine
 
 
 class SerialLink(Link):

@@ -14,7 +14,7 @@ import re
 
 import regex
 
-from drivers.link import LinkProtocolError
+from abbe.drivers.link import LinkProtocolError
 
 Match = re.Match[str] | regex.Match[str]
 

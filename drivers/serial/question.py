@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
-from drivers.link import LinkProtocolError
-from drivers.pace import Pace
-from drivers.quarantine import Member
-from drivers.serial.checksum import ChecksumConfig, ChecksumError, shown
-from drivers.serial.config import LineConfig, SerialConfig
-from drivers.serial.fields import FieldError, compile_reader
-from drivers.serial.patterns import Match, Pattern
+from abbe.drivers.link import LinkProtocolError
+from abbe.drivers.pace import Pace
+from abbe.drivers.quarantine import Member
+from abbe.drivers.serial.checksum import ChecksumConfig, ChecksumError, shown
+from abbe.drivers.serial.config import LineConfig, SerialConfig
+from abbe.drivers.serial.fields import FieldError, compile_reader
+from abbe.drivers.serial.patterns import Match, Pattern
 
 Reader = Callable[[str | None], float]
 

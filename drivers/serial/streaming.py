@@ -7,8 +7,9 @@ import logging
 import time
 from collections.abc import Mapping, Sequence
 
-from drivers.batch import Batch
-from drivers.link import (
+from abbe.drivers.batch import Batch
+from abbe.drivers.bus_lock import Turns
+from abbe.drivers.link import (
     LinkDownError,
     LinkError,
     LinkProtocolError,
@@ -18,16 +19,15 @@ from drivers.link import (
     Sample,
     TooLateError,
 )
-from drivers.quarantine import Roster
-from drivers.reconnect import Keeper
-from drivers.serial.checksum import shown
-from drivers.serial.config import SerialConfig
-from drivers.serial.fields import FieldError
-from drivers.serial.lines import Splitter
-from drivers.serial.port import Port, open_port
-from drivers.serial.question import Message, framed
-from drivers.serial.sending import see_sent
-from drivers.turns import Turns
+from abbe.drivers.quarantine import Roster
+from abbe.drivers.reconnect import Keeper
+from abbe.drivers.serial.checksum import shown
+from abbe.drivers.serial.config import SerialConfig
+from abbe.drivers.serial.fields import FieldError
+from abbe.drivers.serial.port.lines import Splitter
+from abbe.drivers.serial.port.port import Port, open_port
+from abbe.drivers.serial.port.sending import see_sent
+from abbe.drivers.serial.question import Message, framed
 
 logger = logging.getLogger("abbe.drivers.serial")
 

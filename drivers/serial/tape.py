@@ -9,11 +9,11 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
-from drivers.link import LinkDownError, LinkError, LinkProtocolError, LinkTimeoutError
-from drivers.serial.checksum import Kind, shown
-from drivers.serial.patterns import checked
-from drivers.serial.port import Port, open_port
-from drivers.serial.settings import PortSettings
+from abbe.drivers.link import LinkDownError, LinkError, LinkProtocolError, LinkTimeoutError
+from abbe.drivers.serial.checksum import Kind, shown
+from abbe.drivers.serial.patterns import checked
+from abbe.drivers.serial.port.port import Port, open_port
+from abbe.drivers.serial.port.settings import PortSettings
 
 DC1, DC3 = 0x11, 0x13
 CONTROL = bytes((0x00, 0x11, 0x12, 0x13, 0x14, 0x7F))

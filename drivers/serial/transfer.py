@@ -26,10 +26,10 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from drivers.link import LinkDownError, LinkProtocolError
-from drivers.serial.checksum import ALGORITHMS, shown
-from drivers.serial.patterns import Pattern
-from drivers.serial.tape import CONTROL, TapeLine, TapeSettings, check_blocks
+from abbe.drivers.link import LinkDownError, LinkProtocolError
+from abbe.drivers.serial.checksum import ALGORITHMS, shown
+from abbe.drivers.serial.patterns import Pattern
+from abbe.drivers.serial.tape import CONTROL, TapeLine, TapeSettings, check_blocks
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""``python -m drivers.simulated``: machines and devices that exist only as numbers.
+"""``python -m abbe.drivers.simulated``: machines and devices that exist only as numbers.
 
 ``bridge``, ``measure``, ``registers``: a coordinate measuring machine over Modbus. ``serial``:
 ASCII devices and a tape reader on pseudo-terminals. ``can``: encoders and thermometers on CAN.
@@ -28,7 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status."""
     words = sys.argv[1:] if arguments is None else list(arguments)
     module = _MODULES.get(words[0] if words else "", "bridge_commands")
-    status: int = import_module(f"drivers.simulated.{module}").main(words)
+    status: int = import_module(f"abbe.drivers.simulated.{module}").main(words)
     return status
 
 

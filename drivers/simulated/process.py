@@ -14,12 +14,12 @@ _GRACE = 5.0
 
 
 class SimulatedProcess:
-    """``python -m drivers.simulated …`` as a context; ends with it, and with this process.
+    """``python -m abbe.drivers.simulated …`` as a context; ends with it, and with this process.
 
     Parameters
     ----------
     arguments
-        What follows ``drivers.simulated``, e.g. ``"serial", "dro"``.
+        What follows ``abbe.drivers.simulated``, e.g. ``"serial", "dro"``.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class SimulatedProcess:
 
     def __init__(self, *arguments: str) -> None:
         self._command = [
-            sys.executable, "-m", "drivers.simulated", *arguments, "--die-with-stdin",
+            sys.executable, "-m", "abbe.drivers.simulated", *arguments, "--die-with-stdin",
         ]  # fmt: skip
         self._process: subprocess.Popen[str] | None = None
         self._one_at_a_time = threading.Lock()

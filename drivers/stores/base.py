@@ -5,7 +5,7 @@ beside it. Writing touches the staging area only; one step, `Store.activate`, ma
 active, all of it or nothing. So there is no moment at which a mixture of two tables acts.
 
 A store plugin is one class registered under the entry-point group ``abbe.stores``. Its errors are
-those of links (`drivers.link`): `LinkDownError`, `LinkTimeoutError`, `LinkProtocolError`, and
+those of links (`abbe.drivers.link`): `LinkDownError`, `LinkTimeoutError`, `LinkProtocolError`, and
 `RefusedError` where the controller itself says no. After any error of a writing method it is not
 known whether the controller did it: the caller reads and decides by what it reads. A store repeats
 by itself only what does no harm twice (reads, blocks of the staging area).
@@ -21,8 +21,8 @@ from typing import ClassVar
 
 from pydantic import BaseModel, ConfigDict
 
-from compcore.plugins import BrokenPluginError, load_plugin
-from drivers.link import LinkConfigError, LinkError
+from abbe.compcore.plugins import BrokenPluginError, load_plugin
+from abbe.drivers.link import LinkConfigError, LinkError
 
 STORE_GROUP = "abbe.stores"
 
@@ -127,7 +127,7 @@ class Store(ABC):
 
     @property
     def owns(self) -> tuple[str, ...]:
-        """What only one process may write to at a time, as `drivers.resources` spells it."""
+        """What only one process may write to at a time, as `abbe.drivers.resources` spells it."""
         return ()
 
     @abstractmethod

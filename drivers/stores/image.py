@@ -12,7 +12,7 @@ import zipfile
 import zlib
 from collections.abc import Mapping
 
-from drivers.link import LinkProtocolError
+from abbe.drivers.link import LinkProtocolError
 
 _DATE = (1980, 1, 1, 0, 0, 0)
 _UNIX = 3

@@ -11,12 +11,17 @@ from typing import Annotated, assert_never
 
 from pydantic import Field, TypeAdapter
 
-from .base import Fault, SensorFaultError, Transducer, TransducerConfig
-from .encoder import Encoder, EncoderConfig
-from .linear import CurrentLoop, CurrentLoopConfig, Linear, LinearConfig
-from .rtd import Platinum, PtConfig
-from .table import RTTable, RTTableConfig
-from .thermistor import BetaConfig, NtcRatioConfig, SteinhartHartConfig, Thermistor
+from abbe.drivers.transducers.base import Fault, SensorFaultError, Transducer, TransducerConfig
+from abbe.drivers.transducers.encoder import Encoder, EncoderConfig
+from abbe.drivers.transducers.linear import CurrentLoop, CurrentLoopConfig, Linear, LinearConfig
+from abbe.drivers.transducers.rtd import Platinum, PtConfig
+from abbe.drivers.transducers.table import RTTable, RTTableConfig
+from abbe.drivers.transducers.thermistor import (
+    BetaConfig,
+    NtcRatioConfig,
+    SteinhartHartConfig,
+    Thermistor,
+)
 
 AnyTransducerConfig = Annotated[
     SteinhartHartConfig

@@ -15,7 +15,7 @@ from abc import ABC, abstractmethod
 
 from pydantic import BaseModel, ConfigDict
 
-from drivers.link import Quality, Sample
+from abbe.drivers.link import Quality, Sample
 
 
 class Fault(enum.Enum):

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from .base import Fault, SensorFaultError, TransducerConfig
+from abbe.drivers.transducers.base import Fault, SensorFaultError, TransducerConfig
 
 
 class OhmCircuit(TransducerConfig):

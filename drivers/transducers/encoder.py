@@ -24,9 +24,14 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from drivers.link import Quality, Sample
-
-from .base import Fault, SensorFaultError, Transducer, TransducerConfig, require_number
+from abbe.drivers.link import Quality, Sample
+from abbe.drivers.transducers.base import (
+    Fault,
+    SensorFaultError,
+    Transducer,
+    TransducerConfig,
+    require_number,
+)
 
 OVERTRAVEL = 0.05
 """Share of the travel by which an axis may stand beyond either end (limit switches do)."""

@@ -6,7 +6,13 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from .base import Fault, SensorFaultError, Transducer, TransducerConfig, require_number
+from abbe.drivers.transducers.base import (
+    Fault,
+    SensorFaultError,
+    Transducer,
+    TransducerConfig,
+    require_number,
+)
 
 NO_CURRENT = 1.0
 """Below this (mA) nothing lives in the loop: no transmitter draws so little."""

@@ -8,8 +8,14 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from .base import Fault, SensorFaultError, Transducer, TransducerConfig, require_number
-from .circuit import Circuit, OhmCircuit
+from abbe.drivers.transducers.base import (
+    Fault,
+    SensorFaultError,
+    Transducer,
+    TransducerConfig,
+    require_number,
+)
+from abbe.drivers.transducers.circuit import Circuit, OhmCircuit
 
 ZERO_CELSIUS = 273.15
 """0 °C in K."""

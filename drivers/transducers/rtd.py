@@ -12,8 +12,8 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from .base import Fault, SensorFaultError
-from .resistive import ResistiveConfig, ResistiveTransducer, format_ohms
+from abbe.drivers.transducers.base import Fault, SensorFaultError
+from abbe.drivers.transducers.resistive import ResistiveConfig, ResistiveTransducer, format_ohms
 
 
 class PtConfig(ResistiveConfig):

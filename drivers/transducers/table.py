@@ -8,8 +8,13 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from .base import Fault, SensorFaultError
-from .resistive import ZERO_CELSIUS, ResistiveConfig, ResistiveTransducer, format_ohms
+from abbe.drivers.transducers.base import Fault, SensorFaultError
+from abbe.drivers.transducers.resistive import (
+    ZERO_CELSIUS,
+    ResistiveConfig,
+    ResistiveTransducer,
+    format_ohms,
+)
 
 
 class RTTableConfig(ResistiveConfig):

@@ -14,7 +14,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from .resistive import ZERO_CELSIUS, ResistiveConfig, ResistiveTransducer
+from abbe.drivers.transducers.resistive import ZERO_CELSIUS, ResistiveConfig, ResistiveTransducer
 
 R25_TOLERANCE = 0.1
 """How far (K) a formula may be from 25 °C at `r25`: wrong constants are usually further off."""

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from compcore.channel import AxisLetter, Channel
-from compcore.conditions import Conditions
-from compcore.effects import Effect, Motion, Parameter
-from compcore.errors import InputError
-from compcore.machine import Machine
-from compcore.survey import Survey
+from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.effects import Effect, Motion, Parameter
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.error_motion import AxisLetter, Channel
+from abbe.compcore.machine.machine import Machine
 
 
 class AirBearingLift(Effect):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from compcore.campaign import Campaign
-from compcore.campaign_file import read_campaign
-from compcore.machine import Axis, Machine, Signal
-from compcore.structure import Structure
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.files.campaign_file import read_campaign
+from abbe.compcore.machine.machine import Axis, Machine, Signal
+from abbe.compcore.machine.structure import Structure
 
 DATA = Path(__file__).parents[1] / "data"
 

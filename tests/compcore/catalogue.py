@@ -14,9 +14,9 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.signal import lsim
 
-from compcore.conditions import Conditions
-from compcore.machine import Axis, Machine, Signal
-from compcore.structure import Structure
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import Axis, Machine, Signal
+from abbe.compcore.machine.structure import Structure
 
 SIGNALS = {
     s.name: s

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from abbe.compcore.campaign.campaign import Campaign, Kind, Tool
+from abbe.compcore.effects import make_effect
+from abbe.compcore.fitting.design.design_matrix import Problem
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import Axis, Machine, Signal
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.model.model import Model, Value
 from benchmarks.sources.campaigns import Rows
-from compcore.campaign import Campaign, Kind, Tool
-from compcore.conditions import Conditions
-from compcore.design_matrix import Problem
-from compcore.effects import make_effect
-from compcore.machine import Axis, Machine, Signal
-from compcore.model import Model, Value
-from compcore.structure import Structure
 
 TRAVELS = {"X": (0.0, 700.0), "Y": (0.0, 900.0), "Z": (-360.0, 0.0)}
 DIRECTIONS = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}

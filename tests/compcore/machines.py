@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from compcore.effects import Channel
-from compcore.machine import Axis, Machine
-from compcore.structure import Structure
+from abbe.compcore.effects import Channel
+from abbe.compcore.machine.machine import Axis, Machine
+from abbe.compcore.machine.structure import Structure
 
 LETTERS = "XYZABC"
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from compcore.conditions import Conditions
-from compcore.effects import effect_kinds
-from compcore.effects.base import Effect
-from compcore.lag import first_order_lag
-from compcore.machine import Axis, Machine, Signal
-from compcore.model import Composition, Model, Term, Value
-from compcore.structure import Structure
-from compcore.survey import Survey
+from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.effects import effect_kinds
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.lag import first_order_lag
+from abbe.compcore.machine.machine import Axis, Machine, Signal
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.model.model import Composition, Model, Term, Value
 
 LINEAR_CODES = (
     "w b Y X Z t",

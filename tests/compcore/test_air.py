@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compcore.air import refractive_index, saturation_pressure, standard_index
+from abbe.compcore.effects.air import refractive_index, saturation_pressure, standard_index
 
 
 @pytest.mark.parametrize(

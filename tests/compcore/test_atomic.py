@@ -5,8 +5,8 @@ import stat
 
 import pytest
 
-from compcore.atomic import write_atomically, write_together
-from compcore.errors import InputError
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.text.atomic import write_atomically, write_together
 
 
 def test_writes_text_and_bytes(tmp_path):

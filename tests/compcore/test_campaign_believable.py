@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from campaign_texts import CMM, HEADER, MILL, good_lines, read_text
 
-from compcore.errors import InputError
-from compcore.machine import Axis, Signal
-from compcore.plausible import Range, position_range, signal_range
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.machine import Axis, Signal
+from abbe.compcore.machine.plausible import Range, position_range, signal_range
 
 ROW = HEADER + 2
 FIELDS = good_lines()[HEADER - 1].split(",")

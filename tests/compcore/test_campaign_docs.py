@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from campaign_texts import read_text
 
-from compcore.campaign import Kind
-from compcore.campaign_csv.columns import RESERVED
-from compcore.importers.iso230_table import import_iso230_table
+from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.files.campaign_csv.columns import RESERVED
+from abbe.compcore.files.importers.iso230_table import import_iso230_table
 
 PAGE = (Path(__file__).parents[2] / "docs" / "campaigns.md").read_text(encoding="utf-8")
 

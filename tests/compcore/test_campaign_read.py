@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 from campaign_texts import CMM, DATA, GOOD, MILL, good_lines, read_text
 
-from compcore.campaign import Campaign, Kind, Setup, Tool
-from compcore.campaign_csv import lines as lines_module
-from compcore.campaign_file import (
+from abbe.compcore.campaign.campaign import Campaign, Kind, Setup, Tool
+from abbe.compcore.effects import ScaleExpansion
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.campaign_csv import lines as lines_module
+from abbe.compcore.files.campaign_file import (
     bare_machine,
     read_campaign,
     read_campaigns,
     require_signals,
 )
-from compcore.effects import ScaleExpansion
-from compcore.errors import InputError
-from compcore.model import Model
-from compcore.model_file import load_model
+from abbe.compcore.files.model_file import load_model
+from abbe.compcore.model.model import Model
 
 
 def test_every_kind_of_row_in_the_units_inside_the_code(tmp_path):

@@ -6,9 +6,9 @@ from campaign_texts import CMM, GOOD, HEADER, MILL, good_lines, read_text
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from compcore.campaign import Campaign
-from compcore.campaign_file import read_campaign
-from compcore.errors import InputError
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.campaign_file import read_campaign
 
 ROW = HEADER + 2  # line 18: the second row
 FIELDS = good_lines()[HEADER - 1].split(",")

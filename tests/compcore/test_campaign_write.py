@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from test_campaign_read import same
 
-from compcore.campaign import Campaign, Kind, Setup, Tool
-from compcore.campaign_file import read_campaign, read_campaigns, write_campaign
-from compcore.conditions import Conditions
-from compcore.errors import InputError
+from abbe.compcore.campaign.campaign import Campaign, Kind, Setup, Tool
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.campaign_file import read_campaign, read_campaigns, write_campaign
+from abbe.compcore.machine.conditions import Conditions
 
 NAMES = (
     st.text(

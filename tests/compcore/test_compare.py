@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.comparison.compare import compare
+from abbe.compcore.comparison.lines import split
+from abbe.compcore.files.fit_record import recorded
+from abbe.compcore.fitting.fit import fit
 from benchmarks.sources.campaigns import Rows
-from compcore.campaign import Kind
-from compcore.compare import compare
-from compcore.fit import fit
-from compcore.fit_record import recorded
-from compcore.lines import split
 from tests.compcore.fit_cases import (
     BASES,
     DIRECTIONS,

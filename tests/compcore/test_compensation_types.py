@@ -7,7 +7,13 @@ import pytest
 from catalogue import FIVE_AXIS, MILL, ROWS
 from machines import machine
 
-from compcore.compensation_types import (
+from abbe.compcore.effects import Channel, make_effect
+from abbe.compcore.effects.base import FUNCTIONAL_POINT, SPINDLE, WORKPIECE
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.kinematics import Chain
+from abbe.compcore.model.model import Model, Term
+from abbe.compcore.tables.compensation_types import (
     TYPES,
     ErrorMotion,
     error_motions,
@@ -15,12 +21,6 @@ from compcore.compensation_types import (
     representable,
     types_needed,
 )
-from compcore.conditions import Conditions
-from compcore.effects import Channel, make_effect
-from compcore.effects.base import FUNCTIONAL_POINT, SPINDLE, WORKPIECE
-from compcore.errors import InputError
-from compcore.kinematics import Chain
-from compcore.model import Model, Term
 
 BRIDGE = machine()
 LINEAR = ["L-POS", "L-STR", "L-SQU", "L-ANG"]

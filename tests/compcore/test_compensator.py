@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from random_models import random_signals
 
-from compcore.compensator import Compensator
-from compcore.conditions import Conditions
-from compcore.effects import make_effect
-from compcore.effects.thermal import ScaleExpansion
-from compcore.errors import InputError, NotContractionError
-from compcore.machine import Axis, Machine, Signal
-from compcore.model import Model, Term, Value
-from compcore.structure import Structure
+from abbe.compcore.compensator.compensator import Compensator
+from abbe.compcore.effects import make_effect
+from abbe.compcore.effects.catalogue.thermal import ScaleExpansion
+from abbe.compcore.errors import InputError, NotContractionError
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import Axis, Machine, Signal
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.model.model import Model, Term, Value
 
 TRAVELS = {"X": (0.0, 700.0), "Y": (0.0, 900.0), "Z": (-360.0, 0.0), "C": (-3.0, 3.0)}
 WARM = {"T_x": 22.5, "T_y": 19.0, "T_z": 24.0}

@@ -17,9 +17,9 @@ from random_models import (
     with_values,
 )
 
-from compcore.compensator import Compensator
-from compcore.effects import effect_kinds, make_effect
-from compcore.model import Model, Term, Value
+from abbe.compcore.compensator.compensator import Compensator
+from abbe.compcore.effects import effect_kinds, make_effect
+from abbe.compcore.model.model import Model, Term, Value
 
 TOLERANCE_NM = 10.0
 seeds = st.integers(0, 2**32 - 1)

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compcore.conditions import Conditions, unit_of
-from compcore.errors import InputError
-from compcore.lag import first_order_lag
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.conditions import Conditions, unit_of
+from abbe.compcore.machine.lag import first_order_lag
 
 
 def test_scalars_and_arrays_broadcast():

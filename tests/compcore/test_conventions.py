@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from article_map import as_map, correction, random_tables
 
-from compcore.conditions import Conditions
-from compcore.conventions.convention import Convention, parse_signs
-from compcore.conventions.identify import identify
-from compcore.conventions.subject import MapSubject, ModelSubject
-from compcore.conventions.switched import SwitchedPoints, read_switched
-from compcore.effects import Angular, Scale, Squareness
-from compcore.errors import InputError
-from compcore.map_squareness import with_squareness
-from compcore.maps import import_map, map_machine
-from compcore.model import Model, Term, Value
-from compcore.structure import Structure
+from abbe.compcore.effects import Angular, Scale, Squareness
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.maps.convention import Convention, parse_signs
+from abbe.compcore.maps.conventions.identify import identify
+from abbe.compcore.maps.conventions.subject import MapSubject, ModelSubject
+from abbe.compcore.maps.conventions.switched import SwitchedPoints, read_switched
+from abbe.compcore.maps.squareness import with_squareness
+from abbe.compcore.maps.to_model import import_map, map_machine
+from abbe.compcore.model.model import Model, Term, Value
 
 XYZ = ("X", "Y", "Z")
 BRIDGE = Structure.parse("w b Y X Z t")

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from compcore.campaign_csv.decimals import parse_decimals
+from abbe.compcore.files.campaign_csv.decimals import parse_decimals
 
 DECIMALS = st.from_regex(r"-?(\d{1,12}(\.\d{0,12})?|\.\d{1,12})", fullmatch=True).filter(
     str.isascii

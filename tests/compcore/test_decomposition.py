@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compcore.decomposition import svd
+from abbe.compcore.linalg import svd
 
 
 @pytest.mark.parametrize("full", [False, True])

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from abbe.compcore.fitting.design import row_blocks as rows_in_pieces
+from abbe.compcore.fitting.design.design_matrix import Problem
+from abbe.compcore.fitting.fit import fit
+from abbe.compcore.fitting.reduction import leverage
 from benchmarks.sources.campaigns import Rows
-from compcore import pieces as rows_in_pieces
-from compcore.design_matrix import Problem
-from compcore.fit import fit
-from compcore.reduction import leverage
 from tests.compcore.fit_cases import (
     BASES,
     GEOMETRY,

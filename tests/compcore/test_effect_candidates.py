@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from catalogue import FIVE_AXIS, MILL, conditions, world
 
-from compcore.campaign import Campaign, Kind, Setup
-from compcore.effects import effect_class, effect_kinds, make_effect
-from compcore.survey import SetupSurvey, Survey
+from abbe.compcore.campaign.campaign import Campaign, Kind, Setup
+from abbe.compcore.campaign.coverage import SetupSurvey, Survey
+from abbe.compcore.effects import effect_class, effect_kinds, make_effect
 
 
 def campaign(machine) -> Campaign:

@@ -7,14 +7,14 @@ import pytest
 from catalogue import ROWS, Row, conditions, world
 from scipy.optimize import least_squares
 
-from compcore.effects import effect_class, effect_kinds, make_effect
-from compcore.effects.base import INSTRUMENT, Effect
-from compcore.kinematics import Chain
-from compcore.model import Model, Term, Value
-from compcore.model_file import format_model, parse_model
-from compcore.toml_source import TomlSource
+from abbe.compcore.effects import effect_class, effect_kinds, make_effect
+from abbe.compcore.effects.base import INSTRUMENT, Effect
+from abbe.compcore.files.model_file import format_model, parse_model
+from abbe.compcore.files.text.toml_source import TomlSource
+from abbe.compcore.machine.kinematics import Chain
+from abbe.compcore.model.model import Model, Term, Value
 
-BUILT_IN = [k for k, cls in effect_kinds().items() if cls.__module__.startswith("compcore.")]
+BUILT_IN = [k for k, cls in effect_kinds().items() if cls.__module__.startswith("abbe.compcore.")]
 IDS = [row.label for row in ROWS]
 
 

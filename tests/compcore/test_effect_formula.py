@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from catalogue import FIVE_AXIS, MILL
 
-from compcore.channel import FUNCTIONAL_POINT, Channel
-from compcore.compensator import Compensator
-from compcore.conditions import Conditions
-from compcore.effects import Formula, make_effect
-from compcore.errors import InputError
-from compcore.model import Model, Term, Value
+from abbe.compcore.compensator.compensator import Compensator
+from abbe.compcore.effects import Formula, make_effect
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.error_motion import FUNCTIONAL_POINT, Channel
+from abbe.compcore.model.model import Model, Term, Value
 
 
 def formula(terms, channel="E_XX", machine=MILL) -> Formula:

@@ -7,11 +7,11 @@ import pytest
 from catalogue import MILL, SIGNALS
 from machines import machine
 
-from compcore.conditions import Conditions
-from compcore.effects import make_effect
-from compcore.errors import InputError
-from compcore.machine import Axis, Machine
-from compcore.model import Model, Term, Value
+from abbe.compcore.effects import make_effect
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import Axis, Machine
+from abbe.compcore.model.model import Model, Term, Value
 
 HALF = 1e-3
 

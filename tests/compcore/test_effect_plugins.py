@@ -6,11 +6,11 @@ import sys
 
 import pytest
 
-from compcore.effects import registry
-from compcore.errors import InputError
+from abbe.compcore.effects import registry
+from abbe.compcore.errors import InputError
 
 GOOD = """
-from compcore.effects import Drift
+from abbe.compcore.effects import Drift
 
 class Thing(Drift):
     kind = "creep"

@@ -7,8 +7,8 @@ import pytest
 from machines import machine
 from numpy.polynomial import Legendre
 
-from compcore.conditions import Conditions
-from compcore.effects import (
+from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.effects import (
     Angular,
     Channel,
     Positioning,
@@ -20,12 +20,12 @@ from compcore.effects import (
     effect_kinds,
     make_effect,
 )
-from compcore.errors import InputError
-from compcore.kinematics import Chain, first_order
-from compcore.lag import first_order_lag
-from compcore.machine import Axis, Machine, Signal
-from compcore.model import Model, Term, Value
-from compcore.survey import Survey
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.kinematics import Chain, first_order
+from abbe.compcore.machine.lag import first_order_lag
+from abbe.compcore.machine.machine import Axis, Machine, Signal
+from abbe.compcore.model.model import Model, Term, Value
 
 SIGNALS = {
     "T1": Signal("T1", role="scale", axis="X"),

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from compcore.dimensions import Dimension
-from compcore.errors import InputError
-from compcore.expression import parse_expression
+from abbe.compcore.effects.expressions.dimensions import Dimension
+from abbe.compcore.effects.expressions.expression import parse_expression
+from abbe.compcore.errors import InputError
 
 VARIABLES = {
     "X": Dimension.of("mm"),

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compcore.campaign import Kind
-from compcore.campaign_file import read_campaign
-from compcore.compare import compare
-from compcore.effects import make_effect
-from compcore.fit import fit
-from compcore.model_file import format_model, load_model, parse_model
-from compcore.toml_source import TomlSource
+from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.comparison.compare import compare
+from abbe.compcore.effects import make_effect
+from abbe.compcore.files.campaign_file import read_campaign
+from abbe.compcore.files.model_file import format_model, load_model, parse_model
+from abbe.compcore.files.text.toml_source import TomlSource
+from abbe.compcore.fitting.fit import fit
 
 DATA = Path(__file__).parent.parent / "data"
 TILT = ("thermal_tilt", {"axis": "Y", "about": "X", "signals": "T_col_front,T_col_rear"})

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.comparison.compare import compare
+from abbe.compcore.errors import FitError, InputError
+from abbe.compcore.fitting.fit import fit
 from benchmarks.sources.campaigns import Rows
-from compcore.campaign import Kind
-from compcore.compare import compare
-from compcore.errors import FitError, InputError
-from compcore.fit import fit
 from tests.compcore.fit_cases import BASES, DIRECTIONS, GEOMETRY, bridge, model
 
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from compcore.campaign import Campaign, Kind, Setup
-from compcore.conditions import Conditions
-from compcore.effects import Angular, Positioning, Squareness
-from compcore.fit import fit
-from compcore.machine import Axis, Machine
-from compcore.model import Model
-from compcore.structure import Structure
+from abbe.compcore.campaign.campaign import Campaign, Kind, Setup
+from abbe.compcore.effects import Angular, Positioning, Squareness
+from abbe.compcore.fitting.fit import fit
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import Axis, Machine
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.model.model import Model
 
 
 def bridge() -> Machine:

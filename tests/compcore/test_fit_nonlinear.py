@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.fitting.design.design_matrix import Problem
+from abbe.compcore.fitting.fit import fit
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.model.model import Model
 from benchmarks.sources.campaigns import Rows
-from compcore.campaign import Campaign, Kind
-from compcore.design_matrix import Problem
-from compcore.fit import fit
-from compcore.machine import Machine
-from compcore.model import Model
 from tests.compcore.fit_cases import DIRECTIONS, bridge, model, with_truth
 
 

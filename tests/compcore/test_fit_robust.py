@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from abbe.compcore.fitting.fit import fit
 from benchmarks.sources.campaigns import Rows
-from compcore.fit import fit
 from tests.compcore.fit_cases import GEOMETRY, bridge, model, plane_rows, random_theta, with_truth
 
 

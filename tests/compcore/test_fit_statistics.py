@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from abbe.compcore.fitting.design.design_matrix import Problem
+from abbe.compcore.fitting.fit import fit
+from abbe.compcore.model.sensitivity import prediction_sd
 from benchmarks.sources.campaigns import Rows
-from compcore.design_matrix import Problem
-from compcore.fit import fit
-from compcore.sensitivity import prediction_sd
 from tests.compcore.fit_cases import (
     GEOMETRY,
     bridge,
@@ -64,7 +64,7 @@ def _in_the_plane(error: np.ndarray, places) -> np.ndarray:
 
 
 def _stated(fitted, places) -> np.ndarray:
-    from compcore.sensitivity import sensitivities
+    from abbe.compcore.model.sensitivity import sensitivities
 
     moved, _ = sensitivities(fitted, places)
     both = _free(places) @ np.concatenate([moved[:, 0], moved[:, 1]])

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
+from abbe.compcore.campaign.campaign import Kind, Tool
+from abbe.compcore.effects import effect_kinds, make_effect
+from abbe.compcore.fitting.design.design_matrix import Problem
+from abbe.compcore.fitting.fit import fit
+from abbe.compcore.machine.machine import Axis, Machine, Signal
+from abbe.compcore.machine.structure import Structure, is_rotary
+from abbe.compcore.model.model import Model
+from abbe.drivers.simulated.bridge.truth import ExactAxis, ExactMachine, rigid
 from benchmarks.sources.campaigns import Rows
-from compcore.campaign import Kind, Tool
-from compcore.design_matrix import Problem
-from compcore.effects import effect_kinds, make_effect
-from compcore.fit import fit
-from compcore.machine import Axis, Machine, Signal
-from compcore.model import Model
-from compcore.structure import Structure, is_rotary
-from drivers.simulated.truth import ExactAxis, ExactMachine, rigid
 from tests.compcore.fit_cases import random_theta, with_truth
 
 STRUCTURES = (

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.fitting.fit import fit
 from benchmarks.sources.campaigns import Rows
-from compcore.campaign import Kind
-from compcore.fit import fit
 from tests.compcore.fit_cases import (
     DIRECTIONS,
     GEOMETRY,

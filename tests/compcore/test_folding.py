@@ -10,17 +10,17 @@ from hypothesis.extra.numpy import arrays
 from machines import machine
 from random_models import random_machine
 
-from compcore.conditions import Conditions
-from compcore.effects import Channel
-from compcore.folding.batch import Finder
-from compcore.folding.cross import NotSeparableError, find_cross
-from compcore.folding.layout import Layout, TooManyNodesError
-from compcore.folding.metric import Metric
-from compcore.folding.reads import reads_of
-from compcore.folding.rotation import about, apply, product, solved, transposed
-from compcore.folding.slow import SlowState, plausible_states
-from compcore.folding.tables import AxisTable
-from compcore.kinematics import rotation_about
+from abbe.compcore.compensator.batch import Finder
+from abbe.compcore.compensator.folding.cross import NotSeparableError, find_cross
+from abbe.compcore.compensator.folding.layout import Layout, TooManyNodesError
+from abbe.compcore.compensator.folding.metric import Metric
+from abbe.compcore.compensator.folding.slow_state import SlowState, plausible_states
+from abbe.compcore.compensator.folding.tables import AxisTable
+from abbe.compcore.compensator.rotation import about, apply, product, solved, transposed
+from abbe.compcore.effects import Channel
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.kinematics import rotation_about
+from abbe.compcore.model.reads import reads_of
 
 
 def layout(function, breaks) -> Layout:

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from abbe.compcore.errors import InputError
+from abbe.compcore.fitting.fit import fit
+from abbe.compcore.fitting.frame import Frame
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.model.sensitivity import prediction_sd
 from benchmarks.sources.campaigns import Rows
-from compcore.conditions import Conditions
-from compcore.errors import InputError
-from compcore.fit import fit
-from compcore.frame import Frame
-from compcore.sensitivity import prediction_sd
 from tests.compcore.fit_cases import GEOMETRY, bridge, model, plane_rows, random_theta, with_truth
 
 

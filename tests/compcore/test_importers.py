@@ -8,19 +8,19 @@ from campaign_texts import CMM, MILL
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from compcore.campaign import Campaign, Kind
-from compcore.campaign_file import read_campaign, write_campaign
-from compcore.compare import compare
-from compcore.errors import InputError
-from compcore.importers.ballbar import import_ballbar
-from compcore.importers.iso230_table import import_iso230_table
-from compcore.importers.map_rows import import_map_rows
-from compcore.importers.placing import Placing
-from compcore.importers.rtl import import_rtl
-from compcore.iso230 import evaluate_positioning, positioning_runs
-from compcore.map_file import load_map
-from compcore.maps import import_map
-from compcore.structure import Structure
+from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.comparison.compare import compare
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.campaign_file import read_campaign, write_campaign
+from abbe.compcore.files.importers.ballbar import import_ballbar
+from abbe.compcore.files.importers.iso230_table import import_iso230_table
+from abbe.compcore.files.importers.map_rows import import_map_rows
+from abbe.compcore.files.importers.placing import Placing
+from abbe.compcore.files.importers.rtl import import_rtl
+from abbe.compcore.files.map_file import load_map
+from abbe.compcore.iso230.positioning import evaluate_positioning, positioning_runs
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.maps.to_model import import_map
 
 AT = Placing(at={"Y": 450.0, "Z": -180.0}, tool=(0.0, 0.0, -120.0))
 UP = [[0, 1, 2], [3, 4, 5], [6, 6, 6]]

@@ -10,15 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from machines import machine
 
-from compcore.conditions import Conditions
-from compcore.effects import Backlash
-from compcore.errors import NotContractionError
-from compcore.inverse import invert, invert_model
-from compcore.map_file import load_map
-from compcore.map_table import AxisTable, CompensationMap
-from compcore.maps import import_map
-from compcore.model import Model, Term, Value
-from compcore.structure import Structure
+from abbe.compcore.effects import Backlash
+from abbe.compcore.errors import NotContractionError
+from abbe.compcore.files.map_file import load_map
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.maps.table import AxisTable, CompensationMap
+from abbe.compcore.maps.to_model import import_map
+from abbe.compcore.model.inverse import invert, invert_model
+from abbe.compcore.model.model import Model, Term, Value
 
 EXAMPLE = Path(__file__).parents[1] / "data" / "bridge-map.txt"
 TRAVELS = {"X": (0.0, 700.0), "Y": (0.0, 900.0), "Z": (-360.0, 0.0)}

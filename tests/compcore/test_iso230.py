@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from campaign_texts import CMM, MILL, read_text
 
-from compcore.iso230 import evaluate_positioning, positioning_runs
-from compcore.iso230_diagonals import evaluate_diagonals
+from abbe.compcore.iso230.diagonals import evaluate_diagonals
+from abbe.compcore.iso230.positioning import evaluate_positioning, positioning_runs
 
 HEAD = '# format = "abbe-campaign/1"\n'
 UP = [[0, 1, 2], [3, 4, 5], [6, 6, 6]]

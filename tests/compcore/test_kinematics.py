@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from machines import machine, motions
 from rigid_body import tool_error, turn
 
-from compcore.conditions import Conditions
-from compcore.effects import Channel
-from compcore.effects.base import FUNCTIONAL_POINT, SPINDLE, WORKPIECE
-from compcore.errors import InputError
-from compcore.kinematics import Chain, exact, first_order, rotation_xyz
-from compcore.machine import Axis
+from abbe.compcore.effects import Channel
+from abbe.compcore.effects.base import FUNCTIONAL_POINT, SPINDLE, WORKPIECE
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.kinematics import Chain, exact, first_order, rotation_xyz
+from abbe.compcore.machine.machine import Axis
 
 STRUCTURES = [
     "w b Y X Z t",

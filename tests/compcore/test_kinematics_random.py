@@ -8,13 +8,13 @@ from homogeneous import HomogeneousMachine, Joint
 from hypothesis import given
 from hypothesis import strategies as st
 
-from compcore.conditions import Conditions
-from compcore.effects import make_effect
-from compcore.effects.base import FUNCTIONAL_POINT, SPINDLE, WORKPIECE, Channel
-from compcore.kinematics import Chain, exact, first_order
-from compcore.machine import Axis, Machine
-from compcore.model import Model, Term, Value
-from compcore.structure import Structure
+from abbe.compcore.effects import make_effect
+from abbe.compcore.effects.base import FUNCTIONAL_POINT, SPINDLE, WORKPIECE, Channel
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.kinematics import Chain, exact, first_order
+from abbe.compcore.machine.machine import Axis, Machine
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.model.model import Model, Term, Value
 
 LETTERS = "XYZABC"
 SMALL = st.floats(-1.0, 1.0)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from compcore.lag import LagState, first_order_lag
+from abbe.compcore.machine.lag import LagState, first_order_lag
 
 
 def test_ramp_has_its_closed_form():

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compcore.errors import InputError
-from compcore.machine import Axis, Machine, Signal, nominal_direction, own_component
-from compcore.structure import Structure
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.machine import Axis, Machine, Signal, nominal_direction, own_component
+from abbe.compcore.machine.structure import Structure
 
 BRIDGE = Structure.parse("w b Y X Z t")
 AXES = {a: Axis(a, (0.0, 100.0)) for a in "XYZ"}

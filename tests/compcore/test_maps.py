@@ -8,21 +8,21 @@ from article_map import as_map, correction, random_tables
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compcore.conditions import Conditions
-from compcore.conventions.convention import Convention, parse_rotation_point, parse_signs, selectors
-from compcore.effects import Squareness
-from compcore.errors import InputError
-from compcore.map_file import format_map, load_map, parse_map, save_map
-from compcore.map_squareness import (
+from abbe.compcore.effects import Squareness
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.map_file import format_map, load_map, parse_map, save_map
+from abbe.compcore.files.model_file import load_model, save_model
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.maps.convention import Convention, parse_rotation_point, parse_signs, selectors
+from abbe.compcore.maps.squareness import (
     move_squareness,
     square_pairs,
     squareness_in,
     with_squareness,
 )
-from compcore.map_table import COLUMNS, AxisTable, CompensationMap
-from compcore.maps import import_map, map_machine
-from compcore.model_file import load_model, save_model
-from compcore.structure import Structure
+from abbe.compcore.maps.table import COLUMNS, AxisTable, CompensationMap
+from abbe.compcore.maps.to_model import import_map, map_machine
 
 BRIDGE = Structure.parse("w b Y X Z t")
 XYZ = ("X", "Y", "Z")

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from machines import machine
 
-from compcore.conditions import Conditions
-from compcore.effects import (
+from abbe.compcore.effects import (
     Angular,
     Effect,
     Motion,
@@ -18,11 +17,12 @@ from compcore.effects import (
     Squareness,
     Straightness,
 )
-from compcore.effects.base import INSTRUMENT, Channel
-from compcore.errors import InputError
-from compcore.kinematics import Chain, first_order
-from compcore.machine import Machine, Signal
-from compcore.model import Model, Term, Value
+from abbe.compcore.effects.base import INSTRUMENT, Channel
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.kinematics import Chain, first_order
+from abbe.compcore.machine.machine import Machine, Signal
+from abbe.compcore.model.model import Model, Term, Value
 
 BRIDGE = machine()
 WARM = Machine("m", BRIDGE.structure, BRIDGE.axes, {"T": Signal("T")})

@@ -9,13 +9,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from compcore.effects import make_effect
-from compcore.errors import InputError
-from compcore.machine import ROLES, Axis, Machine, Signal
-from compcore.model import Model, Term, Value
-from compcore.model_file import format_model, load_model, parse_model, save_model, summary
-from compcore.structure import Structure
-from compcore.toml_source import TomlSource
+from abbe.compcore.effects import make_effect
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.model_file import (
+    format_model,
+    load_model,
+    parse_model,
+    save_model,
+    summary,
+)
+from abbe.compcore.files.text.toml_source import TomlSource
+from abbe.compcore.machine.machine import ROLES, Axis, Machine, Signal
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.model.model import Model, Term, Value
 
 TEXT = """\
 format = "abbe-model/1"

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.comparison.compare import compare
+from abbe.compcore.errors import InputError
+from abbe.compcore.fitting.design.superposition import uncompensated
+from abbe.compcore.fitting.fit import fit
+from abbe.compcore.fitting.rigid_body import rigid_body_test
+from abbe.compcore.model.error_map import error_map, worst_pair
+from abbe.compcore.model.motion_curves import motion_curves
 from benchmarks.sources.campaigns import Rows
-from compcore.campaign import Kind
-from compcore.compare import compare
-from compcore.error_map import error_map, worst_pair
-from compcore.errors import InputError
-from compcore.fit import fit
-from compcore.motion_curves import motion_curves
-from compcore.rigid_body import rigid_body_test
-from compcore.superposition import uncompensated
 from tests.compcore.fit_cases import (
     BASES,
     GEOMETRY,

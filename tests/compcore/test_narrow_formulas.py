@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compcore.compensator import Compensator
-from compcore.conditions import Conditions
-from compcore.effects import make_effect
-from compcore.effects.formula import Formula
-from compcore.expression_bounds import bounds
-from compcore.interval import Interval
-from compcore.machine import Axis, Machine, Signal
-from compcore.model import Model, Term, Value
-from compcore.structure import Structure
+from abbe.compcore.compensator.compensator import Compensator
+from abbe.compcore.effects import make_effect
+from abbe.compcore.effects.catalogue.formula import Formula
+from abbe.compcore.effects.expressions.bounds import bounds
+from abbe.compcore.effects.expressions.interval import Interval
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import Axis, Machine, Signal
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.model.model import Model, Term, Value
 
 TRAVELS = {"X": (0.0, 700.0), "Y": (0.0, 900.0), "Z": (-360.0, 0.0)}
 OF = Machine(

@@ -5,13 +5,13 @@ import pytest
 from campaign_texts import CMM, DATA
 from scipy import stats
 
-from compcore.campaign import Campaign, Kind
-from compcore.campaign_file import read_campaign
-from compcore.conditions import Conditions
-from compcore.machine import Machine, Signal
-from compcore.model_file import load_model
-from compcore.noise import NoiseLevel, noise_floor
-from compcore.repeats import approach, repeat_groups
+from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.campaign.noise import NoiseLevel, noise_floor
+from abbe.compcore.campaign.repeats import approach, repeat_groups
+from abbe.compcore.files.campaign_file import read_campaign
+from abbe.compcore.files.model_file import load_model
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import Machine, Signal
 
 SIGMA = 0.5e-3
 

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from compcore.errors import InputError
-from compcore.packed import pack_symmetric, unpack_symmetric
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.packed_covariance import pack_symmetric, unpack_symmetric
 
 
 @given(

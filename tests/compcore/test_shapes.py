@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 from scipy.special import eval_legendre
 
-from compcore.errors import InputError
-from compcore.machine import Axis
-from compcore.shapes import Shape
+from abbe.compcore.effects.shapes import Shape
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.machine import Axis
 
 AXIS = Axis("X", (-120.0, 700.0))
 INSIDE = np.concatenate([np.linspace(-120.0, 700.0, 83), [-120.0, 0.0, 699.999999, 700.0]])

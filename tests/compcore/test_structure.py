@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from compcore.errors import InputError
-from compcore.structure import LINEAR, ROTARY, Structure, is_rotary
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.structure import LINEAR, ROTARY, Structure, is_rotary
 
 
 def test_moving_bridge():

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from compcore.errors import InputError
-from compcore.toml_source import TomlSource, dotted, parse_path
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.text.toml_source import TomlSource, dotted, parse_path
 
 TEXT = """\
 # a comment with [brackets] and key = value

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from compcore.errors import InputError
-from compcore.units import display, to_internal
+from abbe.compcore.errors import InputError
+from abbe.compcore.units import display, to_internal
 
 
 @pytest.mark.parametrize(

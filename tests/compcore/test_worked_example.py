@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from machines import machine, motions
 
-from compcore.conditions import Conditions
-from compcore.kinematics import Chain, exact, exact_steps, first_order
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.kinematics import Chain, exact, exact_steps, first_order
 
 AT = {
     "Y": [0.0090, 0.1200, 0.0180, 0.021e-3, 0.024e-3, 0.027e-3],

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from machines import LETTERS, machine, motions
 
-from compcore.conditions import Conditions
-from compcore.kinematics import Chain, exact, first_order
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.kinematics import Chain, exact, first_order
 
 N = 200
 

@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 
-from drivers.link import ChannelInfo, Link, LinkConfig, LinkState, Quality, Sample
+from abbe.drivers.link import ChannelInfo, Link, LinkConfig, LinkState, Quality, Sample
 
 
 class MemoryLink(Link):

@@ -5,9 +5,9 @@ import sys
 
 import pytest
 
-from compcore.effects import effect_class, effect_kinds
-from compcore.effects.handbook import KEY_WORDS, SECTIONS, effect_page
-from daemon.cli import main
+from abbe.compcore.effects import effect_class, effect_kinds
+from abbe.compcore.effects.handbook import KEY_WORDS, SECTIONS, effect_page
+from abbe.daemon.cli import main
 
 
 @pytest.fixture

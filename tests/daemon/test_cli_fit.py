@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from compcore.model_file import load_model
-from daemon.application import app
+from abbe.compcore.files.model_file import load_model
+from abbe.daemon.application import app
 
 DATA = Path(__file__).parent.parent / "data"
 
@@ -111,14 +111,14 @@ def test_reports_are_one_file_that_fetches_nothing(fitted: Path, tmp_path: Path)
 def test_a_signal_that_is_not_recorded_is_named(fitted: Path, tmp_path: Path) -> None:
     lines = (DATA / "p02-bridge" / "check.csv").read_text().replace(",T_x,", ",T_other,")
     (tmp_path / "c.csv").write_text(lines)
-    from compcore.errors import InputError
+    from abbe.compcore.errors import InputError
 
     with pytest.raises(InputError, match="T_x"):
         run("compare", fitted, tmp_path / "c.csv")
 
 
 def test_a_wrong_frame_writes_nothing(tmp_path: Path) -> None:
-    from compcore.errors import InputError
+    from abbe.compcore.errors import InputError
 
     data = DATA / "p02-bridge"
     out = tmp_path / "m.toml"

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from daemon.cli import main
+from abbe.daemon.cli import main
 
 TABLE = "target,1+,1-,2+,2-,3+,3-\n0,0,4,1,4,2,4\n100,3,5,4,6,5,7\n200,6,1,6,3,6,5\n"
 MODEL = """\

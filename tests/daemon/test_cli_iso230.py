@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from daemon.cli import main
+from abbe.daemon.cli import main
 
 HEAD = '# format = "abbe-campaign/1"\ntime,setup,kind,X,Y,X_dir,ux,uy,uz,value\n'
 UP = [[0, 1, 2], [3, 4, 5], [6, 6, 6]]

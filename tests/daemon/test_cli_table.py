@@ -11,10 +11,10 @@ import pytest
 from command_line import abbe
 from table_models import FIVE_AXES, FOUR_AXES, TRAVELS, rigid, thermal, turning, with_backlash
 
-from compcore.model_file import load_model, save_model
-from compcore.tables.field import ErrorField, table_state
-from compcore.tables.table_set import TableSet
-from drivers.controllers import controller_kinds, make_controller
+from abbe.compcore.files.model_file import load_model, save_model
+from abbe.compcore.files.table_set import TableSet
+from abbe.compcore.tables.field import ErrorField, table_state
+from abbe.drivers.controllers import controller_kinds, make_controller
 
 
 @pytest.fixture(scope="module")

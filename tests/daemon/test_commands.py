@@ -13,7 +13,7 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "bridge-cmm" / "config.toml"
 
 
 def abbe(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", "from daemon.cli import main; main()", *arguments]
+    command = [sys.executable, "-c", "from abbe.daemon.cli import main; main()", *arguments]
     return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=60, check=False)
 
 

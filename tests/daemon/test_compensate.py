@@ -6,13 +6,13 @@ import math
 
 import pytest
 
-from compcore.effects import Angular, ScaleExpansion, Straightness, ThermalTilt
-from compcore.machine import Axis, Machine, Signal
-from compcore.model import Model, Term, Value
-from compcore.structure import Structure
-from daemon.guard import ALL
-from daemon.pipeline.compensate import Compensation, affected_directions
-from daemon.pipeline.convert import SignalReading
+from abbe.compcore.effects import Angular, ScaleExpansion, Straightness, ThermalTilt
+from abbe.compcore.machine.machine import Axis, Machine, Signal
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.model.model import Model, Term, Value
+from abbe.daemon.guard import ALL
+from abbe.daemon.pipeline.compensate import Compensation, affected_directions
+from abbe.daemon.pipeline.reading.convert import SignalReading
 
 X, Y, Z = 1, 2, 4
 

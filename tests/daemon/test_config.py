@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from compcore.errors import InputError
-from daemon.config import load_config
+from abbe.compcore.errors import InputError
+from abbe.daemon.config import load_config
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "bridge-cmm"
 TEXT = (EXAMPLE / "config.toml").read_text(encoding="utf-8")

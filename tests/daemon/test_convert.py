@@ -6,10 +6,10 @@ import math
 
 import pytest
 
-from daemon.pipeline.convert import PositionConverter, SignalConverter, Source, Watch
-from daemon.pipeline.poll import Batch, by_link
-from drivers.link import Quality, Sample
-from drivers.transducers import EncoderConfig, SteinhartHartConfig, make_transducer
+from abbe.daemon.pipeline.reading.convert import PositionConverter, SignalConverter, Source, Watch
+from abbe.daemon.pipeline.reading.poll import Batch, by_link
+from abbe.drivers.link import Quality, Sample
+from abbe.drivers.transducers import EncoderConfig, SteinhartHartConfig, make_transducer
 
 ENCODER = make_transducer(EncoderConfig(counts_per_mm=1000.0, travel=(0.0, 500.0)))
 THERMISTOR = make_transducer(SteinhartHartConfig(a=1.032e-3, b=2.387e-4, c=1.580e-7))

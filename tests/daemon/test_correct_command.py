@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from command_line import abbe
 
-from compcore.conditions import Conditions
-from compcore.effects import make_effect
-from compcore.lag import first_order_lag
-from compcore.machine import Axis, Machine, Signal
-from compcore.map_file import load_map
-from compcore.maps import import_map
-from compcore.model import Model, Term, Value
-from compcore.model_file import load_model, save_model
-from compcore.structure import Structure
+from abbe.compcore.effects import make_effect
+from abbe.compcore.files.map_file import load_map
+from abbe.compcore.files.model_file import load_model, save_model
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.lag import first_order_lag
+from abbe.compcore.machine.machine import Axis, Machine, Signal
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.maps.to_model import import_map
+from abbe.compcore.model.model import Model, Term, Value
 
 ROOT = Path(__file__).parents[2]
 MAP = ROOT / "tests" / "data" / "bridge-map.txt"
@@ -247,7 +247,7 @@ def test_rotary_axes_are_in_degrees_at_the_edge(tmp_path):
 
 def test_the_installed_command_and_start_up(bridge):
     """In a process of its own, as users run it."""
-    code = "from daemon.cli import main; main()"
+    code = "from abbe.daemon.cli import main; main()"
     run = subprocess.run(
         [sys.executable, "-c", code, "correct", str(bridge), *POINT, "--json"],
         capture_output=True,
@@ -370,7 +370,7 @@ def test_a_lag_goes_on_from_piece_to_piece(warm, tmp_path, monkeypatch):
     source, out = tmp_path / "in.csv", tmp_path / "out.csv"
     body = "\n".join(f"{t},100,500,-50,20,{s},1" for t, s in zip(time, slow, strict=True))
     source.write_text(f"time,X,Y,Z,T_x,T_slow,Z_dir\n{body}\n")
-    monkeypatch.setattr("compcore.points_file._PIECE", 64)
+    monkeypatch.setattr("abbe.compcore.files.points_file._PIECE", 64)
     done = abbe("correct", warm, "--points", source, "-o", out)
     assert done.status == 0, done.err
     got = np.array([float(r["Y_corrected"]) for r in rows_of(out)])
@@ -382,7 +382,7 @@ def test_a_lag_goes_on_from_piece_to_piece(warm, tmp_path, monkeypatch):
 def test_rows_out_of_the_order_of_time_are_refused_where_the_past_matters(
     warm, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("compcore.points_file._PIECE", 2)
+    monkeypatch.setattr("abbe.compcore.files.points_file._PIECE", 2)
     source = tmp_path / "in.csv"
     rows = "".join(f"{t},100,500,-50,20,21\n" for t in (0, 10, 20, 30, 5))
     source.write_text(f"time,X,Y,Z,T_x,T_slow\n{rows}")

@@ -7,7 +7,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daemon.pipeline.directions import Directions
+from abbe.daemon.pipeline.reading.directions import Directions
 
 
 def last(positions: list[float], deadband: float = 0.01) -> float:

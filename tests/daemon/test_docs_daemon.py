@@ -9,9 +9,9 @@ from typing import get_args
 
 from pydantic import BaseModel
 
-from daemon.config.sections import ConfigFile, PerDirection
-from daemon.guard import GuardState
-from daemon.status_word import Status
+from abbe.daemon.config.sections import ConfigFile, PerDirection
+from abbe.daemon.guard import GuardState
+from abbe.daemon.status_word import Status
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "daemon.md").read_text(encoding="utf-8")
@@ -67,7 +67,7 @@ def test_links_between_pages_lead_somewhere() -> None:
 
 
 def test_the_demo_page_names_registers_that_exist() -> None:
-    from drivers.simulated.bridge_registers import REGISTERS
+    from abbe.drivers.simulated.bridge.registers import REGISTERS
 
     addresses = set(map(int, re.findall(r"-r (\d+)", DEMO)))
     assert addresses == {

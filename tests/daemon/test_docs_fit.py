@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from daemon.application import app
+from abbe.daemon.application import app
 
 PAGE = (Path(__file__).parent.parent.parent / "docs" / "fit.md").read_text(encoding="utf-8")
 

@@ -14,19 +14,19 @@ from hypothesis import strategies as st
 from memory_link import MemoryLink
 from test_pipeline import AT, EXAMPLE, OHMS, QUICK, VALUES, Run, configured
 
-from compcore.errors import InputError
-from compcore.machine import Signal
-from daemon.config import Configuration, load_config
-from daemon.config.sections import SignalSection
-from daemon.guard import GuardState
-from daemon.pipeline.expected import bounds_of, expected_of
-from daemon.pipeline.follow import Follow
-from daemon.pipeline.motion import Motion
-from daemon.pipeline.plausible import Bounds, Likes, Plausible
-from daemon.pipeline.watch import Beat, DeviceClock
-from daemon.status_word import Status
-from drivers.link import ChannelInfo, LinkError, Place, Sample
-from drivers.transducers import SteinhartHartConfig, make_transducer
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.machine import Signal
+from abbe.daemon.config import Configuration, load_config
+from abbe.daemon.config.sections import SignalSection
+from abbe.daemon.guard import GuardState
+from abbe.daemon.pipeline.reading.controller_watch import Beat, DeviceClock
+from abbe.daemon.pipeline.reading.expected import bounds_of, expected_of
+from abbe.daemon.pipeline.reading.motion import Motion
+from abbe.daemon.pipeline.reading.plausible import Bounds, Likes, Plausible
+from abbe.daemon.pipeline.writing.own_writes import Follow
+from abbe.daemon.status_word import Status
+from abbe.drivers.link import ChannelInfo, LinkError, Place, Sample
+from abbe.drivers.transducers import SteinhartHartConfig, make_transducer
 
 THERMISTOR = make_transducer(SteinhartHartConfig(a=1.032e-3, b=2.387e-4, c=1.580e-7))
 

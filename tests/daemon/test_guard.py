@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daemon.guard import ALL, Guard, GuardLimits, GuardState, Vec3
+from abbe.daemon.guard import ALL, Guard, GuardLimits, GuardState, Vec3
 
 LIMITS = GuardLimits(
     max_correction=(0.05, 0.08, 0.1),

@@ -20,11 +20,11 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from daemon.config import Configuration, load_config
-from daemon.guard import Decision
-from daemon.pipeline.cycle import Pipeline
-from daemon.status_word import Status
-from drivers.link import ChannelInfo, Link, LinkConfig, LinkError, LinkState, Quality, Sample
+from abbe.daemon.config import Configuration, load_config
+from abbe.daemon.guard import Decision
+from abbe.daemon.pipeline.cycle import Pipeline
+from abbe.daemon.status_word import Status
+from abbe.drivers.link import ChannelInfo, Link, LinkConfig, LinkError, LinkState, Quality, Sample
 
 AXES = ("X", "Y", "Z")
 SLOPES = {"X": 1e-4, "Y": -1.5e-4, "Z": 8e-5}

@@ -11,12 +11,12 @@ import pytest
 from article_map import as_map, correction, random_tables
 from command_line import abbe
 
-from compcore.conditions import Conditions
-from compcore.conventions.switched import read_switched
-from compcore.map_file import load_map, save_map
-from compcore.maps import map_machine
-from compcore.model_file import load_model
-from compcore.structure import Structure
+from abbe.compcore.files.map_file import load_map, save_map
+from abbe.compcore.files.model_file import load_model
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.maps.conventions.switched import read_switched
+from abbe.compcore.maps.to_model import map_machine
 
 ROOT = Path(__file__).parents[2]
 MAP = ROOT / "tests" / "data" / "bridge-map.txt"

@@ -11,8 +11,8 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from command_line import abbe
 
-from daemon.config import load_config
-from daemon.config.notes import notes
+from abbe.daemon.config import load_config
+from abbe.daemon.config.notes import notes
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "bridge-cmm"
 

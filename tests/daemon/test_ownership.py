@@ -14,12 +14,12 @@ from pathlib import Path
 
 import pytest
 
-from daemon import ownership
-from daemon.ownership import InUseError, hold
+from abbe.daemon.ownership import lock as ownership
+from abbe.daemon.ownership.lock import InUseError, hold
 
 HOLDER = """
 import subprocess, sys
-from daemon.ownership import InUseError, hold
+from abbe.daemon.ownership.lock import InUseError, hold
 try:
     with hold(sys.argv[2:], sys.argv[1]):
         child = subprocess.Popen(["sleep", "60"], stdout=subprocess.DEVNULL)

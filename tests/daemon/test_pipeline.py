@@ -13,20 +13,20 @@ from pathlib import Path
 import pytest
 from memory_link import MemoryLink
 
-from compcore.conditions import Conditions
-from compcore.effects import make_effect
-from compcore.errors import AbbeError
-from compcore.model import Term, Value
-from compcore.model_file import load_model, save_model
-from daemon.config import Configuration, load_config
-from daemon.guard import Guard, GuardState
-from daemon.pipeline.cycle import Pipeline
-from daemon.pipeline.ending import NotToldError
-from daemon.pipeline.record import CycleRecord
-from daemon.service import Service
-from daemon.status_word import STOPPED, Status
-from drivers.link import LinkDownError, LinkState
-from drivers.transducers import SteinhartHartConfig, make_transducer
+from abbe.compcore.effects import make_effect
+from abbe.compcore.errors import AbbeError
+from abbe.compcore.files.model_file import load_model, save_model
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.model.model import Term, Value
+from abbe.daemon.config import Configuration, load_config
+from abbe.daemon.guard import Guard, GuardState
+from abbe.daemon.pipeline.cycle import Pipeline
+from abbe.daemon.pipeline.record import CycleRecord
+from abbe.daemon.pipeline.writing.ending import NotToldError
+from abbe.daemon.service import Service
+from abbe.daemon.status_word import STOPPED, Status
+from abbe.drivers.link import LinkDownError, LinkState
+from abbe.drivers.transducers import SteinhartHartConfig, make_transducer
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "bridge-cmm"
 QUICK = {

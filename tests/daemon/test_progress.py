@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from daemon.analysis.progress import TimeLeft
+from abbe.daemon.progress import TimeLeft
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -62,8 +62,10 @@ def test_without_stages_nothing_is_promised() -> None:
 def test_a_terminal_is_told_how_long_a_diagnosis_will_take(tmp_path: Path) -> None:
     files = [str(DATA / "p03-bridge" / name) for name in ("model.toml", "fit.csv")]
     ours, theirs = pty.openpty()
-    script = "import daemon.analysis.progress as p; p.PATIENCE = 0.0; import sys; "
-    script += f"sys.argv = {['abbe', 'diagnose', *files]!r}; from daemon.cli import main; main()"
+    script = "import abbe.daemon.progress as p; p.PATIENCE = 0.0; import sys; "
+    script += (
+        f"sys.argv = {['abbe', 'diagnose', *files]!r}; from abbe.daemon.cli import main; main()"
+    )
     process = subprocess.Popen(
         [sys.executable, "-c", script], stdout=subprocess.DEVNULL, stderr=theirs, cwd=tmp_path
     )

@@ -14,20 +14,20 @@ import pytest
 from memory_link import MemoryLink
 from rich.console import Console
 
-from daemon.config import load_config
-from daemon.faults import StandingFaults
-from daemon.guard import Decision, GuardState
-from daemon.journal import journal
-from daemon.pipeline.convert import SignalReading
-from daemon.pipeline.record import CycleRecord
-from daemon.show.bars import deviation_bar, sparkline
-from daemon.show.figures import Durations, ErrorFigures, Figures, volumetric_errors
-from daemon.show.json_lines import JsonLines
-from daemon.show.plain import PlainLines, headline
-from daemon.show.screen import LiveScreen
-from daemon.show.writer import LineWriter
-from daemon.status_word import Status, describe
-from drivers.link import LinkState
+from abbe.daemon.config import load_config
+from abbe.daemon.event_log import journal
+from abbe.daemon.faults import StandingFaults
+from abbe.daemon.guard import Decision, GuardState
+from abbe.daemon.pipeline.reading.convert import SignalReading
+from abbe.daemon.pipeline.record import CycleRecord
+from abbe.daemon.show.bars import deviation_bar, sparkline
+from abbe.daemon.show.figures import Durations, ErrorFigures, Figures, volumetric_errors
+from abbe.daemon.show.json_lines import JsonLines
+from abbe.daemon.show.plain import PlainLines, headline
+from abbe.daemon.show.screen import LiveScreen
+from abbe.daemon.show.writer import LineWriter
+from abbe.daemon.status_word import Status, describe
+from abbe.drivers.link import LinkState
 
 MACHINE = load_config(
     Path(__file__).parents[2] / "examples" / "bridge-cmm" / "config.toml"
@@ -142,7 +142,7 @@ def test_a_reader_that_is_gone_does_not_matter() -> None:
 
 
 def test_a_slow_reader_costs_lines_not_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("daemon.show.writer._WAITING", 10)
+    monkeypatch.setattr("abbe.daemon.show.writer._WAITING", 10)
     read_end, write_end = os.pipe()
     with os.fdopen(write_end, "w", buffering=1) as stream:
         writer = LineWriter(stream)

@@ -15,14 +15,14 @@ import pytest
 from memory_link import MemoryLink
 from table_models import rigid, thermal
 
-from compcore.model_file import save_model
-from compcore.tables.table_set import TableSet
-from compcore.tables.volume import Volume
-from daemon.config import load_config
-from daemon.demo.configuration import demo_configuration
-from daemon.demo.simulator import simulated_bridge
-from daemon.table_watch import Follower, Target, follow, lags_of, words
-from drivers.controllers import make_controller
+from abbe.compcore.files.model_file import save_model
+from abbe.compcore.files.table_set import TableSet
+from abbe.compcore.tables.volume import Volume
+from abbe.daemon.config import load_config
+from abbe.daemon.demo.configuration import demo_configuration
+from abbe.daemon.demo.simulator import simulated_bridge
+from abbe.daemon.table_watch import Follower, Target, follow, lags_of, words
+from abbe.drivers.controllers import make_controller
 
 MODEL = thermal(rigid())
 VOLUME = Volume.of(MODEL.machine)
@@ -172,7 +172,16 @@ def test_a_machine_that_warms_up_is_followed_over_modbus(tmp_path):
     with simulated_bridge(1, 600.0) as machine:
         config, folder = tmp_path / "config.toml", tmp_path / "t"
         config.write_text(demo_configuration(machine.ready, "model.toml"), encoding="utf-8")
-        command = [sys.executable, "-m", "daemon", "table", "--watch", str(config), "-o", folder]
+        command = [
+            sys.executable,
+            "-m",
+            "abbe.daemon",
+            "table",
+            "--watch",
+            str(config),
+            "-o",
+            folder,
+        ]
         command += ["--controller", "cmm-map", "--change", "0.5", "--idle", "0", "--json"]
         watch = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         assert watch.stdout is not None

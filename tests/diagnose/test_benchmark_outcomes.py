@@ -8,6 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.effects import effect_kinds
+from abbe.compcore.files.model_file import parse_model
+from abbe.compcore.files.text.toml_source import TomlSource
+from abbe.compcore.fitting.fit import fit
 from benchmarks.hidden import outcome, table
 from benchmarks.hidden.causes import POINT, Cause, State, six
 from benchmarks.hidden.inputs import Term, inputs
@@ -16,11 +21,6 @@ from benchmarks.hidden.readable import readable
 from benchmarks.hidden.scenario import MULTIPLES, Scenario, hide, scenarios
 from benchmarks.hidden.scene import scene
 from benchmarks.hidden.trial import as_campaign, run
-from compcore.campaign import Kind
-from compcore.effects import effect_kinds
-from compcore.fit import fit
-from compcore.model_file import parse_model
-from compcore.toml_source import TomlSource
 
 
 def _none(state: State) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
@@ -179,5 +179,5 @@ def test_every_effect_of_the_catalogue_is_hidden_in_three_sizes() -> None:
             cause = scene(s.seed, s.kind).causes()[s.causes[0]]
             kind = cause.answers[0][0] if cause.answers else "formula"
             found.setdefault(kind, set()).add(s.multiple)
-    own = {k for k, c in effect_kinds().items() if c.__module__.startswith("compcore.")}
+    own = {k for k, c in effect_kinds().items() if c.__module__.startswith("abbe.compcore.")}
     assert {k: found.get(k) for k in sorted(own)} == {k: set(MULTIPLES) for k in sorted(own)}

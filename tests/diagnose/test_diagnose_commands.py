@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from abbe.daemon.application import app
+from abbe.daemon.arguments.lists import spread
 from benchmarks.hidden.scenario import Scenario, hide
 from benchmarks.hidden.scene import scene
-from daemon.application import app
-from daemon.commands.lists import spread
 
 DATA = Path(__file__).parents[1] / "data" / "p01-mill"
 SPEC = ["thermal_tilt", "axis=Y", "about=X", "signals=T_col_front,T_col_rear"]

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compcore.campaign import Campaign, Kind
-from compcore.campaign_file import read_campaign
-from compcore.diagnose import diagnose
-from compcore.fit import fit
-from compcore.model import Model
-from compcore.model_file import load_model
-from compcore.thinning import ENOUGH_ROWS, thinned
+from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.campaign.thinning import ENOUGH_ROWS, thinned
+from abbe.compcore.diagnosis import diagnose
+from abbe.compcore.files.campaign_file import read_campaign
+from abbe.compcore.files.model_file import load_model
+from abbe.compcore.fitting.fit import fit
+from abbe.compcore.model.model import Model
 
 DATA = Path(__file__).parents[1] / "data"
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
+from abbe.compcore.diagnosis import advise, diagnose
+from abbe.compcore.files.model_file import parse_model
+from abbe.compcore.files.text.toml_source import TomlSource
 from benchmarks.hidden import distances
 from benchmarks.hidden.scenario import Scenario, hide
 from benchmarks.hidden.scene import scene
 from benchmarks.hidden.score import score
 from benchmarks.hidden.trial import as_campaign
-from compcore.diagnose import advise, diagnose
-from compcore.model_file import parse_model
-from compcore.toml_source import TomlSource
 
 
 @pytest.mark.timeout(900)

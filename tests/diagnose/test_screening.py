@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compcore.campaign import Campaign
-from compcore.campaign_file import read_campaign
-from compcore.diagnose.crossvalidation import folds, left_out
-from compcore.diagnose.screening import Bank, Basis, screen
-from compcore.effects import make_effect
-from compcore.fit import FitResult, fit
-from compcore.model import Model
-from compcore.model_file import load_model
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.diagnosis.screening.crossvalidation import folds, left_out
+from abbe.compcore.diagnosis.screening.screening import Bank, Basis, screen
+from abbe.compcore.effects import make_effect
+from abbe.compcore.files.campaign_file import read_campaign
+from abbe.compcore.files.model_file import load_model
+from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.model.model import Model
 
 DATA = Path(__file__).parents[1] / "data"
 SPECS = (

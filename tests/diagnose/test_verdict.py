@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from abbe.compcore.comparison.compare import compare
+from abbe.compcore.diagnosis import Diagnosis, advise, diagnose
+from abbe.compcore.diagnosis.explain import explanation
+from abbe.compcore.errors import FitError
+from abbe.compcore.files.campaign_file import read_campaign
+from abbe.compcore.files.model_file import load_model, parse_model
+from abbe.compcore.files.text.toml_source import TomlSource
+from abbe.compcore.fitting.fit import fit
+from abbe.compcore.model.revise import with_effect
 from benchmarks.hidden.scenario import Scenario, hide
 from benchmarks.hidden.scene import scene
 from benchmarks.hidden.trial import as_campaign, run
-from compcore.campaign_file import read_campaign
-from compcore.compare import compare
-from compcore.diagnose import Diagnosis, advise, diagnose
-from compcore.diagnose.explain import explanation
-from compcore.errors import FitError
-from compcore.fit import fit
-from compcore.model_file import load_model, parse_model
-from compcore.revise import with_effect
-from compcore.toml_source import TomlSource
 
 DATA = Path(__file__).parents[1] / "data"
 

@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import pytest
 
-from drivers import awaited
-from drivers.awaited import LONGEST, Awaited, is_there
+from abbe.drivers import reply_wait as awaited
+from abbe.drivers.reply_wait import LONGEST, Awaited, is_there
 
 LONG = 30.0
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers import resources
-from drivers.stores.base import store_class
+from abbe.drivers import resources
+from abbe.drivers.stores.base import store_class
 
 
 @pytest.mark.parametrize("host", ["localhost", "LOCALHOST", "127.0.0.1", "::1", "[::1]"])

@@ -12,10 +12,10 @@ import pytest
 from command_line import abbe
 from shop_floor import FITTED, furnish
 
-from compcore.errors import InputError
-from compcore.tables.table_set import RECORD_NAME, TableSet, sha256
-from compcore.toml_bounds import MOST_DEPTH, MOST_ITEMS
-from compcore.toml_source import TomlSource
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.table_set import RECORD_NAME, TableSet, sha256
+from abbe.compcore.files.text.toml_bounds import MOST_DEPTH, MOST_ITEMS
+from abbe.compcore.files.text.toml_source import TomlSource
 
 HOSTILE = {
     "dotted keys": ".".join("a" * 50_000) + " = 1",
@@ -51,7 +51,7 @@ def test_hostile_toml_is_one_error_within_seconds(tmp_path: Path, name: str):
     path, counted = tmp_path / "hostile.toml", tmp_path / "kB"
     path.write_text(HOSTILE[name])
     begun = time.monotonic()
-    command = [sys.executable, "-m", "daemon", "history", str(path)]
+    command = [sys.executable, "-m", "abbe.daemon", "history", str(path)]
     running = subprocess.run(
         [sys.executable, "-c", COUNTED, str(counted), *command], capture_output=True, check=False
     )

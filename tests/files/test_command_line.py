@@ -44,7 +44,7 @@ def shop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def process(*words: str | bytes, code: str = "", **more: object) -> subprocess.Popen[bytes]:
     """The command line as a process of its own, after `code`."""
-    start = [sys.executable, "-c", f"{code}\nfrom daemon.cli import main; main()"]
+    start = [sys.executable, "-c", f"{code}\nfrom abbe.daemon.cli import main; main()"]
     return subprocess.Popen([*start, *words], stderr=subprocess.PIPE, **more)  # type: ignore[call-overload,no-any-return]
 
 
@@ -90,8 +90,9 @@ sys.meta_path.insert(0, Interrupt())
 
 @pytest.mark.parametrize(
     "name",
-    ["typer", "compcore.errors", "drivers.link", "daemon.application", "daemon.commands.fit",
-     "numpy", "pydantic", "compcore.fit", "compcore.model_file", "tomli_w", "scipy.linalg"],
+    ["typer", "abbe.compcore.errors", "abbe.drivers.link", "abbe.daemon.application",
+     "abbe.daemon.commands.fit", "numpy", "pydantic", "abbe.compcore.fitting.fit",
+     "abbe.compcore.files.model_file", "tomli_w", "scipy.linalg"],
 )  # fmt: skip
 def test_an_interruption_while_python_imports_is_one_line(shop: Path, name: str):
     words = ["fit", "model.toml", "day.csv", "-o", "out.toml"]

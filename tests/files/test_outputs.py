@@ -196,7 +196,7 @@ def test_a_write_protected_file_is_left_alone(shop: Path):
 
 def process(*words: object, **more: object) -> subprocess.CompletedProcess[bytes]:
     """The command line as a process of its own."""
-    command = [sys.executable, "-m", "daemon", *map(str, words)]
+    command = [sys.executable, "-m", "abbe.daemon", *map(str, words)]
     return subprocess.run(command, check=False, timeout=60, **{"capture_output": True, **more})  # type: ignore[call-overload,no-any-return]
 
 

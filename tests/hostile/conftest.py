@@ -15,7 +15,7 @@ def imported() -> None:
     for package in ("compcore", "daemon", "drivers"):
         path = import_module(package).__path__
         for module in pkgutil.walk_packages(path, f"{package}."):
-            if not module.name.startswith(("drivers.simulated", "daemon.__main__")):
+            if not module.name.startswith(("abbe.drivers.simulated", "abbe.daemon.__main__")):
                 try:
                     import_module(module.name)
                 except ImportError:

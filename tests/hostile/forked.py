@@ -152,9 +152,9 @@ def _addresses() -> int:
 
 
 def _status(case: Case) -> int:
-    from compcore.errors import AbbeError
-    from daemon.cli import main
-    from drivers.link import LinkError
+    from abbe.compcore.errors import AbbeError
+    from abbe.daemon.cli import main
+    from abbe.drivers.link import LinkError
 
     if callable(case.run):
         try:

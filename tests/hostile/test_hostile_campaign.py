@@ -219,6 +219,6 @@ def test_a_bad_campaign_is_told_in_one_line(case: Case, tmp_path: Path) -> None:
     outcome = run(case, tmp_path)
     assert not faults(case, outcome, tmp_path)
     if outcome.status == 0 and "out.toml" in case.kept:
-        from compcore.model_file import load_model
+        from abbe.compcore.files.model_file import load_model
 
         load_model(tmp_path / "work" / "out.toml")

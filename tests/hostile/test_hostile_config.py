@@ -166,13 +166,13 @@ def beside(arguments: tuple[str, ...]):  # type: ignore[no-untyped-def]
     def ask() -> None:
         import sys
 
-        import drivers.controllers
-        from compcore.effects import registry
-        from daemon.application import app
+        import abbe.drivers.controllers
+        from abbe.compcore.effects import registry
+        from abbe.daemon.application import app
 
         # the process that this one was forked from may have looked for plugins already
         registry._plugins.cache_clear()
-        drivers.controllers._plugins.cache_clear()
+        abbe.drivers.controllers._plugins.cache_clear()
         sys.dont_write_bytecode = True
         sys.path.insert(0, ".")
         sys.argv = ["abbe", *arguments]
@@ -197,7 +197,7 @@ def without() -> Iterator[Case]:
 
 def journal() -> None:
     """Read the journal in this folder."""
-    from daemon.upload.journal import read_journal
+    from abbe.daemon.upload.history.upload_log import read_journal
 
     read_journal(Path("uploads.jsonl"))
 

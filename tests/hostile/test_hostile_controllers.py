@@ -13,12 +13,12 @@ import pytest
 from forked import Case, Content, faults, run
 from good import MODEL, model
 
-from compcore.machine import Axis, Machine
-from compcore.structure import Structure
-from daemon.analysis.table_arguments import MOST_BYTES, present_files
-from drivers.controllers import make_controller
-from drivers.link import LinkConfigError
-from drivers.stores.linuxcnc_ini import read_layout
+from abbe.compcore.machine.machine import Axis, Machine
+from abbe.compcore.machine.structure import Structure
+from abbe.daemon.arguments.table_arguments import MOST_BYTES, present_files
+from abbe.drivers.controllers import make_controller
+from abbe.drivers.link import LinkConfigError
+from abbe.drivers.stores.linuxcnc.ini import read_layout
 
 DATA = Path(__file__).parents[1] / "data" / "controllers"
 READ: dict[str, tuple[str, dict[str, str]]] = {

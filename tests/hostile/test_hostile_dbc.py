@@ -10,12 +10,12 @@ import mutate
 import pytest
 from forked import Case, Content, faults, run
 
-import drivers.simulated
-from drivers.can.dbc_config import DbcConfig
-from drivers.can.dbc_file import MOST_BYTES
-from drivers.can.dbc_link import DbcLink
+import abbe.drivers.simulated
+from abbe.drivers.can.dbc.config import DbcConfig
+from abbe.drivers.can.dbc.file import MOST_BYTES
+from abbe.drivers.can.dbc.link import DbcLink
 
-GOOD = Path(drivers.simulated.__file__).with_name("machine.dbc").read_bytes()
+GOOD = Path(abbe.drivers.simulated.__file__).with_name("machine.dbc").read_bytes()
 SECTION = {
     "interface": "udp_multicast",
     "channel": "239.74.163.2",

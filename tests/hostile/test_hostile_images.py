@@ -17,7 +17,7 @@ GOOD = {"X.csv": "position,value\n0,0.1\n100,-0.2\n", "Y.csv": "position,value\n
 
 
 def good_image() -> bytes:
-    """An image as `drivers.stores.image.pack` makes it, made here by hand."""
+    """An image as `abbe.drivers.stores.image.pack` makes it, made here by hand."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
         for name in sorted(GOOD):
@@ -29,7 +29,7 @@ def good_image() -> bytes:
 
 def unpack() -> None:
     """Read the image in this folder."""
-    from drivers.stores.image import unpack as read
+    from abbe.drivers.stores.image import unpack as read
 
     assert read(Path("image").read_bytes()) == GOOD, "another content was taken for good"
 
@@ -77,7 +77,7 @@ def images() -> Iterator[Case]:
 
 def tape() -> None:
     """Read the tape in this folder."""
-    from drivers.stores.tape_image import from_blocks
+    from abbe.drivers.stores.serial.tape_image import from_blocks
 
     blocks = Path("tape").read_text(encoding="latin-1").split("\n")
     assert from_blocks(blocks) == good_image(), "another content was taken for good"
@@ -85,7 +85,7 @@ def tape() -> None:
 
 def tapes() -> Iterator[Case]:
     """Tapes with blocks altered, lost or doubled."""
-    from drivers.stores.tape_image import to_blocks
+    from abbe.drivers.stores.serial.tape_image import to_blocks
 
     good = "\n".join(to_blocks(good_image())).encode()
     for name, content in (
@@ -97,7 +97,7 @@ def tapes() -> Iterator[Case]:
 
 def load() -> None:
     """Read the set of tables in this folder."""
-    from compcore.tables.table_set import TableSet
+    from abbe.compcore.files.table_set import TableSet
 
     TableSet.load(".")
 
@@ -145,7 +145,7 @@ def records() -> Iterator[Case]:
 
 def unharmed() -> list[tuple[str, bytes, Callable[[], None]]]:
     """What must be read."""
-    from drivers.stores.tape_image import to_blocks
+    from abbe.drivers.stores.serial.tape_image import to_blocks
 
     blocks = "\n".join(to_blocks(good_image())).encode()
     return [("image", good_image(), unpack), ("tape", blocks, tape)]

@@ -16,9 +16,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from daemon.demo.configuration import demo_configuration
-from daemon.demo.simulator import Simulator, simulated_bridge
-from drivers.simulated.bridge_registers import MATCHED, REGISTERS, WRITE_BACK
+from abbe.daemon.demo.configuration import demo_configuration
+from abbe.daemon.demo.simulator import Simulator, simulated_bridge
+from abbe.drivers.simulated.bridge.registers import MATCHED, REGISTERS, WRITE_BACK
 
 MODEL = Path(__file__).parents[2] / "examples" / "bridge-cmm" / "model.toml"
 """Fitted to a campaign of the simulated machine with seed 1."""
@@ -73,7 +73,7 @@ class LiveRun:
 
     def __init__(self, config: Path, *arguments: str) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "daemon", "run", str(config), "--json", *arguments],
+            [sys.executable, "-m", "abbe.daemon", "run", str(config), "--json", *arguments],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

@@ -14,11 +14,11 @@ from pathlib import Path
 import pytest
 from live_run import PATIENCE
 
-from compcore.toml_source import TomlSource
+from abbe.compcore.files.text.toml_source import TomlSource
 
 pytestmark = pytest.mark.integration
 
-DEMO = [sys.executable, "-m", "daemon", "demo"]
+DEMO = [sys.executable, "-m", "abbe.daemon", "demo"]
 
 
 def test_the_error_falls_tenfold_while_the_machine_warms_up(tmp_path: Path) -> None:

@@ -36,9 +36,9 @@ value = 2.0
 unit = "um/bar"
 """
 PROPOSED = """
-from compcore.effects import effect_kinds
-from compcore.model_file import load_model
-from compcore.survey import Survey
+from abbe.compcore.effects import effect_kinds
+from abbe.compcore.files.model_file import load_model
+from abbe.compcore.campaign.coverage import Survey
 import sys
 machine = load_model(sys.argv[1]).machine
 survey = Survey(signals={"p_supply": (4.5, 5.5)})
@@ -78,7 +78,7 @@ def with_plugin(tmp_path_factory):
 
 
 def abbe(run, *arguments):
-    return run("-c", "from daemon.cli import main; main()", *arguments)
+    return run("-c", "from abbe.daemon.cli import main; main()", *arguments)
 
 
 pytestmark = pytest.mark.integration

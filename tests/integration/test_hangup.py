@@ -19,7 +19,7 @@ from pathlib import Path
 import pytest
 from live_run import PATIENCE, machine, matched, read_holding
 
-from daemon.status_word import Status
+from abbe.daemon.status_word import Status
 
 pytestmark = pytest.mark.integration
 
@@ -31,7 +31,7 @@ class Terminal:
         self.near, far = pty.openpty()
         fcntl.ioctl(far, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 120, 0, 0))
         self.process = subprocess.Popen(
-            [*before, sys.executable, "-m", "daemon", "run", str(config), *arguments],
+            [*before, sys.executable, "-m", "abbe.daemon", "run", str(config), *arguments],
             stdin=far,
             stdout=far,
             stderr=far,
@@ -138,7 +138,7 @@ def test_under_nohup_it_goes_on_without_its_terminal(
 
 def test_a_full_disk_does_not_stop_the_machine_and_is_told(tmp_path: Path) -> None:
     with machine(tmp_path) as (simulator, config), Path("/dev/full").open("w") as full:
-        command = [sys.executable, "-m", "daemon", "run", str(config), "--json"]
+        command = [sys.executable, "-m", "abbe.daemon", "run", str(config), "--json"]
         process = subprocess.Popen(command, stdout=full, stderr=subprocess.PIPE, text=True)
         until(simulator.port, Status.COMPENSATING)
         process.send_signal(signal.SIGTERM)

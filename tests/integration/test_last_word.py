@@ -11,7 +11,7 @@ import pytest
 from live_run import LiveRun, compensating, live_run, machine, matched, read_holding
 from refusing_gateway import RefusingGateway
 
-from daemon.status_word import Status
+from abbe.daemon.status_word import Status
 
 pytestmark = pytest.mark.integration
 

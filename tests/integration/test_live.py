@@ -22,11 +22,11 @@ from live_run import (
     set_fault,
 )
 
-from compcore.conditions import Conditions
-from compcore.model_file import load_model
-from daemon.demo.simulator import Simulator, simulated_bridge
-from daemon.status_word import Status
-from drivers.simulated.bridge import TOOL
+from abbe.compcore.files.model_file import load_model
+from abbe.compcore.machine.conditions import Conditions
+from abbe.daemon.demo.simulator import Simulator, simulated_bridge
+from abbe.daemon.status_word import Status
+from abbe.drivers.simulated.bridge.machine import TOOL
 
 pytestmark = pytest.mark.integration
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from live_run import PATIENCE, Cycle, compensating, live_run
 
-import drivers.simulated
-from drivers.simulated.process import SimulatedProcess
+import abbe.drivers.simulated.can
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 
@@ -148,7 +148,7 @@ def buses(folder: Path) -> Iterator[tuple[SimulatedProcess, Path]]:
         text = CONFIG.format(
             nodes=nodes.ready["channel"],
             frames=frames.ready["channel"],
-            dbc=Path(drivers.simulated.__file__).with_name("machine.dbc"),
+            dbc=Path(abbe.drivers.simulated.can.__file__).with_name("machine.dbc"),
         )
         config.write_text(text, encoding="utf-8")
         yield nodes, config
@@ -223,11 +223,11 @@ def test_bus_off_of_the_thermometers_bus_is_named_and_the_correction_ramped_down
 def test_check_says_what_would_be_linked_without_a_bus(tmp_path: Path) -> None:
     (tmp_path / "model.toml").write_text(MODEL, encoding="utf-8")
     config = tmp_path / "config.toml"
-    dbc = Path(drivers.simulated.__file__).with_name("machine.dbc")
+    dbc = Path(abbe.drivers.simulated.can.__file__).with_name("machine.dbc")
     text = CONFIG.format(nodes="/dev/no-such-port", frames="/dev/nor-this", dbc=dbc)
     config.write_text(text, encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, "-m", "daemon", "check", str(config), "--json"],
+        [sys.executable, "-m", "abbe.daemon", "check", str(config), "--json"],
         capture_output=True,
         text=True,
         timeout=PATIENCE,

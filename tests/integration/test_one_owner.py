@@ -16,14 +16,14 @@ from live_run import PATIENCE, compensating, live_run, machine, read_holding
 sys.path.insert(0, str(Path(__file__).parents[1] / "upload"))
 from upload_cases import SLOW, Place, fill, texts
 
-from drivers.simulated.process import SimulatedProcess
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 
 
 def abbe(*arguments: object) -> subprocess.CompletedProcess[str]:
     """The command in a process of its own."""
-    command = [sys.executable, "-m", "daemon", *map(str, arguments)]
+    command = [sys.executable, "-m", "abbe.daemon", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
 
 
@@ -109,7 +109,7 @@ def test_uploads_and_runs_exclude_each_other(tmp_path: Path) -> None:
             assert run.end() == 0
         control.order("fault", kind="hang", at="begin")
         uploading = subprocess.Popen(
-            [sys.executable, "-m", "daemon", *map(str, upload)],
+            [sys.executable, "-m", "abbe.daemon", *map(str, upload)],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )

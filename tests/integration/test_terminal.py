@@ -24,7 +24,7 @@ def test_the_live_screen_is_drawn_and_stays(tmp_path: Path, columns: int) -> Non
     fcntl.ioctl(far, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
     with machine(tmp_path) as (_, config):
         process = subprocess.Popen(
-            [sys.executable, "-m", "daemon", "run", str(config), "--duration", "6"],
+            [sys.executable, "-m", "abbe.daemon", "run", str(config), "--duration", "6"],
             stdin=far,
             stdout=far,
             stderr=far,

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import pytest
 
-from drivers.simulated.torment.judge.checker import Checker
-from drivers.simulated.torment.judge.evidence import Shown, Taken
-from drivers.simulated.torment.judge.promises import Promises
-from drivers.simulated.torment.loop import Moment
-from drivers.simulated.torment.machine import REFERENCED
+from abbe.drivers.simulated.torment.judge.checker import Checker
+from abbe.drivers.simulated.torment.judge.evidence import Shown, Taken
+from abbe.drivers.simulated.torment.judge.promises import Promises
+from abbe.drivers.simulated.torment.loop import Moment
+from abbe.drivers.simulated.torment.machine import REFERENCED
 
 PROMISES = Promises()
 GOOD = 0x7003

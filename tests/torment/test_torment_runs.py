@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from drivers.simulated.torment.judge.promises import Tally
-from drivers.simulated.torment.kinds import LAST
-from drivers.simulated.torment.trial import Trial
-from drivers.simulated.torment.wires import WIRES, wire_class
+from abbe.drivers.simulated.torment.judge.promises import Tally
+from abbe.drivers.simulated.torment.kinds import LAST
+from abbe.drivers.simulated.torment.trial import Trial
+from abbe.drivers.simulated.torment.wires import WIRES, wire_class
 
 pytestmark = pytest.mark.integration
 

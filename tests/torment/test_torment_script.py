@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from drivers.simulated.torment.__main__ import main
-from drivers.simulated.torment.kinds import KINDS
-from drivers.simulated.torment.motion import FASTEST, TRAVEL, Motion
-from drivers.simulated.torment.script import Script
-from drivers.simulated.torment.wires import WIRES, wire_class
+from abbe.drivers.simulated.torment.__main__ import main
+from abbe.drivers.simulated.torment.kinds import KINDS
+from abbe.drivers.simulated.torment.motion import FASTEST, TRAVEL, Motion
+from abbe.drivers.simulated.torment.script import Script
+from abbe.drivers.simulated.torment.wires import WIRES, wire_class
 
 DOC = (Path(__file__).parents[2] / "docs" / "torment.md").read_text(encoding="utf-8")
 

@@ -10,9 +10,9 @@ import json
 import os
 import sys
 
-import drivers.controllers.iso_csv
-import drivers.stores.modbus  # noqa: F401
-from daemon.cli import main
+import abbe.drivers.controllers.iso_csv
+import abbe.drivers.stores.modbus.store  # noqa: F401
+from abbe.daemon.cli import main
 
 
 def serve() -> None:

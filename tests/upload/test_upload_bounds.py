@@ -9,14 +9,14 @@ import pytest
 from upload_cases import TRAVELS
 from upload_cases import model as mill
 
-from compcore.channel import Channel
-from compcore.folding.slow import SlowState
-from compcore.machine import Axis, Machine
-from compcore.model import Model
-from compcore.structure import Structure
-from compcore.tables.field import ErrorField
-from compcore.tables.table import Table, move
-from daemon.upload.bounds import (
+from abbe.compcore.compensator.folding.slow_state import SlowState
+from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.machine.machine import Axis, Machine
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.model.model import Model
+from abbe.compcore.tables.field import ErrorField
+from abbe.compcore.tables.table import Table, move
+from abbe.daemon.upload.bounds import (
     Extent,
     Limits,
     OutOfBoundsError,
@@ -25,8 +25,8 @@ from daemon.upload.bounds import (
     largest_change,
     largest_correction,
 )
-from daemon.upload.effect import Expectation
-from drivers.stores.base import Effect
+from abbe.daemon.upload.shown_correction import Expectation
+from abbe.drivers.stores.base import Effect
 
 MODEL = mill(0.0)
 NO_TOOL = (0.0, 0.0, 0.0)

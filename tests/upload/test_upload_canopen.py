@@ -11,7 +11,7 @@ import pytest
 from upload_cases import Place, sums, texts
 from upload_truth import cases, try_fault
 
-from drivers.simulated.process import SimulatedProcess
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

@@ -15,14 +15,14 @@ from upload_cases import SLOW, Place, make_tables, model, sums, texts
 sys.path.insert(0, str(Path(__file__).parents[1] / "daemon"))
 from command_line import abbe
 
-from compcore.effects import Angular
-from compcore.errors import InputError
-from compcore.model import Model, Term, Value
-from compcore.model_file import save_model
-from daemon.config import load_config
-from daemon.service import Service
-from daemon.upload.journal import Journal
-from drivers.simulated.process import SimulatedProcess
+from abbe.compcore.effects import Angular
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.model_file import save_model
+from abbe.compcore.model.model import Model, Term, Value
+from abbe.daemon.config import load_config
+from abbe.daemon.service import Service
+from abbe.daemon.upload.history.upload_log import Journal
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

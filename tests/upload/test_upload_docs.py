@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 from upload_cases import make_tables
 
-from daemon.application import app
-from daemon.config import load_config
-from daemon.config.upload import UploadSection
-from daemon.table_watch import words
-from drivers.stores.modbus_config import ModbusStoreConfig
-from drivers.stores.modbus_registers import RegisterMap
-from drivers.stores.serial_config import Texts
+from abbe.daemon.application import app
+from abbe.daemon.config import load_config
+from abbe.daemon.config.upload import UploadSection
+from abbe.daemon.table_watch import words
+from abbe.drivers.stores.modbus.config import ModbusStoreConfig
+from abbe.drivers.stores.modbus.registers import RegisterMap
+from abbe.drivers.stores.serial.config import Texts
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "upload.md").read_text(encoding="utf-8")
@@ -52,8 +52,8 @@ def test_the_example_is_in_order_and_its_tables_fit_it(tmp_path: Path):
     assert configuration.upload is not None
     assert configuration.upload.section.max_change_um == 20.0
     folder = make_tables(ROOT / "examples" / "upload" / "model.toml", tmp_path / "tables")
-    from daemon.upload.order import load_order
-    from daemon.upload.preflight import check_tables, limits_of
+    from abbe.daemon.upload.preflight import check_tables, limits_of
+    from abbe.daemon.upload.upload_plan import load_order
 
     order = load_order(folder, configuration, configuration.upload)
     check_tables(order, configuration.model, limits_of(configuration.upload, None))

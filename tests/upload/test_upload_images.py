@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.link import LinkProtocolError
-from drivers.stores.image import ImageError, crc32, pack, unpack
-from drivers.stores.tape_image import from_blocks, to_blocks
+from abbe.drivers.link import LinkProtocolError
+from abbe.drivers.stores.image import ImageError, crc32, pack, unpack
+from abbe.drivers.stores.serial.tape_image import from_blocks, to_blocks
 
 NAMES = st.text(
     st.characters(codec="ascii", categories=("L", "N"), include_characters="._- "), min_size=1

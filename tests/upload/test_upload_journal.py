@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from compcore.errors import AbbeError, InputError
-from daemon.upload import backups
-from daemon.upload.content import Content, checksum
-from daemon.upload.journal import FIRST, Journal, read_journal
-from daemon.upload.journal_head import path_of
-from daemon.upload.lock import only_one
-from daemon.upload.unfinished import unfinished_in
+from abbe.compcore.errors import AbbeError, InputError
+from abbe.daemon.upload.history import backups
+from abbe.daemon.upload.history.content import Content, checksum
+from abbe.daemon.upload.history.log_head import path_of
+from abbe.daemon.upload.history.unfinished import unfinished_in
+from abbe.daemon.upload.history.upload_log import FIRST, Journal, read_journal
+from abbe.daemon.upload.lock import only_one
 
 
 def line(upload: str, step: str, outcome: str = "done", **more: object) -> dict[str, object]:

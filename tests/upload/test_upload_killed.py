@@ -16,7 +16,7 @@ import pytest
 from upload_cases import SLOW, Place, sums, texts
 from upload_truth import active_now, check_told
 
-from drivers.simulated.process import SimulatedProcess
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

@@ -10,8 +10,8 @@ import pytest
 from upload_cases import QUICK, SLOW, Place, sums, texts
 from upload_truth import attempt, cases, check_all, try_fault
 
-from daemon.upload.journal_head import path_of
-from drivers.simulated.process import SimulatedProcess
+from abbe.daemon.upload.history.log_head import path_of
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

@@ -11,8 +11,8 @@ import pytest
 from upload_cases import SLOW, Place, make_tables, model, sums, texts
 from upload_truth import attempt
 
-from compcore.model_file import save_model
-from drivers.simulated.process import SimulatedProcess
+from abbe.compcore.files.model_file import save_model
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from upload_cases import SLOW, Place, sums, texts
 
-from drivers.simulated.process import SimulatedProcess
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

@@ -12,21 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from compcore.effects import Backlash, Positioning
-from compcore.folding.slow import SlowState
-from compcore.machine import Axis, Machine
-from compcore.model import Model, Term, Value
-from compcore.model_file import load_model, save_model
-from compcore.structure import Structure
-from compcore.tables.volume import Volume
-from daemon.analysis.tabled import Order as TableOrder
-from daemon.analysis.tabled import make
-from daemon.config import load_config
-from daemon.upload.journal import read_journal
-from daemon.upload.session import Result, Wish, finish, roll_back, upload
-from daemon.upload.work import Voice
-from drivers.controllers import make_controller
-from drivers.simulated.process import SimulatedProcess
+from abbe.compcore.compensator.folding.slow_state import SlowState
+from abbe.compcore.effects import Backlash, Positioning
+from abbe.compcore.files.model_file import load_model, save_model
+from abbe.compcore.machine.machine import Axis, Machine
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.model.model import Model, Term, Value
+from abbe.compcore.tables.volume import Volume
+from abbe.daemon.answers.table import Order as TableOrder
+from abbe.daemon.answers.table import make
+from abbe.daemon.config import load_config
+from abbe.daemon.upload.history.upload_log import read_journal
+from abbe.daemon.upload.session import Result, Wish, finish, roll_back, upload
+from abbe.daemon.upload.work import Voice
+from abbe.drivers.controllers import make_controller
+from abbe.drivers.simulated.process import SimulatedProcess
 
 NAME, SERIAL = "ABBE SIMULATED CONTROL 1.0", "SIM-4711"
 OPTIONS = {"holds": "moves"}

@@ -8,8 +8,8 @@ from typing import Any
 
 from upload_cases import Place, sums, texts
 
-from compcore.errors import AbbeError
-from daemon.upload.outcome import Outcome
+from abbe.compcore.errors import AbbeError
+from abbe.daemon.upload.outcome import Outcome
 
 Sums = dict[str, str]
 

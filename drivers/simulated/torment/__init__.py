@@ -1,7 +1,7 @@
 """The protocol tormentor: machines that lie, and a checker that sees only wire and time.
 
-``python -m drivers.simulated.torment --protocol modbus-tcp --seconds 60 --seed 3`` starts a real
-``abbe run`` against a machine whose positions are known at every moment, and torments the
+``python -m abbe.drivers.simulated.torment --protocol modbus-tcp --seconds 60 --seed 3`` starts a
+real ``abbe run`` against a machine whose positions are known at every moment, and torments the
 connection by a random script: late, split, foreign, refused, frozen. Nothing here shares code with
 Abbe's drivers, so that it shares none of their assumptions. ``docs/torment.md`` is its page.
 

@@ -1,4 +1,4 @@
-"""``python -m drivers.simulated.torment``: torment ``abbe run`` for a while, tell what it broke."""
+"""``python -m abbe.drivers.simulated.torment``: torment ``abbe run``, tell what it broke."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from .kinds import KINDS
-from .trial import Trial
-from .wires import WIRES, wire_class
+from abbe.drivers.simulated.torment.kinds import KINDS
+from abbe.drivers.simulated.torment.trial import Trial
+from abbe.drivers.simulated.torment.wires import WIRES, wire_class
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run; exit status 1 when a promise was not kept."""
     parser = argparse.ArgumentParser(
-        prog="python -m drivers.simulated.torment", description=__doc__
+        prog="python -m abbe.drivers.simulated.torment", description=__doc__
     )
     parser.add_argument("--protocol", choices=[*WIRES, "all"], default="all")
     parser.add_argument("--variant", help="of the protocol's configuration; default all in turn")

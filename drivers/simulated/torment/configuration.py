@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from abbe.drivers.simulated.torment.motion import TRAVEL
+
 from .judge.evidence import AXES
 from .judge.promises import Promises
-from .motion import TRAVEL
 from .wires.base import Wire
 
 

@@ -8,9 +8,10 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 
+from abbe.drivers.simulated.torment.loop import Loop
+from abbe.drivers.simulated.torment.machine import Machine
+
 from .judge.evidence import Shown, WireLog
-from .loop import Loop
-from .machine import Machine
 
 Send = Callable[[bytes], bool]
 """Puts bytes on the wire; False when there is none any more."""

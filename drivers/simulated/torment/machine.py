@@ -7,10 +7,11 @@ import math
 import random
 from collections.abc import Mapping
 
+from abbe.drivers.simulated.torment.loop import Moment
+from abbe.drivers.simulated.torment.motion import Motion, Place
+from abbe.drivers.simulated.torment.script import Script
+
 from .judge.evidence import AXES, Judge, Shown, Taken
-from .loop import Moment
-from .motion import Motion, Place
-from .script import Script
 
 RESOLUTION = 1e-5
 """mm: what positions are rounded to, on every wire."""

@@ -7,7 +7,7 @@ from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from .kinds import KINDS, LAST
+from abbe.drivers.simulated.torment.kinds import KINDS, LAST
 
 
 class Torment(NamedTuple):

@@ -12,17 +12,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from .configuration import write_configuration
+from abbe.drivers.simulated.torment.configuration import write_configuration
+from abbe.drivers.simulated.torment.kinds import LAST
+from abbe.drivers.simulated.torment.loop import Loop
+from abbe.drivers.simulated.torment.machine import Machine
+from abbe.drivers.simulated.torment.motion import Motion
+from abbe.drivers.simulated.torment.script import Script
+from abbe.drivers.simulated.torment.wires import wire_class
+
 from .judge.checker import Checker, between
 from .judge.evidence import WireLog
 from .judge.promises import Promises, Tally, Violation
 from .judge.words import COMPENSATING
-from .kinds import LAST
-from .loop import Loop
-from .machine import Machine
-from .motion import Motion
-from .script import Script
-from .wires import wire_class
 from .wires.pty import PtyProbe
 
 PATIENCE = 60.0
@@ -103,7 +104,7 @@ class Trial:
         config = write_configuration(self._folder, self._wire, self._promises)
         with (self._folder / "abbe.log").open("wb") as said:
             self._abbe = subprocess.Popen(
-                [sys.executable, "-m", "daemon", "run", str(config)],
+                [sys.executable, "-m", "abbe.daemon", "run", str(config)],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=said,

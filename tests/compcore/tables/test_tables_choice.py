@@ -8,11 +8,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compcore.tables.capability import Capability, Holds
-from compcore.tables.choice import chosen
-from compcore.tables.curve import Curve
-from compcore.tables.table import Table, move
-from compcore.tables.volume import Volume
+from abbe.compcore.tables.capability import Capability, Holds
+from abbe.compcore.tables.projection.choice import chosen
+from abbe.compcore.tables.projection.curve import Curve
+from abbe.compcore.tables.table import Table, move
+from abbe.compcore.tables.volume import Volume
 
 WHERE = np.linspace(0.0, 100.0, 11)
 KINDS = (

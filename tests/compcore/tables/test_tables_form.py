@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from compcore.errors import InputError
-from compcore.tables.form import (
+from abbe.compcore.errors import InputError
+from abbe.compcore.tables.form import (
     accumulated,
     from_reversal,
     increments,
     reversal_columns,
     to_single,
 )
-from compcore.tables.table import Table, move
+from abbe.compcore.tables.table import Table, move
 
 # ISO/TR 16907:2015, table 1: X 0/50/100 mm
 NODES = np.array([0.0, 50.0, 100.0])

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from table_models import five_axes, machine, random_rows, rigid, state, thermal, with_backlash
 
-from compcore.errors import InputError
-from compcore.model import Model
-from compcore.tables.change import predicted_change
-from compcore.tables.field import ErrorField, table_state
-from compcore.tables.grid import spatial_grid
-from compcore.tables.marginal import marginal
-from compcore.tables.remainder import Trial
-from compcore.tables.volume import Volume
+from abbe.compcore.errors import InputError
+from abbe.compcore.model.model import Model
+from abbe.compcore.tables.change import predicted_change
+from abbe.compcore.tables.field import ErrorField, table_state
+from abbe.compcore.tables.grid import spatial_grid
+from abbe.compcore.tables.projection.marginal import marginal
+from abbe.compcore.tables.remainder import Trial
+from abbe.compcore.tables.volume import Volume
 
 
 def test_a_grid_is_the_model_at_its_points():

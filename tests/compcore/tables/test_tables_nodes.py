@@ -9,9 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from compcore.errors import InputError
-from compcore.tables.capability import Spacing
-from compcore.tables.nodes import best, equidistant, fewest, interpolation_error, place
+from abbe.compcore.errors import InputError
+from abbe.compcore.tables.capability import Spacing
+from abbe.compcore.tables.projection.nodes import (
+    best,
+    equidistant,
+    fewest,
+    interpolation_error,
+    place,
+)
 
 
 def every_choice(positions: np.ndarray, curves: np.ndarray, count: int) -> float:

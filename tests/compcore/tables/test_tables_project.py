@@ -19,15 +19,15 @@ from table_models import (
     with_backlash,
 )
 
-from compcore.errors import InputError
-from compcore.inverse import invert_model
-from compcore.tables.capability import RIGID, Capability, Holds, Increment, Spacing
-from compcore.tables.curve import Curve, fit_tables
-from compcore.tables.field import ErrorField
-from compcore.tables.project import project
-from compcore.tables.remainder import Trial
-from compcore.tables.table import Sign, Table, move
-from compcore.tables.volume import Volume
+from abbe.compcore.errors import InputError
+from abbe.compcore.model.inverse import invert_model
+from abbe.compcore.tables.capability import RIGID, Capability, Holds, Increment, Spacing
+from abbe.compcore.tables.field import ErrorField
+from abbe.compcore.tables.projection.curve import Curve, fit_tables
+from abbe.compcore.tables.projection.project import project
+from abbe.compcore.tables.remainder import Trial
+from abbe.compcore.tables.table import Sign, Table, move
+from abbe.compcore.tables.volume import Volume
 
 POS = Holds("axis", ("L-POS",), points=300, directional=True)
 STR = Holds("cross", ("L-STR",), points=300, directional=True)

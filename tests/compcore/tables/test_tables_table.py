@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
 
-from compcore.channel import Channel
-from compcore.conditions import Conditions
-from compcore.tables.table import Sign, Table, move, superposed
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.tables.table import Sign, Table, move, superposed
 
 NODES = np.array([0.0, 10.0, 40.0, 100.0])
 UP = np.array([0.0, 0.004, -0.002, 0.010])

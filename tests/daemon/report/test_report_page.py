@@ -7,9 +7,9 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from compcore.errors import InputError
-from daemon.report.figure import band, figure, line, points
-from daemon.report.page import Page, number
+from abbe.compcore.errors import InputError
+from abbe.daemon.report.figure import band, figure, line, points
+from abbe.daemon.report.page import Page, number
 
 VOID = {"meta", "br", "link", "img"}
 

@@ -14,13 +14,13 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
-import drivers.simulated
-from drivers.can.dbc_config import DbcConfig
-from drivers.can.dbc_link import DbcLink
+import abbe.drivers.simulated.can
+from abbe.drivers.can.dbc.config import DbcConfig
+from abbe.drivers.can.dbc.link import DbcLink
 
 STALL = 1.5
 """s of silence that are no fault: longer than a process may be stalled."""
-DBC = Path(drivers.simulated.__file__).with_name("machine.dbc")
+DBC = Path(abbe.drivers.simulated.can.__file__).with_name("machine.dbc")
 PATIENT = {"timeout": STALL, "reconnect_min": 0.02, "reconnect_max": 0.1, "quarantine_max": 0.5}
 READ: dict[str, Any] = {
     "x": {"message": "POSITION", "signal": "position_x"},

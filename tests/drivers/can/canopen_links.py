@@ -8,8 +8,8 @@ from typing import Any
 
 from can_links import PATIENT, STALL, interface
 
-from drivers.can.canopen_config import CanopenConfig
-from drivers.can.canopen_link import CanopenLink
+from abbe.drivers.can.canopen.config import CanopenConfig
+from abbe.drivers.can.canopen.link import CanopenLink
 
 ENCODER_NODES: dict[str, Any] = {
     axis: {"id": number, "heartbeat": STALL, "produce_heartbeat": 0.05}

@@ -19,12 +19,12 @@ import pytest
 from can_links import dbc_section, free_port, until
 from raw_peers import Node, Talker, peer
 
-from drivers.can import incoming
-from drivers.can.canopen_config import CanopenConfig
-from drivers.can.canopen_link import CanopenLink
-from drivers.can.dbc_config import DbcConfig
-from drivers.can.dbc_link import DbcLink
-from drivers.link import Quality
+from abbe.drivers.can import incoming
+from abbe.drivers.can.canopen.config import CanopenConfig
+from abbe.drivers.can.canopen.link import CanopenLink
+from abbe.drivers.can.dbc.config import DbcConfig
+from abbe.drivers.can.dbc.link import DbcLink
+from abbe.drivers.link import Quality
 
 pytestmark = pytest.mark.integration
 

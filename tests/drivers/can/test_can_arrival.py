@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import can
 import pytest
 
-from drivers.can import incoming
-from drivers.can.incoming import Incoming
-from drivers.can.pdo import Pdo
+from abbe.drivers.can import incoming
+from abbe.drivers.can.canopen.pdo import Pdo
+from abbe.drivers.can.incoming import Incoming
 
 DATA = bytes(4)
 

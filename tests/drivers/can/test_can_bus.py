@@ -25,13 +25,13 @@ from can_links import (
     until,
 )
 
-from drivers.can import outgoing
-from drivers.can.datagrams import Datagrams
-from drivers.can.dbc_config import DbcConfig
-from drivers.can.dbc_link import DbcLink
-from drivers.can.error_frames import told
-from drivers.link import LinkDownError, LinkError, LinkState, Quality, TooLateError
-from drivers.simulated.process import SimulatedProcess
+from abbe.drivers.can import outgoing
+from abbe.drivers.can.datagrams import Datagrams
+from abbe.drivers.can.dbc.config import DbcConfig
+from abbe.drivers.can.dbc.link import DbcLink
+from abbe.drivers.can.error_frames import told
+from abbe.drivers.link import LinkDownError, LinkError, LinkState, Quality, TooLateError
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

@@ -13,13 +13,13 @@ from can_links import CORRECTION, READ, all_good, until
 from can_links import linked as linked_by_dbc
 from canopen_links import AXES, BY_PDO, linked
 
-from drivers.can.dbc_config import DbcConfig
-from drivers.can.dbc_link import DbcLink
-from drivers.can.error_frames import LEFT_THE_BUS
-from drivers.can.slcan_port import BufferedPort
-from drivers.can.slcan_status import understand
-from drivers.link import LinkConfigError, LinkState, LinkStatus, Quality
-from drivers.simulated.process import SimulatedProcess
+from abbe.drivers.can.dbc.config import DbcConfig
+from abbe.drivers.can.dbc.link import DbcLink
+from abbe.drivers.can.error_frames import LEFT_THE_BUS
+from abbe.drivers.can.slcan_port import BufferedPort
+from abbe.drivers.can.slcan_status import understand
+from abbe.drivers.link import LinkConfigError, LinkState, LinkStatus, Quality
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

@@ -7,8 +7,8 @@ import asyncio
 import pytest
 from can_links import READ, all_good, linked
 
-from drivers.link import LinkState
-from drivers.simulated.process import SimulatedProcess
+from abbe.drivers.link import LinkState
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 from can_links import DBC, FD_DBC, READ
 
-from compcore.errors import InputError
-from daemon.config import load_config
-from drivers.can.canopen_config import CanopenConfig
-from drivers.can.canopen_link import CanopenLink
-from drivers.can.dbc_config import DbcConfig
-from drivers.can.dbc_link import DbcLink
-from drivers.link import LinkConfigError
+from abbe.compcore.errors import InputError
+from abbe.daemon.config import load_config
+from abbe.drivers.can.canopen.config import CanopenConfig
+from abbe.drivers.can.canopen.link import CanopenLink
+from abbe.drivers.can.dbc.config import DbcConfig
+from abbe.drivers.can.dbc.link import DbcLink
+from abbe.drivers.link import LinkConfigError
 
 SECTION = {"dbc": str(DBC), "channels": READ, "interface": "slcan", "channel": "x"}
 NODES = {
@@ -210,7 +210,7 @@ class Blocked:
         if name.partition(".")[0] in {names}:
             raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
 sys.meta_path.insert(0, Blocked())
-from daemon.cli import main
+from abbe.daemon.cli import main
 sys.argv = ["abbe", "check", {config!r}]
 main()
 """

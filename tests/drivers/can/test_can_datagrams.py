@@ -17,8 +17,8 @@ from can_links import free_port
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.can.datagrams import Datagrams, group_of
-from drivers.can.interface import InterfaceConfig
+from abbe.drivers.can.datagrams import Datagrams, group_of
+from abbe.drivers.can.interface import InterfaceConfig
 
 GROUP = "239.74.163.85"
 FRAMES = [

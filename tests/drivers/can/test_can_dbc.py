@@ -9,9 +9,9 @@ from collections.abc import Iterator
 import pytest
 from can_links import ASK_Z, CORRECTION, READ, Z, all_good, linked, until
 
-from drivers.can.dbc_bus import MessageBus
-from drivers.link import LinkDownError, LinkError, LinkState, Quality
-from drivers.simulated.process import SimulatedProcess
+from abbe.drivers.can.dbc.bus import MessageBus
+from abbe.drivers.link import LinkDownError, LinkError, LinkState, Quality
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

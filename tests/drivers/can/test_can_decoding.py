@@ -10,7 +10,7 @@ import cantools
 import pytest
 from can_links import DBC
 
-from drivers.can.dbc_file import decoder
+from abbe.drivers.can.dbc.file import decoder
 
 MIXED = """VERSION ""
 

@@ -10,12 +10,13 @@ from typing import Any
 import pytest
 from can_links import DBC
 
-from drivers.can import canopen_config, dbc_config
-from drivers.can.canopen_config import CanopenConfig, NodeConfig
-from drivers.can.dbc_config import DbcConfig, MessageConfig, RequestConfig
-from drivers.can.error_frames import LEFT_THE_BUS
-from drivers.link import available_links, link_class
-from drivers.simulated.can_commands import _parser
+from abbe.drivers.can.canopen import config as canopen_config
+from abbe.drivers.can.canopen.config import CanopenConfig, NodeConfig
+from abbe.drivers.can.dbc import config as dbc_config
+from abbe.drivers.can.dbc.config import DbcConfig, MessageConfig, RequestConfig
+from abbe.drivers.can.error_frames import LEFT_THE_BUS
+from abbe.drivers.link import available_links, link_class
+from abbe.drivers.simulated.commands.can import _parser
 
 ROOT = Path(__file__).parents[3]
 DOC = (ROOT / "docs" / "can.md").read_text(encoding="utf-8")
@@ -43,8 +44,8 @@ def test_examples_work(name: str, section: dict[str, Any]) -> None:
 
 def test_there_are_examples() -> None:
     assert [name for name, _ in EXAMPLES] == ["can", "encoders", "field", "try_nodes"]
-    assert available_links()["can"] == "drivers.can.dbc_link:DbcLink"
-    assert available_links()["canopen"] == "drivers.can.canopen_link:CanopenLink"
+    assert available_links()["can"] == "abbe.drivers.can.dbc.link:DbcLink"
+    assert available_links()["canopen"] == "abbe.drivers.can.canopen.link:CanopenLink"
 
 
 @pytest.mark.parametrize(

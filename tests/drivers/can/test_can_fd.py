@@ -10,8 +10,8 @@ import can
 import pytest
 from can_links import FD_DBC, all_good, dbc_section, free_port, until
 
-from drivers.can.dbc_config import DbcConfig
-from drivers.can.dbc_link import DbcLink
+from abbe.drivers.can.dbc.config import DbcConfig
+from abbe.drivers.can.dbc.link import DbcLink
 
 pytestmark = pytest.mark.integration
 

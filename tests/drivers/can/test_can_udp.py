@@ -24,8 +24,8 @@ from canopen_links import (
     linked,
 )
 
-from drivers.link import LinkError, LinkState, Quality
-from drivers.simulated.process import SimulatedProcess
+from abbe.drivers.link import LinkError, LinkState, Quality
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

@@ -14,11 +14,11 @@ import pytest
 from can_links import CORRECTION, DBC, READ, free_port, until
 from raw_peers import Node, peer
 
-from drivers.can.canopen_config import CanopenConfig
-from drivers.can.canopen_link import CanopenLink
-from drivers.can.dbc_config import DbcConfig
-from drivers.can.dbc_link import DbcLink
-from drivers.link import LinkConfigError, LinkError, LinkProtocolError, TooLateError
+from abbe.drivers.can.canopen.config import CanopenConfig
+from abbe.drivers.can.canopen.link import CanopenLink
+from abbe.drivers.can.dbc.config import DbcConfig
+from abbe.drivers.can.dbc.link import DbcLink
+from abbe.drivers.link import LinkConfigError, LinkError, LinkProtocolError, TooLateError
 
 pytestmark = pytest.mark.integration
 

@@ -23,8 +23,8 @@ from canopen_links import (
     linked,
 )
 
-from drivers.link import LinkConfigError, LinkError, LinkProtocolError, LinkState, Quality
-from drivers.simulated.process import SimulatedProcess
+from abbe.drivers.link import LinkConfigError, LinkError, LinkProtocolError, LinkState, Quality
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

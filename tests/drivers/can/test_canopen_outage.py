@@ -10,9 +10,9 @@ import pytest
 from can_links import STALL, all_good, until
 from canopen_links import APART, AXES, BY_PDO, BY_SDO, ENCODER_NODES, linked
 
-from drivers.can.node import Node
-from drivers.link import LinkDownError, LinkState, Quality
-from drivers.simulated.process import SimulatedProcess
+from abbe.drivers.can.canopen.node import Node
+from abbe.drivers.link import LinkDownError, LinkState, Quality
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

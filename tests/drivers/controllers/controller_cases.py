@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from compcore.channel import Channel
-from compcore.machine import Axis, Machine
-from compcore.structure import Structure
-from compcore.tables.table import Table, move
+from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.machine.machine import Axis, Machine
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.tables.table import Table, move
 
 DEGREE = np.pi / 180.0
 

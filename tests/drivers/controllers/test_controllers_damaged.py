@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from controller_cases import CASES, machine
 
-from compcore.errors import AbbeError
-from drivers.controllers import make_controller
+from abbe.compcore.errors import AbbeError
+from abbe.drivers.controllers import make_controller
 
 FOLDER = Path(__file__).parents[2] / "data" / "controllers"
 SIGNS = "0123456789.-,[]=$%*:#;AEXYZ\n\t "

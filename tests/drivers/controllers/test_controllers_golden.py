@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from controller_cases import CASES, machine
 
-from drivers.controllers import controller_kinds, make_controller
+from abbe.drivers.controllers import controller_kinds, make_controller
 
 FOLDER = Path(__file__).parents[2] / "data" / "controllers"
 IDS = [case.folder for case in CASES]

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from controller_cases import CASES, PRODUCT, SIEMENS, machine, one
 
-from compcore.errors import InputError
-from drivers.controllers import make_controller
+from abbe.compcore.errors import InputError
+from abbe.drivers.controllers import make_controller
 
 FOLDER = Path(__file__).parents[2] / "data" / "controllers"
 GOLDEN = {case.folder: case for case in CASES}

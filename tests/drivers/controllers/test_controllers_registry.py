@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from controller_cases import machine
 
-import drivers.controllers as registry
-from compcore.compensation_types import TYPES
-from compcore.errors import InputError
-from drivers.controllers import (
+import abbe.drivers.controllers as registry
+from abbe.compcore.errors import InputError
+from abbe.compcore.tables.compensation_types import TYPES
+from abbe.drivers.controllers import (
     Confidence,
     controller_class,
     controller_kinds,
@@ -74,8 +74,8 @@ def test_an_unknown_name_or_option_lists_those_there_are():
 
 
 PLUGIN = '''
-from drivers.controllers import Confidence, Controller, Trust
-from compcore.tables.capability import Capability, Holds
+from abbe.drivers.controllers import Confidence, Controller, Trust
+from abbe.compcore.tables.capability import Capability, Holds
 
 class Mine(Controller):
     """One number a line."""
@@ -95,7 +95,7 @@ class Mine(Controller):
 
     def _parse(self, files):
         import numpy as np
-        from compcore.tables import Table, move
+        from abbe.compcore.tables import Table, move
         rows = {a: np.array([l.split() for l in text.splitlines()], float)
                 for a, text in files.items()}
         return [Table(move(a), (a,), (r[:, 0],), r[:, 1]) for a, r in rows.items()]
@@ -125,9 +125,9 @@ def test_a_plugin_is_one_file_and_serves_like_any_other(plugged, tmp_path):
     import numpy as np
     from table_models import rigid, state
 
-    from compcore.tables.field import ErrorField
-    from compcore.tables.project import project
-    from compcore.tables.volume import Volume
+    from abbe.compcore.tables.field import ErrorField
+    from abbe.compcore.tables.projection.project import project
+    from abbe.compcore.tables.volume import Volume
 
     plugged("my_control:Mine")
     assert set(controller_kinds()) == FIRST | {"mine"}
@@ -145,7 +145,7 @@ def test_a_plugin_is_one_file_and_serves_like_any_other(plugged, tmp_path):
     ("value", "said"),
     [
         ("my_control:Trust", "not a controller"),
-        ("drivers.controllers.linuxcnc:LinuxCNC", "claims Abbe's own name 'linuxcnc'"),
+        ("abbe.drivers.controllers.linuxcnc:LinuxCNC", "claims Abbe's own name 'linuxcnc'"),
         ("nowhere_at_all:Mine", "ModuleNotFoundError"),
         ("strange_control:Mine", "SystemExit: no licence"),
     ],

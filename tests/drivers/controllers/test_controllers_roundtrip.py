@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compcore.channel import Channel
-from compcore.machine import Axis, Machine, own_component
-from compcore.structure import Structure
-from compcore.tables.curve import Curve, fit_tables
-from compcore.tables.table import Table, move
-from drivers.controllers import controller_kinds, make_controller
+from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.machine.machine import Axis, Machine, own_component
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.tables.projection.curve import Curve, fit_tables
+from abbe.compcore.tables.table import Table, move
+from abbe.drivers.controllers import controller_kinds, make_controller
 
 OPTIONS = {
     "linuxcnc": [{}, {"type": "1"}, {"units": "inch"}],
@@ -194,7 +194,7 @@ def test_planes_are_read_back(shape, start, seed, outputs):
 
 def test_a_file_that_reads_back_differently_is_not_let_out():
     """The check that every write ends with."""
-    from compcore.errors import AbbeError
+    from abbe.compcore.errors import AbbeError
 
     structure = Structure.parse("w b X Y Z t")
     owner = Machine("", structure, {a: Axis(a, (0.0, 100.0)) for a in "XYZ"})

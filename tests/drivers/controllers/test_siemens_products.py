@@ -9,14 +9,14 @@ import pytest
 from sinumerik_control import READINGS, moved_by
 from table_models import TRAVELS, machine, rigid, state, with_backlash
 
-from compcore.effects import Angular, RotaryTilt
-from compcore.errors import InputError
-from compcore.model import Model, Term, Value
-from compcore.tables.field import ErrorField
-from compcore.tables.project import project
-from compcore.tables.remainder import Trial
-from compcore.tables.volume import Volume
-from drivers.controllers import make_controller
+from abbe.compcore.effects import Angular, RotaryTilt
+from abbe.compcore.errors import InputError
+from abbe.compcore.model.model import Model, Term, Value
+from abbe.compcore.tables.field import ErrorField
+from abbe.compcore.tables.projection.project import project
+from abbe.compcore.tables.remainder import Trial
+from abbe.compcore.tables.volume import Volume
+from abbe.drivers.controllers import make_controller
 
 MIRRORED = {"products": "mirrored"}
 TOOL = -120.0

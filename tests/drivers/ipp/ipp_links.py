@@ -8,10 +8,10 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager
 from typing import Any
 
-from drivers.ipp.config import IppConfig
-from drivers.ipp.link import IppLink
-from drivers.link import Sample
-from drivers.simulated.process import SimulatedProcess
+from abbe.drivers.ipp.config import IppConfig
+from abbe.drivers.ipp.link import IppLink
+from abbe.drivers.link import Sample
+from abbe.drivers.simulated.process import SimulatedProcess
 
 PATIENT = 8.0
 """s: a time-out that no stall of a busy machine reaches, where silence is not the matter."""

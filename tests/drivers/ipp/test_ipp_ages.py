@@ -10,10 +10,10 @@ from contextlib import asynccontextmanager
 import pytest
 from ipp_links import AXES, PART, SCALES, linked, read_until, until
 
-from drivers.ipp.config import IppConfig
-from drivers.ipp.link import IppLink
-from drivers.link import LinkConfigError, LinkError
-from drivers.simulated.process import SimulatedProcess
+from abbe.drivers.ipp.config import IppConfig
+from abbe.drivers.ipp.link import IppLink
+from abbe.drivers.link import LinkConfigError, LinkError
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

@@ -9,11 +9,11 @@ from typing import Any, get_args
 
 import pytest
 
-from drivers.ipp.config import Axis, ChannelConfig, Coordinates, IppConfig, MoveReportConfig
-from drivers.ipp.link import IppLink
-from drivers.link import available_links, link_class
-from drivers.simulated.ipp_commands import _orders, _parser
-from drivers.simulated.ipp_server import IppServer
+from abbe.drivers.ipp.config import Axis, ChannelConfig, Coordinates, IppConfig, MoveReportConfig
+from abbe.drivers.ipp.link import IppLink
+from abbe.drivers.link import available_links, link_class
+from abbe.drivers.simulated.commands.ipp import _orders, _parser
+from abbe.drivers.simulated.ipp.server import IppServer
 
 ROOT = Path(__file__).parents[3]
 DOC = (ROOT / "docs" / "ipp.md").read_text(encoding="utf-8")
@@ -36,7 +36,7 @@ def test_examples_work(name: str, section: dict[str, Any]) -> None:
 
 def test_there_are_examples() -> None:
     assert [name for name, _ in EXAMPLES] == ["cmm", "reported"]
-    assert available_links()["ipp"] == "drivers.ipp.link:IppLink"
+    assert available_links()["ipp"] == "abbe.drivers.ipp.link:IppLink"
     assert "docs/ipp.md" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 

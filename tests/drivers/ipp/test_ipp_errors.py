@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import pytest
 from ipp_links import AXES, PART, REPORT, good, linked, read_until, until
 
-from drivers.link import LinkState, Quality, Sample
-from drivers.simulated.process import SimulatedProcess
+from abbe.drivers.link import LinkState, Quality, Sample
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

@@ -25,10 +25,10 @@ from ipp_links import (
 )
 from pydantic import ValidationError
 
-from drivers.ipp.config import IppConfig
-from drivers.ipp.link import IppLink
-from drivers.link import LinkConfigError, LinkError, LinkState, Quality
-from drivers.simulated.process import SimulatedProcess
+from abbe.drivers.ipp.config import IppConfig
+from abbe.drivers.ipp.link import IppLink
+from abbe.drivers.link import LinkConfigError, LinkError, LinkState, Quality
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 
-from compcore.conditions import Conditions
-from compcore.model_file import load_model
-from drivers.simulated.bridge import TOOL
-from drivers.simulated.process import SimulatedProcess
+from abbe.compcore.files.model_file import load_model
+from abbe.compcore.machine.conditions import Conditions
+from abbe.drivers.simulated.bridge.machine import TOOL
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 
@@ -59,7 +59,7 @@ REPORT = "move_report = { time = 0.1, distance = 0.05, within = 10.0 }"
 
 def abbe(*arguments: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-m", "daemon", *arguments],
+        [sys.executable, "-m", "abbe.daemon", *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

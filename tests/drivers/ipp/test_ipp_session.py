@@ -9,10 +9,10 @@ from contextlib import asynccontextmanager
 import pytest
 from ipp_links import until
 
-from drivers.ipp.errors import ServerError, Severity, StoppedError
-from drivers.ipp.grammar import Named
-from drivers.ipp.session import LAST_TAG, Session
-from drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError
+from abbe.drivers.ipp.errors import ServerError, Severity, StoppedError
+from abbe.drivers.ipp.grammar import Named
+from abbe.drivers.ipp.session import LAST_TAG, Session
+from abbe.drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError
 
 pytestmark = pytest.mark.integration
 

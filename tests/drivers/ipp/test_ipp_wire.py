@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.ipp.errors import Severity, server_error
-from drivers.ipp.grammar import Named, by_name, parse
-from drivers.ipp.question import coordinate_system
-from drivers.ipp.wire import LONGEST, Cutter, Kind, Message, parsed
-from drivers.link import LinkProtocolError
+from abbe.drivers.ipp.errors import Severity, server_error
+from abbe.drivers.ipp.grammar import Named, by_name, parse
+from abbe.drivers.ipp.question import coordinate_system
+from abbe.drivers.ipp.wire import LONGEST, Cutter, Kind, Message, parsed
+from abbe.drivers.link import LinkProtocolError
 
 # from the NIST test suite for I++ DME (numbersResOK.res, numbersErrorRes.res, Get.res, GetProp.res)
 GOOD_NUMBERS = {

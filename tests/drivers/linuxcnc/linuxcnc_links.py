@@ -10,8 +10,8 @@ from typing import Any
 
 from linuxcnc_machine import Machine
 
-from drivers.linuxcnc.config import LinuxCncConfig
-from drivers.linuxcnc.link import LinuxCncLink
+from abbe.drivers.linuxcnc.config import LinuxCncConfig
+from abbe.drivers.linuxcnc.link import LinuxCncLink
 
 CHANNELS: dict[str, Any] = {
     "x": {"pin": "joint.0.pos-cmd", "unit": "mm"},

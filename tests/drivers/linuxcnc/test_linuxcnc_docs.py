@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from drivers.link import available_links, link_class
-from drivers.linuxcnc.config import STATE_BITS, ChannelConfig, LinuxCncConfig
-from drivers.linuxcnc.link import LinuxCncLink
-from drivers.stores.linuxcnc_config import LinuxCncStoreConfig
+from abbe.drivers.link import available_links, link_class
+from abbe.drivers.linuxcnc.config import STATE_BITS, ChannelConfig, LinuxCncConfig
+from abbe.drivers.linuxcnc.link import LinuxCncLink
+from abbe.drivers.stores.linuxcnc.config import LinuxCncStoreConfig
 
 DOC = (Path(__file__).parents[3] / "docs" / "linuxcnc.md").read_text(encoding="utf-8")
 EXAMPLES = [
@@ -30,7 +30,7 @@ def test_examples_work() -> None:
         assert link_class(rest.pop("driver")) is LinuxCncLink
         link = LinuxCncLink("mill", LinuxCncConfig.model_validate(rest))
         assert set(link.channels) == set(rest["channels"])
-    assert available_links()["linuxcnc"] == "drivers.linuxcnc.link:LinuxCncLink"
+    assert available_links()["linuxcnc"] == "abbe.drivers.linuxcnc.link:LinuxCncLink"
 
 
 @pytest.mark.parametrize("config", [LinuxCncConfig, ChannelConfig, LinuxCncStoreConfig])

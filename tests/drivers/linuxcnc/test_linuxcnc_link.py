@@ -24,8 +24,8 @@ from linuxcnc_links import (
 )
 from linuxcnc_machine import Machine
 
-from drivers.link import LinkError, LinkState, Quality, TooLateError, WriteNotVerifiedError
-from drivers.linuxcnc.link import LinuxCncLink
+from abbe.drivers.link import LinkError, LinkState, Quality, TooLateError, WriteNotVerifiedError
+from abbe.drivers.linuxcnc.link import LinuxCncLink
 
 pytestmark = pytest.mark.integration
 
@@ -286,8 +286,8 @@ async def test_a_python_without_linuxcnc_s_modules(machine: Machine) -> None:
 
 CHILD = """
 import asyncio, json, sys
-from drivers.linuxcnc.config import LinuxCncConfig
-from drivers.linuxcnc.link import LinuxCncLink
+from abbe.drivers.linuxcnc.config import LinuxCncConfig
+from abbe.drivers.linuxcnc.link import LinuxCncLink
 
 async def main():
     section = {"channels": {"offset_x": {"offset": "X", "max": 0.5}}, "lease": 600.0, "ramp": 0.3}

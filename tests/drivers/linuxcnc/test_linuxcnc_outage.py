@@ -8,7 +8,7 @@ import pytest
 from linuxcnc_links import linked, ordered, reaches, until
 from linuxcnc_machine import Machine
 
-from drivers.link import LinkDownError, LinkState
+from abbe.drivers.link import LinkDownError, LinkState
 
 pytestmark = pytest.mark.integration
 

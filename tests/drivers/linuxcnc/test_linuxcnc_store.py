@@ -16,10 +16,10 @@ import pytest
 from linuxcnc_machine import EXAMPLE, PATIENCE, PYTHON
 from linuxcnc_mill import Mill
 
-from drivers.link import LinkConfigError, LinkDownError, LinkError, LinkTimeoutError
-from drivers.stores.base import Effect, Readiness, RefusedError
-from drivers.stores.linuxcnc import LinuxCncStore
-from drivers.stores.linuxcnc_config import LinuxCncStoreConfig
+from abbe.drivers.link import LinkConfigError, LinkDownError, LinkError, LinkTimeoutError
+from abbe.drivers.stores.base import Effect, Readiness, RefusedError
+from abbe.drivers.stores.linuxcnc.config import LinuxCncStoreConfig
+from abbe.drivers.stores.linuxcnc.store import LinuxCncStore
 
 pytestmark = pytest.mark.integration
 

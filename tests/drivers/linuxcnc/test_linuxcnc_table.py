@@ -17,13 +17,13 @@ import numpy as np
 import pytest
 from linuxcnc_machine import Machine
 
-from compcore.effects import Backlash, Positioning
-from compcore.machine import Axis
-from compcore.machine import Machine as Described
-from compcore.model import Model, Term, Value
-from compcore.model_file import save_model
-from compcore.structure import Structure
-from daemon.cli import main
+from abbe.compcore.effects import Backlash, Positioning
+from abbe.compcore.files.model_file import save_model
+from abbe.compcore.machine.machine import Axis
+from abbe.compcore.machine.machine import Machine as Described
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.model.model import Model, Term, Value
+from abbe.daemon.cli import main
 
 pytestmark = pytest.mark.integration
 

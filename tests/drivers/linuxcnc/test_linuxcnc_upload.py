@@ -19,14 +19,14 @@ import numpy as np
 import pytest
 from linuxcnc_mill import Mill
 
-from compcore.effects import Backlash, Positioning
-from compcore.machine import Axis
-from compcore.machine import Machine as Described
-from compcore.model import Model, Term, Value
-from compcore.model_file import save_model
-from compcore.structure import Structure
-from drivers.stores.linuxcnc import LinuxCncStore
-from drivers.stores.linuxcnc_config import LinuxCncStoreConfig
+from abbe.compcore.effects import Backlash, Positioning
+from abbe.compcore.files.model_file import save_model
+from abbe.compcore.machine.machine import Axis
+from abbe.compcore.machine.machine import Machine as Described
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.model.model import Model, Term, Value
+from abbe.drivers.stores.linuxcnc.config import LinuxCncStoreConfig
+from abbe.drivers.stores.linuxcnc.store import LinuxCncStore
 
 pytestmark = pytest.mark.integration
 
@@ -86,7 +86,7 @@ def save_the_model(path: Path, size: float) -> None:
 
 def abbe(folder: Path, *words: str) -> tuple[int, str]:
     done = subprocess.run(
-        [sys.executable, "-m", "daemon", *words],
+        [sys.executable, "-m", "abbe.daemon", *words],
         cwd=folder,
         capture_output=True,
         text=True,

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.modbus.codec import (
+from abbe.drivers.modbus.codec import (
     EXACT_LIMIT,
     WORDS,
     NotRepresentableError,

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from drivers.link import available_links, link_class
-from drivers.modbus.config import BlockConfig, ChannelConfig, ModbusConfig
-from drivers.modbus.link import ModbusLink
+from abbe.drivers.link import available_links, link_class
+from abbe.drivers.modbus.config import BlockConfig, ChannelConfig, ModbusConfig
+from abbe.drivers.modbus.link import ModbusLink
 
 DOCUMENTED = """
 [links.cmm]

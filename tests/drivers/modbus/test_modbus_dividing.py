@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from modbus_devices import Request, TcpDevice
 
-from drivers.link import LinkConfigError, LinkError, Quality, TooLateError
-from drivers.modbus import dividing
-from drivers.modbus.config import ModbusConfig
-from drivers.modbus.link import ModbusLink
+from abbe.drivers.link import LinkConfigError, LinkError, Quality, TooLateError
+from abbe.drivers.modbus import dividing
+from abbe.drivers.modbus.config import ModbusConfig
+from abbe.drivers.modbus.link import ModbusLink
 
 EIGHT = {f"c{i}": {"table": "input", "address": i, "type": "int16"} for i in range(8)}
 NAMES = tuple(EIGHT)

@@ -15,7 +15,7 @@ from modbus_devices import Memory, Request, TcpDevice
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from drivers.link import (
+from abbe.drivers.link import (
     LinkConfigError,
     LinkDownError,
     LinkError,
@@ -24,8 +24,8 @@ from drivers.link import (
     Quality,
     WriteNotVerifiedError,
 )
-from drivers.modbus.config import ModbusConfig
-from drivers.modbus.link import ModbusLink
+from abbe.drivers.modbus.config import ModbusConfig
+from abbe.drivers.modbus.link import ModbusLink
 
 AXES: dict[str, dict[str, Any]] = {
     f"enc_{axis}": {"table": "input", "address": 2 * i, "type": "int32"}

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 from modbus_devices import Memory, TcpDevice
 
-from drivers.link import LinkDownError, LinkState, LinkTimeoutError, Quality
-from drivers.modbus.config import ModbusConfig
-from drivers.modbus.link import ModbusLink
-from drivers.modbus.units import Unit
+from abbe.drivers.link import LinkDownError, LinkState, LinkTimeoutError, Quality
+from abbe.drivers.modbus.config import ModbusConfig
+from abbe.drivers.modbus.link import ModbusLink
+from abbe.drivers.modbus.units import Unit
 
 TIMEOUT = 0.15
 ROOM = 1.0

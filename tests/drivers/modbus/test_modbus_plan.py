@@ -7,8 +7,8 @@ from functools import cache
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.modbus.config import ModbusConfig
-from drivers.modbus.plan import cut_of, merge, read_plan, signature, write_plan
+from abbe.drivers.modbus.config import ModbusConfig
+from abbe.drivers.modbus.plan import cut_of, merge, read_plan, signature, write_plan
 
 spans = st.lists(st.tuples(st.integers(0, 60), st.sampled_from([1, 1, 2, 4])), max_size=12)
 

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from modbus_devices import Memory, RtuDevice, crc
 from pymodbus.pdu import DecodePDU
 
-from drivers.link import LinkState, LinkTimeoutError, Quality
-from drivers.modbus.config import ModbusConfig
-from drivers.modbus.framing import StrictRtuFramer
-from drivers.modbus.link import ModbusLink
+from abbe.drivers.link import LinkState, LinkTimeoutError, Quality
+from abbe.drivers.modbus.config import ModbusConfig
+from abbe.drivers.modbus.framing import StrictRtuFramer
+from abbe.drivers.modbus.link import ModbusLink
 
 CHANNELS: dict[str, dict[str, Any]] = {
     "enc": {"table": "input", "address": 10, "type": "int32"},

@@ -21,10 +21,10 @@ from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusIOException
 from pymodbus.framer import FramerRTU
 
-from drivers.link import LinkProtocolError, LinkState, Quality
-from drivers.modbus import bus, client
-from drivers.modbus.config import ModbusConfig
-from drivers.modbus.link import ModbusLink
+from abbe.drivers.link import LinkProtocolError, LinkState, Quality
+from abbe.drivers.modbus import bus, client
+from abbe.drivers.modbus.config import ModbusConfig
+from abbe.drivers.modbus.link import ModbusLink
 
 TIMEOUT = 0.2
 A, B = 100, 200
@@ -107,7 +107,7 @@ def test_pymodbus_is_behind_the_wall() -> None:
     assert importers == {
         "drivers/modbus/client.py",
         "drivers/modbus/framing.py",
-        "drivers/simulated/server.py",
+        "drivers/simulated/modbus/server.py",
     }
 
 

@@ -8,8 +8,8 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from typing import Any
 
-from drivers.serial.config import SerialConfig
-from drivers.serial.link import SerialLink
+from abbe.drivers.serial.config import SerialConfig
+from abbe.drivers.serial.link import SerialLink
 
 TIMEOUT = 0.2
 ROOM = 1.0

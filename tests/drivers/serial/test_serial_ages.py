@@ -10,7 +10,7 @@ import pytest
 from raw_device import Talker, raw_device, stand_still
 from serial_links import linked, until
 
-from drivers.link import Quality
+from abbe.drivers.link import Quality
 
 pytestmark = pytest.mark.integration
 

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from drivers.link import available_links, link_class
-from drivers.serial.checksum import ALGORITHMS, ChecksumConfig
-from drivers.serial.config import ChannelConfig, MessageConfig, SerialConfig
-from drivers.serial.link import SerialLink
-from drivers.serial.tape import TapeSettings
-from drivers.simulated.serial_commands import KINDS, _parser
+from abbe.drivers.link import available_links, link_class
+from abbe.drivers.serial.checksum import ALGORITHMS, ChecksumConfig
+from abbe.drivers.serial.config import ChannelConfig, MessageConfig, SerialConfig
+from abbe.drivers.serial.link import SerialLink
+from abbe.drivers.serial.tape import TapeSettings
+from abbe.drivers.simulated.commands.serial import KINDS, _parser
 
 DOC = (Path(__file__).parents[3] / "docs" / "serial.md").read_text(encoding="utf-8")
 EXAMPLES: list[tuple[str, dict[str, Any]]] = [
@@ -38,7 +38,7 @@ def test_examples_work(name: str, section: dict[str, Any]) -> None:
 
 def test_there_are_examples() -> None:
     assert [name for name, _ in EXAMPLES] == ["dro", "thermometers", "laser"]
-    assert available_links()["serial"] == "drivers.serial.link:SerialLink"
+    assert available_links()["serial"] == "abbe.drivers.serial.link:SerialLink"
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_every_checksum_and_every_simulated_device_is_told() -> None:
     for kind in ALGORITHMS:
         assert f"`{kind}`" in DOC
     for kind in KINDS:
-        assert f"python -m drivers.simulated serial {kind}" in DOC
+        assert f"python -m abbe.drivers.simulated serial {kind}" in DOC
     for option in re.findall(r"--[a-z-]+", _parser().format_help()):
         assert option in DOC or option in ("--help", "--speed", "--buffer")
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from serial_links import ALL, DRO, NUMBER, ONE_BY_ONE, PRESET, XOR, linked, until
 
-from drivers.link import (
+from abbe.drivers.link import (
     LinkConfigError,
     LinkDownError,
     LinkError,
@@ -21,8 +21,8 @@ from drivers.link import (
     LinkState,
     Quality,
 )
-from drivers.serial.link import SerialLink
-from drivers.simulated.process import SimulatedProcess
+from abbe.drivers.serial.link import SerialLink
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

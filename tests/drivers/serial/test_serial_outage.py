@@ -15,8 +15,8 @@ import serial
 import serial.rfc2217
 from serial_links import DRO, NUMBER, ONE_BY_ONE, PRESET, ROOM, TIMEOUT, linked, until
 
-from drivers.link import LinkDownError, LinkProtocolError, LinkState, LinkTimeoutError, Quality
-from drivers.simulated.process import SimulatedProcess
+from abbe.drivers.link import LinkDownError, LinkProtocolError, LinkState, LinkTimeoutError, Quality
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from drivers.serial.checksum import ALGORITHMS, ChecksumConfig, ChecksumError, Kind
-from drivers.serial.config import ChannelConfig, SerialConfig
-from drivers.serial.fields import FieldError, compile_reader
-from drivers.serial.lines import Splitter
-from drivers.serial.question import Question
+from abbe.drivers.serial.checksum import ALGORITHMS, ChecksumConfig, ChecksumError, Kind
+from abbe.drivers.serial.config import ChannelConfig, SerialConfig
+from abbe.drivers.serial.fields import FieldError, compile_reader
+from abbe.drivers.serial.port.lines import Splitter
+from abbe.drivers.serial.question import Question
 
 # Checksums
 

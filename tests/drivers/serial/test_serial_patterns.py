@@ -8,9 +8,9 @@ import pytest
 from pydantic import ValidationError
 from serial_links import section
 
-from drivers.serial.config import SerialConfig
-from drivers.serial.patterns import LIMIT, Pattern, SlowPatternError, checked, simple_up_to
-from drivers.serial.question import Question
+from abbe.drivers.serial.config import SerialConfig
+from abbe.drivers.serial.patterns import LIMIT, Pattern, SlowPatternError, checked, simple_up_to
+from abbe.drivers.serial.question import Question
 
 ROOM = 0.5
 """s that a shared machine may add."""

@@ -11,15 +11,15 @@ from typing import Any
 import pytest
 from serial_links import ROOM, until
 
-from drivers.link import LinkDownError, LinkError, LinkProtocolError, LinkTimeoutError
-from drivers.serial.transfer import (
+from abbe.drivers.link import LinkDownError, LinkError, LinkProtocolError, LinkTimeoutError
+from abbe.drivers.serial.transfer import (
     TapeMismatchError,
     TapeReport,
     TapeSettings,
     receive_tape,
     send_tape,
 )
-from drivers.simulated.process import SimulatedProcess
+from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

@@ -11,8 +11,8 @@ import pytest
 from raw_device import raw_device
 from serial_links import linked, section, until
 
-from drivers.link import LinkConfigError, LinkError, LinkState, TooLateError
-from drivers.serial.link import SerialLink
+from abbe.drivers.link import LinkConfigError, LinkError, LinkState, TooLateError
+from abbe.drivers.serial.link import SerialLink
 
 pytestmark = pytest.mark.integration
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.simulated.bridge import (
+from abbe.drivers.simulated.bridge.machine import (
     AXES,
     TRAVELS,
     VOLUMETRIC_ERROR,
@@ -14,8 +14,8 @@ from drivers.simulated.bridge import (
     uniform,
     volume_grid,
 )
-from drivers.simulated.path import bridge_path
-from drivers.simulated.plant import shop_climate
+from abbe.drivers.simulated.bridge.path import bridge_path
+from abbe.drivers.simulated.bridge.plant import shop_climate
 
 SEEDS = range(1, 9)
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from drivers.simulated.bridge_commands import _parser
-from drivers.simulated.bridge_registers import register_map
-from drivers.simulated.measure import campaign
+from abbe.drivers.simulated.bridge.measure import campaign
+from abbe.drivers.simulated.bridge.registers import register_map
+from abbe.drivers.simulated.commands.bridge import _parser
 
 DOC = (Path(__file__).parents[3] / "docs" / "simulated-cmm.md").read_text(encoding="utf-8")
 
 
 def test_the_register_map_is_the_code_s() -> None:
-    # To renew it: python -m drivers.simulated registers
+    # To renew it: python -m abbe.drivers.simulated registers
     assert DOC.endswith(register_map())
 
 
@@ -27,7 +27,7 @@ def test_every_command_and_every_connection_option_is_told() -> None:
     help_text = _parser().format_help()
     for word in ("bridge", "measure", "registers"):
         assert word in help_text
-        assert f"python -m drivers.simulated {word}" in DOC
+        assert f"python -m abbe.drivers.simulated {word}" in DOC
     for option in (
         "--seed",
         "--port",

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from drivers.simulated.__main__ import main
-from drivers.simulated.bridge import AXES, PLACES, TOOL, TRAVELS, make_bridge
-from drivers.simulated.measure import campaign
+from abbe.drivers.simulated.__main__ import main
+from abbe.drivers.simulated.bridge.machine import AXES, PLACES, TOOL, TRAVELS, make_bridge
+from abbe.drivers.simulated.bridge.measure import campaign
 
 Rows = list[dict[str, str]]
 

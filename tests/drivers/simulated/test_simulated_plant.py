@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.simulated.bridge import AXES, PLACES, TRAVELS, make_bridge
-from drivers.simulated.bridge_registers import BLOCKS, ENCODERS, transducer_configs
-from drivers.simulated.device import BridgeDevice, NotWritableError
-from drivers.simulated.plant import KEPT, Plant, shop_climate, thermistor_ohms
-from drivers.simulated.registers import Block, Register
-from drivers.transducers import TRANSDUCER_CONFIG, Transducer, make_transducer
+from abbe.drivers.simulated.bridge.device import BridgeDevice, NotWritableError
+from abbe.drivers.simulated.bridge.machine import AXES, PLACES, TRAVELS, make_bridge
+from abbe.drivers.simulated.bridge.plant import KEPT, Plant, shop_climate, thermistor_ohms
+from abbe.drivers.simulated.bridge.registers import BLOCKS, ENCODERS, transducer_configs
+from abbe.drivers.simulated.registers import Block, Register
+from abbe.drivers.transducers import TRANSDUCER_CONFIG, Transducer, make_transducer
 
 MACHINE = make_bridge(1)
 TRANSDUCERS: dict[str, Transducer] = {

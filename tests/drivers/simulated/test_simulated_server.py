@@ -19,9 +19,9 @@ import pytest
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusIOException
 
-from drivers.simulated.bridge import AXES, PLACES, make_bridge
-from drivers.simulated.bridge_registers import BLOCKS, INPUT_SIZE, REGISTERS
-from drivers.transducers import TRANSDUCER_CONFIG, make_transducer
+from abbe.drivers.simulated.bridge.machine import AXES, PLACES, make_bridge
+from abbe.drivers.simulated.bridge.registers import BLOCKS, INPUT_SIZE, REGISTERS
+from abbe.drivers.transducers import TRANSDUCER_CONFIG, make_transducer
 
 pytestmark = pytest.mark.integration
 
@@ -32,7 +32,7 @@ Client = ModbusTcpClient | ModbusSerialClient
 def served(*options: str, stdin: int | None = None) -> Iterator[tuple[Any, dict[str, Any]]]:
     """A server process and its ready line; ended by its own id, whatever happens."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "drivers.simulated", "bridge", "--seed", "1", *options],
+        [sys.executable, "-m", "abbe.drivers.simulated", "bridge", "--seed", "1", *options],
         stdout=subprocess.PIPE,
         stdin=stdin if stdin is not None else subprocess.DEVNULL,
         text=True,
@@ -308,7 +308,14 @@ def test_it_ends_with_its_parent() -> None:
 
 
 def test_a_port_that_is_taken_is_said(bridge: dict[str, Any]) -> None:
-    command = [sys.executable, "-m", "drivers.simulated", "bridge", "--port", str(bridge["port"])]
+    command = [
+        sys.executable,
+        "-m",
+        "abbe.drivers.simulated",
+        "bridge",
+        "--port",
+        str(bridge["port"]),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == 1
     assert "cannot listen on 127.0.0.1" in done.stderr
@@ -339,7 +346,7 @@ def test_orphans_do_not_stay(tmp_path: Any) -> None:
     """The parent is killed outright: the server notices and ends."""
     script = (
         "import subprocess, sys, time\n"
-        "p = subprocess.Popen([sys.executable, '-m', 'drivers.simulated', 'bridge',\n"
+        "p = subprocess.Popen([sys.executable, '-m', 'abbe.drivers.simulated', 'bridge',\n"
         "    '--die-with-stdin'], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)\n"
         "print(p.stdout.readline(), end='', flush=True)\n"
         "time.sleep(600)\n"

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from drivers.simulated.truth import (
+from abbe.drivers.simulated.bridge.truth import (
     Array,
     ExactAxis,
     ExactMachine,

@@ -16,11 +16,11 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from drivers.link import LinkDownError, LinkError, LinkTimeoutError
-from drivers.simulated.process import SimulatedProcess
-from drivers.stores.base import RefusedError, store_class
-from drivers.stores.canopen import CanopenStore
-from drivers.stores.canopen_config import CanopenStoreConfig
+from abbe.drivers.link import LinkDownError, LinkError, LinkTimeoutError
+from abbe.drivers.simulated.process import SimulatedProcess
+from abbe.drivers.stores.base import RefusedError, store_class
+from abbe.drivers.stores.canopen.config import CanopenStoreConfig
+from abbe.drivers.stores.canopen.store import CanopenStore
 
 pytestmark = pytest.mark.integration
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.stores.set_folders import SetFolders
+from abbe.drivers.stores.set_folders import SetFolders
 
 NAMES = ("x.comp", "y.comp", "z.comp")
 OLD = {n: f"0 {i} {i}\n" for i, n in enumerate(NAMES)}
@@ -25,7 +25,7 @@ NEW = {n: f"0 1{i} 1{i}\r\n" for i, n in enumerate(NAMES)}
 CHILD = r"""
 import json, os, shutil, sys, traceback
 from pathlib import Path
-from drivers.stores.set_folders import SetFolders
+from abbe.drivers.stores.set_folders import SetFolders
 
 home, kind, what = Path(sys.argv[1]), sys.argv[2], sys.argv[3]
 old, new = json.loads(sys.argv[4]), json.loads(sys.argv[5])

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from drivers.linuxcnc.running import Task, since_boot
-from drivers.stores.linuxcnc_loaded import loaded, note_switch, restart_needed
-from drivers.stores.set_folders import SetFolders
+from abbe.drivers.linuxcnc.running import Task, since_boot
+from abbe.drivers.stores.linuxcnc.loaded import loaded, note_switch, restart_needed
+from abbe.drivers.stores.set_folders import SetFolders
 
 A, B = {"x.comp": "0 0 0\n"}, {"x.comp": "1 1 1\n"}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError
 
-from drivers.stores.modbus_config import ModbusStoreConfig
+from abbe.drivers.stores.modbus.config import ModbusStoreConfig
 
 
 def test_a_serial_line_is_set_as_a_links():

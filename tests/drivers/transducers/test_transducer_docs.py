@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from drivers.transducers import (
+from abbe.drivers.transducers import (
     TRANSDUCER_CONFIG,
     BetaConfig,
     CurrentLoopConfig,

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from drivers.link import Quality, Sample
-from drivers.transducers import (
+from abbe.drivers.link import Quality, Sample
+from abbe.drivers.transducers import (
     TRANSDUCER_CONFIG,
     Encoder,
     Fault,

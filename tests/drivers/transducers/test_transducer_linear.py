@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from drivers.transducers import (
+from abbe.drivers.transducers import (
     TRANSDUCER_CONFIG,
     Fault,
     SensorFaultError,

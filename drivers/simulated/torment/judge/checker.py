@@ -11,18 +11,19 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field
 
-from ..loop import Moment
-from ..machine import FAULT, POISON, REFERENCED
-from .evidence import AXES, Shown, Taken
-from .promises import Promises, Tally, Violation
-from .steps import Steps
-from .words import (
+from abbe.drivers.simulated.torment.judge.evidence import AXES, Shown, Taken
+from abbe.drivers.simulated.torment.judge.promises import Promises, Tally, Violation
+from abbe.drivers.simulated.torment.judge.steps import Steps
+from abbe.drivers.simulated.torment.judge.words import (
     COMPENSATING,
     RUNNING,
     X_ACTIVE,
     Y_ACTIVE,
     Z_ACTIVE,
 )
+
+from ..loop import Moment
+from ..machine import FAULT, POISON, REFERENCED
 
 _REMEMBERED = 12.0
 """s for which pictures are kept."""

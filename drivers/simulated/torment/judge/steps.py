@@ -6,11 +6,12 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from abbe.drivers.simulated.torment.judge.evidence import AXES, Shown
+from abbe.drivers.simulated.torment.judge.promises import Promises, Tally
+
 from ..loop import Moment
 from ..machine import TRUE_TEMPERATURES
 from ..motion import TRAVEL
-from .evidence import AXES, Shown
-from .promises import Promises, Tally
 
 _BACK = (1, 10, 50)
 """Against which earlier messages a correction's change is judged."""

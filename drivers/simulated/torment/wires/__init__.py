@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import import_module
 
-from .base import Wire
+from abbe.drivers.simulated.torment.wires.base import Wire
 
 WIRES = {
     "modbus-tcp": "modbus_tcp:ModbusTcp",

@@ -11,11 +11,12 @@ from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
+from abbe.drivers.simulated.torment.wires.base import Wire
+from abbe.drivers.simulated.torment.wires.slcan import Frame, SlcanEnd
+
 from ..judge.evidence import AXES, Shown, WireLog
 from ..loop import Loop, Moment
 from ..machine import RESOLUTION, Machine
-from .base import Wire
-from .slcan import Frame, SlcanEnd
 
 ENCODERS = {"X": 3, "Y": 4, "Z": 5}
 CONTROLLER = 6

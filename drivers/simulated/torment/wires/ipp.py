@@ -8,12 +8,13 @@ import time
 from pathlib import Path
 from typing import ClassVar
 
+from abbe.drivers.simulated.torment.wires.base import Wire
+from abbe.drivers.simulated.torment.wires.modbus_tcp import ModbusOutputs
+from abbe.drivers.simulated.torment.wires.tcp import Client, TcpServer
+
 from ..judge.evidence import AXES, Shown, WireLog
 from ..loop import Loop, Moment
 from ..machine import Machine
-from .base import Wire
-from .modbus_tcp import ModbusOutputs
-from .tcp import Client, TcpServer
 
 _PLACE = frozenset(AXES)
 _WARM = frozenset(("T_x",))

@@ -7,13 +7,14 @@ import struct
 from pathlib import Path
 from typing import ClassVar
 
+from abbe.drivers.simulated.torment.wires.base import Wire
+from abbe.drivers.simulated.torment.wires.modbus_pdu import Device, held_channels, shown_channels
+from abbe.drivers.simulated.torment.wires.modbus_tcp import MODBUS_KINDS
+from abbe.drivers.simulated.torment.wires.pty import PtyEnd
+
 from ..judge.evidence import WireLog
 from ..loop import Loop, Moment
 from ..machine import Machine
-from .base import Wire
-from .modbus_pdu import Device, held_channels, shown_channels
-from .modbus_tcp import MODBUS_KINDS
-from .pty import PtyEnd
 
 UNIT = 1
 

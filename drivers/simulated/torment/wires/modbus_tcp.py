@@ -7,13 +7,19 @@ import struct
 from pathlib import Path
 from typing import ClassVar
 
+from abbe.drivers.simulated.torment.wires.base import Wire
+from abbe.drivers.simulated.torment.wires.modbus_pdu import (
+    Device,
+    Reply,
+    held_channels,
+    shown_channels,
+)
+from abbe.drivers.simulated.torment.wires.tcp import Client, TcpServer
+
 from ..delivery import FAMILIAR, Send
 from ..judge.evidence import WireLog
 from ..loop import Loop, Moment
 from ..machine import Machine
-from .base import Wire
-from .modbus_pdu import Device, Reply, held_channels, shown_channels
-from .tcp import Client, TcpServer
 
 MODBUS_KINDS = (
     *FAMILIAR,

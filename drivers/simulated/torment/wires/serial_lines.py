@@ -7,12 +7,13 @@ import time
 from pathlib import Path
 from typing import ClassVar
 
+from abbe.drivers.simulated.torment.wires.base import Wire
+from abbe.drivers.simulated.torment.wires.pty import PtyEnd
+
 from ..delivery import FAMILIAR
 from ..judge.evidence import AXES, Shown, WireLog
 from ..loop import Loop, Moment
 from ..machine import Machine
-from .base import Wire
-from .pty import PtyEnd
 
 _OTHERS = (
     "frozen",

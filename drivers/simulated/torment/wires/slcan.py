@@ -6,9 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from abbe.drivers.simulated.torment.wires.pty import PtyEnd
+
 from ..judge.evidence import WireLog
 from ..loop import Loop, Moment
-from .pty import PtyEnd
 
 
 class Frame(NamedTuple):

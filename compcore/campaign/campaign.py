@@ -1,0 +1,187 @@
+"""A campaign: measurements of a machine, with what the placing of the instrument left unknown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.campaign.coverage import SetupSurvey, Survey
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import nominal_direction
+from abbe.compcore.machine.structure import is_rotary
+
+F64 = NDArray[np.float64]
+
+
+class Kind(IntEnum):
+    """What a row measures (formats.md, column ``kind``)."""
+
+    DISPLACEMENT = 0
+    """Component of the functional point's error along u, mm inside the code (µm in the file)."""
+    ROTATION = 1
+    """Component of the functional orientation's error about u, rad (µrad in the file)."""
+    DISTANCE = 2
+    """Absolute distance from a base point to the functional point, mm."""
+    BASE_DISTANCE = 3
+    """Distance between two base points, mm."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """One placing of the instrument: what it leaves unknown is fitted along and thrown away.
+
+    `free` holds ``zero``, ``slope``, ``frame`` (docs/campaigns.md).
+    """
+
+    name: str
+    free: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Tool:
+    """A tool whose offset (mm) is known approximately; `free` names the components to fit."""
+
+    name: str
+    offset: tuple[float, float, float]
+    free: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """n measured rows.
+
+    Attributes
+    ----------
+    name
+        The file's name, or what several campaigns joined are called.
+    conditions
+        Where and when; with `setup`, `u`, `base` and `run` filled in. Set-up names are unique
+        across joined campaigns.
+    kind
+        Shape (n,), values of `Kind`.
+    value
+        Shape (n,): error = actual − indicated, mm or rad; for distances the distance, mm.
+    sd
+        Shape (n,): standard uncertainty in the unit of `value`; NaN where not stated.
+    base2
+        Shape (n,): second base point of base distances, else empty.
+    tool_name
+        Shape (n,): named tool, else empty.
+    line
+        Shape (n,): line number in the file, for people.
+    setups, bases, tools
+        What the metadata say; every set-up that occurs is in `setups`; bases mm, workpiece frame.
+    files
+        Path → SHA-256 of what was read.
+    metadata
+        machine, instrument, notes and whatever else stands at the top, per file.
+    spindle
+        Name of the axis in brackets whose angle was recorded (`conditions.spindle_angle`).
+    lacking
+        Signal that only some of several joined files record → the files without it; such a signal
+        is not in `conditions`.
+    """
+
+    name: str
+    conditions: Conditions
+    kind: NDArray[np.int8]
+    value: F64
+    sd: F64
+    base2: NDArray[np.str_]
+    tool_name: NDArray[np.str_]
+    line: NDArray[np.int64]
+    setups: Mapping[str, Setup] = field(default_factory=dict)
+    bases: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    tools: Mapping[str, Tool] = field(default_factory=dict)
+    files: Mapping[str, str] = field(default_factory=dict)
+    metadata: Sequence[Mapping[str, object]] = ()
+    spindle: str | None = None
+    lacking: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.conditions.kind is not self.kind:
+            lengths = self.kind >= Kind.DISTANCE
+            distance = np.where(lengths, self.value, 0.0) if lengths.any() else None
+            told = replace(self.conditions, kind=self.kind, distance=distance)
+            object.__setattr__(self, "conditions", told)
+
+    @property
+    def n(self) -> int:
+        """Number of rows."""
+        return self.conditions.n
+
+    def rows(self, index: NDArray[np.int64] | NDArray[np.bool_]) -> Campaign:
+        """Some of the rows, with the set-ups that still occur in them."""
+        conditions = self.conditions.rows(index)
+        names = () if conditions.setup is None else np.unique(conditions.setup)
+        return replace(
+            self,
+            conditions=conditions,
+            kind=self.kind[index],
+            value=self.value[index],
+            sd=self.sd[index],
+            base2=self.base2[index],
+            tool_name=self.tool_name[index],
+            line=self.line[index],
+            setups={name: s for name, s in self.setups.items() if name in names},
+        )
+
+    def survey(self) -> Survey:
+        """What the campaign recorded and varied; distances between base points left out."""
+        c = self.conditions.rows(self.kind != Kind.BASE_DISTANCE)
+        moving = frozenset(a for a, q in c.positions.items() if q.size and np.ptp(q) > 0.0)
+        reversing = frozenset(a for a, s in c.directions.items() if (s > 0).any() and (s < 0).any())
+        signals = {
+            name: (float(v.min()), float(v.max()))
+            for name, v in c.signals.items()
+            if v.size and np.ptp(v) > 0.0
+        }
+        runs = np.zeros(c.n, dtype=np.int64) if c.run is None else c.run
+        duration = max((float(np.ptp(c.time[runs == run])) for run in np.unique(runs)), default=0.0)
+        return Survey(
+            moving,
+            reversing,
+            signals,
+            tuple(self.setups),
+            tuple(self.bases),
+            duration,
+            bool((self.kind == Kind.ROTATION).any()),
+            bool(np.ptp(c.tool, axis=0).any()) if c.n else False,
+            self._setup_surveys(),
+        )
+
+    def _setup_surveys(self) -> dict[str, SetupSurvey]:
+        c = self.conditions
+        if c.setup is None:
+            return {}
+        setups = c.setup_rows()
+        order = np.argsort(setups.number, kind="stable")
+        ends = np.cumsum(np.bincount(setups.number, minlength=len(setups.index)))
+        at = np.zeros((c.n, 3))
+        for axis, position in c.positions.items():
+            if not is_rotary(axis):
+                at += np.outer(position, nominal_direction(axis))
+        found = {}
+        for name, free in ((s.name, s.free) for s in self.setups.values()):
+            i = setups.index.get(name)
+            if i is None:
+                continue
+            rows = order[(ends[i - 1] if i else 0) : ends[i]]
+            kinds = frozenset(Kind(k).name.lower() for k in np.unique(self.kind[rows]))
+            along = across = 0.0
+            spread = 0
+            if c.u is not None:
+                spread = int(
+                    np.linalg.matrix_rank(c.u[rows].T @ c.u[rows], tol=1e-6, hermitian=True)
+                )
+                step = at[rows] - at[rows[0]]
+                part = np.einsum("ni,ni->n", step, c.u[rows])
+                along = float(np.ptp(part))
+                across = float(np.linalg.norm(step - part[:, None] * c.u[rows], axis=1).max())
+            duration = float(np.ptp(c.time[rows]))
+            found[name] = SetupSurvey(kinds, len(rows), duration, along, across, free, spread)
+        return found

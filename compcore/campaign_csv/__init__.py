@@ -1,1 +1,0 @@
-"""The pieces of `compcore.campaign_file`: header, metadata, rows, joining, writing."""

@@ -1,0 +1,234 @@
+"""The comparison: a model beside measurements, nothing fitted but the placing of instruments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
+from abbe.compcore.comparison.lines import Line, lines
+from abbe.compcore.comparison.tabulate import Tables, tables
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.errors import FitError
+from abbe.compcore.fitting.design.design_matrix import Problem
+from abbe.compcore.fitting.design.row_blocks import rows_at_once
+from abbe.compcore.fitting.design.weights import Uncertainty
+from abbe.compcore.fitting.gauss_newton import gauss_newton
+from abbe.compcore.fitting.reduction import leverage
+from abbe.compcore.model.model import Model
+from abbe.compcore.threads import threads_for
+
+F64 = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+LENGTHS = (Kind.DISPLACEMENT, Kind.DISTANCE, Kind.BASE_DISTANCE)
+_UNCERTAINTY_ROUNDS = 4
+WORST = 10
+"""How many of the worst points are told."""
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """One of the worst rows.
+
+    Attributes
+    ----------
+    row, line
+        Index in the campaign and line in its file.
+    setup
+        Its set-up.
+    residual, sd
+        mm or rad.
+    """
+
+    row: int
+    line: int
+    setup: str
+    residual: float
+    sd: float
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """The comparison of one kind of rows: lengths (mm, tables in µm) or rotations (rad, µrad).
+
+    Attributes
+    ----------
+    rows
+        Shape (n,): which rows.
+    rms, max, p95
+        Of the residuals, mm or rad; 95 % of the rows lie within ±p95. NaN without rows.
+    chi2_per_dof
+        χ² per degree of freedom; NaN where there is none.
+    tables
+        Residuals told apart, in µm or µrad.
+    worst
+        The rows with the largest residuals.
+    """
+
+    rows: Mask
+    rms: float
+    max: float
+    p95: float
+    chi2_per_dof: float
+    tables: Tables
+    worst: tuple[Point, ...]
+
+    @property
+    def n(self) -> int:
+        """Number of rows."""
+        return int(self.rows.sum())
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A model beside a campaign.
+
+    Attributes
+    ----------
+    problem, theta
+        What was compared (`Problem`), and the values: the model's, with base points and tools
+        fitted.
+    residual, weighted
+        Measured − predicted − nuisances, (n,): mm or rad, and in units of sd.
+    measured
+        Measured − nuisances as if the model predicted nothing, (n,): the error before the model,
+        mm or rad; for distances the same as `residual`.
+    lengths, rotations
+        Displacements and distances; rotations.
+    lines
+        Straight lines with their linear part and the rest.
+    noise
+        What repeated measurements say.
+    left_out
+        Specs of instrument effects that belong to other set-ups than this campaign's.
+    """
+
+    problem: Problem
+    theta: F64
+    residual: F64
+    weighted: F64
+    measured: F64
+    lengths: Part
+    rotations: Part
+    lines: list[Line]
+    noise: NoiseFloor
+    uncertainty: Uncertainty
+    left_out: tuple[str, ...]
+
+
+def compare(model: Model, campaign: Campaign) -> Comparison:
+    """Lay a model beside a campaign.
+
+    Only what the placing of the instruments leaves unknown is fitted: set-ups' nuisances, base
+    points, tools. Effects of the instrument that belong to one set-up or base point count only on
+    the campaign to which they were fitted.
+
+    Raises
+    ------
+    FitError
+        When the campaign has no rows.
+    """
+    if not campaign.n:
+        raise FitError("the campaign has no rows")
+    seen_in_fit = _seen_in_fit(model, campaign)
+    left_out = () if seen_in_fit else tuple(e.spec for e in model.effects if bound_to_setup(e))
+    applied = model if seen_in_fit else _without_bound(model)
+    uncertainty = Uncertainty.of(campaign, model.machine)
+    problem = Problem(applied, campaign, sd=uncertainty.sd)
+    share = float(model.fit.get("determined", 0)) / campaign.n if seen_in_fit else 0.0
+    with threads_for(min(problem.n, rows_at_once(problem.layout.size)) * problem.layout.size):
+        return _compared(problem, applied, uncertainty, share, left_out)
+
+
+def _compared(
+    problem: Problem,
+    applied: Model,
+    uncertainty: Uncertainty,
+    share: float,
+    left_out: tuple[str, ...],
+) -> Comparison:
+    campaign = problem.campaign
+    theta = problem.layout.of_model(applied, campaign)
+    placed = np.arange(problem.layout.model_size, problem.layout.size)
+    misfit = campaign.value - problem.predicted(theta)
+    for _ in range(_UNCERTAINTY_ROUNDS if uncertainty.open else 1):
+        if placed.size:
+            theta, decomposition = gauss_newton(problem, theta, placed)
+            absorbed = leverage(problem, theta, decomposition, placed)
+            misfit = campaign.value - problem.predicted(theta)
+        else:
+            absorbed = problem.eliminator(theta).leverage(campaign.n)
+        if uncertainty.open:
+            left = problem.eliminator(theta).project(misfit * problem.weight) * problem.sd
+            uncertainty = uncertainty.updated(campaign, left, absorbed)
+            problem = problem.with_sd(uncertainty.sd)
+    eliminator = problem.eliminator(theta)
+    weighted = eliminator.project(misfit * problem.weight)
+    residual = weighted * problem.sd
+    displacement = (campaign.kind < Kind.DISTANCE).astype(np.float64)
+    unmodelled = eliminator.project(campaign.value * displacement * problem.weight) * problem.sd
+    measured = np.where(campaign.kind < Kind.DISTANCE, unmodelled, residual)
+    length = np.isin(campaign.kind, LENGTHS)
+    return Comparison(
+        problem,
+        theta,
+        residual,
+        weighted,
+        measured,
+        _part(problem, residual, weighted, absorbed + share, length),
+        _part(problem, residual, weighted, absorbed + share, ~length),
+        lines(campaign, residual, eliminator),
+        noise_floor(campaign, applied.machine),
+        uncertainty,
+        left_out,
+    )
+
+
+def bound_to_setup(effect: Effect) -> bool:
+    """Whether an effect of the instrument belongs to one placing of it, not to every campaign."""
+    named = any(getattr(effect, key, None) for key in ("setup", "setups", "base"))
+    return effect.scope == "instrument" and named
+
+
+def _without_bound(model: Model) -> Model:
+    # without values they predict nothing
+    terms = tuple(replace(t, values={}) if bound_to_setup(t.effect) else t for t in model.terms)
+    return replace(model, terms=terms, covariance=None)
+
+
+def _seen_in_fit(model: Model, campaign: Campaign) -> bool:
+    fitted = {record.get("sha256") for record in model.fit.get("campaigns", ())}
+    return bool(campaign.files) and set(campaign.files.values()) <= fitted
+
+
+def _part(problem: Problem, residual: F64, weighted: F64, absorbed: F64, rows: Mask) -> Part:
+    campaign = problem.campaign
+    size = np.abs(residual[rows])
+    freedom = float((1.0 - absorbed[rows]).sum())
+    chi2 = float(weighted[rows] @ weighted[rows])
+    unit = 1e6 if (campaign.kind[rows] == Kind.ROTATION).any() else 1e3
+    worst = np.flatnonzero(rows)[np.argsort(-size, kind="stable")[:WORST]]
+    setup = campaign.conditions.setup
+    nothing = float("nan")
+    return Part(
+        rows,
+        float(np.sqrt(np.mean(size**2))) if size.size else nothing,
+        float(size.max()) if size.size else nothing,
+        float(np.quantile(size, 0.95)) if size.size else nothing,
+        chi2 / freedom if freedom > 0.5 else nothing,
+        tables(problem.model.machine, campaign, residual * unit, rows),
+        tuple(
+            Point(
+                int(i),
+                int(campaign.line[i]),
+                "" if setup is None else str(setup[i]),
+                float(residual[i]),
+                float(problem.sd[i]),
+            )
+            for i in worst
+        ),
+    )

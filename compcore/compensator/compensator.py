@@ -1,0 +1,287 @@
+"""The compensator: a model's error at the machine's pace, live or in batches.
+
+It *folds* the model. Whatever changes slowly (temperatures, load, time) is evaluated through the
+effects themselves, at a few hertz, into tables of error motions over each axis's position,
+piecewise linear, with nodes chosen so that folding costs less than a tolerance anywhere in the
+volume. What is left per point is one look-up an axis and the lever rule, in plain Python floats.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.compensator.batch import ChainBatch, LinearBatch
+from abbe.compcore.compensator.folding.fold import Fold
+from abbe.compcore.compensator.folding.metric import influences
+from abbe.compcore.compensator.folding.slow_state import SlowState
+from abbe.compcore.compensator.step_cartesian import Step, nine, square_step
+from abbe.compcore.compensator.step_general import chain_step
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.kinematics import Chain
+from abbe.compcore.machine.lag import LagState
+from abbe.compcore.model.inverse import Inverse, invert
+from abbe.compcore.model.model import Model
+
+F64 = NDArray[np.float64]
+Triple = tuple[float, float, float]
+
+_FAR = 1000.0
+"""Positions between which levers' change is measured, mm."""
+_FEW = 48
+"""Up to so many points are faster one by one."""
+_NO_LEVER = 1e-12
+"""Changes of a lever per mm below this are rounding."""
+_REACH = 0.25
+"""Tools up to this part of the longest travel are always reckoned with."""
+
+
+class Compensator:
+    """A model's error of the functional point, with live signals and lag states.
+
+    Effects of the instrument are not the machine's and take no part. A model that reads signals or
+    the clock answers only after the first `update`.
+
+    Parameters
+    ----------
+    model
+        The model; only its fitted effects count.
+    tolerance_mm
+        What folding may cost anywhere in the volume, mm.
+    tool
+        Tool or probe offset, mm, machine axes.
+
+    Attributes
+    ----------
+    model
+        As given.
+    axes
+        The order of the positions in `step` and `errors`: the structure's, workpiece to tool.
+    signals
+        Names that `update` must be given.
+
+    Raises
+    ------
+    InputError
+        When the machine has no axis X, Y or Z that could carry a correction.
+    """
+
+    def __init__(
+        self, model: Model, *, tolerance_mm: float = 1e-5, tool: Triple = (0.0, 0.0, 0.0)
+    ) -> None:
+        if not tolerance_mm > 0.0:
+            raise InputError("must be above zero", field="tolerance_mm", found=tolerance_mm)
+        self.model = model
+        self.axes = model.machine.structure.axes
+        self._state = SlowState(tool=tool)
+        somewhere = {a: np.full(1, model.machine.axis(a).middle) for a in self.axes}
+        Chain(model.machine, self._state.conditions(somewhere, {})).axis_moves()
+        self._fold = Fold(model, tolerance_mm, self._reach(tool), self._state)
+        self.signals = self._fold.signals
+        self._lags = {key: LagState(key[1]) for key in self._fold.lags}
+        self._waiting = bool(self.signals or self._fold.reads_time)
+        self._step: Step = self._not_yet
+        self._turn_tool()
+        if not self._waiting:
+            self._renew()
+
+    @property
+    def direct_effects(self) -> tuple[str, ...]:
+        """Specs of effects that fit no table and are evaluated at every point, which is slow."""
+        return tuple(source.effect.spec for source in self._fold.plan.direct)
+
+    @property
+    def nodes(self) -> dict[str, F64]:
+        """Where the nodes of each axis's table stand, mm or rad; axes without a table left out."""
+        return self._fold.nodes
+
+    def set_tool(self, x: float, y: float, z: float, *, spindle_angle: float | None = None) -> None:
+        """Change the tool or probe offset.
+
+        Parameters
+        ----------
+        x, y, z
+            Offset in machine axes, mm.
+        spindle_angle
+            Angle of the spindle in brackets, rad, with which the offset turns; None: it does not.
+        """
+        tool = (x, y, z)
+        self._state = replace(self._state, tool=tool, spindle_angle=spindle_angle)
+        self._turn_tool()
+        if math.hypot(*tool) > self._fold.reach:
+            reach = self._reach(tool)
+            self._fold.lay_out(self._state, seen=not self._waiting, reach=reach)
+        if not self._waiting:
+            self._renew()
+
+    def update(self, time_s: float, signals: Mapping[str, float]) -> bool:
+        """Take in the present time and signals; False when nothing changed.
+
+        Parameters
+        ----------
+        time_s
+            s on any clock that keeps running; lags and drifts count from it.
+        signals
+            Name → value in the signal's own unit; more than `signals` does no harm.
+
+        Raises
+        ------
+        InputError
+            When a signal is missing or not a finite number; nothing has changed then.
+        """
+        values = {}
+        for name in self.signals:
+            value = signals.get(name)
+            if value is None:
+                raise InputError(
+                    "a signal is missing", field=name, expected="all of " + ", ".join(self.signals)
+                )
+            if not math.isfinite(value):
+                raise InputError("not a finite number", field=name, found=value)
+            values[name] = float(value)
+        state = replace(
+            self._state,
+            time=time_s if self._fold.reads_time else 0.0,
+            signals=values,
+            lags={key: lag.step(time_s, values[key[0]]) for key, lag in self._lags.items()},
+        )
+        if state == self._state and not self._waiting:
+            return False
+        self._state = state
+        self._waiting = False
+        self._renew()
+        return True
+
+    def restart_lags(self, signal: str) -> None:
+        """Let a signal's lags begin anew, in equilibrium with its next value.
+
+        For a sensor that has only now given its first value, or has been exchanged.
+        """
+        for key in self._lags:
+            if key[0] == signal:
+                self._lags[key] = LagState(key[1])
+
+    def step(
+        self, positions: Sequence[float], directions: Sequence[float] = ()
+    ) -> tuple[float, float, float]:
+        """Error at one point as moves of X, Y, Z, mm; corrected reading = reading + error.
+
+        Parameters
+        ----------
+        positions
+            Indicated positions in the order of `axes`, mm (rotary: rad).
+        directions
+            Approach directions in the same order; the sign counts, 0: not known; none: all 0.
+        """
+        return self._step(positions, directions)
+
+    def errors(self, positions: F64, directions: F64 | None = None) -> F64:
+        """Errors at n points, positions (n, k) in mm or rad → (n, 3), mm, as moves of X, Y, Z.
+
+        Directions as in `step`, (n, k); None: all 0.
+        """
+        rows = np.asarray(positions, dtype=np.float64)
+        if rows.ndim != 2 or rows.shape[1] != len(self.axes):
+            raise InputError(
+                "positions of the wrong shape",
+                field="positions",
+                found=rows.shape,
+                expected=f"(n, {len(self.axes)}) for {', '.join(self.axes)}",
+            )
+        if directions is None:
+            moved = np.broadcast_to(0.0, rows.shape)
+        else:
+            moved = np.asarray(directions, dtype=np.float64)
+            if moved.shape != rows.shape:
+                raise InputError(
+                    "directions of the wrong shape",
+                    field="directions",
+                    found=moved.shape,
+                    expected=str(rows.shape),
+                )
+        if len(rows) <= _FEW or self._waiting:
+            step = self._step
+            pairs = zip(rows.tolist(), moved.tolist(), strict=True)
+            return np.array([step(p, d) for p, d in pairs]).reshape(-1, 3)
+        return self._batch.errors(rows, moved)
+
+    def command(
+        self, target: F64, directions: F64 | None = None, *, tolerance: float = 1e-10
+    ) -> Inverse:
+        """What to command so that the functional point really gets to a target.
+
+        Solves ``c + error(c) = target`` by the fixed point ``c → target − error(c)``.
+
+        Parameters
+        ----------
+        target
+            Shape (n, k) in the order of `axes`, mm or rad; rotary axes (and linear ones beside
+            X, Y, Z) are held.
+        directions
+            Directions of arrival, as in `errors`.
+        tolerance
+            mm: greatest distance of the result from the solution.
+
+        Returns
+        -------
+        Its positions in the order of `axes`; its contraction factor proves, below 1, that the
+        iteration converges to the one solution.
+
+        Raises
+        ------
+        NotContractionError
+            Where the error's slope reaches 1; names the point and the factor.
+        """
+        rows = np.atleast_2d(np.asarray(target, dtype=np.float64))
+        carrying = [self.axes.index(a) for a in "XYZ"]
+        order = [*carrying, *(i for i in range(len(self.axes)) if i not in carrying)]
+        back = np.argsort(order)
+        found = invert(
+            lambda x: self.errors(x[:, back], directions), rows[:, order], tolerance=tolerance
+        )
+        return replace(found, positions=found.positions[:, back])
+
+    def _reach(self, tool: Triple) -> float:
+        longest = max(np.ptp(self.model.machine.axis(a).travel) for a in "XYZ")
+        return max(1.01 * math.hypot(*tool), _REACH * float(longest))
+
+    def _turn_tool(self) -> None:
+        """Find out what the tool's offset does to the levers."""
+        machine, channels = self.model.machine, self._fold.channels
+        count = len(self.axes)
+        first = self.model.composition == "first-order"
+        where = np.concatenate([np.zeros((1, count)), _FAR * np.eye(count)])
+        rows = {a: where[:, i] for i, a in enumerate(self.axes)}
+        self._linear: tuple[F64, F64] | None = None
+        self._nine: F64 | None = None
+        if first and not machine.structure.rotary:
+            moves = influences(machine, channels, self._state.conditions(rows, {}))
+            per_mm = (moves[1:] - moves[0]) / _FAR
+            per_mm[np.abs(per_mm) < _NO_LEVER] = 0.0
+            self._linear = moves[0], per_mm
+            self._nine = nine(moves[0], per_mm, self.axes)
+
+    def _renew(self) -> None:
+        """Fold anew and put the new tables in the place of the old ones, at once."""
+        if not self._fold.refresh(self._state):
+            self._fold.lay_out(self._state, seen=True)
+            self._fold.refresh(self._state)
+        model, tables, state = self.model, self._fold.tables, self._state
+        if self._linear is not None:
+            self._batch: LinearBatch | ChainBatch = LinearBatch(tables, *self._linear)
+        else:
+            self._batch = ChainBatch(model.machine, model.composition, tables, state)
+        if self._nine is not None:
+            self._step = square_step(tables, self._nine, self.axes)
+        else:
+            self._step = chain_step(model.machine, model.composition, tables, state)
+
+    def _not_yet(self, positions: Sequence[float], directions: Sequence[float]) -> Triple:
+        raise InputError(
+            "the model's signals are not known yet",
+            expected="a first update with " + (", ".join(self.signals) or "the time"),
+        )

@@ -1,0 +1,95 @@
+"""One fitted effect as a source of error motions: what moves it, and its values on rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.compensator.folding.slow_state import SlowState
+from abbe.compcore.compensator.folding.variable import Variable
+from abbe.compcore.effects.expressions.expression import Node
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.error_motion import INSTRUMENT, Channel
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.model.model import Term
+from abbe.compcore.model.reads import Reads, reads_of
+
+F64 = NDArray[np.float64]
+
+_PROBES = 16
+_ENOUGH = 1.5
+"""Periods in half the travel from which on one period's table is worth its look-up."""
+
+
+class Source:
+    """One fitted effect of a model.
+
+    Attributes
+    ----------
+    channels
+        The error motions that it moves, in the order of the columns of `values`.
+    reads
+        What it reads of the conditions.
+    variables
+        Those of the reads that change from point to point.
+    kinks
+        Axis → positions (mm or rad) where its slope may jump.
+    """
+
+    def __init__(
+        self, machine: Machine, term: Term, among: Sequence[Term], state: SlowState
+    ) -> None:
+        self.effect = term.effect
+        self._machine = machine
+        self._coefficients = term.coefficients(machine)
+        self._nonlinear = term.nonlinear(machine)
+        self._among = among
+        self.channels: tuple[Channel, ...] = ()
+        rng = np.random.default_rng(1905)
+        axes = machine.structure.axes
+        where = {a: rng.uniform(*machine.axis(a).travel, _PROBES) for a in axes}
+        moved = {a: rng.integers(-1, 2, _PROBES).astype(np.float64) for a in axes}
+        found: dict[Channel, None] = {}
+
+        def run(conditions: Conditions) -> None:
+            found.update((channel, None) for channel, _ in self._motions(conditions))
+
+        self.reads: Reads = reads_of(run, state.conditions(where, moved))
+        self.channels = tuple(found)
+        self._column = {channel: i for i, channel in enumerate(self.channels)}
+        positions = [self._coordinate(a) for a in axes if a in self.reads.positions]
+        directions = [Variable(a, "direction") for a in axes if a in self.reads.directions]
+        self.variables = (*positions, *directions)
+        self.kinks = self.effect.kinks(machine)
+
+    def _coordinate(self, name: str) -> Variable:
+        """The position of an axis, or its phase where the effect repeats along it often enough."""
+        axis = self._machine.axis(name)
+        period = self.effect.repeats(self._machine, self._nonlinear).get(name, 0.0)
+        if len(self.reads.positions) > 1 or not 0.0 < period < axis.half_travel / _ENOUGH:
+            return Variable(name)
+        return Variable(name, "phase", period)
+
+    def values(self, conditions: Conditions) -> F64:
+        """The error motions on n rows, shape (n, number of channels), mm or rad."""
+        total = np.zeros((conditions.n, len(self.channels)))
+        for channel, value in self._motions(conditions):
+            total[:, self._column[channel]] += value
+        return total
+
+    def expressions(self) -> tuple[tuple[float, Node], ...] | None:
+        """Its error motion as numbers times expressions; None where it is none."""
+        return self.effect.expressions(self._machine, self._coefficients)
+
+    def _motions(self, conditions: Conditions) -> list[tuple[Channel, F64]]:
+        motions = self.effect.motions_among(self._machine, conditions, self._nonlinear, self._among)
+        parts = []
+        for motion in motions:
+            if motion.channel.place != INSTRUMENT:
+                last = motion.first + motion.columns.shape[1]
+                parts.append(
+                    (motion.channel, motion.columns @ self._coefficients[motion.first : last])
+                )
+        return parts

@@ -1,0 +1,255 @@
+"""The live step of any machine: the chain of axes walked with Python floats.
+
+The same composition as `abbe.compcore.machine.kinematics`, first-order or exact, written in the
+workpiece's
+frame: a walk from workpiece to tool that carries the orientation R and the shift so far. To first
+order the error ``Σ t + ω × (P − O)`` is collected as ``Σ t − ω × O`` and ``Σ ω`` until the
+functional point P is known.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.compensator.folding.slow_state import SlowState
+from abbe.compcore.compensator.folding.tables import AxisTable, DirectionTable, Tables
+from abbe.compcore.compensator.rotation import (
+    IDENTITY,
+    Nine,
+    Triple,
+    about,
+    about_xyz,
+    apply,
+    product,
+    shifted,
+    solved,
+    transposed,
+)
+from abbe.compcore.compensator.scalar import (
+    Value,
+    lazy_rows,
+    one_row,
+    phases,
+    scalar,
+    scalar_products,
+)
+from abbe.compcore.machine.error_motion import FUNCTIONAL_POINT, SPINDLE, WORKPIECE, Channel
+from abbe.compcore.machine.kinematics import Chain
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.model.model import Composition
+
+F64 = NDArray[np.float64]
+Step = Callable[[Sequence[float], Sequence[float]], Triple]
+
+
+def motions_at(tables: Tables) -> Callable[[Sequence[float], Sequence[float]], list[float]]:
+    """All error motions at one point, as a list in the order of the channels and a 0 at its end."""
+    start = [*tables.constant.tolist(), 0.0]
+    lines = []
+    others: list[tuple[Value, int]] = phases(tables)
+    products = [(scalar_products(bundle), bundle.channels) for bundle in tables.products]
+    for table, columns in tables.tables:
+        if isinstance(table, AxisTable):
+            rows, fetch = lazy_rows(np.concatenate([table.intercept, table.slope], axis=1))
+            width = len(columns)
+            each = [(k, j, j + width) for j, k in enumerate(columns)]
+            lines.append((table.axis, table.nodes.tolist(), rows, fetch, each))
+        elif isinstance(table, DirectionTable):
+            others += [(scalar(table, j), k) for j, k in enumerate(columns)]
+    direct = tables.direct
+
+    def motions(positions: Sequence[float], directions: Sequence[float]) -> list[float]:
+        v = start.copy()
+        for axis, nodes, rows, fetch, each in lines:
+            q = positions[axis]
+            i = bisect_right(nodes, q)
+            row = rows[i] or fetch(i)
+            for k, j, m in each:
+                v[k] += row[j] + row[m] * q
+        for value, k in others:
+            v[k] += value(positions, directions)
+        for values, channels in products:
+            for k, part in zip(channels, values(positions, directions), strict=True):
+                v[k] += part
+        if direct is not None:
+            for k, part in enumerate(direct(*one_row(positions, directions))[0].tolist()):
+                v[k] += part
+        return v
+
+    return motions
+
+
+@dataclass(frozen=True, slots=True)
+class _Stage:
+    """One step of the walk.
+
+    Attributes
+    ----------
+    kind
+        ``linear``, ``rotary``, ``place`` (nothing moves) or ``bed`` (nothing errs either).
+    axis
+        Index among the positions.
+    direction, point
+        Of the axis; `point` is its rotation point (rotary: a point of its average line).
+    first
+        Linear: the error acts before the axis's own move. Rotary: on the workpiece side.
+    motions
+        Indices of the place's six error motions, −1 where it has none; None: it has none at all.
+    letter
+        0, 1, 2 for the axes X, Y, Z that carry corrections, else −1.
+    """
+
+    kind: str
+    axis: int = -1
+    direction: Triple = (0.0, 0.0, 0.0)
+    point: Triple = (0.0, 0.0, 0.0)
+    first: bool = False
+    motions: tuple[int, ...] | None = None
+    letter: int = -1
+
+
+def stages_of(machine: Machine, channels: Sequence[Channel]) -> list[_Stage]:
+    """The walk from workpiece to tool."""
+
+    def six(place: str) -> tuple[int, ...] | None:
+        found = [-1] * 6
+        for k, channel in enumerate(channels):
+            if channel.place == place:
+                found["XYZABC".index(channel.component)] = k
+        return tuple(found) if max(found) >= 0 else None
+
+    structure = machine.structure
+    stages = [_Stage("place", motions=six(WORKPIECE))]
+    for index, name in enumerate(structure.axes):
+        if index == len(structure.workpiece_side):
+            stages.append(_Stage("bed"))
+        axis = machine.axis(name)
+        if axis.rotary:
+            on_workpiece = name in structure.workpiece_side
+            stages.append(
+                _Stage("rotary", index, axis.direction, axis.location, on_workpiece, six(name))
+            )
+        else:
+            before = machine.own_move_in_lever(name)
+            letter = "XYZ".find(name)
+            stages.append(
+                _Stage(
+                    "linear", index, axis.direction, axis.rotation_point, before, six(name), letter
+                )
+            )
+    if not structure.tool_side:
+        stages.append(_Stage("bed"))
+    return [*stages, _Stage("place", motions=six(SPINDLE))]
+
+
+def chain_step(
+    machine: Machine, composition: Composition, tables: Tables, state: SlowState
+) -> Step:
+    """The step of any machine, with the state's tool and spindle angle."""
+    zero = {a: np.zeros(1) for a in machine.structure.axes}
+    ux, uy, uz = Chain(machine, state.conditions(zero, {})).tool[0].tolist()
+    motions = motions_at(tables)
+    stages = stages_of(machine, tables.channels)
+    at_point = [-1, -1, -1]
+    for k, channel in enumerate(tables.channels):
+        if channel.place == FUNCTIONAL_POINT:
+            at_point["XYZ".index(channel.component)] = k
+    px, py, pz = at_point
+    inexact = composition == "first-order"
+    columns = np.array([machine.axis(letter).direction for letter in "XYZ"]).T
+    inverse: Nine = tuple(np.linalg.inv(columns).reshape(-1).tolist())
+    if inverse == IDENTITY:
+        inverse = IDENTITY
+
+    def step(positions: Sequence[float], directions: Sequence[float]) -> Triple:
+        v = motions(positions, directions)
+        turn = bed = IDENTITY
+        carried = [IDENTITY, IDENTITY, IDENTITY]
+        sx = sy = sz = ox = oy = oz = 0.0
+        ex = ey = ez = wx = wy = wz = 0.0
+        turned = IDENTITY
+        for stage in stages:
+            kind = stage.kind
+            frame = turn
+            if kind == "linear":
+                q = positions[stage.axis]
+                mx, my, mz = stage.direction
+                cx, cy, cz = stage.point
+                if turn is not IDENTITY:
+                    mx, my, mz = apply(turn, mx, my, mz)
+                    cx, cy, cz = apply(turn, cx, cy, cz)
+                if stage.letter >= 0:
+                    carried[stage.letter] = turn
+                nx, ny, nz = sx + mx * q, sy + my * q, sz + mz * q
+                if stage.first:
+                    cx, cy, cz = sx + cx, sy + cy, sz + cz
+                else:
+                    cx, cy, cz = nx + cx, ny + cy, nz + cz
+                sx, sy, sz = nx, ny, nz
+            elif kind == "rotary":
+                lx, ly, lz = stage.point
+                rx, ry, rz = apply(turn, lx, ly, lz)
+                cx, cy, cz = sx + rx, sy + ry, sz + rz
+                turn = product(turn, about(stage.direction, positions[stage.axis]))
+                rx, ry, rz = apply(turn, lx, ly, lz)
+                sx, sy, sz = cx - rx, cy - ry, cz - rz
+                if stage.first:
+                    frame = turn
+            elif kind == "bed":
+                bed = turn
+                continue
+            else:
+                cx, cy, cz = sx, sy, sz
+            if stage.motions is None:
+                continue
+            i, j, k, a, b, c = stage.motions
+            tx, ty, tz, ax, ay, az = v[i], v[j], v[k], v[a], v[b], v[c]
+            if inexact:
+                if frame is not IDENTITY:
+                    tx, ty, tz = apply(frame, tx, ty, tz)
+                    ax, ay, az = apply(frame, ax, ay, az)
+                ex += tx - ay * cz + az * cy
+                ey += ty - az * cx + ax * cz
+                ez += tz - ax * cy + ay * cx
+                wx += ax
+                wy += ay
+                wz += az
+                continue
+            local = about_xyz(ax, ay, az)
+            if frame is not IDENTITY:
+                tx, ty, tz = apply(frame, tx, ty, tz)
+                local = product(product(frame, local), transposed(frame))
+            dx, dy, dz = shifted(turned, cx - ox, cy - oy, cz - oz)
+            ex += tx + dx
+            ey += ty + dy
+            ez += tz + dz
+            turned = local if turned is IDENTITY else product(turned, local)
+            ox, oy, oz = cx, cy, cz
+        gx, gy, gz = apply(turn, ux, uy, uz)
+        gx, gy, gz = sx + gx, sy + gy, sz + gz
+        if inexact:
+            ex += wy * gz - wz * gy
+            ey += wz * gx - wx * gz
+            ez += wx * gy - wy * gx
+        else:
+            dx, dy, dz = shifted(turned, gx - ox, gy - oy, gz - oz)
+            ex, ey, ez = ex + dx, ey + dy, ez + dz
+        hx, hy, hz = v[px], v[py], v[pz]
+        if bed is not IDENTITY:
+            hx, hy, hz = apply(bed, hx, hy, hz)
+        ex, ey, ez = ex + hx, ey + hy, ez + hz
+        one, two, three = carried
+        if one is two is three:
+            if one is not IDENTITY:
+                ex, ey, ez = apply(transposed(one), ex, ey, ez)
+            return (ex, ey, ez) if inverse is IDENTITY else apply(inverse, ex, ey, ez)
+        moves = [apply(t, *machine_direction[i]) for i, t in enumerate(carried)]
+        return solved(moves, ex, ey, ez)
+
+    machine_direction = [machine.axis(letter).direction for letter in "XYZ"]
+    return step

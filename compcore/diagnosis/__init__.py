@@ -1,0 +1,26 @@
+"""Diagnosis: which effect is missing, what else it could be, what to measure next."""
+
+from __future__ import annotations
+
+from abbe.compcore.diagnosis.measure_next import Advice, separable
+from abbe.compcore.diagnosis.measure_next import advise as _advise
+from abbe.compcore.diagnosis.verdict import Diagnosis, Established, diagnose
+from abbe.compcore.threads import threads_for
+
+__all__ = ["Advice", "Diagnosis", "Established", "advise", "diagnose"]
+
+
+def advise(diagnosis: Diagnosis, most: int = 4) -> list[Advice]:
+    """The set-ups that would best tell the leading cause from its aliases, or sharpen the model."""
+    result = diagnosis.result
+    with threads_for(result.problem.n * result.problem.layout.size):
+        return _advised(diagnosis, most)
+
+
+def _advised(diagnosis: Diagnosis, most: int) -> list[Advice]:
+    for established in diagnosis.established:
+        effect = established.found.candidate.effect
+        rivals = [a.found for a in established.aliases if separable(a.found.candidate.effect)]
+        if rivals and separable(effect):
+            return _advise(diagnosis.result, established.found, rivals, most)
+    return _advise(diagnosis.result, None, (), most)

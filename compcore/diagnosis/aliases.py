@@ -1,0 +1,77 @@
+"""Aliases: what this campaign cannot tell from the winner, and the measurement that would.
+
+For a winner with signature ``v = C⊥·β`` in the residuals and another candidate with projected
+columns D⊥, what of v the other cannot imitate is ``λ = ‖v − P_{D⊥}v‖²`` in units of the noise
+variance: the χ² by which the two can be told apart. The cosine of the (principal) angle between v
+and the other's span is ``√(1 − λ/‖v‖²)``. Below `TOLD_APART` they are aliases for this campaign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.diagnosis.screening.evidence import INDISTINCT
+from abbe.compcore.diagnosis.screening.pool import Found, Pool
+from abbe.compcore.diagnosis.screening.screening import Basis, orthonormal
+from abbe.compcore.model.revise import identity
+
+F64 = NDArray[np.float64]
+
+TOLD_APART = 14.0
+"""χ² from which two causes are told apart with certainty (some 3.7 standard deviations)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Alias:
+    """A candidate that the campaign cannot tell from another.
+
+    Attributes
+    ----------
+    found
+        The other candidate.
+    separation
+        χ² by which the campaign tells the two apart.
+    cosine
+        Cosine of the angle between the signature and the other's span.
+    """
+
+    found: Found
+    separation: float
+    cosine: float
+
+
+def aliases(
+    pool: Pool, background: Basis, winner: Found, others: Sequence[Found], variance: float
+) -> list[Alias]:
+    """Which of the others are aliases of the winner, the closest first.
+
+    Parameters
+    ----------
+    background
+        The model with every other established cause, without the winner.
+    variance
+        Noise variance in units of the weights (χ² per degree of freedom once all is explained).
+    """
+    columns = pool.found_columns(winner)
+    own = orthonormal(background.project(columns), np.linalg.norm(columns, axis=0))
+    signature = own @ (own.T @ background.residual)
+    strength = float(signature @ signature)
+    if strength <= 0.0:
+        return []
+    imitated = pool.imitated(background, signature)
+    cause = identity(winner.candidate.effect)
+    found: list[Alias] = []
+    for other in others:
+        if other.key not in imitated or identity(other.candidate.effect) == cause:
+            continue  # the same cause in other detail is no alias
+        missed = max(0.0, strength - imitated[other.key])
+        separation = missed / variance
+        worse = winner.evidence.value - other.evidence.value
+        if separation < TOLD_APART or worse < INDISTINCT:
+            found.append(Alias(other, separation, float(np.sqrt(1.0 - missed / strength))))
+    found.sort(key=lambda a: a.separation)
+    return found

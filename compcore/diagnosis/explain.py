@@ -1,0 +1,156 @@
+"""Explanations in a metrologist's words: what, how much, where in the data, what to do."""
+
+from __future__ import annotations
+
+import inspect
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.diagnosis.screening.parameters import Estimate
+from abbe.compcore.diagnosis.uncatalogued.residual_pattern import Structure
+from abbe.compcore.diagnosis.verdict import Diagnosis, Established
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.units import display
+
+F64 = NDArray[np.float64]
+
+_MOST_SETUPS = 3
+
+
+def explanation(established: Established, diagnosis: Diagnosis) -> str:
+    """A paragraph: what it is, the evidence, the parameters, cause and cure, the expected error."""
+    effect = established.found.candidate.effect
+    campaign = diagnosis.result.problem.campaign
+    parts = [headline(effect) + "."]
+    parts.append(_evidence(established, diagnosis, campaign))
+    if told := ", ".join(parameter(e) for e in established.estimates[:4]):
+        more = len(established.estimates) - 4
+        parts.append(f"Fitted: {told}{f' and {more} more' if more > 0 else ''}.")
+    doubtful = [e for e in established.estimates if not e.plausible]
+    parts += [
+        f"{e.name} lies outside what a sound machine shows "
+        f"({amount(e.range[0], e.unit)} … {amount(e.range[1], e.unit)}): look for a wrong unit "
+        "or another cause."
+        for e in doubtful
+    ]
+    if established.aliases:
+        names = "; ".join(a.found.candidate.effect.spec for a in established.aliases[:4])
+        parts.append(f"This campaign cannot tell it from: {names}.")
+    if cause := section(effect, "Typical causes"):
+        parts.append(f"Typical causes: {_sentence(cause)}")
+    if cure := section(effect, "Cure"):
+        parts.append(f"Cure: {_sentence(cure)}")
+    if effect.scope == "instrument":
+        parts.append("It belongs to the instrument and never goes into the compensation.")
+    before, after = diagnosis.rms * 1e3, established.rms_after * 1e3
+    parts.append(f"Added, it brings the residuals from {before:.2f} to {after:.2f} µm RMS.")
+    return " ".join(parts)
+
+
+def _evidence(established: Established, diagnosis: Diagnosis, campaign: Campaign) -> str:
+    found = established.found
+    lengths = campaign.kind == Kind.DISPLACEMENT
+    signature = established.signature
+    largest = float(np.abs(signature[lengths]).max()) * 1e3 if lengths.any() else 0.0
+    text = (
+        f"Of the {diagnosis.tests} candidates tested it explains the residuals best: χ² falls by "
+        f"{found.evidence.f_drop:.0f} for {_columns(found.screened.rank)}"
+        f" ({_chance(found.evidence.log_p)})"
+    )
+    text += f", up to {largest:.1f} µm" if largest > 0.0 else ""
+    if places := _where(signature, campaign, diagnosis):
+        text += f", most of it in {places}"
+    gain = established.cross_validated_gain
+    if gain > 0.0:
+        return text + f"; set-ups left out of the fit are predicted with {gain:.0%} less variance."
+    return text + "; set-ups left out of the fit are not predicted better."
+
+
+def _columns(rank: int) -> str:
+    return "one coefficient" if rank == 1 else f"{rank} coefficients"
+
+
+def _chance(log_p: float) -> str:
+    power = log_p / np.log(10.0)
+    return "chance: none" if power < -99 else f"chance: 1 in 10^{-power:.0f}"
+
+
+def _where(signature: F64, campaign: Campaign, diagnosis: Diagnosis) -> str:
+    setup = campaign.conditions.setup
+    if setup is None:
+        return ""
+    weighted = (signature * diagnosis.result.problem.weight) ** 2
+    names, inverse = np.unique(setup, return_inverse=True)
+    share = np.bincount(inverse.reshape(-1), weights=weighted)
+    order = np.argsort(-share)[:_MOST_SETUPS]
+    return ", ".join(str(names[i]) for i in order if share[i] > 0.0)
+
+
+def headline(effect: Effect) -> str:
+    """The first sentence of an effect's page, with the place."""
+    first = inspect.cleandoc(type(effect).__doc__ or effect.kind).split("\n\n")[0]
+    first = re.sub(r"\s+", " ", first).rstrip(".")
+    where = ", ".join(
+        f"{key} {', '.join(map(str, value)) if isinstance(value, list) else value}"
+        for key, value in effect.where().items()
+    )
+    return f"{first} ({where})" if where else first
+
+
+def section(effect: Effect, name: str) -> str:
+    """One section of an effect's page as running text; empty where it has none."""
+    lines = inspect.cleandoc(type(effect).__doc__ or "").splitlines()
+    found: list[str] = []
+    inside = False
+    for line in lines:
+        if line.strip() == name and not line.startswith(" "):
+            inside = True
+        elif inside and line and not line.startswith(" "):
+            break
+        elif inside:
+            found.append(line.strip())
+    return re.sub(r"\s+", " ", " ".join(found)).strip()
+
+
+def _sentence(text: str) -> str:
+    return text if text.endswith(".") else text + "."
+
+
+def amount(value: float, unit: str) -> str:
+    """A number in the unit that people read: µm, µrad, ppm/K."""
+    name, factor = display(unit)
+    return f"{value * factor:.3g} {name}"
+
+
+def parameter(estimate: Estimate) -> str:
+    """A parameter with its standard deviation, in the unit that people read."""
+    name, factor = display(estimate.unit)
+    if estimate.sd > 0.0:
+        digits = max(0, 1 - int(np.floor(np.log10(estimate.sd * factor))))
+        value = f"{estimate.value * factor:.{min(digits, 9)}f}"
+        return f"{estimate.name} = {value} ± {estimate.sd * factor:.2g} {name}"
+    return f"{estimate.name} = {estimate.value * factor:.5g} {name}"
+
+
+def description(structure: Structure) -> str:
+    """A pattern in words: how the residuals go, and on which error motion."""
+    pattern = structure.pattern
+    channel = str(pattern.channel)
+    what = {"d": "the error of the functional point in "}.get(channel[0], "")
+    place = what + channel[1:] if what else f"the tilt {channel}"
+    text = f"{place}: {pattern.form}"
+    if pattern.depends_on == ("t",) and pattern.form.startswith("oscillation"):
+        text += ", unrelated to any recorded signal"
+    return text
+
+
+def formula(structure: Structure) -> str | None:
+    """What ``abbe add`` takes to add a pattern as an empirical formula; None where none says it."""
+    pattern = structure.pattern
+    if not pattern.terms:
+        return None
+    terms = ",".join(term.replace(" ", "") for term in pattern.terms)
+    return f"formula channel={pattern.channel} terms={terms}"

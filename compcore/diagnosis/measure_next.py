@@ -1,0 +1,263 @@
+"""What to measure next: which practicable set-up would tell two causes apart, or sharpen the model.
+
+Each set-up on a list of practicable ones (lines along axes at other offsets and with other tools,
+straightness, angles, diagonals; a line repeated with one sensor's place warmed) is imagined, and
+its rows are added to the normal equations. Two figures come out:
+
+* the χ² by which the campaign with it would tell the winner from its alias: with v the winner's
+  signature, ``λ = min over (θ, γ) of ‖v − Jθ − Dγ‖²`` over old and new rows, D the alias's columns;
+* by how much the mean standard deviation of the predicted error in the volume would fall.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.campaign.join import join_campaigns
+from abbe.compcore.diagnosis.practicable import Proposal, practicable, rows_at
+from abbe.compcore.diagnosis.screening.pool import Found
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.fitting.design.design_matrix import Problem
+from abbe.compcore.fitting.fit import FitResult
+
+F64 = NDArray[np.float64]
+
+_RIDGE = 1e-9
+_TOLD = 14.0
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What one proposal would bring.
+
+    Attributes
+    ----------
+    what
+        What to measure.
+    separates
+        Spec of the candidate that it would tell from the winner, or None.
+    separation, separation_now
+        χ² by which the two would be, and are, told apart.
+    uncertainty_falls_by
+        Part of the prediction's mean standard deviation that it would take away.
+    """
+
+    what: str
+    separates: str | None
+    separation: float
+    separation_now: float
+    uncertainty_falls_by: float
+
+
+def advise(
+    result: FitResult, winner: Found | None, rivals: Sequence[Found], most: int = 4
+) -> list[Advice]:
+    """The most useful set-ups, best first.
+
+    Parameters
+    ----------
+    result
+        The fit of the model as it is.
+    winner
+        The leading cause, or None where nothing is missing.
+    rivals
+        Its aliases, closest first; the first two are looked at.
+    """
+    machine = result.problem.model.machine
+    proposals = list(practicable(machine, result.problem.campaign))
+    known = _Known(result, winner)
+    new = _New(result, winner, known.strength, proposals)
+    advice: list[Advice] = []
+    for rival in rivals[:2] if winner is not None else ():
+        now, separated = known.separations(rival, new)
+        spec = rival.candidate.effect.spec
+        advice += [
+            Advice(proposal.what, spec, apart, now, 0.0)
+            for proposal, apart in zip(proposals, separated, strict=True)
+        ]
+    if advice:
+        effort = {p.what: p.effort for p in proposals}
+        advice.sort(
+            key=lambda a: -(min(a.separation, 10 * _TOLD) - a.separation_now) / effort[a.what]
+        )
+        rows = {p.what: rows for p, rows in zip(proposals, new.slices, strict=True)}
+        return [
+            replace(a, uncertainty_falls_by=known.falls_by(new.model[rows[a.what]]))
+            for a in _first_of_each(advice, most)
+        ]
+    bounds = [known.falls_at_most(new.model[rows]) for rows in new.slices]
+    plain: list[Advice] = []
+    for i in np.argsort(-np.array(bounds), kind="stable"):
+        if len(plain) >= most and plain[most - 1].uncertainty_falls_by >= bounds[i]:
+            break
+        fall = known.falls_by(new.model[new.slices[i]])
+        plain.append(Advice(proposals[i].what, None, 0.0, 0.0, fall))
+        plain.sort(key=lambda a: -a.uncertainty_falls_by)
+    return plain[:most]
+
+
+def _first_of_each(advice: Sequence[Advice], most: int) -> list[Advice]:
+    seen: set[str] = set()
+    out = []
+    for a in advice:
+        if a.what not in seen:
+            seen.add(a.what)
+            out.append(a)
+    return out[:most]
+
+
+def _columns(problem: Problem, found: Found, theta: F64) -> F64:
+    effect, nonlinear = found.candidate.effect, found.screened.nonlinear
+    return problem.effect_columns(effect, nonlinear, theta)
+
+
+def _model_columns(problem: Problem, theta: F64, scale: F64) -> F64:
+    """Columns of rows that have no base points, in units of the scales of all unknowns."""
+    size = problem.layout.size
+    out = np.zeros((problem.n, len(scale)))
+    out[:, :size] = problem.columns(theta[:size]) * scale[:size]
+    return out
+
+
+class _Known:
+    """What the campaign says already, as normal equations over model and winner.
+
+    Attributes
+    ----------
+    strength
+        The winner's linear parameters as they would be fitted; empty without a winner.
+    """
+
+    def __init__(self, result: FitResult, winner: Found | None) -> None:
+        self._result = result
+        problem = result.problem
+        self._scale = problem.layout.scale
+        self._model = result.eliminator.project(problem.columns(result.theta) * self._scale)
+        self._signature: F64 | None = None
+        self.strength: F64 = np.zeros(0)
+        if winner is not None:
+            own = result.eliminator.project(_columns(problem, winner, result.theta))
+            together = np.hstack([self._model, own])
+            beta = np.linalg.lstsq(together, result.weighted, rcond=1e-9)[0][-own.shape[1] :]
+            self.strength = np.asarray(beta, dtype=np.float64)
+            self._signature = own @ beta
+        self._information = self._model.T @ self._model
+        self._grid = self._volume()
+        self._half = _determined(self._information)
+        self._seen = self._grid @ self._half
+        self._spread = _spread(self._information, self._grid)
+
+    def separations(self, rival: Found, new: _New) -> tuple[float, list[float]]:
+        """χ² by which winner and rival are told apart: now, and with each of the new set-ups."""
+        if self._signature is None:
+            return 0.0, [0.0] * len(new.slices)
+        theta = self._result.theta
+        other = self._result.eliminator.project(_columns(self._result.problem, rival, theta))
+        size = np.linalg.norm(other, axis=0)
+        size[size == 0.0] = 1.0
+        columns = np.hstack([self._model, other / size])
+        information, moment = columns.T @ columns, columns.T @ self._signature
+        total = float(self._signature @ self._signature)
+        every = np.hstack([new.model, new.columns(rival) / size])
+        found = []
+        for rows in new.slices:
+            more, signature = every[rows], new.signature[rows]
+            left = _left(information + more.T @ more, moment + more.T @ signature)
+            found.append(max(0.0, total + float(signature @ signature) - left))
+        return max(0.0, total - _left(information, moment)), found
+
+    def falls_by(self, more: F64) -> float:
+        """Part of the prediction's mean standard deviation that new rows take away."""
+        after = _spread(self._information + more.T @ more, self._grid)
+        return 1.0 - after / self._spread if self._spread > 0.0 else 0.0
+
+    def falls_at_most(self, more: F64) -> float:
+        """The same were nothing determined beyond what the campaign determines: never less."""
+        mixed = more @ self._half
+        inner = np.linalg.cholesky(np.eye(len(mixed)) + mixed @ mixed.T)
+        taken = np.linalg.solve(inner, mixed @ self._seen.T)
+        before = float(np.mean((self._seen**2).sum(axis=1)))
+        after = before - float(np.mean((taken**2).sum(axis=0)))
+        return 1.0 - float(np.sqrt(max(after, 0.0) / before)) if before > 0.0 else 0.0
+
+    def _volume(self) -> F64:
+        """Rows that predict the error at corners, edges and middle, relative to the middle."""
+        campaign = self._result.problem.campaign
+        machine = self._result.problem.model.machine
+        axes = machine.structure.linear
+        places = np.array(list(product(*[np.linspace(*machine.axes[a].travel, 3) for a in axes])))
+        positions = dict(zip(axes, places.T, strict=True))
+        rows = [rows_at(campaign, machine, positions, u) for u in np.eye(3)]
+        grids = []
+        for part in rows:
+            problem = Problem(self._result.problem.model, part)
+            columns = _model_columns(problem, self._result.theta, self._scale) * part.sd[:, None]
+            grids.append(columns - columns[len(columns) // 2])
+        return np.vstack(grids)
+
+
+class _New:
+    """The rows of all proposals, evaluated together.
+
+    Attributes
+    ----------
+    slices
+        The rows of each proposal.
+    model, signature
+        The model's columns in units of the unknowns' scales, and the winner's signature, with each
+        set-up's zero taken out.
+    """
+
+    def __init__(
+        self,
+        result: FitResult,
+        winner: Found | None,
+        strength: F64,
+        proposals: Sequence[Proposal],
+    ) -> None:
+        self._problem = Problem(result.problem.model, join_campaigns([p.rows for p in proposals]))
+        self._theta = result.theta
+        self._eliminator = self._problem.eliminator(self._theta)
+        ends = np.cumsum([p.rows.n for p in proposals])
+        self.slices = [
+            slice(end - p.rows.n, end) for p, end in zip(proposals, ends.tolist(), strict=True)
+        ]
+        scale = result.problem.layout.scale
+        self.model = self._eliminator.project(_model_columns(self._problem, self._theta, scale))
+        self.signature = np.zeros(self._problem.n)
+        if winner is not None:
+            self.signature = self.columns(winner) @ strength
+
+    def columns(self, found: Found) -> F64:
+        """A candidate's columns on all rows, each set-up's zero taken out."""
+        return self._eliminator.project(_columns(self._problem, found, self._theta))
+
+
+def _determined(information: F64) -> F64:
+    """Combinations of unknowns that are determined, at one standard deviation, as columns."""
+    values, vectors = np.linalg.eigh(information)
+    keep = values > 1e-7 * values[-1]
+    return np.asarray(vectors[:, keep] / np.sqrt(values[keep]))
+
+
+def _spread(information: F64, grid: F64) -> float:
+    """Mean standard deviation of predictions, determined combinations only."""
+    return float(np.sqrt(np.mean(((grid @ _determined(information)) ** 2).sum(axis=1))))
+
+
+def _left(information: F64, moment: F64) -> float:
+    """What of a signature model and rival imitate together."""
+    values, vectors = np.linalg.eigh(information)
+    keep = values > _RIDGE * values[-1]
+    part = vectors[:, keep].T @ moment
+    return float((part**2 / values[keep]).sum())
+
+
+def separable(effect: Effect) -> bool:
+    """Whether any practicable set-up shows an effect: one tied to a past set-up none can."""
+    return getattr(effect, "setup", None) is None

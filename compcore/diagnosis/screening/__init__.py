@@ -1,0 +1,1 @@
+"""Screening: every candidate beside a fitted model, and how strongly the data speak for it."""

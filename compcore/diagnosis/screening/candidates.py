@@ -1,0 +1,120 @@
+"""Candidates: every effect that the catalogue proposes for a machine and a campaign."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import product
+
+import numpy as np
+
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.diagnosis.screening.evidence import RIGID_BODY, cost_of
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.effects.catalogue.rotary_axes import RotaryMotion
+from abbe.compcore.effects.registry import effect_kinds
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.model.model import Model
+from abbe.compcore.model.revise import identity
+
+RIGID = (
+    "positioning",
+    "straightness",
+    "angular",
+    "rotary_location",
+    "rotary_positioning",
+    "rotary_radial",
+    "rotary_axial",
+    "rotary_tilt",
+)
+"""Error motions of a rigid axis, linear or rotary: any function of the axis's own position."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An effect to be tried.
+
+    Attributes
+    ----------
+    effect
+        The effect.
+    cost
+        What makes it less likely before any data are seen (`evidence.cost_of`).
+    choices
+        Non-linear parameters to try, one mapping each; one empty mapping where there are none.
+    refines
+        Index of the model's term that it would replace by one with more detail, or None.
+    """
+
+    effect: Effect
+    cost: float
+    choices: tuple[Mapping[str, float], ...] = field(default=({},))
+    refines: int | None = None
+
+    @property
+    def nonlinear_count(self) -> int:
+        """Number of non-linear parameters chosen from the data."""
+        return len(self.choices[0])
+
+
+def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
+    """All instances that the effects enumerate, less what the model has, plus more detail."""
+    machine = model.machine
+    survey = campaign.survey()
+    present = {identity(effect) for effect in model.effects}
+    found: list[Candidate] = []
+    seen: set[str] = set()
+    for cls in effect_kinds().values():
+        for effect in cls.candidates(machine, survey):
+            if identity(effect) in present or effect.spec in seen:
+                continue
+            try:
+                effect.check(machine)
+            except InputError:
+                continue
+            seen.add(effect.spec)
+            cost = cost_of(effect, machine, len(campaign.setups))
+            if effect.kind in RIGID:
+                cost += RIGID_BODY
+            found.append(Candidate(effect, cost, tuple(_choices(effect, machine, survey))))
+    found += list(_refinements(model, campaign))
+    return found
+
+
+def _refinements(model: Model, campaign: Campaign) -> Iterator[Candidate]:
+    """Splines, polynomials and waves of the model with twice the coefficients."""
+    machine = model.machine
+    for i, effect in enumerate(model.effects):
+        axis = getattr(effect, "axis", None)
+        if axis is None or axis not in campaign.conditions.positions:
+            continue
+        detail = _finer(effect, len(np.unique(campaign.conditions.position(axis))))
+        if detail:
+            refined = effect.model_copy(update=detail)
+            yield Candidate(refined, cost_of(refined, machine, 1), refines=i)
+
+
+def _finer(effect: Effect, distinct: int) -> dict[str, object]:
+    """Where-keys with twice the detail, as far as so many positions show it; empty for none."""
+    match = re.fullmatch(r"(spline|polynomial):(\d+)", getattr(effect, "shape", None) or "")
+    if match is not None:
+        order = int(match[2])
+        finer = min(2 * order, distinct, 20 if match[1] == "polynomial" else 200)
+        return {"shape": f"{match[1]}:{finer}"} if finer > order else {}
+    if isinstance(effect, RotaryMotion) and effect.shape is None:
+        finer = min(2 * effect.waves, (distinct - 1) // 2, 32)
+        return {"harmonics": finer} if finer > effect.waves else {}
+    return {}
+
+
+def _choices(effect: Effect, machine: Machine, survey: Survey) -> Iterator[Mapping[str, float]]:
+    """Every combination of the values at which a search for non-linear parameters begins."""
+    parameters = effect.search(machine, survey)
+    if not parameters:
+        yield {}
+        return
+    for values in product(*(p.starts for p in parameters)):
+        yield dict(zip((p.name for p in parameters), map(float, values), strict=True))

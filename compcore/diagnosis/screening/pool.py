@@ -1,0 +1,222 @@
+"""The pool: every candidate with its columns at hand, tried, refined and weighed beside a model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.diagnosis.screening.candidates import Candidate
+from abbe.compcore.diagnosis.screening.evidence import CONVINCING, IMPLAUSIBLE, Evidence, weigh
+from abbe.compcore.diagnosis.screening.parameters import Estimate, estimates
+from abbe.compcore.diagnosis.screening.screening import Bank, Basis, Screened, Trial, screen
+from abbe.compcore.machine.machine import Machine
+
+F64 = NDArray[np.float64]
+
+SIGNIFICANT = math.log(1e-4)
+"""Greatest logarithm of the corrected p-value of an established candidate."""
+
+MATERIAL = 0.01
+"""Least fall of χ² per observation, in units of the noise, that is worth a cause."""
+
+_INTERVALS = 61
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A candidate as the data see it at one stage of the search.
+
+    Attributes
+    ----------
+    candidate, screened, evidence
+        What it is, how far χ² would fall, how strong that is.
+    """
+
+    candidate: Candidate
+    screened: Screened
+    evidence: Evidence
+
+    @property
+    def key(self) -> int:
+        """Its index among all candidates."""
+        return self.screened.key
+
+    def established(self, n: int) -> bool:
+        """Whether the data establish it, for n observations."""
+        e = self.evidence
+        return e.value > CONVINCING and e.f_drop > MATERIAL * n and e.log_p < SIGNIFICANT
+
+
+Columns = Callable[[Candidate, Mapping[str, float]], F64]
+
+
+class Pool:
+    """All candidates with their weighted columns at hand.
+
+    Parameters
+    ----------
+    candidates
+        What may be tried.
+    columns
+        Weighted columns (n, k) of a candidate at a choice of its non-linear parameters.
+    fitted
+        The basis of the fitted model.
+    machine
+        The machine.
+    tests
+        Number of candidates of which these were chosen; default these are all.
+    """
+
+    def __init__(
+        self,
+        candidates: Sequence[Candidate],
+        columns: Columns,
+        fitted: Basis,
+        machine: Machine,
+        *,
+        tests: int | None = None,
+    ) -> None:
+        self.candidates = list(candidates)
+        self._tests = len(self.candidates) if tests is None else tests
+        self.machine = machine
+        self._columns = columns
+        self._bank = Bank(fitted, self._trials)
+
+    def columns(self, key: int, nonlinear: Mapping[str, float]) -> F64:
+        """Weighted columns of one candidate at given non-linear parameters, shape (n, k)."""
+        return self._columns(self.candidates[key], nonlinear)
+
+    def _trials(self) -> Iterator[Trial]:
+        for key, candidate in enumerate(self.candidates):
+            for nonlinear in candidate.choices:
+                yield key, nonlinear, partial(self.columns, key, nonlinear)
+
+    def imitated(self, basis: Basis, signature: F64) -> dict[int, float]:
+        """How much of a signature's square each candidate can imitate: key → ‖P_{C⊥} v‖².
+
+        `signature` is weighted and projected, shape (n,).
+        """
+        beside = basis.with_residual(signature)
+        return {s.key: s.drop for s in self._bank.screen(beside) if s.rank}
+
+    def ranked(self, basis: Basis, without: frozenset[int] = frozenset()) -> list[Found]:
+        """All candidates that the campaign can see, strongest evidence first."""
+        found = [
+            Found(self.candidates[s.key], s, self._weigh(basis, s))
+            for s in self._bank.screen(basis, without)
+            if s.rank
+        ]
+        found.sort(key=lambda f: -f.evidence.value)
+        return found
+
+    def weighed(self, basis: Basis, found: Sequence[Found]) -> list[Found]:
+        """The same candidates, at the non-linear parameters they have, against another basis."""
+        out = []
+        by_key = {f.key: f for f in found}
+        trials = ((f.key, f.screened.nonlinear, partial(self.found_columns, f)) for f in found)
+        for s in screen(basis, trials):
+            f = by_key[s.key]
+            again = Screened(s.key, s.nonlinear, s.drop, s.rank, f.screened.tried)
+            if again.rank or len(found) == 1:
+                weighed = Found(f.candidate, again, self._weigh(basis, again))
+                out.append(self._doubted(basis, weighed))
+        return out
+
+    def _weigh(self, basis: Basis, screened: Screened, cost: float = 0.0) -> Evidence:
+        candidate = self.candidates[screened.key]
+        return weigh(
+            basis,
+            screened,
+            self._tests,
+            candidate.cost + cost,
+            candidate.nonlinear_count,
+        )
+
+    def estimates(self, basis: Basis, found: Found, variance: float) -> tuple[Estimate, ...]:
+        """A found candidate's parameters as they would be fitted."""
+        return estimates(
+            partial(self.columns, found.key),
+            basis,
+            found.candidate.effect,
+            found.screened.nonlinear,
+            self.machine,
+            variance,
+        )
+
+    def _doubted(self, basis: Basis, found: Found) -> Found:
+        """The same with less evidence where a parameter would be implausible."""
+        if not found.established(basis.n):
+            return found
+        left = max(0.0, basis.chi2 - found.screened.drop)
+        variance = left / max(1, basis.dof - found.screened.rank)
+        if all(e.plausible for e in self.estimates(basis, found, variance)):
+            return found
+        return Found(
+            found.candidate, found.screened, self._weigh(basis, found.screened, IMPLAUSIBLE)
+        )
+
+    def refined(self, basis: Basis, found: Found) -> Found:
+        """The same candidate with its non-linear parameters moved to the best place nearby."""
+        candidate = found.candidate
+        if not candidate.nonlinear_count:
+            return self._doubted(basis, found)
+        names = list(found.screened.nonlinear)
+        chosen = np.array([found.screened.nonlinear[name] for name in names])
+        neighbours = np.array([[c[name] for name in names] for c in candidate.choices])
+        bounds = [_around(chosen[i], neighbours[:, i]) for i in range(len(names))]
+
+        def loss(values: F64) -> float:
+            nonlinear = dict(zip(names, map(float, np.atleast_1d(values)), strict=True))
+            (s,) = screen(
+                basis, [(found.key, nonlinear, lambda: self.columns(found.key, nonlinear))]
+            )
+            return -s.drop
+
+        # half a second of import, for those that need it
+        from scipy import optimize
+
+        if not all(p.smooth for p in candidate.effect.nonlinear(self.machine)):
+            # a step: the fall of χ² is flat between rows, so every interval is looked at
+            grid = product(*(np.linspace(low, high, _INTERVALS) for low, high in bounds))
+            drop, values = max((-loss(np.array(v)), v) for v in grid)
+        elif len(names) == 1:
+            best = optimize.minimize_scalar(
+                lambda v: loss(np.array([v])),
+                bounds=bounds[0],
+                method="bounded",
+                options={"xatol": 1e-3 * (bounds[0][1] - bounds[0][0])},
+            )
+            values, drop = (float(best.x),), -float(best.fun)
+        else:
+            found_best = optimize.minimize(
+                loss,
+                chosen,
+                method="Nelder-Mead",
+                bounds=bounds,
+                options={"maxfev": 120, "xatol": 1e-3, "fatol": 1e-2},
+            )
+            values, drop = tuple(map(float, found_best.x)), -float(found_best.fun)
+        if drop <= found.screened.drop:
+            return self._doubted(basis, found)
+        nonlinear = dict(zip(names, map(float, values), strict=True))
+        s = Screened(found.key, nonlinear, drop, found.screened.rank, found.screened.tried)
+        return self._doubted(basis, Found(candidate, s, self._weigh(basis, s)))
+
+    def found_columns(self, found: Found) -> F64:
+        """Columns of a found candidate, those of its non-linear parameters' slopes not included."""
+        return self.columns(found.key, found.screened.nonlinear)
+
+
+def _around(chosen: float, tried: F64) -> tuple[float, float]:
+    """The neighbouring values on a grid, between which the best must lie."""
+    grid = np.unique(tried)
+    at = int(np.searchsorted(grid, chosen))
+    low = grid[max(0, at - 1)]
+    high = grid[min(len(grid) - 1, at + 1)]
+    return (float(low), float(high)) if high > low else (float(low) * 0.5, float(low) * 1.5 + 1e-9)

@@ -1,0 +1,225 @@
+"""The search: which candidate, or which few together, explain what the model leaves over.
+
+One after the other: the best candidate joins the model, all are tested again. Two causes may hide
+each other, so that neither leads alone: the leading candidates are also tested in pairs, and a
+pair that explains clearly more than the first two found one by one takes their place.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.diagnosis.screening.candidates import RIGID
+from abbe.compcore.diagnosis.screening.evidence import CONVINCING, INDISTINCT, log_chance
+from abbe.compcore.diagnosis.screening.pool import SIGNIFICANT, Found, Pool
+from abbe.compcore.diagnosis.screening.screening import Basis, orthonormal
+from abbe.compcore.model.revise import identity
+
+F64 = NDArray[np.float64]
+
+_PAIRS_OF = 40
+_MOST = 4
+_ROUNDS = 3
+_CLEARLY = 4.0
+_LEADERS = 6
+
+
+def search(pool: Pool, basis: Basis) -> tuple[list[Found], list[Found]]:
+    """Find the causes that together explain what the model leaves.
+
+    Returns
+    -------
+    established
+        In the order found, the strongest first; empty where nothing is missing.
+    ranked
+        All candidates against the model as it is, strongest evidence first.
+    """
+    ranked = pool.ranked(basis)
+    if basis.chi2 <= 0.0:
+        return [], ranked  # the model explains every digit: nothing is left to be explained
+    established: list[Found] = []
+    current, first = basis, ranked
+    while len(established) < _MOST:
+        leader = _simplest(pool, current, [pool.refined(current, f) for f in first[:_LEADERS]])
+        if leader is None or not leader.established(basis.n):
+            break
+        established.append(leader)
+        current = current.extended(pool.found_columns(leader))
+        first = pool.ranked(current, frozenset(f.key for f in established))
+    pair = _best_pair(pool, basis, ranked)
+    if pair is not None:
+        found, value = pair
+        pair_keys = {f.key for f in found}
+        if len(established) >= 2:
+            two = basis
+            for f in established[:2]:
+                two = two.extended(pool.found_columns(f))
+            reached = joint_value(basis, two, established[:2])
+        else:
+            reached = established[0].evidence.value if established else 0.0
+        if value > reached + CONVINCING and pair_keys != {f.key for f in established[:2]}:
+            established = _after_pair(pool, basis, found)
+    return _settled(pool, basis, established), ranked
+
+
+def _settled(pool: Pool, basis: Basis, established: Sequence[Found]) -> list[Found]:
+    """The same causes after each was weighed again beside all others.
+
+    What was found first was found while the others were still unknown: a candidate that now
+    says clearly more takes its place, and one that has become superfluous goes.
+    """
+    out = list(established)
+    for _ in range(_ROUNDS if len(out) > 1 else 0):
+        changed = False
+        for f in list(out):
+            rest = [g for g in out if g.key != f.key]
+            beside = basis
+            for g in rest:
+                beside = beside.extended(pool.found_columns(g))
+            ranked = pool.ranked(beside, frozenset(g.key for g in rest))
+            (now,) = pool.weighed(beside, [f])
+            leaders = [pool.refined(beside, r) for r in [now, *ranked[:_LEADERS]]]
+            best = _simplest(pool, beside, leaders) or now
+            if not best.established(basis.n):
+                out, changed = rest, True
+            elif best.key != f.key and best.evidence.value > now.evidence.value + _CLEARLY:
+                out, changed = [best if g.key == f.key else g for g in out], True
+            elif best.key == f.key:
+                out = [best if g.key == f.key else g for g in out]
+        if not changed:
+            break
+    return sorted(out, key=lambda f: -f.evidence.value)
+
+
+def _simplest(pool: Pool, basis: Basis, leaders: Sequence[Found]) -> Found | None:
+    """The strongest; where a plainer one says the same, that one, unless it is clearly worse.
+
+    Plainer is one cause in less detail, and a cause that is a special case of the strongest: a
+    scale factor of a positioning error, a squareness of a straightness.
+    """
+    if not leaders:
+        return None
+    best = max(leaders, key=lambda f: f.evidence.value)
+    special = [f for f in leaders if _special_case(pool, basis, f, best)]
+    if special:
+        best = max(special, key=lambda f: f.evidence.value)
+    alike = [
+        f
+        for f in leaders
+        if identity(f.candidate.effect) == identity(best.candidate.effect)
+        and f.evidence.value >= best.evidence.value - INDISTINCT
+    ]
+    return min(
+        alike,
+        key=lambda f: (f.screened.rank + f.candidate.nonlinear_count, -f.evidence.value),
+    )
+
+
+def _special_case(pool: Pool, basis: Basis, plain: Found, wide: Found) -> bool:
+    """Whether one candidate is a special case of an error motion that says nothing beyond it.
+
+    What the plain one explains the error motion must be able to imitate within the noise; what
+    that explains further is tested as its further coefficients alone deserve: that every axis has
+    such a motion (`RIGID_BODY`) is no reason to prefer it to one of its own special cases.
+    """
+    further = wide.screened.rank - plain.screened.rank - plain.candidate.nonlinear_count
+    one, other = plain.candidate.effect, wide.candidate.effect
+    if other.kind not in RIGID or one.kind in RIGID or further <= 0:
+        return False
+    if not set(one.signals_needed()) <= set(other.signals_needed()):
+        return False
+    if not plain.established(basis.n):
+        return False
+    dof = max(1, basis.dof - wide.screened.rank)
+    variance = (basis.chi2 - wide.screened.drop) / dof
+    beyond = (wide.screened.drop - plain.screened.drop) / variance
+    if log_chance(beyond / further, further, dof) < SIGNIFICANT:
+        return False
+    span = _span(pool, basis, wide)
+    own = _span(pool, basis, plain)
+    signature = own @ (own.T @ basis.residual)
+    missed = signature - span @ (span.T @ signature)
+    return bool(missed @ missed < variance)
+
+
+def _span(pool: Pool, basis: Basis, found: Found) -> F64:
+    """Orthonormal basis of what a candidate can explain beside a model, shape (n, rank)."""
+    columns = pool.found_columns(found)
+    return orthonormal(basis.project(columns), np.linalg.norm(columns, axis=0))
+
+
+def _after_pair(pool: Pool, basis: Basis, found: Sequence[Found]) -> list[Found]:
+    """A pair in the model, and whatever comes after it; each weighed beside the others."""
+    out: list[Found] = []
+    current = basis
+    for f in found:
+        current = current.extended(pool.found_columns(f))
+    for i, f in enumerate(found):
+        other = basis
+        for j, g in enumerate(found):
+            if j != i:
+                other = other.extended(pool.found_columns(g))
+        out += pool.weighed(other, [f])
+    if not all(f.established(basis.n) for f in out):
+        return [f for f in out if f.established(basis.n)]
+    out.sort(key=lambda f: -f.evidence.value)
+    while len(out) < _MOST:
+        more = pool.ranked(current, frozenset(f.key for f in out))
+        if not more or not more[0].established(basis.n):
+            break
+        best = pool.refined(current, more[0])
+        out.append(best)
+        current = current.extended(pool.found_columns(best))
+    return out
+
+
+def joint_value(before: Basis, after: Basis, found: Sequence[Found]) -> float:
+    """Evidence for several causes together, in the units of `Evidence.value`."""
+    price = sum(
+        (f.screened.rank + f.candidate.nonlinear_count) * math.log(before.n) + f.candidate.cost
+        for f in found
+    )
+    return before.dof * math.log(before.chi2 / max(after.chi2, 1e-300)) - price
+
+
+def _best_pair(
+    pool: Pool, basis: Basis, ranked: Sequence[Found]
+) -> tuple[list[Found], float] | None:
+    """The pair of leading candidates with the strongest joint evidence, and that evidence."""
+    leading = sorted(ranked, key=lambda f: -f.screened.drop / f.screened.rank)[:_PAIRS_OF]
+    by_value = [f for f in ranked[:_PAIRS_OF] if f not in leading]
+    leading = [*leading, *by_value]
+    spans = [_span(pool, basis, f) for f in leading]
+    if len(spans) < 2:
+        return None
+    stacked = np.hstack(spans)
+    gram = stacked.T @ stacked
+    moment = stacked.T @ basis.residual
+    ends = np.cumsum([s.shape[1] for s in spans])
+    slices = [slice(e - s.shape[1], e) for e, s in zip(ends, spans, strict=True)]
+    best: tuple[float, int, int] | None = None
+    for i in range(len(leading)):
+        for j in range(i + 1, len(leading)):
+            a, b = slices[i], slices[j]
+            index = np.r_[a, b]
+            values, vectors = np.linalg.eigh(gram[np.ix_(index, index)])
+            seen = values > 1e-4
+            if seen.sum() <= max(a.stop - a.start, b.stop - b.start):
+                continue  # one imitates the other: they are no two causes
+            part = vectors[:, seen].T @ moment[index]
+            drop = float((part**2 / values[seen]).sum())
+            left = max(basis.chi2 - drop, 1e-12 * basis.chi2)
+            fi, fj = leading[i], leading[j]
+            count = int(seen.sum()) + fi.candidate.nonlinear_count + fj.candidate.nonlinear_count
+            value = basis.dof * math.log(basis.chi2 / left) - count * math.log(basis.n)
+            value -= fi.candidate.cost + fj.candidate.cost
+            if best is None or value > best[0]:
+                best = (value, i, j)
+    if best is None:
+        return None
+    value, i, j = best
+    return [leading[i], leading[j]], value

@@ -1,0 +1,1 @@
+"""What no effect of the catalogue explains: patterns in residuals, and formulas for them."""

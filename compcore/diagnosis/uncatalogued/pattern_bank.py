@@ -1,0 +1,143 @@
+"""A family of patterns beside a fitted model, tested again and again, and never held in memory.
+
+A pattern acts on one error motion, and most rows do not see it: a line along X is blind to errors
+in Y. So columns are made on the rows that see them only, batch by batch, anew for every test; what
+the fitted model leaves of them (their Gram matrices) is computed once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.diagnosis.screening.screening import Basis, Screened, drops_of, grams
+from abbe.compcore.diagnosis.uncatalogued.patterns import Pattern, oscillating
+from abbe.compcore.machine.error_motion import Channel
+
+F64 = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_BATCH = 400_000
+"""Elements of columns made at once: as much as a processor's cache holds."""
+
+
+class PatternBank:
+    """Patterns, to be tested against what a model leaves.
+
+    Parameters
+    ----------
+    fitted
+        The basis of the fitted model.
+    patterns
+        The family; a pattern's index is its key.
+    seen
+        Error motion → its weighted part in each row, shape (n,).
+    """
+
+    def __init__(
+        self, fitted: Basis, patterns: Sequence[Pattern], seen: Mapping[Channel, F64]
+    ) -> None:
+        self._patterns = patterns
+        # an error motion that no row sees has no columns, and no part
+        channels = [c for c in {p.channel: None for p in patterns} if seen[c].any()]
+        self._parts = [_Part.of(fitted, c, seen[c]) for c in channels]
+        self._batches = [batch for part in self._parts for batch in _batches(part, patterns)]
+        self._grams: dict[int, F64] = {}
+
+    def screen(self, basis: Basis) -> list[Screened]:
+        """Test all patterns against the fitted model, perhaps extended; those that are seen."""
+        targets = {
+            part.channel: np.column_stack([basis.residual, basis.extra])[part.rows]
+            for part in self._parts
+        }
+        found = []
+        for number, batch in enumerate(self._batches):
+            columns = batch.columns(self._patterns)
+            square = np.einsum("ij,ij->i", columns, columns)
+            size = np.sqrt(np.where(square > 0.0, square, 1.0))
+            if number not in self._grams:
+                imitated = batch.part.imitated(columns) / size[:, None]
+                own = grams(columns, batch.width)
+                scale = size.reshape(-1, batch.width)
+                own /= scale[:, :, None] * scale[:, None, :]
+                self._grams[number] = own - grams(imitated, batch.width)
+            inner = (columns @ targets[batch.part.channel]) / size[:, None]
+            drop, rank = drops_of(
+                self._grams[number], inner[:, 0], np.ascontiguousarray(inner[:, 1:])
+            )
+            found += [
+                Screened(key, {}, float(d), int(r))
+                for key, d, r in zip(batch.keys, drop, rank, strict=True)
+                if r
+            ]
+        return sorted(found, key=lambda s: s.key)
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """The rows that see an error motion, and what the fitted model can imitate there."""
+
+    channel: Channel
+    rows: Index
+    seen: F64
+    q: F64
+    nuisances: tuple[tuple[Index | slice, F64], ...]
+
+    @classmethod
+    def of(cls, fitted: Basis, channel: Channel, seen: F64) -> _Part:
+        rows = np.flatnonzero(seen)
+        at = np.full(len(seen), -1)
+        at[rows] = np.arange(len(rows))
+        nuisances: list[tuple[Index | slice, F64]] = []
+        for own, basis in fitted.eliminator.bases():
+            places = at[own]
+            mine = places >= 0
+            if mine.any():
+                nuisances.append((_span(places[mine]), basis[mine]))
+        return cls(channel, rows, seen[rows], fitted.q[rows], tuple(nuisances))
+
+    def imitated(self, columns: F64) -> F64:
+        """What the fitted model takes of columns that are laid out as rows, (k, rows)."""
+        parts = [columns @ self.q]
+        parts += [columns[:, places] @ basis for places, basis in self.nuisances]
+        return np.hstack(parts)
+
+
+def _span(rows: Index) -> Index | slice:
+    first, last = int(rows[0]), int(rows[-1])
+    return slice(first, last + 1) if last - first == len(rows) - 1 else rows
+
+
+@dataclass(frozen=True, eq=False)
+class _Batch:
+    """Patterns of one width on one error motion."""
+
+    part: _Part
+    keys: tuple[int, ...]
+    width: int
+
+    def columns(self, patterns: Sequence[Pattern]) -> F64:
+        """Weighted columns as rows, (patterns · width, rows that see them)."""
+        mine = [patterns[key] for key in self.keys]
+        out = oscillating(mine, self.part.rows)
+        if out is None:
+            out = np.concatenate([p.values(self.part.rows).T for p in mine])
+        out *= self.part.seen
+        return out
+
+
+def _batches(part: _Part, patterns: Sequence[Pattern]) -> Iterator[_Batch]:
+    by_kind: dict[object, list[int]] = {}
+    for key, pattern in enumerate(patterns):
+        if pattern.channel == part.channel:
+            wave = pattern.wave
+            kind = None if wave is None else (wave.v, wave.along, wave.harmonics)
+            by_kind.setdefault((pattern.width, kind), []).append(key)
+    for keys in by_kind.values():
+        width = patterns[keys[0]].width
+        step = max(1, _BATCH // (width * max(1, len(part.rows))))
+        for at in range(0, len(keys), step):
+            yield _Batch(part, tuple(keys[at : at + step]), width)

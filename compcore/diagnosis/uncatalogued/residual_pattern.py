@@ -1,0 +1,260 @@
+"""Structure: is anything left in the residuals, and what does it depend on?"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.diagnosis.screening.evidence import CONVINCING, Evidence, weigh
+from abbe.compcore.diagnosis.screening.pool import MATERIAL, SIGNIFICANT
+from abbe.compcore.diagnosis.screening.screening import Basis, Screened
+from abbe.compcore.diagnosis.uncatalogued.pattern_bank import PatternBank
+from abbe.compcore.diagnosis.uncatalogued.patterns import (
+    Pattern,
+    Variable,
+    channels,
+    lever_axes,
+    oscillation,
+    oscillations,
+    products,
+    surfaces,
+    swings,
+    variables,
+    with_product,
+)
+from abbe.compcore.diagnosis.uncatalogued.short_formula import shortened
+from abbe.compcore.fitting.design.design_matrix import Problem
+
+F64 = NDArray[np.float64]
+
+EMPIRICAL = 12.0
+"""Cost of a description that names no cause, in units of evidence."""
+
+TILT = 6.0
+"""Further cost of one on an axis's tilt: seen through levers, it depends on more than it says."""
+
+_MANY_ROWS = 20_000
+
+_KEPT = 12
+_KEPT_PRODUCTS = 40
+"""Of a family's patterns those that are looked at closely; of a product of three half may be
+elsewhere, in a product of two."""
+
+_NEARBY = 21
+"""Periods that are tried between a period's neighbours."""
+
+_HARMONICS = 3
+"""Of what repeats and is not a sine."""
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """A pattern that the residuals show.
+
+    Attributes
+    ----------
+    pattern
+        What it depends on and how.
+    made
+        Makes its weighted columns.
+    evidence
+        How strong it is.
+    drop
+        Fall of χ² if it were added.
+    depends_on
+        Recorded quantities, those of the levers of a tilt included.
+    """
+
+    pattern: Pattern
+    made: Callable[[], F64] = field(repr=False)
+    evidence: Evidence
+    drop: float
+    depends_on: tuple[str, ...]
+
+    @property
+    def columns(self) -> F64:
+        """Weighted columns, shape (n, k)."""
+        return self.made()
+
+    def established(self, n: int) -> bool:
+        """Whether the data establish that the structure is there, for n observations."""
+        e = self.evidence
+        return e.value > CONVINCING and e.f_drop > MATERIAL * n and e.log_p < SIGNIFICANT
+
+
+class Patterns:
+    """All patterns for a campaign, to be tested against what a model leaves, again and again.
+
+    Parameters
+    ----------
+    problem, theta
+        The model and campaign, and where base points and tools stand.
+    fitted
+        The basis of the fitted model.
+    """
+
+    def __init__(self, problem: Problem, theta: F64, fitted: Basis) -> None:
+        campaign = problem.campaign
+        machine = self._machine = problem.model.machine
+        self._quantities = variables(machine, campaign.conditions)
+        on = channels(machine)
+        observation = problem.observation(theta)
+        self._seen = {c: observation.seen(c) * problem.weight for c in on}
+        order = 3 if campaign.n <= _MANY_ROWS else 2
+        shortest = _shortest(self._quantities)
+        self._families = [
+            list(products(self._quantities, on, order)),
+            list(surfaces(self._quantities, on[:3])),
+            list(oscillations(self._quantities, on[:3], shortest)),
+            list(swings(self._quantities, on[:3], shortest)),
+        ]
+        self._fitted = fitted
+        self._banks = [PatternBank(fitted, family, self._seen) for family in self._families]
+
+    def columns(self, pattern: Pattern) -> F64:
+        """Weighted columns of a pattern, shape (n, k)."""
+        return np.asarray(self._seen[pattern.channel][:, None] * pattern.basis)
+
+    def strongest(self, basis: Basis, most: int = 5) -> list[Structure]:
+        """The strongest patterns in the residuals, strongest first, no two nearly the same."""
+        found: list[Structure] = []
+        for family, bank in zip(self._families, self._banks, strict=True):
+            screened = bank.screen(basis)
+            screened.sort(key=lambda s: -_value(basis, s.drop, s.rank))
+            kept = _KEPT_PRODUCTS if family and family[0].factors else _KEPT
+            leading = [family[s.key] for s in screened[:kept]]
+            found += self._weighed(basis, leading, len(family))
+        found.sort(key=lambda s: -s.evidence.value)
+        return self._distinct(basis, found, most)
+
+    def established(self, basis: Basis) -> list[Structure]:
+        """The strongest patterns that the data establish; with a formula where a short one does."""
+        found = [s for s in self.strongest(basis) if s.established(basis.n)]
+        return [self._told(basis, s) for s in found]
+
+    def _told(self, basis: Basis, structure: Structure) -> Structure:
+        pattern = structure.pattern
+        if pattern.terms and len(pattern.factors) < 2:
+            return structure
+        seen = self._seen[pattern.channel]
+        return replace(
+            structure,
+            pattern=shortened(basis, pattern, self._quantities, seen, structure.drop),
+        )
+
+    def with_lower_orders(self, structure: Structure) -> F64:
+        """Columns of a pattern and, of a product of three quantities, of its products of two.
+
+        The quantities are counted from the middle of what was recorded, nature counts from
+        elsewhere: (X − x₀)·(Y − y₀)·(T − T₀) has a part in X·Y alone for any other T₀.
+        """
+        pattern = structure.pattern
+        value = {q.name: q.value for q in self._quantities}
+        seen = self._seen[pattern.channel]
+        pairs = dict.fromkeys(combinations(pattern.factors, 2)) if len(pattern.factors) > 2 else ()
+        lower = [(seen * value[a] * value[b])[:, None] for a, b in pairs]
+        return np.hstack([structure.columns, *lower])
+
+    def _weighed(self, basis: Basis, patterns: Sequence[Pattern], tests: int) -> list[Structure]:
+        """Each pattern in the form that says most."""
+        refined = iter(self._refined_periods(basis, [p for p in patterns if p.wave is not None]))
+        forms: list[tuple[int, Pattern, int]] = []
+        for i, pattern in enumerate(patterns):
+            if pattern.wave is None:
+                forms += [(i, p, 0) for p in (pattern, *self._counted_from_elsewhere(pattern))]
+                continue
+            best = next(refined)
+            w = best.wave or pattern.wave
+            repeated = oscillation(w.v, w.period, best.channel, w.along, harmonics=_HARMONICS)
+            forms += [(i, best, 1), (i, repeated, 1)]
+        bank = PatternBank(self._fitted, [form for _, form, _ in forms], self._seen)
+        seen = {s.key: s for s in bank.screen(basis)}
+        strongest: dict[int, Structure] = {}
+        for key, (i, form, chosen) in enumerate(forms):
+            one = self._structure(basis, form, seen.get(key, Screened(key)), tests, chosen)
+            if i not in strongest or one.evidence.value > strongest[i].evidence.value:
+                strongest[i] = one
+        return list(strongest.values())
+
+    def _counted_from_elsewhere(self, pattern: Pattern) -> Iterator[Pattern]:
+        """A product of three quantities with one of its products of two beside it.
+
+        (X − x₀)·(Y − y₀)·(T − T₀) has a part in X·Y alone for any T₀ but the middle of what was
+        recorded; either part alone may look like something else.
+        """
+        if len(pattern.factors) < 3:
+            return
+        by_name = {q.name: q for q in self._quantities}
+        factors = [by_name[name] for name in pattern.factors]
+        for pair in dict.fromkeys(combinations(factors, 2)):
+            yield with_product(pattern, pair)
+
+    def _structure(
+        self, basis: Basis, pattern: Pattern, s: Screened, tests: int, refined: int
+    ) -> Structure:
+        cost = EMPIRICAL + (TILT if pattern.channel.rotation else 0.0)
+        evidence = weigh(basis, s, tests, cost, refined)
+        levers = lever_axes(self._machine, pattern.channel)
+        depends = tuple(dict.fromkeys((*pattern.depends_on, *levers)))
+        return Structure(pattern, partial(self.columns, pattern), evidence, s.drop, depends)
+
+    def _refined_periods(self, basis: Basis, patterns: Sequence[Pattern]) -> list[Pattern]:
+        """The same oscillations with their periods moved to the best places nearby."""
+        trials: list[Pattern] = []
+        for pattern in patterns:
+            if pattern.wave is not None:
+                v, period, along, _ = pattern.wave
+                step = 0.25 / (2.0 * v.scale)
+                trials += [
+                    oscillation(v, 1.0 / (1.0 / period + part * step), pattern.channel, along)
+                    for part in np.linspace(-1.0, 1.0, _NEARBY)
+                ]
+        drop = np.zeros(len(trials))
+        for s in PatternBank(self._fitted, trials, self._seen).screen(basis):
+            drop[s.key] = s.drop
+        best = drop.reshape(len(patterns), _NEARBY).argmax(axis=1) if len(patterns) else ()
+        return [trials[i * _NEARBY + int(k)] for i, k in enumerate(best)]
+
+    def _distinct(self, basis: Basis, found: Sequence[Structure], most: int) -> list[Structure]:
+        """The strongest first; one that says little beyond those already taken is left out."""
+        bank = PatternBank(self._fitted, [s.pattern for s in found], self._seen)
+        left: dict[int, float] = {}
+        taken: list[Structure] = []
+        current = basis
+        for key, s in enumerate(found):
+            if taken and left.get(key, 0.0) < 0.3 * s.drop:
+                continue
+            taken.append(s)
+            if len(taken) == most:
+                break
+            current = current.extended(s.columns)
+            left = {one.key: one.drop for one in bank.screen(current)}
+        return taken
+
+
+def _value(basis: Basis, drop: float, rank: int) -> float:
+    if basis.chi2 <= 0.0:
+        return -math.inf
+    left = max(basis.chi2 - drop, 1e-12 * basis.chi2)
+    return basis.dof * math.log(basis.chi2 / left) - rank * math.log(basis.n)
+
+
+def _shortest(quantities: Sequence[Variable]) -> dict[str, float]:
+    """Shortest periods worth trying: a few rows long in time, two steps in position."""
+    out: dict[str, float] = {}
+    for v in quantities:
+        distinct = np.unique(v.value * v.scale)
+        steps = np.diff(distinct)
+        steps = steps[steps > 1e-9]
+        if not len(steps):
+            continue
+        span = 2.0 * v.scale
+        finest = 4.0 * float(np.median(steps)) if v.family == "time" else 2.0 * float(steps.min())
+        out[v.name] = max(finest, span / 250.0)
+    return out

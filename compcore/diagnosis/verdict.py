@@ -1,0 +1,334 @@
+"""The verdict: complete, missing or unexplained; with everything that a report needs to say why.
+
+At every step the catalogue's best candidate competes with the best description of the residuals'
+structure (`patterns`). A cause from the catalogue is established only where nothing empirical says
+clearly more: a wrong cause is worse than none. What the catalogue cannot explain is described.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.diagnosis.aliases import Alias, aliases
+from abbe.compcore.diagnosis.screening.all_rows import measured
+from abbe.compcore.diagnosis.screening.candidates import RIGID, Candidate, candidates
+from abbe.compcore.diagnosis.screening.crossvalidation import folds, gain, left_out
+from abbe.compcore.diagnosis.screening.evidence import CONVINCING
+from abbe.compcore.diagnosis.screening.parameters import Estimate
+from abbe.compcore.diagnosis.screening.pool import Found, Pool
+from abbe.compcore.diagnosis.screening.screening import Basis
+from abbe.compcore.diagnosis.screening.search import joint_value, search
+from abbe.compcore.diagnosis.uncatalogued.residual_pattern import Patterns, Structure
+from abbe.compcore.errors import FitError
+from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.model.model import Model
+from abbe.compcore.threads import threads_for
+
+F64 = NDArray[np.float64]
+
+Verdict = Literal["complete", "missing", "unexplained"]
+
+_SAME = 2.0
+"""Difference in χ² that is none."""
+
+_COINCIDENCE = 8.0
+"""What each further cause costs beside one description that says the same: a coincidence."""
+
+BEYOND_DOUBT = 40.0
+"""Least evidence of a cause that is found beside structure which no cause explains."""
+
+
+@dataclass(frozen=True, eq=False)
+class Established:
+    """A cause that the data establish.
+
+    Attributes
+    ----------
+    found
+        The candidate and its evidence, beside the other established causes.
+    estimates
+        Its parameters with standard deviations and plausibility.
+    rms_after
+        RMS of the displacement residuals if it alone were added, mm.
+    cross_validated_gain
+        Part of the variance of unseen set-ups that it removes.
+    aliases
+        What this campaign cannot tell from it, closest first.
+    signature
+        What it explains in each row beyond what the model can imitate, (n,), mm or rad.
+    """
+
+    found: Found
+    estimates: tuple[Estimate, ...]
+    rms_after: float
+    cross_validated_gain: float
+    aliases: tuple[Alias, ...]
+    signature: F64
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What is missing in a model, by a campaign.
+
+    Attributes
+    ----------
+    verdict
+        ``complete``, ``missing`` or ``unexplained``.
+    whole
+        The fit of the model as it is to all rows.
+    result
+        The same fit on the rows on which candidates were tested: all, or some of a large campaign
+        (`abbe.compcore.campaign.thinning`).
+    rms
+        RMS of the displacement residuals of all rows, mm.
+    established
+        Causes, the first to add first.
+    structure
+        Descriptions of what no cause explains, strongest first.
+    ranked
+        All candidates against the model as it is, strongest evidence first.
+    left
+        χ² per degree of freedom once the established causes are added.
+    tests
+        Number of candidates tested.
+    pool, basis
+        For further questions: the candidates' columns, what the model leaves.
+    """
+
+    verdict: Verdict
+    whole: FitResult
+    result: FitResult
+    rms: float
+    established: tuple[Established, ...]
+    structure: tuple[Structure, ...]
+    ranked: tuple[Found, ...]
+    left: float
+    tests: int
+    pool: Pool = field(repr=False)
+    basis: Basis = field(repr=False)
+
+
+Progress = Callable[[str], None]
+
+
+def diagnose(model: Model, campaign: Campaign, *, progress: Progress = lambda _: None) -> Diagnosis:
+    """Find out which physical effect a model lacks, or that it lacks none.
+
+    Parameters
+    ----------
+    model
+        The model; its effects are refitted to the campaign.
+    campaign
+        The measurements.
+    progress
+        Called with a few words at the start of each stage.
+
+    Raises
+    ------
+    FitError
+        When the campaign has no rows, or no more than the model has unknowns.
+    """
+    progress("fitting the model as it is")
+    whole = fit(model, campaign)
+    result = whole.thin
+    if result.dof < 1:
+        raise FitError(
+            f"{result.problem.n} rows are as many as the model has unknowns: nothing is left over "
+            "that could be diagnosed; measure more"
+        )
+    with threads_for(result.problem.n * result.problem.layout.size):
+        return _diagnosed(model, whole, result, progress)
+
+
+def _diagnosed(model: Model, whole: FitResult, result: FitResult, progress: Progress) -> Diagnosis:
+    campaign = result.problem.campaign
+    basis = Basis.of(result)
+    progress("enumerating candidates")
+    tried = candidates(model, campaign)
+
+    def columns(candidate: Candidate, nonlinear: Mapping[str, float]) -> F64:
+        return result.effect_columns(candidate.effect, nonlinear)
+
+    pool = Pool(tried, columns, basis, model.machine)
+    progress(f"testing {len(tried)} candidates")
+    chosen, ranked = search(pool, basis)
+    progress("looking for structure that is in no catalogue")
+    patterns = Patterns(result.problem, result.theta, basis)
+    chosen, unexplained = _compete(pool, basis, chosen, patterns)
+    progress("aliases and cross-validation")
+    background = basis
+    for s in unexplained:
+        background = background.extended(s.columns)
+    rows = folds(campaign.conditions.setup, campaign.conditions.time, campaign.conditions.run)
+    after = background
+    for f in chosen:
+        after = after.extended(pool.found_columns(f))
+    variance = after.chi2 / after.dof
+    share = result.problem.n / whole.problem.n
+    established = tuple(
+        _established(pool, background, result, f, chosen, rows, variance, share) for f in chosen
+    )
+    if whole is not result and established:
+        progress("what was found, on all rows")
+        established, left = _on_all_rows(whole, result, established, len(tried))
+        variance = variance if unexplained else left
+    if established:
+        verdict: Verdict = "missing"
+    elif unexplained:
+        verdict = "unexplained"
+    else:
+        verdict = "complete"
+    return Diagnosis(
+        verdict,
+        whole,
+        result,
+        whole.rms(*_LENGTHS),
+        established,
+        tuple(unexplained),
+        tuple(ranked),
+        variance,
+        len(tried),
+        pool,
+        basis,
+    )
+
+
+_LENGTHS = (Kind.DISPLACEMENT, Kind.DISTANCE, Kind.BASE_DISTANCE)
+
+
+def _compete(
+    pool: Pool,
+    basis: Basis,
+    chosen: Sequence[Found],
+    patterns: Patterns,
+) -> tuple[list[Found], list[Structure]]:
+    """Causes from the catalogue against descriptions of structure: who explains what.
+
+    Returns the causes that stand, and the structure that no cause explains.
+    """
+    strong = patterns.established(basis)
+    chosen = list(chosen)
+    if not strong:
+        return chosen, []
+    after = basis
+    for f in chosen:
+        after = after.extended(pool.found_columns(f))
+    by_causes = (
+        joint_value(basis, after, chosen) - _COINCIDENCE * (len(chosen) - 1) if chosen else 0.0
+    )
+    left = patterns.established(after) if chosen else strong
+    # a description costs `EMPIRICAL` more: where it says more all the same, no cause is named
+    better = strong[0].evidence.value > by_causes
+    # a function of one position is an error motion of its axis, however plainly it can be described
+    rigid = bool(chosen) and all(f.candidate.effect.kind in RIGID for f in chosen)
+    # one cause that explains as much as the description says it too, with what else belongs to it
+    covers = len(chosen) == 1 and basis.chi2 - after.chi2 > strong[0].drop - _SAME
+    if not left and (rigid or covers or not better):
+        return chosen, []
+    # something is left whatever the catalogue offers
+    if left and chosen and not better and by_causes > strong[0].evidence.value + CONVINCING:
+        # the causes say more than any one description; but a cause further down the list may
+        # only be imitating what is left, and is kept only if it stands beside the description
+        return _beside(pool, basis, chosen, left, patterns), left
+    extended = basis
+    told: list[Structure] = []
+    for s in strong[:1]:
+        extended = extended.extended(patterns.with_lower_orders(s))
+        told.append(s)
+    more, _ = search(pool, extended)
+    more = [f for f in more if f.evidence.value > BEYOND_DOUBT]
+    if more:
+        both = extended
+        for f in more:
+            both = both.extended(pool.found_columns(f))
+        more = [] if patterns.established(both) else more
+    return more, told + [s for s in strong[1:] if s not in told]
+
+
+def _beside(
+    pool: Pool,
+    basis: Basis,
+    chosen: Sequence[Found],
+    left: Sequence[Structure],
+    patterns: Patterns,
+) -> list[Found]:
+    """Those causes that stay established once the structure that is left is described."""
+    described = basis
+    for s in left:
+        described = described.extended(patterns.with_lower_orders(s))
+    kept: list[Found] = []
+    for f in chosen:
+        (again,) = pool.weighed(described, [f])
+        if not again.established(basis.n):
+            continue
+        kept.append(f)
+        described = described.extended(pool.found_columns(f))
+    return kept
+
+
+def _on_all_rows(
+    whole: FitResult, result: FitResult, established: Sequence[Established], tests: int
+) -> tuple[tuple[Established, ...], float]:
+    """Causes with what all rows say of them; those that all rows do not establish are left out.
+
+    Also χ² per degree of freedom with all of them.
+    """
+    kept = list(established)
+    while kept:
+        seen, left = measured(whole, [e.found for e in kept], tests)
+        standing = [m.found.established(whole.problem.n) for m in seen]
+        if all(standing):
+            grown = whole.rms(*_LENGTHS) / result.rms(*_LENGTHS)
+            told = [
+                replace(e, found=m.found, estimates=m.estimates, rms_after=e.rms_after * grown)
+                for e, m in zip(kept, seen, strict=True)
+            ]
+            return tuple(told), left
+        kept = [e for e, stands in zip(kept, standing, strict=True) if stands]
+    return (), whole.chi2 / whole.dof
+
+
+def _established(
+    pool: Pool,
+    background: Basis,
+    result: FitResult,
+    found: Found,
+    chosen: Sequence[Found],
+    rows: list[NDArray[np.int64]],
+    variance: float,
+    share: float,
+) -> Established:
+    """Everything that is to be said of one established cause, beside the others.
+
+    `share` is the part of the campaign's rows that were looked at.
+    """
+    others = background
+    for f in chosen:
+        if f.key != found.key:
+            others = others.extended(pool.found_columns(f))
+    (beside,) = pool.weighed(others, [found])
+    columns = pool.found_columns(found)
+    projected = others.project(columns)
+    coefficients = np.linalg.lstsq(projected, others.residual, rcond=1e-10)[0]
+    signature = projected @ coefficients / result.problem.weight
+    alone = background.project(columns)
+    fitted = alone @ np.linalg.lstsq(alone, background.residual, rcond=1e-10)[0]
+    after = (background.residual - fitted) / result.problem.weight
+    lengths = np.isin(result.problem.campaign.kind, _LENGTHS)
+    rms_after = float(np.sqrt(np.mean(after[lengths] ** 2))) if lengths.any() else math.nan
+    rival = pool.ranked(others, frozenset(g.key for g in chosen))
+    return Established(
+        beside,
+        pool.estimates(others, found, variance),
+        rms_after,
+        gain(others, columns, rows, left_out(others, rows)),
+        tuple(aliases(pool, others, found, rival, variance * share)),
+        np.asarray(signature),
+    )

@@ -1,0 +1,1 @@
+"""The catalogue of effects: one file a family; an effect's docstring is its page."""

@@ -1,0 +1,154 @@
+"""Damage in one place: a dent or bump of a guideway or scale."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from pydantic import model_validator
+
+from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.effects.base import (
+    Channel,
+    Component,
+    Effect,
+    Motion,
+    NonlinearParameter,
+    Parameter,
+)
+from abbe.compcore.effects.keys import FittedUnlessGiven, PositiveUnlessFitted
+from abbe.compcore.effects.registry import register
+from abbe.compcore.effects.targets import ROTATIONS, TRANSLATIONS, require_linear
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import Machine
+
+_ERROR = re.compile(r"E_([XYZABC])([XYZUVW][0-9]?)")
+_HALF = float(np.sqrt(1.0 - 0.5 ** (1.0 / 3.0)))
+"""Where ``(1 − u²)³`` has fallen to one half."""
+
+
+@register
+class LocalDefect(Effect):
+    """Local defect: a dent or bump of a guideway, seen in one place of the travel only.
+
+    Formula
+        ``E = depth·(1 − u²)³`` for ``|u| < 1``, else 0, with ``u = 0.908·(q_a − centre)/width``: a
+        smooth bump that has half of its height at centre ± ½ width and ends at centre ± 1.1 width.
+    Parameters
+    ----------
+        depth, the height at the centre, in mm (rad for angles), signed; within ±50 µm or ±100 µrad.
+        centre in mm, anywhere in the travel, and width (full width at half height) in mm, both
+        fitted unless given. As an error of a carriage a defect is never narrower than the carriage
+        rolls over it, and repeats at the distance of its shoes.
+    Signals
+        None beyond the axis's position.
+    Typical causes
+        A chip pressed into the guideway, a dent by a dropped part, a butt joint of rails or racks,
+        a worn stretch where the machine always works, dirt or a scratch on the scale (E_XX).
+    Cure
+        Clean and stone or exchange the rail; a table with finer steps there.
+    Source
+        ISO 230-1:2012 (straightness and angular error motions); the bump is the triweight kernel,
+        compact and twice differentiable.
+    """
+
+    kind = "local_defect"
+    axis: str
+    error: str
+    centre: FittedUnlessGiven = None
+    width: PositiveUnlessFitted = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _axis_is_in_the_error(cls, keys: Any) -> Any:
+        if isinstance(keys, dict) and "axis" not in keys:
+            match = _ERROR.fullmatch(str(keys.get("error", "")))
+            if match:
+                return {"axis": match[2], **keys}
+        return keys
+
+    @model_validator(mode="after")
+    def _error_is_of_the_axis(self) -> LocalDefect:
+        match = _ERROR.fullmatch(self.error)
+        if match is None or match[2] != self.axis:
+            raise InputError(
+                "not an error motion of the axis",
+                field="error",
+                found=self.error,
+                expected="one of " + ", ".join(f"E_{k}{self.axis}" for k in "XYZABC"),
+            )
+        return self
+
+    @property
+    def component(self) -> Component:
+        """The component of the error motion."""
+        return self.error[2]  # type: ignore[return-value]
+
+    def check(self, machine: Machine) -> None:
+        """Linear axes only."""
+        super().check(machine)
+        require_linear(machine, self.axis, self.kind)
+
+    def linear(self, machine: Machine) -> tuple[Parameter, ...]:
+        """The height at the centre."""
+        channel = Channel(self.axis, self.component)
+        plausible = (-1e-4, 1e-4) if channel.rotation else (-0.05, 0.05)
+        return (Parameter("depth", channel.unit, plausible, f"height of the bump in {channel}"),)
+
+    def nonlinear(self, machine: Machine) -> tuple[NonlinearParameter, ...]:
+        """Centre and width unless given."""
+        axis = machine.axis(self.axis)
+        low, high = axis.travel
+        length = high - low
+        centres = np.linspace(low, high, 25)
+        found = []
+        if self.centre is None:
+            found.append(
+                NonlinearParameter(
+                    "centre", "mm", (low, high), tuple(centres), (low, high), "where it lies"
+                )
+            )
+        if self.width is None:
+            widths = (length / 24, length / 12, length / 6)
+            found.append(
+                NonlinearParameter(
+                    "width",
+                    "mm",
+                    (length / 100, length / 3),
+                    widths,
+                    (length / 100, length / 4),
+                    "full width at half height",
+                )
+            )
+        return tuple(found)
+
+    def motions(
+        self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
+    ) -> tuple[Motion, ...]:
+        """The bump at the axis's position; held at the ends of the travel."""
+        centre = nonlinear["centre"] if self.centre is None else self.centre
+        width = nonlinear["width"] if self.width is None else self.width
+        position = machine.axis(self.axis).clamp(conditions.position(self.axis))
+        u = 2.0 * _HALF / width * (position - centre)
+        inside = np.maximum(1.0 - u * u, 0.0)
+        bump = inside * inside * inside
+        return (Motion(Channel(self.axis, self.component), bump[:, None]),)
+
+    def kinks(self, machine: Machine) -> dict[str, tuple[float, ...]]:
+        """The ends of the travel, and the bump's where they are given."""
+        found: tuple[float, ...] = machine.axis(self.axis).travel
+        if self.centre is not None and self.width is not None:
+            end = 0.5 * self.width / _HALF
+            found += (self.centre - end, self.centre, self.centre + end)
+        return {self.axis: found}
+
+    @classmethod
+    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[LocalDefect]:
+        """Each error motion of each linear axis that moved, translations first."""
+        for axis in machine.structure.linear:
+            if axis in survey.moving:
+                for component in (*TRANSLATIONS, *ROTATIONS):
+                    yield cls(axis=axis, error=f"E_{component}{axis}")

@@ -1,0 +1,114 @@
+"""Errors that repeat along an axis: the lead of a screw, the period of a grating."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.effects.base import Effect, Motion, NonlinearParameter, Parameter
+from abbe.compcore.effects.keys import Harmonics, PositiveUnlessFitted
+from abbe.compcore.effects.registry import register
+from abbe.compcore.effects.targets import along, require_linear
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import Axis, Machine
+
+LEADS_MM = (2.0, 2.5, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 30.0, 32.0, 40.0, 50.0)
+"""Common leads of ball screws, mm (ISO 3408-2 and the makers' series between)."""
+
+_MOST_STARTS = 240
+
+
+def _period(axis: Axis) -> NonlinearParameter:
+    """The period to be fitted.
+
+    Two periods can be told apart when they differ by one cycle over the travel; the starts stand
+    half of that apart, so that one of them lies in the valley of the best. Below the shortest of
+    them only the common leads are tried.
+    """
+    length = axis.travel[1] - axis.travel[0]
+    grid = 2.0 * length / np.arange(2, _MOST_STARTS + 2)
+    grid = grid[grid >= LEADS_MM[0]]
+    starts = {float(p) for p in grid} | {p for p in LEADS_MM if p < grid.min(initial=length)}
+    return NonlinearParameter(
+        "period",
+        "mm",
+        bounds=(0.9 * min(starts), length),
+        starts=tuple(sorted(starts)),
+        plausible=(1.0, 60.0),
+        description=f"period along {axis.name}",
+    )
+
+
+@register
+class Cyclic(Effect):
+    """Cyclic error: a positioning error that repeats with the screw's turn or the grating's period.
+
+    Formula
+        ``E_aa = Σ A_h·cos(2π·h·q_a/P) + B_h·sin(2π·h·q_a/P)``, h = 1 … harmonics; the period P is
+        fitted unless it is given.
+    Parameters
+    ----------
+        A1, B1, A2, … in mm, within ±20 µm: a wobbling screw or an eccentric rotary encoder gives 1
+        to 10 µm, the interpolation of a glass scale less than 0.5 µm. period in mm: the lead of a
+        ball screw (5 to 40 mm), its divisions by the number of motor poles or gear teeth; a
+        grating's period (4 to 40 µm) must be given, no ordinary campaign samples finely enough to
+        find it.
+    Signals
+        None beyond the axis's position. Steps along the axis must not be multiples of the period,
+        or nothing is seen of it.
+    Typical causes
+        Eccentric coupling or rotary encoder, thrust bearing that runs out, bent screw, gear or rack
+        pitch, unequal or phase-shifted signals of the scale's reader.
+    Cure
+        Alignment of encoder and bearing; adjustment of the reader's signals; a table with a step
+        below a quarter of the period, where the controller has room for it.
+    Source
+        ISO 230-2 and ISO/TR 16907:2015, 9.2; Schwenke et al., CIRP Annals 57/2 (2008).
+    """
+
+    kind = "cyclic"
+    axis: str
+    period: PositiveUnlessFitted = None
+    harmonics: Harmonics = 1
+
+    def check(self, machine: Machine) -> None:
+        """Linear axes only."""
+        super().check(machine)
+        require_linear(machine, self.axis, self.kind)
+
+    def linear(self, machine: Machine) -> tuple[Parameter, ...]:
+        """Cosine and sine amplitude of each harmonic."""
+        return tuple(
+            Parameter(f"{letter}{h}", "mm", (-0.02, 0.02), f"{part} of harmonic {h}")
+            for h in range(1, self.harmonics + 1)
+            for letter, part in (("A", "cosine"), ("B", "sine"))
+        )
+
+    def nonlinear(self, machine: Machine) -> tuple[NonlinearParameter, ...]:
+        """The period unless it is given."""
+        return () if self.period is not None else (_period(machine.axis(self.axis)),)
+
+    def motions(
+        self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
+    ) -> tuple[Motion, ...]:
+        """``cos`` and ``sin`` of each harmonic on E_aa; held at the ends of the travel."""
+        period = nonlinear["period"] if self.period is None else self.period
+        position = machine.axis(self.axis).clamp(conditions.position(self.axis))
+        phase = np.outer(position, 2.0 * np.pi / period * np.arange(1, self.harmonics + 1))
+        columns = np.stack([np.cos(phase), np.sin(phase)], axis=2)
+        return (Motion(along(self.axis), columns.reshape(len(position), -1)),)
+
+    def kinks(self, machine: Machine) -> dict[str, tuple[float, ...]]:
+        """The ends of the travel."""
+        return {self.axis: machine.axis(self.axis).travel}
+
+    def repeats(self, machine: Machine, nonlinear: Mapping[str, float]) -> dict[str, float]:
+        """The period."""
+        return {self.axis: nonlinear["period"] if self.period is None else self.period}
+
+    @classmethod
+    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[Cyclic]:
+        """Each linear axis that moved, its period to be found."""
+        return (cls(axis=a) for a in machine.structure.linear if a in survey.moving)

@@ -1,0 +1,428 @@
+"""Rotary axes: where the axis average line lies, and how the axis moves about it (ISO 230-7)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from pydantic import model_validator
+
+from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.effects.base import (
+    ABOUT,
+    F64,
+    SPINDLE,
+    AxisLetter,
+    Channel,
+    Component,
+    Effect,
+    Motion,
+    Parameter,
+)
+from abbe.compcore.effects.keys import Harmonics, Numbers
+from abbe.compcore.effects.registry import register
+from abbe.compcore.effects.shapes import Shape
+from abbe.compcore.effects.targets import ROTATIONS, TRANSLATIONS, require_rotary
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import Machine, own_component
+
+_TURNED: dict[str, AxisLetter] = {"A": "X", "B": "Y", "C": "Z"}
+"""A rotary axis's letter → the direction about which it turns."""
+
+
+@register
+class RotaryLocation(Effect):
+    """Where a rotary axis really lies: position and orientation of its axis average line.
+
+    Every computation with a rotary axis takes the place of its line from the machine's parameters.
+    If the line lies elsewhere, or leans, each point moves on another circle than the one computed.
+
+    Formula
+        Constants on the axis's error motions, in its stator's frame, with their origin at the
+        nominal line (``location`` in the model file). For a C axis: E_X0C, E_Y0C (where the line
+        crosses), E_A0C, E_B0C (how it leans), E_C0C (its zero angle); for A and B by their letters.
+    Parameters
+    ----------
+        E_X0C, E_Y0C in mm, within ±0.2 mm; E_A0C, E_B0C, E_C0C in rad, within ±1 mrad. After a
+        careful set-up 5 to 20 µm and 10 to 50 µrad; more after a collision.
+    Signals
+        None beyond the angle, which turns the levers.
+    Typical causes
+        Set-up of the table or head, an old value in the controller, collision, thermal growth of
+        column or trunnion.
+    Cure
+        Calibrate with a sphere and probe (R-test) and enter the centres; compensation R-POR.
+    Source
+        ISO 230-7:2015 (axis average line); ISO/TR 16907:2015, 6 and 8.2 (R-POR); ISO 10791-6.
+    """
+
+    kind = "rotary_location"
+    axis: str
+
+    def check(self, machine: Machine) -> None:
+        """Rotary axes only."""
+        super().check(machine)
+        require_rotary(machine, self.axis, self.kind)
+
+    def components(self) -> tuple[Component, ...]:
+        """Two crossings, two leanings and the zero angle, as ISO lists them."""
+        own = own_component(self.axis)
+        across = [d for d in TRANSLATIONS if d != _TURNED[own]]
+        leaning = [ABOUT[d] for d in across]
+        zero: Component = own  # type: ignore[assignment]
+        return (*across, *leaning, zero)
+
+    def linear(self, machine: Machine) -> tuple[Parameter, ...]:
+        """E_X0C, E_Y0C, E_A0C, E_B0C, E_C0C, and alike for A and B."""
+        found = []
+        for k in self.components():
+            channel = Channel(self.axis, k)
+            plausible = (-1e-3, 1e-3) if channel.rotation else (-0.2, 0.2)
+            text = f"axis average line of {self.axis}, {k}"
+            found.append(Parameter(f"E_{k}0{self.axis}", channel.unit, plausible, text))
+        return tuple(found)
+
+    def motions(
+        self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
+    ) -> tuple[Motion, ...]:
+        """One constant each."""
+        one = np.ones((conditions.n, 1))
+        return tuple(
+            Motion(Channel(self.axis, k), one, first=i) for i, k in enumerate(self.components())
+        )
+
+    def positions_used(self, machine: Machine) -> tuple[str, ...]:
+        """None: constants in the stator's frame."""
+        return ()
+
+    @classmethod
+    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[RotaryLocation]:
+        """Each rotary axis that moved."""
+        return (cls(axis=a) for a in machine.structure.rotary if a in survey.moving)
+
+
+class RotaryMotion(Effect):
+    """An error motion of a rotary axis over its angle: harmonics, or a shape."""
+
+    axis: str
+    harmonics: Harmonics | None = None
+    shape: str | None = None
+    positions: Numbers = ()
+
+    @model_validator(mode="after")
+    def _harmonics_or_shape(self) -> RotaryMotion:
+        if self.shape is not None:
+            if self.harmonics is not None:
+                raise InputError("harmonics or a shape, not both", field="shape", found=self.shape)
+            Shape.parse(self.shape, self.positions)
+        elif self.positions:
+            raise InputError(
+                "positions belong to shape 'table' only", field="positions", expected="shape=table"
+            )
+        return self
+
+    def component(self) -> Component:
+        """The component of the error motion."""
+        raise NotImplementedError
+
+    def check(self, machine: Machine) -> None:
+        """Rotary axes only."""
+        super().check(machine)
+        require_rotary(machine, self.axis, self.kind)
+
+    @property
+    def waves(self) -> int:
+        """The highest wave in a turn, where there is no shape."""
+        return self.harmonics or 2
+
+    def _shape(self) -> Shape | None:
+        if self.shape is None:
+            return None
+        return Shape.parse(self.shape, tuple(float(np.deg2rad(p)) for p in self.positions))
+
+    def linear(self, machine: Machine) -> tuple[Parameter, ...]:
+        """Cosine and sine amplitude of each harmonic, or the shape's coefficients."""
+        channel = Channel(self.axis, self.component())
+        most = 5e-4 if channel.rotation else 0.05
+        if shape := self._shape():
+            names = shape.names
+        else:
+            names = tuple(f"{k}{h}" for h in range(1, self.waves + 1) for k in "AB")
+        return tuple(
+            Parameter(name, channel.unit, (-most, most), f"{channel}, {name}") for name in names
+        )
+
+    def motions(
+        self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
+    ) -> tuple[Motion, ...]:
+        """``cos hθ``, ``sin hθ`` or the shape's basis functions on the one error motion."""
+        angle = conditions.position(self.axis)
+        columns: F64
+        if shape := self._shape():
+            columns = shape.basis(angle, machine.axis(self.axis))
+        else:
+            phase = np.outer(angle, np.arange(1, self.waves + 1))
+            columns = np.stack([np.cos(phase), np.sin(phase)], axis=2).reshape(len(angle), -1)
+        return (Motion(Channel(self.axis, self.component()), columns),)
+
+    def positions_used(self, machine: Machine) -> tuple[str, ...]:
+        """The axis itself, unless its shape is constant."""
+        return () if self.shape == "constant" else (self.axis,)
+
+    def kinks(self, machine: Machine) -> dict[str, tuple[float, ...]]:
+        """None for harmonics; a table's positions, or the ends of the travel."""
+        shape = self._shape()
+        if shape is None or shape.family == "constant":
+            return {}
+        return {self.axis: shape.kinks(machine.axis(self.axis))}
+
+
+@register
+class RotaryPositioning(RotaryMotion):
+    """Angular positioning error of a rotary axis, E_CC (ISO 230-2 for rotary axes).
+
+    Formula
+        ``E_CC = Σ A_h·cos(hθ) + B_h·sin(hθ)``, h = 1 … ``harmonics`` (default 2), θ the axis's
+        angle; or a ``shape`` over the travel (spline:N; table with ``positions`` in degrees) where
+        the error does not repeat after a turn. The mean is the zero angle of `rotary_location`.
+    Parameters
+    ----------
+        A1, B1, … in rad (coefficients of the shape likewise), within ±500 µrad: an eccentric
+        encoder ring gives one harmonic of eccentricity/radius (5 µm on 100 mm: 50 µrad), a worm one
+        at its number of teeth.
+    Signals
+        None beyond the angle.
+    Typical causes
+        Eccentric or distorted encoder ring, errors of worm wheel or gear, a coupling at an angle.
+    Cure
+        Two reading heads opposite each other; table of angular positions (R-POS).
+    Source
+        ISO 230-2 (rotary axes); ISO 230-7:2015; ISO/TR 16907:2015, 6 and 8.2 (R-POS).
+    """
+
+    kind = "rotary_positioning"
+
+    def component(self) -> Component:
+        """About the axis itself."""
+        return own_component(self.axis)  # type: ignore[return-value]
+
+    @classmethod
+    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[RotaryPositioning]:
+        """Each rotary axis that moved."""
+        return (cls(axis=a) for a in machine.structure.rotary if a in survey.moving)
+
+
+@register
+class RotaryRadial(RotaryMotion):
+    """Radial error motion of a rotary axis: its line wanders sideways while it turns, E_XC, E_YC.
+
+    Formula
+        ``E_dC = Σ A_h·cos(hθ) + B_h·sin(hθ)``, h = 1 … ``harmonics`` (default 2), d a direction
+        across the axis; or a ``shape`` over the travel.
+    Parameters
+    ----------
+        A1, B1, … in mm, within ±50 µm; rolling bearings 1 to 5 µm, hydrostatic below 0.5 µm. The
+        first harmonic of both directions together, a point that circles with the axis, is the same
+        as an artefact or tool that is mounted off its centre.
+    Signals
+        None beyond the angle.
+    Typical causes
+        Out-of-round bearing seats, bearings without preload, unbalance, wear.
+    Cure
+        New bearings, preload; compensation R-RAX where linear axes can follow.
+    Source
+        ISO 230-7:2015 (radial error motion); ISO/TR 16907:2015, 6 and 8.2 (R-RAX).
+    """
+
+    kind = "rotary_radial"
+    direction: AxisLetter
+
+    def component(self) -> Component:
+        """Across the axis."""
+        return self.direction
+
+    def check(self, machine: Machine) -> None:
+        """A direction across the axis."""
+        super().check(machine)
+        _across(self.axis, self.direction, "radial error motion")
+
+    @classmethod
+    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[RotaryRadial]:
+        """Two for each rotary axis that moved."""
+        for axis in (a for a in machine.structure.rotary if a in survey.moving):
+            for direction in TRANSLATIONS:
+                if direction != _TURNED[own_component(axis)]:
+                    yield cls(axis=axis, direction=direction)
+
+
+@register
+class RotaryAxial(RotaryMotion):
+    """Axial error motion of a rotary axis: it moves along its own line while it turns, E_ZC.
+
+    Formula
+        ``E_ZC = Σ A_h·cos(hθ) + B_h·sin(hθ)``, h = 1 … ``harmonics`` (default 2); or a ``shape``
+        over the travel. ``direction`` may be left out; it is the axis's own.
+    Parameters
+    ----------
+        A1, B1, … in mm, within ±50 µm; good tables 1 to 3 µm.
+    Signals
+        None beyond the angle.
+    Typical causes
+        Thrust bearing faces not square or not flat, chips under the table, wear.
+    Cure
+        Re-grind or exchange the thrust bearing; compensation R-RAX.
+    Source
+        ISO 230-7:2015 (axial error motion); ISO/TR 16907:2015, 6 and 8.2 (R-RAX).
+    """
+
+    kind = "rotary_axial"
+    direction: AxisLetter | None = None
+
+    def component(self) -> Component:
+        """Along the axis."""
+        return _TURNED[own_component(self.axis)]
+
+    def check(self, machine: Machine) -> None:
+        """The axis's own direction, if any is given."""
+        super().check(machine)
+        if self.direction not in (None, self.component()):
+            raise InputError(
+                "axial error motion is along the axis; across it the effect is 'rotary_radial'",
+                field="direction",
+                found=self.direction,
+                expected=self.component(),
+            )
+
+    @classmethod
+    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[RotaryAxial]:
+        """Each rotary axis that moved."""
+        return (cls(axis=a) for a in machine.structure.rotary if a in survey.moving)
+
+
+@register
+class RotaryTilt(RotaryMotion):
+    """Tilt error motion of a rotary axis: its line wobbles while it turns, E_AC, E_BC.
+
+    Formula
+        ``E_AC`` (direction X) or ``E_BC`` (direction Y) ``= Σ A_h·cos(hθ) + B_h·sin(hθ)``, a turn
+        about the ``direction``, right-handed, h = 1 … ``harmonics`` (default 2); or a ``shape``
+        over the travel.
+    Parameters
+    ----------
+        A1, B1, … in rad, within ±500 µrad; good tables 2 to 20 µrad. At the functional point it
+        grows with the height above the table.
+    Signals
+        None beyond the angle.
+    Typical causes
+        Bearing planes not flat, a table bolted down unevenly, unbalance of the workpiece.
+    Cure
+        Scraping of the seat, preload; compensation R-ANG.
+    Source
+        ISO 230-7:2015 (tilt error motion); ISO/TR 16907:2015, 6 and 8.2 (R-ANG).
+    """
+
+    kind = "rotary_tilt"
+    direction: AxisLetter
+
+    def component(self) -> Component:
+        """About the direction."""
+        return ABOUT[self.direction]
+
+    def check(self, machine: Machine) -> None:
+        """A direction across the axis."""
+        super().check(machine)
+        _across(self.axis, self.direction, "tilt error motion")
+
+    @classmethod
+    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[RotaryTilt]:
+        """Two for each rotary axis that moved."""
+        for axis in (a for a in machine.structure.rotary if a in survey.moving):
+            for direction in TRANSLATIONS:
+                if direction != _TURNED[own_component(axis)]:
+                    yield cls(axis=axis, direction=direction)
+
+
+@register
+class SpindleSquareness(Effect):
+    """The spindle's axis average line is not parallel to the axis that it should be parallel to.
+
+    Two tools of different lengths then touch at different places, and a face cutter leaves a
+    hollow.
+
+    Formula
+        The spindle leans towards ``direction`` by a constant angle: a turn about s × direction at
+        the spindle, s the spindle's nominal direction (Z; the letter in brackets in the structure
+        code says otherwise). For a spindle along Z, direction X is ISO's E_B of the spindle, and
+        direction Y its −E_A.
+    Parameters
+    ----------
+        angle in rad, positive where a longer tool's far side (positive s) leans towards positive
+        direction; within ±500 µrad (0.02 mm in 300 mm is 67 µrad).
+    Signals
+        None; tools of different lengths, or a turned tool with a radial offset, show it.
+    Typical causes
+        Alignment of the head, a collision, thermal tilt of the head.
+    Cure
+        Shim the head; tool lengths told to the controller with L-ANG or L-VOL.
+    Source
+        ISO 230-7:2015; ISO 10791-1 (squareness of the spindle); Krulewich, LLNL, who fits the
+        spindle's two squarenesses along with the machine.
+    """
+
+    kind = "spindle_squareness"
+    direction: AxisLetter
+
+    def check(self, machine: Machine) -> None:
+        """A direction across the spindle."""
+        super().check(machine)
+        along = _spindle(machine)
+        if self.direction == along:
+            raise InputError(
+                "a spindle leans across its own direction",
+                field="direction",
+                found=self.direction,
+                expected="one of " + ", ".join(d for d in "XYZ" if d != along),
+            )
+
+    def linear(self, machine: Machine) -> tuple[Parameter, ...]:
+        """The angle."""
+        text = f"lean of the spindle towards {self.direction}"
+        return (Parameter("angle", "rad", (-5e-4, 5e-4), text),)
+
+    def motions(
+        self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
+    ) -> tuple[Motion, ...]:
+        """A constant turn between the last axis and the tool."""
+        unit = np.eye(3)
+        turn = np.cross(unit["XYZ".index(_spindle(machine))], unit["XYZ".index(self.direction)])
+        k = int(np.argmax(np.abs(turn)))
+        return (Motion(Channel(SPINDLE, ROTATIONS[k]), np.full((conditions.n, 1), turn[k])),)
+
+    def positions_used(self, machine: Machine) -> tuple[str, ...]:
+        """None: a constant."""
+        return ()
+
+    @classmethod
+    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[SpindleSquareness]:
+        """Both directions where the tool's offset varied: with one tool it is a shift."""
+        if survey.tool_varies:
+            for direction in TRANSLATIONS:
+                if direction != _spindle(machine):
+                    yield cls(direction=direction)
+
+
+def _spindle(machine: Machine) -> AxisLetter:
+    name = machine.structure.spindle
+    return "Z" if name is None else _TURNED[own_component(name)]
+
+
+def _across(axis: str, direction: str, what: str) -> None:
+    own = _TURNED[own_component(axis)]
+    if direction == own:
+        raise InputError(
+            f"a {what} is across the axis",
+            field="direction",
+            found=direction,
+            expected="one of " + ", ".join(d for d in "XYZ" if d != own),
+        )

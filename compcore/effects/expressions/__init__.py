@@ -1,0 +1,1 @@
+"""Formulas that users write: parsed, checked for units, bounded over intervals."""

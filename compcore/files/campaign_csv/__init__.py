@@ -1,0 +1,1 @@
+"""The pieces of `abbe.compcore.files.campaign_file`: header, metadata, rows, joining, writing."""

@@ -1,0 +1,161 @@
+"""The metadata at the top of a campaign file: TOML behind ``# ``."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from abbe.compcore.campaign.campaign import Tool
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.text.toml_source import TomlSource, dotted
+from abbe.compcore.machine.plausible import POINT, TOOL
+
+FORMAT = "abbe-campaign/1"
+Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
+_Vec = tuple[Finite, Finite, Finite]
+_PADDING = ",,"
+_MOST_LINES = 100_000
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    notes: str = ""
+
+
+class _SetupSection(_Section):
+    free: tuple[Literal["zero", "slope", "frame"], ...]
+
+
+class _BaseSection(_Section):
+    position: _Vec
+
+
+class _ToolSection(_Section):
+    offset: _Vec
+    free: tuple[Literal["x", "y", "z"], ...] = ()
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(extra="allow", frozen=True)
+    format: Literal["abbe-campaign/1"]
+    machine: str = ""
+    instrument: str = ""
+    notes: str = ""
+    setups: dict[str, _SetupSection] = {}
+    bases: dict[str, _BaseSection] = {}
+    tools: dict[str, _ToolSection] = {}
+
+
+@dataclass(frozen=True)
+class Head:
+    """What stands at the top of a file.
+
+    Attributes
+    ----------
+    free
+        Set-up → the words of its `free`; only set-ups that are listed.
+    bases
+        Base point → approximate coordinates, mm.
+    tools
+        Named tools.
+    metadata
+        machine, instrument, notes and whatever else a person wrote.
+    """
+
+    free: Mapping[str, tuple[str, ...]]
+    bases: Mapping[str, tuple[float, float, float]]
+    tools: Mapping[str, Tool]
+    metadata: Mapping[str, Any]
+
+
+def plain_line(line: str) -> str | None:
+    """A line of metadata without ``# ``; None when the line is not metadata.
+
+    Spreadsheets quote a cell that holds quotes and pad the line with empty cells: both undone.
+    """
+    if line.startswith('"#'):
+        try:
+            line = next(csv.reader([line]))[0]
+        except csv.Error:
+            return None  # a cell without end: no header either, which is told with its line
+    if not line.startswith("#"):
+        return "" if not line.strip(", \t") else None
+    while line.endswith(_PADDING):
+        line = line.rstrip(",")
+    return line[1:].removeprefix(" ")
+
+
+def add_metadata(top: list[str], text: str, file: str) -> None:
+    """Keep one more line of metadata.
+
+    Raises
+    ------
+    InputError
+        When there are more than any campaign has.
+    """
+    if len(top) == _MOST_LINES:
+        raise InputError(
+            "metadata without end",
+            file=file,
+            line=len(top) + 1,
+            expected=f"a header and rows after at most {_MOST_LINES} lines of metadata",
+        )
+    top.append(text)
+
+
+def read_head(lines: list[str], file: str) -> Head:
+    """Read the metadata lines, ``# `` already taken off.
+
+    Raises
+    ------
+    InputError
+        Naming the line of the file and the key.
+    """
+    source = TomlSource("\n".join(lines), file)
+    if "format" not in source.data:
+        raise InputError(
+            "not a campaign file: no format line",
+            file=file,
+            line=1,
+            field="format",
+            expected=f'# format = "{FORMAT}"',
+        )
+    try:
+        parsed = _File.model_validate(source.data)
+    except ValidationError as error:
+        raise _told(source, error) from None
+    for group in ("setups", "tools"):
+        for name, section in getattr(parsed, group).items():
+            if len(set(section.free)) < len(section.free):
+                raise source.error("a word twice", (group, name, "free"), found=list(section.free))
+    places = [(POINT, ("bases", n, "position"), b.position) for n, b in parsed.bases.items()]
+    places += [(TOOL, ("tools", n, "offset"), t.offset) for n, t in parsed.tools.items()]
+    for allowed, path, vector in places:
+        for component in vector:
+            if not allowed.holds(component):
+                raise source.error("not believable", path, found=component, expected=str(allowed))
+    kept = {k: v for k, v in source.data.items() if k not in ("setups", "bases", "tools")}
+    return Head(
+        {name: s.free for name, s in parsed.setups.items()},
+        {name: b.position for name, b in parsed.bases.items()},
+        {name: Tool(name, t.offset, t.free) for name, t in parsed.tools.items()},
+        kept,
+    )
+
+
+def _told(source: TomlSource, error: ValidationError) -> InputError:
+    first = error.errors()[0]
+    path = tuple(first["loc"])
+    if first["type"] == "extra_forbidden":
+        return source.error("unknown key", path, found=path[-1])
+    if first["type"] == "missing":
+        return source.error("missing", path, expected=f"a key {dotted(path[-1:])!r}")
+    if first["type"] == "literal_error":
+        return source.error(
+            "unknown word", path, found=first["input"], expected=first["ctx"]["expected"]
+        )
+    return source.error(first["msg"], path, found=first["input"])

@@ -1,0 +1,128 @@
+"""A text file in pieces: UTF-8, common line ends, line numbers kept, hashed on the way."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+from collections.abc import Iterator
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import BinaryIO, Self
+
+from abbe.compcore.errors import InputError
+
+CHUNK = 1 << 20
+"""Bytes read at once: parsing needs some fifteen times this beside its result."""
+LONGEST = 1 << 20
+"""Bytes that a line may have."""
+_BOM = b"\xef\xbb\xbf"
+
+
+class LineSource(AbstractContextManager["LineSource"]):
+    """The lines of a file, read once from beginning to end.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read or is not UTF-8 text; names the line.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.file = str(path)
+        self.next_line = 1
+        self._path = Path(path)
+        self._hash = hashlib.sha256()
+        self._rest = b""
+        self._ended = False
+        self._stream: BinaryIO
+
+    def __enter__(self) -> Self:
+        try:
+            self._stream = self._path.open("rb")
+        except FileNotFoundError:
+            raise InputError("no such file", file=self.file) from None
+        except IsADirectoryError:
+            raise InputError("is a folder, not a file", file=self.file) from None
+        except OSError as error:
+            raise InputError(f"cannot be read: {error.strerror}", file=self.file) from None
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stream.close()
+
+    @property
+    def sha256(self) -> str:
+        """Hash of what was read so far, hexadecimal."""
+        return self._hash.hexdigest()
+
+    def chunks(self) -> Iterator[tuple[int, list[str]]]:
+        """(number of the first line, whole lines without their ends), some MB at a time."""
+        while not self._ended:
+            block = self._read()
+            if not block:
+                continue
+            first = self.next_line
+            lines = self._decoded(block, first).split("\n")
+            if not lines[-1]:
+                lines.pop()
+            self.next_line += len(lines)
+            yield first, lines
+
+    def _read(self) -> bytes:
+        """Whole lines; what follows the last line end waits for the next block."""
+        try:
+            block = self._stream.read(CHUNK)
+        except OSError as error:
+            raise InputError(f"cannot be read: {error.strerror}", file=self.file) from None
+        self._hash.update(block)
+        if not block:
+            self._ended = True
+            block, self._rest = self._rest, b""
+            return block
+        if b"\0" in block:
+            before = (self._rest + block).partition(b"\0")[0]
+            self._decoded(before, self.next_line)  # UTF-16 is told as what it is
+            line = self.next_line + before.count(b"\n")
+            raise InputError("not a text file", file=self.file, line=line, found="\0")
+        block = self._rest + block
+        end = block.rfind(b"\n") + 1
+        if len(block) - end > LONGEST:
+            raise InputError(
+                "not a text file of lines",
+                file=self.file,
+                line=self.next_line + block.count(b"\n"),
+                found=f"a line of more than {LONGEST / 1e6:g} MB",
+                expected="one observation a line",
+            )
+        self._rest = block[end:]
+        return block[:end]
+
+    def _decoded(self, block: bytes, first: int) -> str:
+        if first == 1:
+            block = block.removeprefix(_BOM)
+        try:
+            text = block.decode("utf-8")
+        except UnicodeDecodeError as error:
+            line = first + block.count(b"\n", 0, error.start)
+            raise InputError(
+                "not UTF-8 text",
+                file=self.file,
+                line=line,
+                found=block[error.start : error.start + 1],
+                expected="a file saved as UTF-8 ('CSV UTF-8' in a spreadsheet)",
+            ) from None
+        return text.replace("\r\n", "\n") if "\r" in text else text
+
+
+def csv_cells(text: str, file: str, line: int, what: str) -> list[str]:
+    """The cells of one line of comma-separated values.
+
+    Raises
+    ------
+    InputError
+        When it is not `what` it should be: quotes that do not end, a cell without end.
+    """
+    try:
+        return next(csv.reader([text], strict=True))
+    except csv.Error as error:
+        raise InputError(f"not {what}: {error}", file=file, line=line, found=text[:40]) from None

@@ -1,0 +1,86 @@
+"""What a fitted model's file tells of its fit: the ``[fit]`` section and the history."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.files.model_file import summary
+from abbe.compcore.fitting.fit import FitResult
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.model.model import Model
+
+LENGTHS = (Kind.DISPLACEMENT, Kind.DISTANCE, Kind.BASE_DISTANCE)
+
+
+def measured_ranges(conditions: Conditions) -> dict[str, Any]:
+    """Where the recorded signals (each in its unit) and the tool's offset (mm) ranged.
+
+    A live correction is no better founded elsewhere, and a sensor that shows something far from
+    it is more likely to be broken.
+    """
+    found: dict[str, Any] = {}
+    for name, values in conditions.signals.items():
+        known = values[np.isfinite(values)]
+        if known.size:
+            found[name] = [float(known.min()), float(known.max())]
+    tool = conditions.tool
+    return {
+        "signals": found,
+        "tool": [[float(column.min()), float(column.max())] for column in tool.T],
+    }
+
+
+def recorded(
+    result: FitResult,
+    ancestor: Model,
+    *,
+    date: str,
+    version: str,
+    noise_floor: float | None,
+    noise_floor_rotation: float | None = None,
+) -> Model:
+    """The fitted model with its provenance, and its ancestor's one-line record in the history.
+
+    Parameters
+    ----------
+    result
+        What the fit found.
+    ancestor
+        The model that was fitted; when it had been fitted before, its record joins the history.
+    date, version
+        When (ISO 8601) and with which version of Abbe.
+    noise_floor, noise_floor_rotation
+        mm and rad; None where the campaign cannot tell.
+    """
+    campaign = result.problem.campaign
+    record: dict[str, Any] = {
+        "date": date,
+        "campaigns": [{"file": f, "sha256": h} for f, h in campaign.files.items()],
+        "n": campaign.n,
+        "unit": "um",
+        "rms": result.rms(*LENGTHS) * 1e3,
+        "noise_floor": None if noise_floor is None else noise_floor * 1e3,
+        "rms_rotation_urad": result.rms(Kind.ROTATION) * 1e6,
+        "noise_floor_rotation_urad": (
+            None if noise_floor_rotation is None else noise_floor_rotation * 1e6
+        ),
+        "chi2_per_dof": result.chi2_per_dof,
+        "dof": result.dof,
+        "determined": result.decomposition.rank,
+        "abbe": version,
+        "measured": measured_ranges(campaign.conditions),
+    }
+    kept = {
+        k: v
+        for k, v in record.items()
+        if v is not None and not (isinstance(v, float) and math.isnan(v))
+    }
+    history = ancestor.history
+    if ancestor.fit:
+        history = (*history, summary(ancestor))
+    return replace(result.model, fit=kept, history=history)

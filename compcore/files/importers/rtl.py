@@ -1,0 +1,249 @@
+"""Renishaw laser measurements, ``.rtl`` and ``.rta``, to a campaign.
+
+The layout is known from files and from others' readers of it, not from its maker: sections
+``NAME::``; targets in mm (rotary: degrees); deviations as ``run target value``, µm (rotary: mrad).
+Whether deviations are laser minus target is an assumption, said in the campaign's notes.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.campaign_csv.columns import AXIS
+from abbe.compcore.files.importers.placing import (
+    Placing,
+    along_line,
+    component_of,
+    place,
+    read_bytes,
+)
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.units import to_internal
+
+ENCODINGS = ("utf-8-sig", "gbk", "latin-1")
+"""Tried in this order; the numbers read alike in all of them."""
+_SECTION = re.compile(r"[A-Z][A-Z -]*::")
+
+
+@dataclass
+class _File:
+    """What was read so far."""
+
+    targets: list[float] = field(default_factory=list)
+    target_count: int | None = None
+    run_count: int | None = None
+    texts: dict[str, str] = field(default_factory=dict)
+    rows: list[tuple[int, int, float, int]] = field(default_factory=list)
+
+
+def import_rtl(
+    path: str | Path,
+    placing: Placing | None = None,
+    *,
+    axis: str | None = None,
+    component: str | None = None,
+    unit: str | None = None,
+    machine: Machine | None = None,
+) -> Campaign:
+    """Read a Renishaw laser measurement.
+
+    Parameters
+    ----------
+    axis
+        The axis that moved; the file's own ``Axis:`` where None.
+    component
+        What was measured (X Y Z A B C); the axis's own positioning where None.
+    unit
+        Unit of the deviations where it is not µm (rotary: mrad).
+
+    Raises
+    ------
+    InputError
+        Naming file, line, what was found and what was expected.
+    """
+    source = Path(path)
+    data = read_bytes(source)
+    file = _parse(_decoded(data), str(source))
+    axis = axis or _own_axis(file, str(source))
+    component = component_of(axis, component)
+    unit = unit or ("mrad" if component in "ABC" else "um")
+    scale = to_internal(1.0, unit, "rad" if component in "ABC" else "mm")
+    targets = np.deg2rad(file.targets) if is_rotary(axis) else np.array(file.targets)
+    run, target, deviation, line = (np.array(column) for column in zip(*file.rows, strict=True))
+    position = targets[target - 1]
+    direction, against = _directions(run, position)
+    readings = along_line(axis, component, position, direction, deviation * scale, line)
+    sign = "laser − target, as assumed of this format"
+    notes = [
+        f"imported from {source.name} (Renishaw rtl)",
+        f"sign: error = {'−(' if placing and placing.sign < 0 else ''}{sign}"
+        + (")" if placing and placing.sign < 0 else ""),
+        f"deviations in {unit}",
+        "the file has no times",
+    ]
+    if against:
+        notes.append("directions by the order of the targets, which is not odd runs up, even down")
+    metadata = {"instrument": "Renishaw laser interferometer"}
+    if machine_name := file.texts.get("machine"):
+        metadata["machine"] = machine_name
+    if date := file.texts.get("date"):
+        metadata["date"] = date
+    return place(source, data, [readings], placing or Placing(), notes, metadata, machine)
+
+
+def _decoded(data: bytes) -> str:
+    for encoding in ENCODINGS:
+        try:
+            return data.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+    return data.decode("latin-1")
+
+
+def _own_axis(file: _File, name: str) -> str:
+    text = file.texts.get("axis", "").upper().removesuffix(" AXIS").strip()
+    if not AXIS.fullmatch(text):
+        raise InputError(
+            "the file does not name its axis",
+            file=name,
+            field="Axis",
+            found=file.texts.get("axis"),
+            expected="--axis",
+        )
+    return text
+
+
+def _directions(run: np.ndarray, position: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Direction of each row, and whether some run goes against 'odd forward, even reverse'.
+
+    Rows of a run stand in the order of travel, so that the targets tell; a run of one target goes
+    by its number.
+    """
+    forward = 1 if position[run == run[0]][-1] >= position[run == run[0]][0] else -1
+    direction = np.empty(len(run), dtype=np.int64)
+    against = False
+    for number in np.unique(run):
+        mine = run == number
+        by_number = forward if number % 2 else -forward
+        travel = position[mine][-1] - position[mine][0]
+        told = int(np.sign(travel)) if travel else by_number
+        against |= told != by_number
+        direction[mine] = told
+    return direction, against
+
+
+def _parse(text: str, name: str) -> _File:
+    file = _File()
+    section, part = "", ""
+    for number, raw in enumerate(text.splitlines(), start=1):
+        line = raw.strip()
+        if not line:
+            continue
+        if _SECTION.fullmatch(line):
+            section, part = line.removesuffix("::").strip(), ""
+            continue
+        key, colon, value = line.partition(":")
+        if section == "TARGET DATA" and colon:
+            part = key.strip().lower()
+            if part == "target-count":
+                file.target_count = _integer(value, name, number, "Target-count")
+            elif part == "targets" and value.strip():
+                file.targets += _numbers(value, name, number)
+        elif section == "TARGET DATA" and part == "targets":
+            file.targets += _numbers(line, name, number)
+        elif section == "USER-TEXT" and colon:
+            file.texts[key.strip().lower()] = value.strip()
+        elif section == "RUNS" and key.strip().lower() == "run-count":
+            file.run_count = _integer(value, name, number, "Run-count")
+        elif section == "DEVIATIONS" and not colon:
+            file.rows.append(_row(line, name, number, len(file.targets)))
+    _check(file, name)
+    return file
+
+
+def _row(line: str, name: str, number: int, targets: int) -> tuple[int, int, float, int]:
+    fields = line.split()
+    if len(fields) != 3:
+        raise InputError(
+            "not a deviation",
+            file=name,
+            line=number,
+            found=line,
+            expected="three numbers: run, target, deviation",
+        )
+    run, target = (
+        _integer(f, name, number, w) for f, w in zip(fields, ("run", "target"), strict=False)
+    )
+    if not 1 <= target <= targets:
+        raise InputError(
+            "no such target", file=name, line=number, field="target", found=target,
+            expected=f"a number from 1 to {targets}",
+        )  # fmt: skip
+    (deviation,) = _numbers(fields[2], name, number)
+    return run, target, deviation, number
+
+
+def _integer(text: str, name: str, line: int, what: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise InputError(
+            "not a whole number", file=name, line=line, field=what, found=text.strip()
+        ) from None
+
+
+def _numbers(text: str, name: str, line: int) -> list[float]:
+    found = []
+    for word in text.split():
+        try:
+            value = float(word)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise InputError(
+                "not a number", file=name, line=line, found=word, expected="a finite number"
+            )
+        found.append(value)
+    return found
+
+
+def _check(file: _File, name: str) -> None:
+    if not file.targets:
+        raise InputError("no targets", file=name, expected="a section TARGET DATA:: with Targets :")
+    if file.target_count is not None and file.target_count != len(file.targets):
+        raise InputError(
+            "targets are missing",
+            file=name,
+            field="Target-count",
+            found=len(file.targets),
+            expected=f"{file.target_count}, as the file says",
+        )
+    if not file.rows:
+        raise InputError("no deviations", file=name, expected="a section DEVIATIONS:: with rows")
+    seen: dict[tuple[int, int], int] = {}
+    for run, target, _, line in file.rows:
+        if (run, target) in seen:
+            raise InputError(
+                f"run {run} has target {target} twice",
+                file=name,
+                line=line,
+                found=f"the first on line {seen[run, target]}",
+            )
+        seen[run, target] = line
+    runs = len({run for run, *_ in file.rows})
+    if file.run_count is not None and file.run_count != runs:
+        raise InputError(
+            "runs are missing",
+            file=name,
+            field="Run-count",
+            found=runs,
+            expected=f"{file.run_count}, as the file says",
+        )

@@ -1,0 +1,174 @@
+"""Small spreadsheets of other programs: cells, numbers, and the many words for a direction."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.importers.placing import read_bytes
+
+_UP = {"+", "+1", "1", "up", "u", "forward", "fwd", "f", "positive", "pos", "p", "↑", "ccw"}
+_DOWN = {
+    "-",
+    "-1",
+    "−",
+    "−1",
+    "down",
+    "d",
+    "reverse",
+    "rev",
+    "r",
+    "backward",
+    "negative",
+    "neg",
+    "n",
+}
+_DOWN |= {"↓", "cw"}
+_UNITS = {"um", "µm", "mm", "nm", "deg", "rad", "mrad", "urad", "µrad", "arcsec"}
+
+
+MOST_RUNS = 100_000
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """Rows of cells with their line numbers; blank lines and comments left out.
+
+    Attributes
+    ----------
+    comments
+        ``# key = value`` lines, key → value as written.
+    data
+        The file's bytes.
+    """
+
+    file: str
+    rows: list[tuple[int, list[str]]]
+    comments: dict[str, str]
+    data: bytes
+
+
+def read_sheet(path: Path) -> Sheet:
+    """A CSV file whose cells are separated by commas, semicolons or tabs (told from its header).
+
+    With semicolons or tabs, decimal commas are understood.
+
+    Raises
+    ------
+    InputError
+        When it is not UTF-8 text, or holds no rows below a header.
+    """
+    data = read_bytes(path)
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        before = data.count(b"\n", 0, error.start)
+        raise InputError("not UTF-8 text", file=path, line=before + 1) from None
+    rows: list[tuple[int, list[str]]] = []
+    comments: dict[str, str] = {}
+    separator = ","
+    for at, line in enumerate(text.splitlines(), start=1):
+        if line.startswith("#"):
+            key, equals, value = line[1:].partition("=")
+            if equals:
+                comments[key.strip().lower()] = value.strip().strip("\"'")
+            continue
+        if not line.strip(" \t,;"):
+            continue
+        if not rows:
+            separator = max(",;\t", key=line.count)
+        try:
+            cells = [c.strip() for c in next(csv.reader([line], delimiter=separator, strict=True))]
+        except csv.Error as error:
+            raise InputError(f"not a row of CSV: {error}", file=path, line=at) from None
+        if separator != ",":
+            cells = [c.replace(",", ".") for c in cells]
+        rows.append((at, cells))
+    if len(rows) < 2:
+        raise InputError("no rows", file=path, expected="a header and rows below it")
+    width = len(rows[0][1])
+    for at, cells in rows:
+        if len(cells) != width:
+            raise InputError(
+                f"too {'few' if len(cells) < width else 'many'} fields",
+                file=path,
+                line=at,
+                found=len(cells),
+                expected=f"{width}, as the header has",
+            )
+    return Sheet(str(path), rows, comments, data)
+
+
+def whole(text: str, sheet: Sheet, line: int, field: str) -> int:
+    """A counting number of a cell (of a run); raises `InputError` naming the place."""
+    value = number(text, sheet, line, field)
+    if not 0.0 <= value <= MOST_RUNS:
+        raise InputError(
+            "not believable", file=sheet.file, line=line, field=field, found=text,
+            expected=f"0 to {MOST_RUNS}",
+        )  # fmt: skip
+    return int(value)
+
+
+def number(text: str, sheet: Sheet, line: int, field: str) -> float:
+    """A finite number of a cell; raises `InputError` naming the place."""
+    try:
+        value = float(text) if "_" not in text else math.nan
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(
+            "not a number", file=sheet.file, line=line, field=field, found=text,
+            expected="a finite number",
+        )  # fmt: skip
+    return value
+
+
+def as_number(text: str) -> float | None:
+    """A finite number, or None."""
+    try:
+        value = float(text.replace("−", "-"))
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def as_direction(text: str) -> int | None:
+    """1 or −1 for a word or sign of a direction, else None.
+
+    >>> as_direction("Up"), as_direction("-"), as_direction("cw"), as_direction("x")
+    (1, -1, -1, None)
+    """
+    word = text.strip().strip("()").lower()
+    return 1 if word in _UP else -1 if word in _DOWN else None
+
+
+def direction(text: str, sheet: Sheet, line: int, field: str) -> int:
+    """A direction of a cell; raises `InputError` naming the place."""
+    found = as_direction(text)
+    if found is None:
+        raise InputError(
+            "not a direction", file=sheet.file, line=line, field=field, found=text,
+            expected="up/down, forward/reverse, ccw/cw, +/-, 1/-1 or ↑/↓",
+        )  # fmt: skip
+    return found
+
+
+def split_unit(heading: str) -> tuple[str, str | None]:
+    """A heading and the unit in its brackets or behind its last underscore.
+
+    >>> split_unit("Deviation [µm]"), split_unit("angle_deg"), split_unit("run")
+    (('deviation', 'µm'), ('angle', 'deg'), ('run', None))
+    """
+    text = heading.strip().lower()
+    for left, right in ("[]", "()"):
+        if left in text and text.endswith(right):
+            name, _, unit = text[:-1].partition(left)
+            return name.strip(), unit.strip()
+    name, underscore, unit = text.rpartition("_")
+    if underscore and unit in _UNITS:
+        return name.strip(), unit
+    return text, None

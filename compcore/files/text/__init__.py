@@ -1,0 +1,1 @@
+"""Text files that anybody may have written: bounded, with places of errors; written whole."""

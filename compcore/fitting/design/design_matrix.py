@@ -1,0 +1,352 @@
+"""The design matrix: what each unknown of a model does to each measured row."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.effects.base import Channel, Effect, Motion
+from abbe.compcore.fitting.design.nuisance import Block, Eliminator, setup_blocks
+from abbe.compcore.fitting.design.observation import Observation, with_tools
+from abbe.compcore.fitting.design.row_blocks import Piece, in_pieces, rows_at_once
+from abbe.compcore.fitting.design.unknowns import Layout
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.model.model import Model, Term
+
+F64 = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_Key = tuple[tuple[float, ...], bytes]
+
+Beside = tuple[Effect, Mapping[str, float]]
+"""An effect that is laid beside a model, and its non-linear parameters by name."""
+
+
+class Problem:
+    """A model and a campaign, prepared once for fit, comparison and diagnosis.
+
+    The unknowns θ are the effects' parameters (fitted effects and unfitted ones alike), base points
+    and tools, in the order of `layout`. Set-ups' nuisances are kept apart (`eliminator`).
+
+    Parameters
+    ----------
+    model, campaign
+        The model (values are not used; see `Layout.of_model`) and the measurements.
+    sd
+        Standard uncertainty of each row, (n,), mm or rad; default the campaign's own. Every entry
+        must be positive (`abbe.compcore.fitting.design.weights` fills gaps); infinity takes a row
+        out of the fit.
+
+    Attributes
+    ----------
+    weight
+        1/sd, shape (n,).
+    """
+
+    def __init__(self, model: Model, campaign: Campaign, *, sd: F64 | None = None) -> None:
+        self.model = model
+        self.campaign = campaign
+        self.layout = Layout.of(model, campaign)
+        self.sd = campaign.sd if sd is None else sd
+        self.weight = 1.0 / self.sd
+        self._amending = [i for i, e in enumerate(model.effects) if e.reads_model]
+        self._given: dict[int, tuple[Motion, ...]] = {}
+        self._beside: dict[str, tuple[Motion, ...]] = {}
+        self._motions: dict[int, tuple[_Key, tuple[Motion, ...]]] = {}
+        self._tool_directions: dict[int, F64] = {}
+        self._conditions: tuple[bytes, Conditions] | None = None
+        self._observation: tuple[bytes, Observation] | None = None
+        self._blocks: tuple[Observation | None, list[Block]] | None = None
+        self._eliminator: tuple[list[Block], Eliminator] | None = None
+
+    def with_sd(self, sd: F64) -> Problem:
+        """The same problem with other uncertainties of the rows, (n,); shares what is prepared."""
+        other = Problem.__new__(Problem)
+        other.__dict__.update(self.__dict__)
+        other.sd, other.weight, other._eliminator = sd, 1.0 / sd, None
+        return other
+
+    def part(self, rows: Index, theta: F64) -> Problem:
+        """The problem of some of the rows, for the same unknowns; keeps nothing of this one.
+
+        What an effect of the instrument or a lagged signal means depends on the whole campaign and
+        is taken from it.
+        """
+        other = Problem.__new__(Problem)
+        other.__dict__.update(self.__dict__)
+        self._keep_lags(theta)
+        other.campaign = self.campaign.rows(rows)
+        other.sd, other.weight = self.sd[rows], self.weight[rows]
+        other._motions, other._tool_directions = {}, {}
+        other._conditions = other._observation = other._blocks = other._eliminator = None
+        other._given = {
+            i: tuple(Motion(m.channel, m.columns[rows], m.first) for m in self.motions(i, theta))
+            for i, effect in enumerate(self.model.effects)
+            if effect.scope == "instrument"
+        }
+        other._beside = {
+            key: tuple(Motion(m.channel, m.columns[rows], m.first) for m in motions)
+            for key, motions in self._beside.items()
+        }
+        return other
+
+    def beside(self, effects: Sequence[Beside], theta: F64) -> Problem:
+        """The same problem; its parts know of these effects what depends on the whole campaign."""
+        other = Problem.__new__(Problem)
+        other.__dict__.update(self.__dict__)
+        for effect, nonlinear in effects:
+            self._keep_lags_of(effect, nonlinear)
+        other._beside = {
+            _named(effect, nonlinear): self._motions_of(effect, nonlinear, theta)
+            for effect, nonlinear in effects
+            if effect.scope == "instrument"
+        }
+        return other
+
+    def _keep_lags(self, theta: F64) -> None:
+        """Have the conditions keep every lagged signal that the effects will ask for."""
+        for i, effect in enumerate(self.model.effects):
+            self._keep_lags_of(effect, self.layout.nonlinear_values(i, theta))
+
+    def _keep_lags_of(self, effect: Effect, nonlinear: Mapping[str, float]) -> None:
+        conditions = self.campaign.conditions
+        if effect.signals_needed() and effect.scope != "instrument":
+            few = conditions.rows(np.arange(min(2, conditions.n)))
+            effect.motions(self.model.machine, few, nonlinear)
+            for name, tau in few.lags_computed():
+                conditions.lag(name, tau)
+
+    @property
+    def n(self) -> int:
+        """Number of rows."""
+        return self.campaign.n
+
+    @property
+    def large(self) -> bool:
+        """Whether the design matrix is too large to be formed as a whole."""
+        return self.n > rows_at_once(self.layout.size + 1)
+
+    @property
+    def linear(self) -> bool:
+        """Whether the measured values are linear in θ for given non-linear parameters."""
+        placed = self.layout.bases or self.layout.tools or self._amending
+        return not placed and self.model.composition == "first-order"
+
+    def pieces(self, theta: F64) -> Iterator[Piece]:
+        """The rows in pieces of which each one's design matrix can be formed."""
+        return in_pieces(self.eliminator(theta), self.layout.size + 1)
+
+    def observation(self, theta: F64) -> Observation:
+        """The measurement equations for the base points and tools in θ."""
+        key = theta[self.layout.model_size :].tobytes()
+        if self._observation is None or self._observation[0] != key:
+            bases = {name: theta[where] for name, where in self.layout.bases.items()}
+            conditions = self.conditions(theta)
+            seen = Observation(self.model.machine, self.campaign, conditions, bases)
+            self._observation = (key, seen)
+        return self._observation[1]
+
+    def conditions(self, theta: F64) -> Conditions:
+        """The rows' conditions with the tools in θ, and readings as θ's effects amend them."""
+        campaign, layout = self.campaign, self.layout
+        if not layout.tools and not self._amending:
+            return campaign.conditions
+        key = self._conditions_key(theta)
+        if self._conditions is None or self._conditions[0] != key:
+            offsets = {}
+            for name, (where, free) in layout.tools.items():
+                offsets[name] = np.array(campaign.tools[name].offset, dtype=np.float64)
+                offsets[name][list(free)] = theta[where]
+            amended = with_tools(campaign.conditions, campaign.tool_name, offsets)
+            for i in self._amending:
+                own = theta[layout.linear_of(i)]
+                amended = self.model.effects[i].amend(amended, own)
+            self._conditions = (key, amended)
+        return self._conditions[1]
+
+    def _conditions_key(self, theta: F64) -> bytes:
+        parts = [theta[self.layout.linear_of(i)] for i in self._amending]
+        parts += [theta[where] for where, _ in self.layout.tools.values()]
+        return np.concatenate(parts).tobytes() if parts else b""
+
+    def setups(self, theta: F64) -> list[Block]:
+        """The nuisance columns of each set-up, unweighted."""
+        framed = any("frame" in setup.free for setup in self.campaign.setups.values())
+        observation = self.observation(theta) if framed else None
+        if self._blocks is None or self._blocks[0] is not observation:
+            self._blocks = (observation, setup_blocks(self.campaign, observation))
+        return self._blocks[1]
+
+    def eliminator(self, theta: F64) -> Eliminator:
+        """What projects the set-ups' nuisances out of weighted columns."""
+        blocks = self.setups(theta)
+        if self._eliminator is None or self._eliminator[0] is not blocks:
+            self._eliminator = (blocks, Eliminator(blocks, self.weight))
+        return self._eliminator[1]
+
+    def motions(self, term: int, theta: F64) -> tuple[Motion, ...]:
+        """A term's error motions at all rows, kept while its non-linear parameters stay."""
+        if term in self._given:
+            return self._given[term]
+        effect = self.model.effects[term]
+        if effect.reads_model:
+            return self._motions_of(effect, self.layout.nonlinear_values(term, theta), theta)
+        nonlinear = self.layout.nonlinear_values(term, theta)
+        depends = effect.signals_needed() or effect.reads_tool
+        key = (tuple(nonlinear.values()), self._conditions_key(theta) if depends else b"")
+        if term not in self._motions or self._motions[term][0] != key:
+            self._motions[term] = (key, self._motions_of(effect, nonlinear, theta))
+        return self._motions[term][1]
+
+    def _motions_of(
+        self, effect: Effect, nonlinear: Mapping[str, float], theta: F64
+    ) -> tuple[Motion, ...]:
+        conditions, machine = self.conditions(theta), self.model.machine
+        if not effect.reads_model:
+            return effect.motions(machine, conditions, nonlinear)
+        values = self.layout.values(theta, np.zeros(self.layout.size))
+        terms = [
+            Term(other.effect, own)
+            for other, own in zip(self.model.terms, values, strict=True)
+            if other.effect != effect
+        ]
+        return effect.motions_among(machine, conditions, nonlinear, terms)
+
+    def effect_columns(
+        self, effect: Effect, nonlinear: Mapping[str, float], theta: F64 | None = None
+    ) -> F64:
+        """Weighted columns of any effect, in the model or not, shape (n, k).
+
+        Parameters
+        ----------
+        effect
+            The effect; `nonlinear` its non-linear parameters by name.
+        theta
+            Where base points and tools stand, and the values of the model's effects for an effect
+            that acts through them; default: start.
+        """
+        theta = self.start() if theta is None else theta
+        found = self._beside.get(_named(effect, nonlinear)) if self._beside else None
+        if found is None:
+            found = self._motions_of(effect, nonlinear, theta)
+        count = len(effect.linear(self.model.machine))
+        return self._stack(self.observation(theta), found, count)
+
+    def _stack(self, observation: Observation, motions: tuple[Motion, ...], count: int) -> F64:
+        if len(motions) == 1 and motions[0].columns.shape[1] == count:
+            seen = observation.seen(motions[0].channel) * self.weight
+            return np.asarray(seen[:, None] * motions[0].columns)
+        out = np.zeros((self.n, count))
+        for motion in motions:
+            seen = observation.seen(motion.channel) * self.weight
+            where = slice(motion.first, motion.first + motion.columns.shape[1])
+            out[:, where] += seen[:, None] * motion.columns
+        return out
+
+    def start(self) -> F64:
+        """θ from which a fit starts."""
+        return self.layout.start(self.campaign)
+
+    def columns(self, theta: F64) -> F64:
+        """∂(weighted value)/∂θ without the set-ups' nuisances, shape (n, layout.size)."""
+        layout = self.layout
+        observation = self.observation(theta)
+        out = np.zeros((self.n, layout.size), order="F")
+        for i in range(len(self.model.effects)):
+            linear = layout.linear_of(i)
+            own = self._stack(observation, self.motions(i, theta), layout.linear_counts[i])
+            out[:, linear] = own
+            for k in layout.nonlinear_of(i):
+                if layout.searched[k].smooth:
+                    out[:, k] = self._slope(i, k, theta)
+        if layout.bases or layout.tools:
+            self._place_columns(out, theta, observation)
+        return out
+
+    def _slope(self, term: int, k: int, theta: F64) -> F64:
+        """∂(weighted value)/∂θ_k of a non-linear parameter by central differences, (n,)."""
+        effect, parameter = self.model.effects[term], self.layout.searched[k]
+        low, high = parameter.bounds
+        step = min(1e-4 * (high - low), 1e-4 * max(abs(theta[k]), 1.0))
+        here = min(max(theta[k], low), high)
+        ends, places = [], []
+        for sign in (1.0, -1.0):
+            moved = theta.copy()
+            moved[k] = min(max(here + sign * step, low), high)
+            nonlinear = self.layout.nonlinear_values(term, moved)
+            columns = self.effect_columns(effect, nonlinear, theta)
+            ends.append(columns @ theta[self.layout.linear_of(term)])
+            places.append(moved[k])
+        return np.asarray((ends[0] - ends[1]) / (places[0] - places[1]))
+
+    def _place_columns(self, out: F64, theta: F64, observation: Observation) -> None:
+        campaign, layout = self.campaign, self.layout
+        weighted = observation.between * self.weight[:, None]
+        for name, where in layout.bases.items():
+            sign = observation.base_sign(campaign, name)
+            out[:, where] = weighted * sign[:, None]
+        if layout.tools:
+            turn = observation.rotation_error(self.error_motions(theta))
+            is_distance = np.zeros(self.n, dtype=np.bool_)
+            is_distance[observation.distance] = True
+            for name, (where, free) in layout.tools.items():
+                used = campaign.tool_name == name
+                for column, k in zip(range(where.start, where.stop), free, strict=True):
+                    if k not in self._tool_directions:
+                        self._tool_directions[k] = observation.tool_direction(k)
+                    nominal = self._tool_directions[k] * used[:, None]
+                    moved = np.cross(turn, nominal) + nominal * is_distance[:, None]
+                    seen = np.einsum("ni,ni->n", observation.toward, moved)
+                    out[:, column] = seen * self.weight
+
+    def jacobian(self, theta: F64) -> F64:
+        """Weighted ∂value/∂(θ, nuisances), dense, shape (n, layout.size + q)."""
+        blocks = self.setups(theta)
+        nuisances = np.zeros((self.n, sum(len(b.names) for b in blocks)))
+        at = 0
+        for block in blocks:
+            k = len(block.names)
+            nuisances[block.rows, at : at + k] = block.columns * self.weight[block.rows, None]
+            at += k
+        return np.hstack([self.columns(theta), nuisances])
+
+    def error_motions(self, theta: F64) -> dict[Channel, F64]:
+        """Every error motion that θ's effects move, instrument's included, each (n,) mm or rad."""
+        sums: dict[Channel, F64] = {}
+        for i, effect in enumerate(self.model.effects):
+            if effect.reads_model:
+                continue  # it acts through the amended conditions
+            coefficients = theta[self.layout.linear_of(i)]
+            for motion in self.motions(i, theta):
+                part = coefficients[motion.first : motion.first + motion.columns.shape[1]]
+                value = motion.columns @ part
+                old = sums.get(motion.channel)
+                sums[motion.channel] = value if old is None else old + value
+        return sums
+
+    def predicted(self, theta: F64) -> F64:
+        """What the rows would read, set-ups' nuisances apart, shape (n,), mm or rad."""
+        if self.large:
+            out = np.empty(self.n)
+            most = rows_at_once(self.layout.size + 1)
+            for at in range(0, self.n, most):
+                rows = np.arange(at, min(at + most, self.n))
+                part = self.part(rows, theta)
+                values = part.observation(theta).values(
+                    part.error_motions(theta), self.model.composition
+                )
+                out[rows] = values
+            return out
+        observation = self.observation(theta)
+        return observation.values(self.error_motions(theta), self.model.composition)
+
+    def residual(self, theta: F64) -> F64:
+        """Weighted measured − predicted, set-ups' nuisances not yet taken out, shape (n,)."""
+        return (self.campaign.value - self.predicted(theta)) * self.weight
+
+
+def _named(effect: Effect, nonlinear: Mapping[str, float]) -> str:
+    return f"{effect.spec} {sorted(nonlinear.items())}"

@@ -1,0 +1,180 @@
+"""What an instrument's placing leaves unknown: zero, slope, frame; eliminated set-up by set-up.
+
+The columns of one set-up are zero on the rows of all others. So each set-up's own few columns are
+projected out of its own rows, and the effects' columns that are left contain all that the set-ups
+together know: the same solution as with one large matrix, at a cost that does not grow with the
+number of set-ups.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.effects.catalogue.setup import frame_columns, path_coordinate
+from abbe.compcore.fitting.design.observation import Observation
+from abbe.compcore.linalg import svd
+
+F64 = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_RANK = 1e-9
+"""Singular values below this part of the largest belong to columns that say nothing new."""
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """The nuisances of one set-up.
+
+    Attributes
+    ----------
+    setup
+        Its name.
+    rows
+        Indices of its rows, ascending.
+    names
+        ``zero``, ``slope``, ``frame x`` …; one for each column.
+    units
+        ``mm`` or ``rad`` of each.
+    columns
+        Shape (m, k): what one unit of each adds to the value of the rows, unweighted.
+    """
+
+    setup: str
+    rows: Index
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    columns: F64
+
+
+def setup_blocks(campaign: Campaign, observation: Observation | None) -> list[Block]:
+    """One block for each set-up of a campaign, also those that leave nothing unknown.
+
+    `observation` (all rows) is needed where a set-up leaves its frame unknown.
+    """
+    setup = campaign.conditions.setup
+    if setup is None:
+        return [Block("", np.arange(campaign.n), (), (), np.zeros((campaign.n, 0)))]
+    names, first, inverse = np.unique(setup, return_index=True, return_inverse=True)
+    order = np.argsort(inverse.reshape(-1), kind="stable")
+    ends = np.cumsum(np.bincount(inverse.reshape(-1), minlength=len(names)))
+    blocks = []
+    for i in np.argsort(first):
+        rows = order[(ends[i - 1] if i else 0) : ends[i]]
+        blocks.append(_block(campaign, observation, str(names[i]), rows))
+    return blocks
+
+
+def _block(campaign: Campaign, observation: Observation | None, name: str, rows: Index) -> Block:
+    free = campaign.setups[name].free if name in campaign.setups else ()
+    kinds = campaign.kind[rows]
+    columns: list[F64] = []
+    names: list[str] = []
+    units: list[str] = []
+    path = None
+    if "slope" in free:
+        positions = campaign.conditions.positions.values()
+        path = path_coordinate(np.stack([q[rows] for q in positions], axis=1))
+    for kind in np.unique(kinds):
+        of_kind = (kinds == kind).astype(np.float64)
+        unit = "rad" if kind == Kind.ROTATION else "mm"
+        suffix = f" ({Kind(kind).name.lower()})" if np.ptp(kinds) else ""
+        if "zero" in free:
+            columns.append(of_kind)
+            names.append("zero" + suffix)
+            units.append(unit)
+        if path is not None:
+            columns.append(of_kind * path)
+            names.append("slope" + suffix)
+            units.append(unit)
+    if "frame" in free and observation is not None:
+        chain = observation.chain
+        toward, about = (
+            chain.to_workpiece(v)[rows] for v in (observation.toward, observation.about)
+        )
+        frame = frame_columns(chain.point[rows], toward, about)
+        columns += list(frame.T)
+        names += [f"frame {k}" for k in "xyzabc"]
+        units += ["mm"] * 3 + ["rad"] * 3
+    stacked = np.stack(columns, axis=1) if columns else np.zeros((len(rows), 0))
+    return Block(name, rows, tuple(names), tuple(units), stacked)
+
+
+class Eliminator:
+    """Projects the set-ups' nuisances out of weighted columns.
+
+    Parameters
+    ----------
+    blocks
+        From `setup_blocks`.
+    weight
+        Shape (n,): 1/sd of each row.
+    """
+
+    def __init__(self, blocks: Sequence[Block], weight: F64) -> None:
+        self.blocks = tuple(blocks)
+        self._basis: list[F64] = []
+        self._solve: list[F64] = []
+        for block in self.blocks:
+            columns = block.columns * weight[block.rows, None]
+            size = np.linalg.norm(columns, axis=0)
+            size[size == 0.0] = 1.0
+            u, s, vt = svd(columns / size)
+            keep = s > _RANK * (s[0] if s.size else 0.0)
+            u, s, vt = u[:, keep], s[keep], vt[keep]
+            self._basis.append(u)
+            self._solve.append((vt.T / s) / size[:, None])
+
+    @property
+    def rank(self) -> int:
+        """Number of independent nuisances of all set-ups."""
+        return sum(basis.shape[1] for basis in self._basis)
+
+    def bases(self) -> Iterator[tuple[Index, F64]]:
+        """Each set-up's rows and orthonormal basis (m, k) of its weighted columns."""
+        for block, basis in zip(self.blocks, self._basis, strict=True):
+            if basis.shape[1]:
+                yield block.rows, basis
+
+    def all_bases(self) -> Iterator[tuple[Index, F64]]:
+        """As `bases`, also of set-ups without nuisances (k = 0)."""
+        yield from zip((block.rows for block in self.blocks), self._basis, strict=True)
+
+    def project(self, columns: F64) -> F64:
+        """What of weighted columns, (n,) or (n, k), the nuisances cannot imitate; a copy."""
+        out = columns.copy()
+        for rows, basis in self.bases():
+            part = out[rows]
+            out[rows] = part - basis @ (basis.T @ part)
+        return out
+
+    def values(self, weighted: F64) -> dict[str, dict[str, tuple[float, str]]]:
+        """The nuisances that fit weighted residuals (n,) best: set-up → name → (value, unit)."""
+        found: dict[str, dict[str, tuple[float, str]]] = {}
+        for block, basis, solve in zip(self.blocks, self._basis, self._solve, strict=True):
+            if block.names:
+                values = solve @ (basis.T @ weighted[block.rows])
+                found[block.setup] = {
+                    name: (float(v), unit)
+                    for name, v, unit in zip(block.names, values, block.units, strict=True)
+                }
+        return found
+
+    def share(self, weighted: F64) -> F64:
+        """What the nuisances that fit weighted residuals (n,) best add to the values, (n,)."""
+        out = np.zeros(weighted.shape[0])
+        for block, basis, solve in zip(self.blocks, self._basis, self._solve, strict=True):
+            if block.names:
+                out[block.rows] = block.columns @ (solve @ (basis.T @ weighted[block.rows]))
+        return out
+
+    def leverage(self, n: int) -> F64:
+        """How much of each row its own set-up's nuisances absorb, 0 … 1, shape (n,)."""
+        out = np.zeros(n)
+        for rows, basis in self.bases():
+            out[rows] = np.einsum("ij,ij->i", basis, basis)
+        return out

@@ -1,0 +1,180 @@
+"""What a measured row sees of the machine's error: displacement, rotation, distance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.effects.base import INSTRUMENT, Channel
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.kinematics import Chain, exact, first_order
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.model.model import Composition
+
+F64 = NDArray[np.float64]
+
+
+class Observation:
+    """The measurement equations of a campaign's rows, for given base points and tools.
+
+    A displacement is ``u·e`` with e the error of the functional point, a rotation ``u·ω``, a
+    distance ``|P + e − b|`` from base point b to the functional point, a base distance
+    ``|b − b2|``.
+
+    Parameters
+    ----------
+    machine, campaign, conditions
+        `conditions` are the campaign's, with the tools' offsets in place.
+    bases
+        Name → coordinates, mm, workpiece frame.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        campaign: Campaign,
+        conditions: Conditions,
+        bases: Mapping[str, F64],
+    ) -> None:
+        self.chain = Chain(machine, conditions)
+        kind = campaign.kind
+        n = conditions.n
+        u = np.zeros((n, 3)) if conditions.u is None else conditions.u
+        displacement = kind == Kind.DISPLACEMENT
+        rotation = kind == Kind.ROTATION
+        self.distance = np.flatnonzero(kind == Kind.DISTANCE)
+        self.base_distance = np.flatnonzero(kind == Kind.BASE_DISTANCE)
+        self._toward = u if displacement.all() else np.where(displacement[:, None], u, 0.0)
+        self._about = np.where(rotation[:, None], u, 0.0) if rotation.any() else None
+        self._seen: dict[Channel, F64] = {}
+        self.between = np.zeros((n, 3))
+        """Row → unit vector base → point (or base2 → base), workpiece frame; 0 on other rows."""
+        self._vector = np.zeros((n, 3))
+        if self.distance.size or self.base_distance.size:
+            self._see_bases(conditions, campaign.base2, bases)
+
+    def _see_bases(
+        self, conditions: Conditions, second: NDArray[np.str_], bases: Mapping[str, F64]
+    ) -> None:
+        first = conditions.base
+        if first is None:
+            raise ValueError("distances need the column of base points")
+        one, two = _coordinates(first, bases), _coordinates(second, bases)
+        i, j = self.distance, self.base_distance
+        self._vector[i] = self.chain.point[i] - one[i]
+        self._vector[j] = one[j] - two[j]
+        used = np.concatenate([i, j])
+        lengths = np.linalg.norm(self._vector[used], axis=1, keepdims=True)
+        self.between[used] = self._vector[used] / np.maximum(lengths, 1e-300)
+        toward = np.zeros_like(self._toward)
+        toward[i] = self.between[i]
+        self._toward = self._toward + self.chain.to_machine_axes(toward)
+
+    @property
+    def toward(self) -> F64:
+        """Row → the direction in which an error of the point is seen, (n, 3), machine axes."""
+        return self._toward
+
+    @property
+    def about(self) -> F64:
+        """Row → the direction about which an error of the orientation is seen, (n, 3)."""
+        return np.zeros_like(self._toward) if self._about is None else self._about
+
+    def seen(self, channel: Channel) -> F64:
+        """What one unit of an error motion adds to the measured values, shape (n,).
+
+        mm or rad of value per mm or rad of motion, to first order (the lever rule).
+        """
+        if channel not in self._seen:
+            if channel.place == INSTRUMENT:
+                self._seen[channel] = np.ones(self._toward.shape[0])
+            else:
+                moved, turned = self.chain.influence(channel)
+                seen = np.einsum("ni,ni->n", self._toward, moved)
+                if channel.rotation and self._about is not None:
+                    seen += np.einsum("ni,ni->n", self._about, turned)
+                self._seen[channel] = seen
+        return self._seen[channel]
+
+    def values(self, motions: Mapping[Channel, F64], composition: Composition) -> F64:
+        """What the rows would read for given error motions (each (n,), mm or rad), shape (n,).
+
+        mm, or rad for rotations; distances in full, not to first order.
+        """
+        if composition == "first-order" and not self.distance.size and not self.base_distance.size:
+            return self._first_order_sum(motions)
+        machine = {c: v for c, v in motions.items() if c.place != INSTRUMENT}
+        if composition == "exact":
+            error, orientation = exact(self.chain, machine)
+            skew = orientation - np.swapaxes(orientation, 1, 2)
+            turn = 0.5 * np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+        else:
+            error, turn = first_order(self.chain, machine)
+        total: F64 = np.einsum("ni,ni->n", self._toward, error)
+        if self._about is not None:
+            total += np.einsum("ni,ni->n", self._about, turn)
+        reached = self._vector + self.chain.to_workpiece(error)
+        total[self.distance] = np.linalg.norm(reached[self.distance], axis=1)
+        total[self.base_distance] = np.linalg.norm(self._vector[self.base_distance], axis=1)
+        for channel, value in motions.items():
+            if channel.place == INSTRUMENT:
+                total += value
+        return total
+
+    def _first_order_sum(self, motions: Mapping[Channel, F64]) -> F64:
+        total = np.zeros(self._toward.shape[0])
+        for channel, value in motions.items():
+            total += self.seen(channel) * value
+        return total
+
+    def base_sign(self, campaign: Campaign, name: str) -> F64:
+        """Row → what a move of a base point does along `between`: −1, 1, or 0 elsewhere, (n,)."""
+        sign = np.zeros(campaign.n)
+        i, j = self.distance, self.base_distance
+        if campaign.conditions.base is not None:
+            first = campaign.conditions.base == name
+            sign[i] -= first[i]
+            sign[j] += first[j]
+        sign[j] -= (campaign.base2 == name)[j]
+        return sign
+
+    def tool_direction(self, k: int) -> F64:
+        """Where 1 mm of the tool offset's component k (0, 1, 2) takes the point, (n, 3).
+
+        Machine axes; turns with rotary axes and with the spindle.
+        """
+        unit = np.zeros((self.chain.conditions.n, 3))
+        unit[:, k] = 1.0
+        ends = [
+            Chain(self.chain.machine, replace(self.chain.conditions, tool=tool)).point
+            for tool in (unit, np.zeros_like(unit))
+        ]
+        return self.chain.to_machine_axes(ends[0] - ends[1])
+
+    def rotation_error(self, motions: Mapping[Channel, F64]) -> F64:
+        """Error of the functional orientation, (n, 3) rad, machine axes, to first order."""
+        machine = {c: v for c, v in motions.items() if c.rotation}
+        return first_order(self.chain, machine)[1]
+
+
+def with_tools(
+    conditions: Conditions, tool_name: NDArray[np.str_], offsets: Mapping[str, F64]
+) -> Conditions:
+    """Conditions in which the rows of named tools have those tools' offsets (mm)."""
+    if not offsets:
+        return conditions
+    tool = conditions.tool.copy()
+    for name, offset in offsets.items():
+        tool[tool_name == name] = offset
+    return replace(conditions, tool=tool)
+
+
+def _coordinates(names: NDArray[np.str_], bases: Mapping[str, F64]) -> F64:
+    out = np.zeros((names.shape[0], 3))
+    for name, position in bases.items():
+        out[names == name] = position
+    return out

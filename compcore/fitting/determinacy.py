@@ -1,0 +1,77 @@
+"""Which combinations of unknowns a campaign determines, and which it cannot."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.linalg import svd
+
+F64 = NDArray[np.float64]
+
+LEAST_INFORMATION = 1.0
+"""A combination of unknowns counts as determined when moving it by a believable amount (its scale)
+changes the measured values, all together, by more than this many standard uncertainties. Below, the
+measurement's own estimate would be less certain than what anyone knew beforehand."""
+
+
+class Decomposition:
+    """The singular value decomposition of a weighted Jacobian in units of the unknowns' scales.
+
+    Parameters
+    ----------
+    triangle
+        Shape (k, m): the triangular factor of the Jacobian, nuisances projected out.
+    scale
+        Shape (m,): believable size of each unknown.
+    rows
+        Number of rows of the Jacobian, for the rounding limit.
+
+    Attributes
+    ----------
+    singular
+        Shape (m,): how many standard uncertainties a move by one scale makes along each direction.
+    directions
+        Shape (m, m): columns are the directions, in units of the scales, best determined first.
+    rank
+        How many are determined.
+    """
+
+    def __init__(self, triangle: F64, scale: F64, rows: int) -> None:
+        m = scale.shape[0]
+        self.scale = scale
+        u, s, vt = svd(triangle * scale, full=True)
+        self.singular = np.concatenate([s, np.zeros(m - s.shape[0])])
+        self.directions = vt.T
+        self._left = u
+        rounding = np.finfo(np.float64).eps * max(rows, m) * float(s[0] if m else 0.0)
+        self.rank = int((self.singular > max(LEAST_INFORMATION, rounding)).sum())
+
+    @property
+    def determined(self) -> F64:
+        """Orthonormal directions (scaled) that the data determine, shape (m, rank)."""
+        return self.directions[:, : self.rank]
+
+    @property
+    def null(self) -> F64:
+        """Orthonormal directions (scaled) that they do not, shape (m, m − rank)."""
+        return self.directions[:, self.rank :]
+
+    def solve(self, projected: F64) -> F64:
+        """The least-squares solution of least norm in units of the scales, shape (m,).
+
+        `projected` is Qᵀr with Q the orthogonal factor that belongs to the triangle, shape (k,).
+        """
+        r = self.rank
+        along = (self._left[:, :r].T @ projected) / self.singular[:r]
+        return np.asarray(self.scale * (self.determined @ along))
+
+    def minimum_norm(self, theta: F64, reference: F64) -> F64:
+        """θ with its undetermined part replaced by that of `reference`, shape (m,)."""
+        apart = (theta - reference) / self.scale
+        return theta - self.scale * (self.null @ (self.null.T @ apart))
+
+    def covariance(self) -> F64:
+        """Covariance of the least-norm solution, shape (m, m), for weights that are right."""
+        half = self.scale[:, None] * self.determined / self.singular[: self.rank]
+        return np.asarray(half @ half.T)

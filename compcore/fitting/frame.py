@@ -1,0 +1,169 @@
+"""The frame in which errors are stated: chosen among those that the measurements leave free.
+
+Where a workpiece sits is a convention, so a campaign in which every set-up has its own zero leaves
+the frame open. ISO/TR 16907:2015 (7.3, 10.2) has it chosen by a primary axis, a secondary axis and
+an origin; without such a choice the frame in which the errors are smallest is as good.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.errors import InputError
+from abbe.compcore.fitting.design.unknowns import Layout
+from abbe.compcore.fitting.undetermined import NullSpace, sample_volume
+from abbe.compcore.linalg import svd
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import Machine, own_component
+from abbe.compcore.model.model import Model
+from abbe.compcore.model.sensitivity import sensitivities
+
+F64 = NDArray[np.float64]
+
+_FELT = 1e-5
+"""Conventions whose believable moves change the error by less than this, mm, are left alone."""
+
+
+_CARRIED = 1e-4
+"""How little a parameter's square counts in the norm when its effect carries what others share."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """How the reference frame is chosen.
+
+    Attributes
+    ----------
+    primary, secondary
+        Linear axes. The line along the primary axis through the middle of the volume has no error
+        across it at its ends; the line along the secondary axis none in the third direction; the
+        middle of the volume has no error. Empty: the frame of the least errors all over the volume.
+    """
+
+    primary: str = ""
+    secondary: str = ""
+
+    @classmethod
+    def parse(cls, text: str) -> Frame:
+        """``least-squares``, or the primary and the secondary axis: ``X,Y``.
+
+        Raises
+        ------
+        InputError
+            For anything else.
+        """
+        if text == "least-squares":
+            return cls()
+        axes = [part.strip() for part in text.split(",")]
+        if len(axes) != 2 or not all(axes) or axes[0] == axes[1]:
+            raise InputError(
+                "not a reference frame",
+                field="frame",
+                found=text,
+                expected="least-squares, or primary and secondary axis such as X,Y",
+            )
+        return cls(*axes)
+
+    def check(self, machine: Machine) -> None:
+        """Refuse axes that the machine lacks or that do not span a frame.
+
+        Raises
+        ------
+        InputError
+            Naming the axis.
+        """
+        for name in (self.primary, self.secondary):
+            if name and machine.axis(name, "frame").rotary:
+                raise InputError(
+                    "a frame is chosen by linear axes",
+                    field="frame",
+                    found=name,
+                    expected="two of " + ", ".join(machine.structure.linear),
+                )
+        if self.primary and own_component(self.primary) == own_component(self.secondary):
+            raise InputError("a frame needs two directions", field="frame", found=self.primary)
+
+
+def alignment(
+    model: Model, campaign: Campaign, layout: Layout, theta: F64, null: NullSpace, frame: Frame
+) -> F64:
+    """What takes θ into the chosen frame, shape (m, m): ``θ → A·θ``, covariance ``C → A·C·Aᵀ``.
+
+    Changes neither χ² nor any error but for a rigid displacement (Baarda's S-transformation).
+    """
+    if not null.convention.shape[1]:
+        return np.eye(layout.size)
+    places, combine = (
+        _volume(model.machine, campaign) if not frame.primary else _axes(model.machine, frame)
+    )
+    values = layout.values(theta, np.zeros(layout.size))
+    translation, _ = sensitivities(model.with_values(values), places)
+    m = layout.model_size
+    constraint = combine @ translation.reshape(3 * places.n, m)
+    moves = constraint @ (layout.scale[:m, None] * null.convention[:m])
+    left, size, right = svd(moves, full=True)
+    felt = int((size > _FELT * np.sqrt(constraint.shape[0])).sum())
+    # derivatives by non-linear parameters are no errors
+    constraint[:, list(layout.searched)] = 0.0
+    along = (right[:felt].T / size[:felt]) @ (left[:, :felt].T @ constraint)
+    out = np.eye(layout.size)
+    out[:, :m] -= layout.scale[:, None] * (null.convention @ along)
+    return _carried(model, layout, null.convention @ right[felt:].T) @ out
+
+
+def _carried(model: Model, layout: Layout, unseen: F64) -> F64:
+    """What moves θ along unseen directions (m, k) into the effects that best carry them.
+
+    Of a constant angle and a squareness that are one and the same, all is told as squareness.
+    """
+    weight = np.ones(layout.size)
+    weight[layout.model_size :] = 0.0  # base points and tools have no zero to be near to
+    weight[list(layout.searched)] = 0.0
+    for effect, where in zip(model.effects, layout.terms, strict=True):
+        if effect.carries:
+            weight[where] = _CARRIED
+    weighted = weight[:, None] * unseen
+    back = np.linalg.pinv(unseen.T @ weighted, rcond=_CARRIED**2, hermitian=True) @ weighted.T
+    return np.asarray(
+        np.eye(layout.size) - (layout.scale[:, None] * (unseen @ back)) / layout.scale
+    )
+
+
+def _at(machine: Machine, positions: dict[str, F64]) -> Conditions:
+    """A machine at its reference temperature, without tool, coming from nowhere."""
+    n = len(next(iter(positions.values())))
+    signals = {
+        s.name: np.full(n, machine.reference_temperature if s.temperature else 0.0)
+        for s in machine.signals.values()
+    }
+    return Conditions(positions, signals=signals)
+
+
+def _volume(machine: Machine, campaign: Campaign) -> tuple[Conditions, F64]:
+    sampled = sample_volume(machine, campaign)
+    places = _at(machine, dict(sampled.positions))
+    return places, np.eye(3 * places.n)
+
+
+def _axes(machine: Machine, frame: Frame) -> tuple[Conditions, F64]:
+    """The middle, both ends of the primary and both ends of the secondary axis; six conditions."""
+    middle = {a: machine.axes[a].middle for a in machine.structure.axes}
+    stops = [middle]
+    for name in (frame.primary, frame.secondary):
+        stops += [{**middle, name: end} for end in machine.axes[name].travel]
+    places = _at(machine, {a: np.array([s[a] for s in stops]) for a in middle})
+    first = "XYZ".index(own_component(frame.primary))
+    second = "XYZ".index(own_component(frame.secondary))
+    third = 3 - first - second
+    combine = np.zeros((6, 15))
+    combine[:3, :3] = np.eye(3)
+    for row, (low, high, direction) in enumerate(
+        [(1, 2, second), (1, 2, third), (3, 4, third)], start=3
+    ):
+        combine[row, 3 * low + direction] = -1.0
+        combine[row, 3 * high + direction] = 1.0
+    return places, combine

@@ -1,0 +1,61 @@
+"""Gauss–Newton with a line search: least squares on what is linear, and on what is nearly so."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.fitting.design.design_matrix import Problem
+from abbe.compcore.fitting.determinacy import Decomposition
+from abbe.compcore.fitting.reduction import triangle
+
+F64 = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_ROUNDS = 50
+_HALVINGS = 20
+_CONVERGED = 1e-9
+"""The cost ½χ² may still fall by this part of itself, or of the number of rows, at the end."""
+
+
+def gauss_newton(
+    problem: Problem, theta: F64, free: Index | None = None
+) -> tuple[F64, Decomposition]:
+    """Minimise ½χ² from θ; returns the solution of least norm and what is determined there.
+
+    `free` are the indices of the unknowns that may move, default all; the decomposition is theirs.
+    """
+    start = theta
+    direct = problem.linear and not problem.layout.searched
+    free = np.arange(problem.layout.size) if free is None else free
+    scale = problem.layout.scale[free]
+    m = len(free)
+    cost = np.inf
+    for _ in range(_ROUNDS):
+        reduced = triangle(problem, theta, free)
+        before = 0.5 * float(reduced[:, m] @ reduced[:, m])
+        decomposition = Decomposition(reduced[:m, :m], scale, problem.n)
+        if cost - before <= _CONVERGED * max(before, 1e-3 * problem.n):
+            break
+        cost = before
+        step = np.zeros_like(theta)
+        step[free] = decomposition.solve(reduced[:m, m])
+        if direct:
+            theta = theta + step
+            break
+        theta = _line_search(problem, theta, step, before)
+    theta = theta.copy()
+    theta[free] = decomposition.minimum_norm(theta[free], start[free])
+    return theta, decomposition
+
+
+def _line_search(problem: Problem, theta: F64, step: F64, before: float) -> F64:
+    """θ + step, or a shorter step when that does not lower the cost."""
+    part = 1.0
+    for _ in range(_HALVINGS):
+        tried = problem.layout.within(theta + part * step)
+        left = problem.eliminator(tried).project(problem.residual(tried))
+        if 0.5 * float(left @ left) <= before:
+            return tried
+        part *= 0.5
+    return theta

@@ -1,0 +1,140 @@
+"""What a campaign cannot determine: what is mere convention, what is truly unknown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.fitting.design.unknowns import Layout
+from abbe.compcore.fitting.determinacy import Decomposition
+from abbe.compcore.linalg import svd
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.error_motion import SPINDLE, WORKPIECE, Channel, Component
+from abbe.compcore.machine.kinematics import Chain
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.model.model import Model
+from abbe.compcore.model.sensitivity import sensitivities
+
+F64 = NDArray[np.float64]
+
+_POINTS = 60
+_ARM = 100.0
+"""A rotation is compared with displacements over this length, mm."""
+_FELT = 1e-5
+"""A believable move of the unknowns that changes the error nowhere by more than this (mm), but for
+one rigid displacement of the workpiece or of the tool in its holder, is convention: where a
+workpiece or a tool sits is found on the machine itself."""
+_UNFELT = 1e-3
+"""A direction along which a believable move changes the data by less than this many standard
+uncertainties may be moved along freely."""
+
+
+@dataclass(frozen=True, eq=False)
+class NullSpace:
+    """The directions in which a campaign determines nothing.
+
+    Attributes
+    ----------
+    convention
+        Orthonormal (in units of the scales), shape (m, k): moving along them changes no error
+        inside the machine's volume, or only displaces the frame in which errors are stated.
+    unknown
+        Shape (m, l): moving along them changes the machine's error, and nobody has measured it.
+    """
+
+    convention: F64
+    unknown: F64
+
+    def prior_covariance(self, scale: F64) -> F64:
+        """Covariance of what is unknown, one scale along each direction, shape (m, m)."""
+        half = scale[:, None] * self.unknown
+        return np.asarray(half @ half.T)
+
+
+def split_null_space(
+    model: Model, campaign: Campaign, layout: Layout, theta: F64, decomposition: Decomposition
+) -> NullSpace:
+    """Divide what is not determined into convention and ignorance.
+
+    Parameters
+    ----------
+    model, campaign, layout
+        What was fitted to what.
+    theta, decomposition
+        The solution and what of it is determined.
+    """
+    null, weak = decomposition.null, decomposition.singular[decomposition.rank :]
+    stepped = [i for i, p in layout.searched.items() if not p.smooth]
+    if stepped:
+        # found by search, not by least squares: they are not undetermined
+        keep = np.ones(layout.size, dtype=np.bool_)
+        keep[stepped] = False
+        others = np.linalg.norm(null[keep], axis=0) > 1e-9
+        null, weak = null[:, others], weak[others]
+    if not null.shape[1]:
+        return NullSpace(null, null)
+    field, frame = _felt(model, campaign, layout, theta)
+    felt = field @ (layout.scale[: layout.model_size, None] * null[: layout.model_size])
+    left, size, _ = svd(frame)
+    left = left[:, size > 1e-12 * size[0]]
+    felt -= left @ (left.T @ felt)
+    convention, unknown = null[:, :0], []
+    # what the data feel, however weakly, must not be moved far for a convention's sake
+    for exact in (True, False):
+        own = (weak < _UNFELT) == exact
+        square, turns = np.linalg.eigh(felt[:, own].T @ felt[:, own] / _POINTS)
+        mixed = null[:, own] @ turns
+        unknown.append(mixed[:, square > _FELT**2])
+        if exact:
+            convention = mixed[:, square <= _FELT**2]
+    return NullSpace(convention, np.hstack(unknown))
+
+
+def _felt(model: Model, campaign: Campaign, layout: Layout, theta: F64) -> tuple[F64, F64]:
+    """What parameters, and displacements of workpiece and tool, do all over the volume."""
+    somewhere = sample_volume(model.machine, campaign)
+    values = layout.values(theta, np.zeros(layout.size))
+    field = _stacked(*sensitivities(model.with_values(values), somewhere))
+    chain = Chain(model.machine, somewhere)
+    conventions = []
+    for place in (WORKPIECE, SPINDLE):
+        for component in get_args(Component):
+            moved, turned = chain.influence(Channel(place, component))
+            conventions.append(_stacked(moved[:, :, None], turned[:, :, None]))
+    return field, np.hstack(conventions)
+
+
+def _stacked(translation: F64, rotation: F64) -> F64:
+    both = np.concatenate([translation, _ARM * rotation], axis=1)
+    return both.reshape(-1, both.shape[2])
+
+
+def sample_volume(machine: Machine, campaign: Campaign, count: int = _POINTS) -> Conditions:
+    """Conditions all over the machine's volume and somewhat beyond what the campaign varied."""
+    rng = np.random.default_rng(16907)
+    c = campaign.conditions
+    tool = c.tool if c.n else np.zeros((1, 3))
+    sampled = Conditions(
+        positions={a: rng.uniform(*machine.axes[a].travel, count) for a in machine.structure.axes},
+        directions={a: rng.choice([-1.0, 1.0], count) for a in machine.structure.axes},
+        tool=rng.uniform(tool.min(axis=0) - _ARM, tool.max(axis=0) + _ARM, (count, 3)),
+        time=np.sort(rng.uniform(0.0, max(float(c.time.max(initial=0.0)), 1.0), count)),
+        signals=_signals(c.signals, count, rng),
+    )
+    if c.spindle_angle is None:
+        return sampled
+    return replace(sampled, spindle_angle=rng.uniform(0.0, 2.0 * np.pi, count))
+
+
+def _signals(recorded: Mapping[str, F64], count: int, rng: np.random.Generator) -> dict[str, F64]:
+    found = {}
+    for name, values in recorded.items():
+        low, high = float(values.min()), float(values.max())
+        wide = 0.5 * (high - low) + 1.0
+        found[name] = rng.uniform(low - wide, high + wide, count)
+    return found

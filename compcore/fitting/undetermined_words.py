@@ -1,0 +1,235 @@
+"""What a campaign cannot determine, in a metrologist's words and without drowning anyone."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.fitting.design.design_matrix import Problem
+from abbe.compcore.fitting.undetermined import NullSpace
+from abbe.compcore.linalg import svd
+
+F64 = NDArray[np.float64]
+
+_WHOLE = {True: 1e-7, False: 1e-3}
+"""A direction (convention or not) belongs to some effects when less than this part of its square
+lies elsewhere; what is unknown is seldom exactly so."""
+_LEAST = 1e-3
+"""Smaller shares of a direction are not worth a name."""
+_MOST_COMBINED = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Undetermined:
+    """Something that a campaign does not determine.
+
+    Attributes
+    ----------
+    text
+        One sentence.
+    effects
+        The specs of the effects that take part.
+    convention
+        Whether it is only a matter of convention; else predictions that need it are unknown.
+    """
+
+    text: str
+    effects: tuple[str, ...]
+    convention: bool
+
+
+def in_words(problem: Problem, theta: F64, null: NullSpace) -> list[Undetermined]:
+    """Everything that is not determined, unknowns first, conventions summarised.
+
+    Parameters
+    ----------
+    problem, theta
+        What was fitted, and the solution.
+    null
+        The null space, divided.
+    """
+    by_group: dict[tuple[int, ...], list[F64]] = {}
+    for group, direction in _sparse(problem, null.unknown, _WHOLE[False]):
+        by_group.setdefault(tuple(group), []).append(direction)
+    found = []
+    for terms, directions in by_group.items():
+        several = len(directions) > 1
+        names = [_part(problem, theta, t, None if several else directions[0]) for t in terms]
+        if len(names) == 1:
+            text = (
+                f"{names[0]}: this campaign does not show it (left at the value of least norm); "
+                "predictions that need it are uncertain by its whole plausible range"
+            )
+        else:
+            count = f"{len(directions)} combinations" if several else "a combination"
+            text = (
+                f"{_listed(names)}: this campaign does not show {count} of them; predictions "
+                "that need it are uncertain by the plausible range"
+            )
+        found.append(Undetermined(text, _specs(problem, terms), False))
+    return found + _conventions(problem, theta, null.convention)
+
+
+def _conventions(problem: Problem, theta: F64, directions: F64) -> list[Undetermined]:
+    alone: dict[str, int] = {}
+    alike: list[dict[str, int]] = []
+    mixed: list[dict[str, int]] = []
+    for group, own in _sparse(problem, directions, _WHOLE[True]):
+        parts = {_part(problem, theta, t, own): t for t in group}
+        if len(parts) == 1:
+            alone.update(parts)
+        elif len(parts) == 2:
+            # what is the same as one of a family is the same as all of it
+            same = [family for family in alike if family.keys() & parts.keys()]
+            alike = [family for family in alike if family not in same]
+            alike.append({k: t for family in [*same, parts] for k, t in family.items()})
+        else:
+            mixed.append(parts)
+    found = []
+    if alone:
+        text = (
+            f"{_listed(alone)}: arbitrary, as every set-up has its own zero and no place of the "
+            "machine is a reference; fixed by convention"
+        )
+        found.append(Undetermined(text, _specs(problem, alone.values()), True))
+    for words, families in (("are the same thing", alike), ("make up one thing", mixed)):
+        for family in families:
+            carriers = [n for n, t in family.items() if t >= 0 and problem.model.effects[t].carries]
+            favour = f", in favour of {_joined(carriers)}" if carriers else ""
+            text = (
+                f"{_listed(family)} {words} for this campaign; the split shown is minimum-norm"
+                f"{favour}"
+            )
+            found.append(Undetermined(text, _specs(problem, family.values()), True))
+    return found
+
+
+def _specs(problem: Problem, terms: Iterable[int]) -> tuple[str, ...]:
+    return tuple(problem.model.effects[t].spec for t in terms if t >= 0)
+
+
+def _sparse(problem: Problem, directions: F64, whole: float) -> list[tuple[list[int], F64]]:
+    """Null directions, each with the fewest effects that can make it: (terms, (m, 1))."""
+    groups = _groups(problem)
+    squares = {t: directions[i].T @ directions[i] for t, i in groups.items()}
+    present = [t for t, square in squares.items() if np.trace(square) > _LEAST**2]
+    found: list[tuple[list[int], F64]] = []
+    taken = np.zeros((directions.shape[1], 0))
+    for size in range(1, min(_MOST_COMBINED, len(present)) + 1):
+        for combined in itertools.combinations(present, size):
+            if taken.shape[1] == directions.shape[1]:
+                return found
+            inside = np.sum([squares[t] for t in combined], axis=0)
+            values, vectors = np.linalg.eigh(inside)
+            own = vectors[:, values > 1.0 - whole]
+            fresh = own - taken @ (taken.T @ own)
+            u, s, _ = svd(fresh)
+            for k in range(int((s > 1e-3).sum())):
+                # the representative inside this combination that owes least to those before
+                mixed = own @ (own.T @ u[:, k])
+                found.append(
+                    (list(combined), directions @ (mixed / np.linalg.norm(mixed))[:, None])
+                )
+            taken = np.hstack([taken, u[:, s > 1e-3]])
+    rest = _complement(taken)
+    for k in range(rest.shape[1]):
+        direction = directions @ rest[:, k : k + 1]
+        share = {t: float(np.linalg.norm(direction[i])) for t, i in groups.items()}
+        found.append(([t for t in present if share[t] > 0.05], direction))
+    return found
+
+
+def _complement(taken: F64) -> F64:
+    k = taken.shape[0]
+    u, s, _ = svd(taken, full=True) if taken.shape[1] else (np.eye(k), (), None)
+    return np.asarray(u[:, len(s) :])
+
+
+def _groups(problem: Problem) -> dict[int, NDArray[np.int64]]:
+    """Term → its indices in θ; −1: base points, −2: tools."""
+    layout = problem.layout
+    groups = {t: np.arange(where.start, where.stop) for t, where in enumerate(layout.terms)}
+    bases = [np.arange(w.start, w.stop) for w in layout.bases.values()]
+    tools = [np.arange(w.start, w.stop) for w, _ in layout.tools.values()]
+    if bases:
+        groups[-1] = np.concatenate(bases)
+    if tools:
+        groups[-2] = np.concatenate(tools)
+    return groups
+
+
+def _part(problem: Problem, theta: F64, term: int, direction: F64 | None) -> str:
+    """Which part of an effect a null direction is: its constant, its slope, …; None: all of it."""
+    if term < 0:
+        return "the base points' place" if term == -1 else "the tools' offsets"
+    layout = problem.layout
+    effect = problem.model.effects[term]
+    if direction is None:
+        return _name(effect)
+    where = layout.terms[term]
+    values = (direction[:, 0] * layout.scale)[where]
+    count = layout.linear_counts[term]
+    if where.stop - where.start == 1 or abs(values[count:]).any():
+        nonlinear = [u.name for u in layout.unknowns[where][count:]]
+        return _name(effect) + (f" ({', '.join(nonlinear)})" if abs(values[count:]).any() else "")
+    form = _form(problem, theta, term, values)
+    return f"{form} of {_name(effect)}"
+
+
+def _form(problem: Problem, theta: F64, term: int, values: F64) -> str:
+    effect, machine = problem.model.effects[term], problem.model.machine
+    axes = effect.positions_used(machine)
+    if len(axes) != 1:
+        return "a part"
+    axis = machine.axes[axes[0]]
+    q = np.linspace(*axis.travel, 50)
+    conditions = problem.conditions(theta)
+    index = np.zeros(50, dtype=np.int64)
+    at = conditions.rows(index)
+    at = at.moved({axes[0]: q - at.position(axes[0])})
+    motions = effect.motions(machine, at, problem.layout.nonlinear_values(term, theta))
+    curve = np.concatenate([m.columns @ values[m.first :][: m.columns.shape[1]] for m in motions])
+    if len(motions) != 1:
+        return "a part"
+    size = float(np.abs(curve).max())
+    x = (q - axis.middle) / axis.half_travel
+    for degree, word in enumerate(("the constant", "the slope", "the parabola")):
+        fitted = np.polynomial.Polynomial.fit(x, curve, degree)
+        if float(np.abs(curve - fitted(x)).max()) < 1e-6 * size:
+            return word
+    return "a part"
+
+
+def _name(effect: Effect) -> str:
+    channel = getattr(effect, "component", None)
+    where = effect.where()
+    if callable(channel) and "axis" in where and "axes" not in where:
+        return f"E_{channel()}{where['axis']}"
+    if "axes" in where:
+        return f"{effect.kind.replace('_', ' ')} {'–'.join(where['axes'])}"
+    return effect.spec
+
+
+def _listed(names: Iterable[str]) -> str:
+    """``the constants of E_XX and E_YY, the slope of E_YX and squareness X–Y``."""
+    by_form: dict[str, list[str]] = {}
+    others = []
+    for name in names:
+        form, of, what = name.partition(" of ")
+        if of and form.startswith("the "):
+            by_form.setdefault(form, []).append(what)
+        else:
+            others.append(name)
+    told = [
+        f"{form}{'s' if len(what) > 1 else ''} of {_joined(what)}" for form, what in by_form.items()
+    ]
+    return _joined(told + others)
+
+
+def _joined(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]

@@ -1,0 +1,301 @@
+"""Conditions: the table of recorded signals on which effects are evaluated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.lag import first_order_lag
+from abbe.compcore.machine.structure import is_rotary
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SetupRows:
+    """The set-ups of a table of conditions.
+
+    Attributes
+    ----------
+    index
+        Name → number of the set-up.
+    number
+        Each row's set-up, shape (n,).
+    first
+        Each set-up's earliest row, shape (number of set-ups,).
+    """
+
+    index: Mapping[str, int]
+    number: NDArray[np.int64]
+    first: NDArray[np.int64]
+
+    def mask(self, name: str) -> NDArray[np.bool_]:
+        """The rows of one set-up, shape (n,); none where it does not occur."""
+        return np.equal(self.number, self.index.get(name, -1))
+
+    def since_start(self, values: F64) -> F64:
+        """Values, (n,) or (n, 3), less what they were at the start of the row's own set-up."""
+        return np.asarray(values - values[self.first][self.number])
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """n rows of what was recorded when the machine stood, or will stand, somewhere.
+
+    Attributes
+    ----------
+    positions
+        Axis → indicated positions, shape (n,), mm (rotary: rad).
+    directions
+        Axis → approach direction, shape (n,): 1, −1, or 0 for not moved or unknown.
+    tool
+        Tool or probe offset, shape (n, 3), mm.
+    time
+        Shape (n,), s since the campaign's (or the daemon's) start.
+    signals
+        Name → shape (n,), in the signal's own unit.
+    spindle_angle
+        Angle of a spindle in brackets, shape (n,), rad; the tool's offset turns with it.
+    run
+        Shape (n,): rows of different runs (campaigns) have separate clocks. None: one run.
+    setup, u
+        For effects of the instrument: set-up name of each row, shape (n,), and the unit vector
+        of the measured component in machine axes, shape (n, 3). None outside campaigns.
+    base
+        For distances: name of each row's base point, shape (n,), empty where there is none.
+    kind, distance
+        For effects of the instrument: what each row measures
+        (`abbe.compcore.campaign.campaign.Kind`), shape
+        (n,), and the measured length of distances, shape (n,), mm, 0 on other rows. None outside
+        campaigns.
+    given_lags
+        (signal, τ) → shape (n,): lagged values that the live path has kept; else computed here.
+    """
+
+    positions: Mapping[str, F64]
+    directions: Mapping[str, F64] = field(default_factory=dict)
+    tool: F64 = field(default_factory=lambda: np.zeros((0, 3)))
+    time: F64 = field(default_factory=lambda: np.zeros(0))
+    signals: Mapping[str, F64] = field(default_factory=dict)
+    spindle_angle: F64 | None = None
+    run: NDArray[np.int64] | None = None
+    setup: NDArray[np.str_] | None = None
+    u: F64 | None = None
+    base: NDArray[np.str_] | None = None
+    kind: NDArray[np.int8] | None = None
+    distance: F64 | None = None
+    given_lags: Mapping[tuple[str, float], F64] = field(default_factory=dict)
+    _lags: dict[tuple[str, float], F64] = field(default_factory=dict, repr=False)
+    _made: dict[Hashable, tuple[F64, F64]] = field(default_factory=dict, repr=False)
+    _setups: tuple[NDArray[np.str_], F64, SetupRows] | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        n = len(next(iter(self.positions.values()))) if self.positions else len(self.time)
+        object.__setattr__(self, "n", n)
+        if not self.tool.size and self.tool.shape[0] != n:
+            object.__setattr__(self, "tool", np.zeros((n, 3)))
+        if self.time.shape[0] != n and not self.time.size:
+            object.__setattr__(self, "time", np.zeros(n))
+        shapes = {
+            **{f"position {k}": v.shape for k, v in self.positions.items()},
+            **{f"direction {k}": v.shape for k, v in self.directions.items()},
+            **{f"signal {k}": v.shape for k, v in self.signals.items()},
+            "time": self.time.shape,
+        }
+        for name, shape in shapes.items():
+            if shape != (n,):
+                raise ValueError(f"{name} has shape {shape}, expected {(n,)}")
+        if self.tool.shape != (n, 3):
+            raise ValueError(f"tool has shape {self.tool.shape}, expected {(n, 3)}")
+
+    n: int = field(init=False, default=0)
+
+    @classmethod
+    def at(
+        cls,
+        positions: Mapping[str, ArrayLike],
+        *,
+        tool: ArrayLike = (0.0, 0.0, 0.0),
+        directions: Mapping[str, ArrayLike] | None = None,
+        time: ArrayLike = 0.0,
+        signals: Mapping[str, ArrayLike] | None = None,
+    ) -> Conditions:
+        """Conditions from scalars and arrays that broadcast to one length.
+
+        Positions in mm (rotary: rad), tool in mm (shape (3,) or (n, 3)), time in s, signals in
+        their own units.
+        """
+        directions = directions or {}
+        signals = signals or {}
+        scalars = [*positions.values(), *directions.values(), *signals.values(), time]
+        tool_rows = np.atleast_2d(np.asarray(tool, dtype=np.float64))
+        (n,) = np.broadcast_shapes((tool_rows.shape[0],), *(np.shape(s) for s in scalars))
+
+        def column(value: ArrayLike) -> F64:
+            return np.broadcast_to(np.asarray(value, dtype=np.float64), (n,))
+
+        return cls(
+            positions={k: column(v) for k, v in positions.items()},
+            directions={k: column(v) for k, v in directions.items()},
+            tool=np.broadcast_to(tool_rows, (n, 3)),
+            time=column(time),
+            signals={k: column(v) for k, v in signals.items()},
+        )
+
+    def position(self, axis: str) -> F64:
+        """Indicated positions of an axis, shape (n,), mm (rotary: rad)."""
+        try:
+            return self.positions[axis]
+        except KeyError:
+            raise InputError(f"no positions of axis {axis} were recorded", field=axis) from None
+
+    def direction(self, axis: str) -> F64:
+        """Approach directions of an axis, shape (n,): 1, −1; 0 where not recorded."""
+        found = self.directions.get(axis)
+        return np.zeros(self.n) if found is None else found
+
+    def signal(self, name: str) -> F64:
+        """A recorded signal, shape (n,), in its own unit.
+
+        Raises
+        ------
+        InputError
+            When it was not recorded; lists those that were.
+        """
+        try:
+            return self.signals[name]
+        except KeyError:
+            raise InputError(
+                "an effect needs a signal that was not recorded",
+                field=name,
+                expected="one of " + (", ".join(sorted(self.signals)) or "none recorded"),
+            ) from None
+
+    def lag(self, name: str, tau: float) -> F64:
+        """A signal behind a first-order lag of time constant `tau` (s), shape (n,).
+
+        Equilibrium with its first sample at the start of each run (`lag`).
+        """
+        key = (name, tau)
+        if key in self.given_lags:
+            return self.given_lags[key]
+        if key not in self._lags:
+            value = self.signal(name)
+            if self.run is None:
+                lagged = first_order_lag(self.time, value, tau)
+            else:
+                lagged = np.empty(self.n)
+                for run in np.unique(self.run):
+                    rows = self.run == run
+                    lagged[rows] = first_order_lag(self.time[rows], value[rows], tau)
+            self._lags[key] = lagged
+        return self._lags[key]
+
+    def remembered(self, key: Hashable, source: F64, make: Callable[[], F64]) -> F64:
+        """What `make` computes from `source`, computed once while `source` is the same array.
+
+        Six error motions of one axis share their basis functions. The result is read-only.
+        """
+        kept = self._made.get(key)
+        if kept is None or kept[0] is not source:
+            made = make()
+            made.flags.writeable = False
+            kept = (source, made)
+            self._made[key] = kept
+        return kept[1]
+
+    def lags_computed(self) -> tuple[tuple[str, float], ...]:
+        """(signal, τ in s) of every lag that has been asked for and was computed here."""
+        return tuple(self._lags)
+
+    def mean_signal(self, names: tuple[str, ...], tau: float | None = None) -> F64:
+        """Mean of one or more signals, each lagged by `tau` (s) unless None, shape (n,)."""
+        total = np.zeros(self.n)
+        for name in names:
+            total = total + (self.signal(name) if tau is None else self.lag(name, tau))
+        return total / len(names)
+
+    def with_offset(self, name: str, offset: float) -> Conditions:
+        """The same conditions with a signal, and its lags, higher by `offset` (signal's unit).
+
+        A signal that was not recorded stays so.
+        """
+
+        def raised(lags: Mapping[tuple[str, float], F64]) -> dict[tuple[str, float], F64]:
+            return {key: v + offset if key[0] == name else v for key, v in lags.items()}
+
+        return replace(
+            self,
+            signals={k: v + offset if k == name else v for k, v in self.signals.items()},
+            given_lags=raised(self.given_lags),
+            _lags=raised(self._lags),
+        )
+
+    def setup_rows(self) -> SetupRows:
+        """Which rows belong to which set-up.
+
+        Raises
+        ------
+        InputError
+            When the conditions are not those of a campaign.
+        """
+        if self.setup is None:
+            raise InputError("an effect of the instrument needs a campaign's set-ups")
+        kept = self._setups
+        if kept is not None and kept[0] is self.setup and kept[1] is self.time:
+            return kept[2]
+        names, inverse = np.unique(self.setup, return_inverse=True)
+        number = inverse.reshape(-1)
+        # of each set-up's rows the earliest, and of rows of one time the one that stands first
+        order = np.lexsort((np.arange(self.n), self.time))[::-1]
+        first = np.zeros(len(names), dtype=np.int64)
+        first[number[order]] = order
+        found = SetupRows({str(name): i for i, name in enumerate(names)}, number, first)
+        object.__setattr__(self, "_setups", (self.setup, self.time, found))
+        return found
+
+    def rows(self, index: slice | NDArray[np.int64] | NDArray[np.bool_]) -> Conditions:
+        """Some of the rows; lags already computed on the whole table are kept."""
+
+        def pick(table: Mapping[str, F64]) -> dict[str, F64]:
+            return {k: v[index] for k, v in table.items()}
+
+        return replace(
+            self,
+            positions=pick(self.positions),
+            directions=pick(self.directions),
+            tool=self.tool[index],
+            time=self.time[index],
+            signals=pick(self.signals),
+            spindle_angle=None if self.spindle_angle is None else self.spindle_angle[index],
+            run=None if self.run is None else self.run[index],
+            setup=None if self.setup is None else self.setup[index],
+            u=None if self.u is None else self.u[index],
+            base=None if self.base is None else self.base[index],
+            kind=None if self.kind is None else self.kind[index],
+            distance=None if self.distance is None else self.distance[index],
+            given_lags={k: v[index] for k, v in {**self._lags, **self.given_lags}.items()},
+            _lags={},
+            _made={},
+            _setups=None,
+        )
+
+    def moved(self, offset: Mapping[str, F64]) -> Conditions:
+        """The same conditions with some axes displaced, shape (n,) each, mm (rotary: rad)."""
+        return replace(
+            self,
+            positions={k: v + offset[k] if k in offset else v for k, v in self.positions.items()},
+        )
+
+
+def unit_of(axis: str) -> str:
+    """The unit of an axis's positions inside the code.
+
+    >>> unit_of("X"), unit_of("C")
+    ('mm', 'rad')
+    """
+    return "rad" if is_rotary(axis) else "mm"

@@ -1,0 +1,4 @@
+"""Compensation maps of CMMs: their tables, squareness, convention, and the way to a model.
+
+Public: `to_model`, `conventions.identify`.
+"""

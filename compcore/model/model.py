@@ -1,0 +1,268 @@
+"""A model: a machine plus effects with parameter values; what it predicts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.effects.base import INSTRUMENT, Channel, Effect
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.kinematics import Chain, exact, first_order
+from abbe.compcore.machine.machine import Machine
+
+F64 = NDArray[np.float64]
+Composition = Literal["first-order", "exact"]
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """A parameter's value and standard deviation, units inside the code; sd None: not fitted."""
+
+    value: float
+    sd: float | None = None
+
+
+@dataclass(frozen=True)
+class Term:
+    """One effect of a model with its parameter values (empty until fitted).
+
+    `values` maps the names of linear and non-linear parameters to `Value`.
+    """
+
+    effect: Effect
+    values: Mapping[str, Value] = field(default_factory=dict)
+
+    @property
+    def fitted(self) -> bool:
+        """Whether the effect has parameter values; without, it predicts 0."""
+        return bool(self.values)
+
+    def coefficients(self, machine: Machine) -> F64:
+        """The linear parameters in the order of the effect's columns, shape (p,)."""
+        return np.array([self.values[p.name].value for p in self.effect.linear(machine)])
+
+    def nonlinear(self, machine: Machine) -> dict[str, float]:
+        """The non-linear parameters by name, in their units inside the code."""
+        return {p.name: self.values[p.name].value for p in self.effect.nonlinear(machine)}
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a model says of n rows; error = actual − indicated, machine axes.
+
+    Attributes
+    ----------
+    translation
+        Error of the functional point, shape (n, 3), mm.
+    rotation
+        Error of the functional orientation, shape (n, 3), rad (small rotation vector).
+    orientation
+        Shape (n, 3, 3): columns are the directions of X, Y, Z at the tool.
+    """
+
+    translation: F64
+    rotation: F64
+    orientation: F64
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A machine and the effects that make it err.
+
+    Attributes
+    ----------
+    machine
+        The machine.
+    terms
+        Effects with their values, in the file's order.
+    composition
+        ``first-order``: the lever rule, in which effects add up. ``exact``: full rotations, as
+        compensation maps are applied; second-order differences (10 nm at 100 µrad and 1 m).
+    fit
+        Provenance of the values (the ``[fit]`` section), empty until fitted.
+    history
+        One record for each ancestor, oldest first.
+    covariance
+        Covariance of the fitted parameters in the order of `parameter_names`, or None.
+    """
+
+    machine: Machine
+    terms: tuple[Term, ...] = ()
+    composition: Composition = "first-order"
+    fit: Mapping[str, Any] = field(default_factory=dict)
+    history: tuple[Mapping[str, Any], ...] = ()
+    covariance: F64 | None = None
+
+    def __post_init__(self) -> None:
+        seen: set[str] = set()
+        for i, term in enumerate(self.terms):
+            where = f"effects[{i}]"
+            try:
+                term.effect.check(self.machine)
+            except InputError as error:
+                name = f"{where}.{error.field}" if error.field else where
+                raise InputError(
+                    f"{term.effect.kind}: {error.problem}",
+                    field=name,
+                    found=error.found,
+                    expected=error.expected,
+                ) from None
+            identity = f"{term.effect.kind} {term.effect.where()}"
+            if identity in seen:
+                raise InputError("the same effect twice", field=where, found=term.effect.spec)
+            seen.add(identity)
+            if term.fitted:
+                self._check_values(term, where)
+
+    def _check_values(self, term: Term, where: str) -> None:
+        wanted = [p.name for p in term.effect.linear(self.machine)]
+        wanted += [p.name for p in term.effect.nonlinear(self.machine)]
+        for name in term.values:
+            if name not in wanted:
+                raise InputError(
+                    f"{term.effect.kind} has no such parameter",
+                    field=f"{where}.parameters.{name}",
+                    found=name,
+                    expected="one of " + ", ".join(wanted),
+                )
+        for name in wanted:
+            if name not in term.values:
+                raise InputError(
+                    f"{term.effect.kind}: a parameter is missing",
+                    field=f"{where}.parameters.{name}",
+                    expected="all of " + ", ".join(wanted) + ", or none (not yet fitted)",
+                )
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Model):
+            return NotImplemented
+        alike = all(
+            getattr(self, f.name) == getattr(other, f.name)
+            for f in fields(self)
+            if f.name != "covariance"
+        )
+        if self.covariance is None or other.covariance is None:
+            return alike and self.covariance is other.covariance
+        return alike and np.array_equal(self.covariance, other.covariance)
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects, without their values."""
+        return tuple(term.effect for term in self.terms)
+
+    def with_effects(self, *effects: Effect) -> Model:
+        """This model with more effects, not yet fitted, at the end."""
+        return replace(self, terms=(*self.terms, *(Term(effect) for effect in effects)))
+
+    def with_values(self, values: Sequence[Mapping[str, Value]]) -> Model:
+        """This model with new values, one mapping for each term."""
+        terms = tuple(replace(term, values=v) for term, v in zip(self.terms, values, strict=True))
+        return replace(self, terms=terms)
+
+    def signals_needed(self) -> tuple[str, ...]:
+        """Signals that the fitted machine and workpiece effects read, in order of first use."""
+        names: dict[str, None] = {}
+        for term in self.terms:
+            if term.fitted and term.effect.scope != "instrument":
+                names.update(dict.fromkeys(term.effect.signals_needed()))
+        return tuple(names)
+
+    @property
+    def measured_signals(self) -> Mapping[str, tuple[float, float]]:
+        """Signal → where it ranged in the campaigns that were fitted, in its unit; may be empty."""
+        ranges = self.fit.get("measured", {}).get("signals", {})
+        return {name: (float(low), float(high)) for name, (low, high) in ranges.items()}
+
+    def amended(self, conditions: Conditions) -> Conditions:
+        """The recorded conditions as the fitted effects say that they truly were.
+
+        A sensor's offset, for one, is taken off its readings.
+        """
+        for term in self.terms:
+            if term.fitted:
+                conditions = term.effect.amend(conditions, term.coefficients(self.machine))
+        return conditions
+
+    def error_motions(self, conditions: Conditions) -> dict[Channel, F64]:
+        """Every error motion that the fitted effects move, summed over effects, each (n,).
+
+        Effects of the instrument are not the machine's and are left out; readings are amended.
+        """
+        conditions = self.amended(conditions)
+        sums: dict[Channel, F64] = {}
+        for term in self.terms:
+            if term.effect.scope == "instrument" or not term.fitted:
+                continue
+            for channel, value in term_motions(self.machine, term, conditions):
+                sums[channel] = sums[channel] + value if channel in sums else value
+        return sums
+
+    def predict(self, conditions: Conditions) -> Prediction:
+        """The error at the functional point at n rows of conditions."""
+        return self._predict(Chain(self.machine, conditions))
+
+    def _predict(self, chain: Chain) -> Prediction:
+        motions = self.error_motions(chain.conditions)
+        if self.composition == "exact":
+            translation, orientation = exact(chain, motions)
+            skew = orientation - np.swapaxes(orientation, 1, 2)
+            rotation = 0.5 * np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+            return Prediction(translation, rotation, orientation)
+        translation, rotation = first_order(chain, motions)
+        return Prediction(translation, rotation, _small_rotation(rotation))
+
+    def axis_error(self, conditions: Conditions) -> dict[str, F64]:
+        """The error as moves of X, Y and Z that would cause it, each (n,), mm.
+
+        On a machine whose linear axes stand square to the bed these are the components of the
+        error; where rotary axes carry linear ones, the components along those axes as they stand.
+        """
+        chain = Chain(self.machine, conditions)
+        error = self._predict(chain).translation
+        moves = chain.axis_moves()
+        along = np.asarray(np.linalg.solve(moves, error[:, :, None])[:, :, 0], dtype=np.float64)
+        return {axis: along[:, k] for k, axis in enumerate("XYZ")}
+
+    def contributions(self, conditions: Conditions) -> dict[str, F64]:
+        """Each fitted effect's own part of the first-order error, spec → (n, 3), mm.
+
+        The parts sum to the first-order translation error.
+        """
+        conditions = self.amended(conditions)
+        chain = Chain(self.machine, conditions)
+        parts: dict[str, F64] = {}
+        for term in self.terms:
+            if term.effect.scope == "instrument" or not term.fitted:
+                continue
+            total = np.zeros((conditions.n, 3))
+            for channel, value in term_motions(self.machine, term, conditions):
+                total += chain.influence(channel)[0] * value[:, None]
+            parts[term.effect.spec] = total
+        return parts
+
+
+def term_motions(machine: Machine, term: Term, conditions: Conditions) -> list[tuple[Channel, F64]]:
+    """The error motions of one fitted term on n rows: (channel, (n,) mm or rad)."""
+    coefficients = term.coefficients(machine)
+    found = []
+    for motion in term.effect.motions(machine, conditions, term.nonlinear(machine)):
+        count = motion.columns.shape[1]
+        part = motion.columns @ coefficients[motion.first : motion.first + count]
+        if motion.channel.place != INSTRUMENT:
+            found.append((motion.channel, part))
+    return found
+
+
+def _small_rotation(rotation: F64) -> F64:
+    """``I + [ω]×`` for small rotation vectors (n, 3) rad → (n, 3, 3)."""
+    matrix = np.tile(np.eye(3), (rotation.shape[0], 1, 1))
+    a, b, c = rotation.T
+    matrix[:, 0, 1], matrix[:, 0, 2] = -c, b
+    matrix[:, 1, 0], matrix[:, 1, 2] = c, -a
+    matrix[:, 2, 0], matrix[:, 2, 1] = -b, a
+    return matrix

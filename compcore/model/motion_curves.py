@@ -1,0 +1,73 @@
+"""Error motions of an axis along its travel, with their uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.model.model import Model
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class MotionCurve:
+    """One error motion along its own axis.
+
+    Attributes
+    ----------
+    channel
+        The error motion.
+    position
+        Shape (m,), mm (rotary: rad).
+    value, sd
+        Shape (m,), mm or rad; sd 0 where the model has no covariance.
+    """
+
+    channel: Channel
+    position: F64
+    value: F64
+    sd: F64
+
+
+def motion_curves(model: Model, axis: str, points: int = 61) -> list[MotionCurve]:
+    """The error motions that a fitted model gives to one axis, translations first.
+
+    At the reference temperature, other signals 0, direction of approach unknown, the other axes in
+    the middle of their travels.
+    """
+    machine = model.machine
+    q = np.linspace(*machine.axis(axis).travel, points)
+    positions = {a: np.full(points, machine.axes[a].middle) for a in machine.structure.axes}
+    signals = {
+        s.name: np.full(points, machine.reference_temperature if s.temperature else 0.0)
+        for s in machine.signals.values()
+    }
+    conditions = model.amended(Conditions({**positions, axis: q}, signals=signals))
+    size = sum(len(term.values) for term in model.terms)
+    columns: dict[Channel, F64] = {}
+    coefficients = np.zeros(size)
+    at = 0
+    for term in model.terms:
+        if term.fitted and term.effect.scope != "instrument":
+            own = term.coefficients(machine)
+            coefficients[at : at + len(own)] = own
+            for motion in term.effect.motions(machine, conditions, term.nonlinear(machine)):
+                if motion.channel.place == axis:
+                    whole = columns.setdefault(motion.channel, np.zeros((points, size)))
+                    first = at + motion.first
+                    whole[:, first : first + motion.columns.shape[1]] += motion.columns
+        at += len(term.values)
+    curves = []
+    for channel in sorted(columns, key=lambda c: "XYZABC".index(c.component)):
+        matrix = columns[channel]
+        sd = np.zeros(points)
+        if model.covariance is not None:
+            variance = np.einsum("np,pq,nq->n", matrix, model.covariance, matrix)
+            sd = np.sqrt(np.maximum(variance, 0.0))
+        curves.append(MotionCurve(channel, q, matrix @ coefficients, sd))
+    return curves

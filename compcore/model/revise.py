@@ -1,0 +1,82 @@
+"""Adding an effect to a model and taking one out: the next version, before it is refitted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.effects.registry import make_effect
+from abbe.compcore.errors import InputError
+from abbe.compcore.model.model import Model, Term
+
+DETAIL = ("shape", "positions", "harmonics", "tau", "period")
+"""Where-keys that say in how much detail an effect is described, not which cause it is."""
+
+
+def identity(effect: Effect) -> tuple[str, tuple[tuple[str, str], ...]]:
+    """What makes two effects the same cause: kind and place, whatever the detail."""
+    where = effect.where()
+    return effect.kind, tuple(sorted((k, str(v)) for k, v in where.items() if k not in DETAIL))
+
+
+def with_effect(model: Model, kind: str, keys: Mapping[str, Any]) -> tuple[Model, Effect]:
+    """A model with one more effect, not yet fitted.
+
+    Where the model has the same cause in other detail (a spline with fewer coefficients), it is
+    replaced.
+
+    Raises
+    ------
+    InputError
+        For an unknown kind or key, a machine on which the effect makes no sense, or an effect that
+        the model has already.
+    """
+    effect = make_effect(kind, keys)
+    effect.check(model.machine)
+    terms = list(model.terms)
+    for i, term in enumerate(terms):
+        if identity(term.effect) != identity(effect):
+            continue
+        if term.effect == effect and effect.kind != "formula":
+            raise InputError("the model has this effect already", found=effect.spec)
+        terms[i] = Term(effect)
+        return _unfitted(model, terms), effect
+    return _unfitted(model, [*terms, Term(effect)]), effect
+
+
+def without_effect(model: Model, name: str) -> tuple[Model, Effect]:
+    """A model without one of its effects; the others keep their values.
+
+    Parameters
+    ----------
+    name
+        Its spec as ``abbe history`` prints it, or as much of its beginning as is unique.
+
+    Raises
+    ------
+    InputError
+        When no effect, or more than one, is called that.
+    """
+    wanted = " ".join(name.split())
+    exact = [i for i, t in enumerate(model.terms) if t.effect.spec == wanted]
+    found = exact or [i for i, t in enumerate(model.terms) if t.effect.spec.startswith(wanted)]
+    specs = [t.effect.spec for t in model.terms]
+    if not found:
+        raise InputError(
+            "the model has no such effect", found=wanted, expected="one of " + "; ".join(specs)
+        )
+    if len(found) > 1:
+        raise InputError(
+            "more than one effect is called that",
+            found=wanted,
+            expected="one of " + "; ".join(specs[i] for i in found),
+        )
+    removed = model.terms[found[0]].effect
+    return _unfitted(model, [t for i, t in enumerate(model.terms) if i != found[0]]), removed
+
+
+def _unfitted(model: Model, terms: list[Term]) -> Model:
+    # the covariance belongs to the effects as they were
+    return replace(model, terms=tuple(terms), covariance=None)

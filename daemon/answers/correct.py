@@ -1,0 +1,187 @@
+"""The answer of ``abbe correct`` for one point: as JSON (formats.md) and as text."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.kinematics import Chain
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.model.inverse import invert_model
+from abbe.compcore.model.model import Model
+
+F64 = NDArray[np.float64]
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Corrected:
+    """One point, corrected.
+
+    Attributes
+    ----------
+    asked, answer
+        Axis → position, mm (rotary: degrees): the indicated position and where the functional
+        point really is; with `command` the target and what to command to reach it.
+    command
+        Which of the two questions was answered.
+    orientation
+        Shape (3, 3): columns are the directions of X, Y, Z at the tool.
+    parts
+        Effect → its part of the error at the indicated (commanded) position, moves of X, Y, Z, mm;
+        they sum to the error but for `second_order`.
+    second_order
+        What full rotations add to the sum of the parts, mm.
+    contraction, iterations
+        Of the iteration that found the command.
+    """
+
+    asked: Mapping[str, float]
+    answer: Mapping[str, float]
+    command: bool
+    orientation: F64
+    parts: Mapping[str, Triple]
+    second_order: Triple
+    contraction: float = 0.0
+    iterations: int = 0
+
+    def correction(self, axis: str) -> float:
+        """The answer minus what was asked, mm."""
+        return self.answer[axis] - self.asked[axis]
+
+
+def correct_point(model: Model, at: Conditions, *, command: bool) -> Corrected:
+    """Answer for one row of conditions.
+
+    Raises
+    ------
+    InputError
+        When the machine has no X, Y or Z that could carry a correction.
+    NotContractionError
+        When a command cannot be found.
+    """
+    contraction, iterations = 0.0, 0
+    place = at
+    if command:
+        place, solved = invert_model(model, at)
+        contraction, iterations = float(solved.contraction[0]), solved.iterations
+    error = _triple(model.axis_error(place))
+    asked = {a: _shown(a, float(q[0])) for a, q in at.positions.items()}
+    if command:
+        answer = {a: _shown(a, float(q[0])) for a, q in place.positions.items()}
+    else:
+        answer = {a: q + dict(zip("XYZ", error, strict=True)).get(a, 0.0) for a, q in asked.items()}
+    moves = Chain(model.machine, place).axis_moves()[0]
+    parts = {
+        spec: _triple_of(np.linalg.solve(moves, part[0]))
+        for spec, part in model.contributions(place).items()
+    }
+    summed = np.sum([*parts.values(), (0.0, 0.0, 0.0)], axis=0)
+    return Corrected(
+        asked,
+        answer,
+        command,
+        model.predict(place).orientation[0],
+        parts,
+        _triple_of(np.asarray(error) - summed),
+        contraction,
+        iterations,
+    )
+
+
+def as_json(found: Corrected, warnings: list[str], *, explain: bool) -> dict[str, Any]:
+    """One object for ``--json``; positions in mm, rotary axes in degrees."""
+    told: dict[str, Any] = {
+        "indicated": dict(found.asked),
+        "corrected": dict(found.answer),
+        "correction": {a: found.correction(a) for a in "XYZ"},
+        "unit": "mm",
+        "orientation": found.orientation.tolist(),
+        "answers": "command" if found.command else "reading",
+    }
+    if found.command:
+        told["contraction"] = found.contraction
+        told["iterations"] = found.iterations
+    if explain:
+        told["effects"] = [
+            {"effect": spec, **dict(zip("XYZ", part, strict=True))}
+            for spec, part in found.parts.items()
+        ]
+        told["second_order"] = dict(zip("XYZ", found.second_order, strict=True))
+    if warnings:
+        told["warnings"] = warnings
+    return told
+
+
+def as_text(found: Corrected, *, explain: bool) -> Iterator[str]:
+    """Lines for people: mm and µm."""
+    heads = ("target", "command") if found.command else ("indicated", "corrected")
+    yield f"     {heads[0]:>14}   {heads[1]:>14}     correction"
+    for axis, asked in found.asked.items():
+        if is_rotary(axis):
+            yield f"{axis:<4} {asked:>13.4f}°   {found.answer[axis]:>13.4f}°"
+        else:
+            yield (
+                f"{axis:<4} {asked:>11.4f} mm   {found.answer[axis]:>11.4f} mm  "
+                f"{round(found.correction(axis) * 1e3, 2) + 0.0:>9.2f} µm"
+            )
+    turn = found.orientation
+    angles = (turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1])
+    a, b, c = (f"{round(0.5e6 * angle, 1) + 0.0:.1f}" for angle in angles)
+    yield f"the tool is turned by A {a}, B {b}, C {c} µrad"
+    if found.command:
+        yield (
+            f"found in {found.iterations} rounds; each shrinks what is left to "
+            f"{found.contraction:.2g} of it"
+        )
+    if explain:
+        yield ""
+        yield from _explained(found)
+
+
+def short(spec: str) -> str:
+    """An effect's name for people: without a table's positions."""
+    return " ".join(word for word in spec.split() if not word.startswith("positions="))
+
+
+def _explained(found: Corrected) -> Iterator[str]:
+    if found.command:
+        yield "where the machine errs at the commanded position, µm (the command is opposite):"
+    else:
+        yield "what the correction is made of, µm:"
+    parts = {short(s): p for s, p in found.parts.items() if any(abs(v) > 5e-10 for v in p)}
+    width = max((len(s) for s in [*parts, "second order"]), default=0)
+    yield f"{'':<{width}} {'X':>9} {'Y':>9} {'Z':>9}"
+    for spec, part in parts.items():
+        yield f"{spec:<{width}} " + " ".join(_um(v) for v in part)
+    if any(abs(v) > 5e-10 for v in found.second_order):
+        yield f"{'second order':<{width}} " + " ".join(_um(v) for v in found.second_order)
+    total = np.sum([*found.parts.values(), found.second_order], axis=0)
+    yield f"{'sum':<{width}} " + " ".join(_um(float(v)) for v in total)
+    silent = len(found.parts) - len(parts)
+    if silent:
+        yield f"({silent} effects contribute nothing here)"
+
+
+def _um(millimetres: float) -> str:
+    return f"{round(millimetres * 1e3, 3) + 0.0:9.3f}"
+
+
+def _shown(axis: str, position: float) -> float:
+    return math.degrees(position) if is_rotary(axis) else position
+
+
+def _triple(columns: Mapping[str, F64]) -> Triple:
+    x, y, z = (float(columns[a][0]) for a in "XYZ")
+    return x, y, z
+
+
+def _triple_of(vector: F64) -> Triple:
+    x, y, z = vector.tolist()
+    return x, y, z

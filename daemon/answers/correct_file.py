@@ -1,0 +1,232 @@
+"""``abbe correct --points``: a file of points to a file with corrected columns, in pieces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.errors import InputError, NotContractionError
+from abbe.compcore.files.campaign_csv.columns import TOOL
+from abbe.compcore.files.points_file import PointBlock, PointsFile
+from abbe.compcore.files.text.atomic import write_atomically
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.streamed_conditions import FlowingConditions, Lags
+from abbe.compcore.model.inverse import invert_model
+from abbe.compcore.model.model import Model
+from abbe.compcore.model.required_inputs import Needs
+from abbe.daemon.arguments.point_arguments import Given, beyond, unfitted
+
+F64 = NDArray[np.float64]
+
+
+@dataclass
+class CorrectedFile:
+    """What was done to a file of points.
+
+    Attributes
+    ----------
+    rows
+        Number of points.
+    worst
+        Greatest correction of a single axis, mm.
+    ranges
+        Axis → least and greatest indicated position, mm (rotary: rad).
+    """
+
+    rows: int = 0
+    worst: float = 0.0
+    ranges: dict[str, tuple[float, float]] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+
+    def add(self, positions: dict[str, F64], correction: F64) -> None:
+        """Take some rows into account."""
+        self.rows += len(correction)
+        self.worst = max(self.worst, float(np.abs(correction).max()))
+        for axis, q in positions.items():
+            low, high = self.ranges.get(axis, (np.inf, -np.inf))
+            self.ranges[axis] = (min(low, float(q.min())), max(high, float(q.max())))
+
+    def as_json(self, out: Path) -> dict[str, Any]:
+        """One object for ``--json``."""
+        told: dict[str, Any] = {
+            "rows": self.rows,
+            "out": str(out),
+            "max_correction": self.worst * 1e3,
+            "unit": "um",
+        }
+        return told | ({"warnings": self.warnings} if self.warnings else {})
+
+
+def correct_file(
+    model: Model,
+    path: Path,
+    out: Path,
+    given: Given,
+    *,
+    command: bool,
+    tell: Callable[[str], None],
+) -> CorrectedFile:
+    """Correct every point of a file; the output appears whole or not at all.
+
+    `given` stands for columns that the file lacks.
+
+    Raises
+    ------
+    InputError
+        For bad rows (file, line, column) and for what the model needs and neither file nor
+        command line has.
+    NotContractionError
+        When a command cannot be found; names the line.
+    """
+    summary = CorrectedFile()
+    needs = Needs.of(model)
+    with PointsFile(path, model.machine, tuple(model.machine.signals)) as source:
+        reader = _Reader(model, needs, source, given)
+        write_atomically(out, _lines(model, source, reader, summary, command, tell))
+    summary.warnings = beyond(model, summary.ranges) + unfitted(model)
+    return summary
+
+
+def _lines(
+    model: Model,
+    source: PointsFile,
+    reader: _Reader,
+    summary: CorrectedFile,
+    command: bool,
+    tell: Callable[[str], None],
+) -> Iterator[str]:
+    added = [f"{a}_corrected" for a in "XYZ"]
+    for name in added:
+        if name in source.columns:
+            raise InputError(
+                "the file has corrected columns already",
+                file=source.file,
+                line=source.columns.line,
+                field=name,
+            )
+    yield "".join(f"{line}\n" for line in source.top) + ",".join([source.header, *added]) + "\n"
+    for block in source.blocks():
+        at = reader.conditions(block)
+        start = np.stack([at.position(a) for a in "XYZ"], axis=1)
+        if command:
+            try:
+                _, solved = invert_model(model, at)
+            except NotContractionError as error:
+                lines = f"lines {block.line[0]} to {block.line[-1]}"
+                raise NotContractionError(f"{source.file}, {lines}: {error}") from None
+            answer = solved.positions
+        else:
+            moved = model.axis_error(at)
+            answer = start + np.stack([moved[a] for a in "XYZ"], axis=1)
+        reader.settle()
+        summary.add(dict(at.positions), answer - start)
+        tell(f"correcting: {summary.rows:,} rows")
+        yield "".join(
+            f"{text},{x:.7f},{y:.7f},{z:.7f}\n"
+            for text, (x, y, z) in zip(block.text, answer.tolist(), strict=True)
+        )
+    if not summary.rows:
+        raise InputError("no points", file=source.file, expected="a row below the header")
+
+
+class _Reader:
+    """Makes conditions of rows, with what the command line gives for columns that are missing."""
+
+    def __init__(self, model: Model, needs: Needs, source: PointsFile, given: Given) -> None:
+        machine, columns = model.machine, source.columns
+        self._machine, self._file, self._given = machine, source.file, given
+        self._columns = columns
+        self._signals = [s for s in machine.signals if s in columns]
+        self._lags = Lags()
+        self._in_order = bool(needs.lagged)
+        self._last = -np.inf
+        self._pending = -np.inf
+        for axis in machine.structure.axes:
+            if axis not in columns.positions and axis not in given.positions:
+                raise columns.missing_axis(axis)
+        twice = [a for a in given.positions if a in columns.positions]
+        twice += [s for s in given.signals if s in columns]
+        twice += [f"{a}_dir" for a in given.directions if a in columns.directions]
+        twice += ["tool"] if given.tool and any(t in columns for t in (*TOOL, "tool")) else []
+        twice += ["time"] if given.time is not None and "time" in columns else []
+        if twice:
+            raise InputError(
+                "given on the command line and in the file",
+                file=source.file,
+                line=columns.line,
+                field=twice[0],
+            )
+        clock = "time" in columns or given.time is not None
+        try:
+            given.require(model, needs, [*self._signals, *given.signals], clock=clock)
+        except InputError as error:
+            raise error.at(file=source.file, line=columns.line) from None
+        if needs.lagged and "time" not in columns:
+            raise columns.missing("time", ": the model follows a signal slowly")
+
+    def conditions(self, block: PointBlock) -> Conditions:
+        """The rows in the units inside the code."""
+        n, columns, given = len(block.text), self._columns, self._given
+
+        def constant(value: float) -> F64:
+            return np.full(n, value)
+
+        positions = {}
+        for axis in self._machine.structure.axes:
+            if axis in columns.positions:
+                q = block.columns[columns.positions[axis]]
+                positions[axis] = np.deg2rad(q) if self._machine.axis(axis).rotary else q
+            else:
+                positions[axis] = constant(given.positions[axis])
+        directions = {a: constant(v) for a, v in given.directions.items()}
+        directions |= {a: block.columns[c] for a, c in columns.directions.items()}
+        signals = {s: constant(v) for s, v in given.signals.items()}
+        signals |= {s: block.columns[s] for s in self._signals}
+        if any(t in block.columns for t in TOOL):
+            zero = np.zeros(n)
+            tool = np.stack([block.columns.get(t, zero) for t in TOOL], axis=1)
+        else:
+            tool = np.tile(np.asarray(given.tool or (0.0, 0.0, 0.0)), (n, 1))
+        spindle = None
+        if columns.spindle:
+            spindle = np.deg2rad(block.columns[columns.spindle])
+        elif given.spindle_angle is not None:
+            spindle = constant(given.spindle_angle)
+        time = block.columns.get("time", constant(given.time or 0.0))
+        self._check_order(block, time)
+        return FlowingConditions(
+            positions=positions,
+            directions=directions,
+            tool=tool,
+            time=time,
+            signals=signals,
+            spindle_angle=spindle,
+            flow=self._lags,
+        )
+
+    def settle(self) -> None:
+        """The rows are done with: lags go on from their last."""
+        self._lags.settle()
+        self._last = self._pending
+
+    def _check_order(self, block: PointBlock, time: F64) -> None:
+        """Lagged signals need their past: a piece must not reach back before the one before."""
+        if not self._in_order:
+            return
+        early = time < self._last
+        if early.any():
+            row = int(early.argmax())
+            raise InputError(
+                "rows are not in the order of time, which the model's lags need",
+                file=self._file,
+                line=int(block.line[row]),
+                field="time",
+                found=f"{time[row]:g}",
+                expected=f"at least {self._last:g} s",
+            )
+        self._pending = float(time.max())

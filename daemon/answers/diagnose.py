@@ -1,0 +1,183 @@
+"""The answer of ``abbe diagnose``: as JSON (formats.md) and as text; lengths in µm."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from abbe.compcore.campaign.noise import NoiseFloor
+from abbe.compcore.diagnosis.aliases import Alias
+from abbe.compcore.diagnosis.explain import description, explanation, formula, headline
+from abbe.compcore.diagnosis.measure_next import Advice
+from abbe.compcore.diagnosis.uncatalogued.residual_pattern import Structure
+from abbe.compcore.diagnosis.verdict import Diagnosis, Established
+from abbe.daemon.answers.fit import finite, floor_of_lengths
+
+_SAID = {
+    "complete": "complete: the residuals are noise; this campaign shows nothing that is missing.",
+    "missing": "missing: {0}.",
+    "unexplained": "unexplained: there is structure left that no effect of the catalogue explains.",
+}
+
+
+def as_json(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice]) -> dict[str, Any]:
+    """One object for ``--json``."""
+    floor = floor_of_lengths(noise)
+    return {
+        "verdict": diagnosis.verdict,
+        "unit": "um",
+        "rms": finite(diagnosis.rms, 1e3),
+        "noise_floor": None if floor is None or floor.value is None else floor.value * 1e3,
+        "chi2_per_dof": finite(diagnosis.whole.chi2_per_dof),
+        "chi2_per_dof_after": finite(diagnosis.left),
+        "tested": diagnosis.tests,
+        "rows": diagnosis.whole.problem.n,
+        "rows_tested": diagnosis.result.problem.n,
+        "candidates": [_candidate(e, diagnosis) for e in diagnosis.established]
+        + [c for s in diagnosis.structure if (c := _empirical(s, diagnosis)) is not None],
+        "structure": [
+            {
+                "depends_on": list(s.depends_on),
+                "form": description(s),
+                "strength": round(s.drop / diagnosis.basis.chi2, 4),
+                "channel": str(s.pattern.channel),
+                "p_value": s.evidence.p_value,
+            }
+            for s in diagnosis.structure
+        ],
+        "measure_next": [
+            {
+                "what": a.what,
+                "separates": a.separates,
+                "separation": finite(a.separation),
+                "separation_now": finite(a.separation_now),
+                "uncertainty_falls_by": finite(a.uncertainty_falls_by),
+            }
+            for a in advice
+        ],
+    }
+
+
+def _candidate(established: Established, diagnosis: Diagnosis) -> dict[str, Any]:
+    effect = established.found.candidate.effect
+    return {
+        "kind": effect.kind,
+        "where": effect.where(),
+        "spec": effect.spec,
+        "scope": effect.scope,
+        "rms_after": finite(established.rms_after, 1e3),
+        "p_value": established.found.evidence.p_value,
+        "cross_validated_gain": finite(established.cross_validated_gain),
+        "evidence": finite(established.found.evidence.value),
+        "parameters": {
+            e.name: {"value": e.value, "sd": e.sd, "unit": e.unit, "plausible": e.plausible}
+            for e in established.estimates
+        },
+        "confusable_with": [_alias(a) for a in established.aliases],
+        "explanation": explanation(established, diagnosis),
+    }
+
+
+def _alias(alias: Alias) -> dict[str, Any]:
+    effect = alias.found.candidate.effect
+    return {
+        "kind": effect.kind,
+        "where": effect.where(),
+        "spec": effect.spec,
+        "scope": effect.scope,
+        "separation": finite(alias.separation),
+        "cosine": finite(alias.cosine),
+    }
+
+
+def _empirical(structure: Structure, diagnosis: Diagnosis) -> dict[str, Any] | None:
+    """A pattern that a short formula says, as a candidate marked as empirical."""
+    spec = formula(structure)
+    if spec is None:
+        return None
+    n = diagnosis.result.problem.n
+    rest = max(0.0, diagnosis.basis.chi2 - structure.drop)
+    scaled = diagnosis.rms * math.sqrt(rest / diagnosis.basis.chi2)
+    terms = ",".join(t.replace(" ", "") for t in structure.pattern.terms)
+    return {
+        "kind": "formula",
+        "where": {"channel": str(structure.pattern.channel), "terms": terms.split(",")},
+        "spec": spec,
+        "scope": "machine",
+        "empirical": True,
+        "rms_after": finite(scaled, 1e3),
+        "p_value": structure.evidence.p_value,
+        "cross_validated_gain": finite(structure.drop / diagnosis.basis.chi2 - 1.0 / n),
+        "evidence": finite(structure.evidence.value),
+        "parameters": {},
+        "confusable_with": [],
+        "explanation": (
+            f"Empirical: {description(structure)}. It describes what is left over and names no "
+            "cause; find the physics behind it before you trust it outside this campaign."
+        ),
+    }
+
+
+def typed(spec: str) -> str:
+    """A spec as it is typed in a shell, quoted where it must be."""
+    return shlex.join(spec.split())
+
+
+def as_text(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice]) -> Iterator[str]:
+    """Lines for people: how wrong, what is missing and why, what else it could be, what to do."""
+    floor = floor_of_lengths(noise)
+    known = floor is not None and floor.value is not None
+    yield (
+        f"residuals: {diagnosis.rms * 1e3:.2f} µm rms, "
+        + (
+            f"noise floor {floor.value * 1e3:.2f} µm"
+            if floor is not None and known and floor.value is not None
+            else "noise floor unknown (no repeats)"
+        )
+        + f"; χ² per degree of freedom {diagnosis.whole.chi2_per_dof:.3f}"
+    )
+    if diagnosis.result is not diagnosis.whole:
+        yield thinned_words(diagnosis)
+    names = " and ".join(e.found.candidate.effect.spec for e in diagnosis.established)
+    yield _SAID[diagnosis.verdict].format(names)
+    for i, established in enumerate(diagnosis.established, start=1):
+        yield ""
+        yield f"{i}. {established.found.candidate.effect.spec}"
+        yield "   " + explanation(established, diagnosis)
+        yield f"   add it: abbe add MODEL {typed(established.found.candidate.effect.spec)}"
+    for structure in diagnosis.structure:
+        yield ""
+        yield f"structure: {description(structure)}"
+        if spec := formula(structure):
+            yield f"   empirical, describes without explaining: abbe add MODEL {typed(spec)}"
+    if advice:
+        yield ""
+        yield "what to measure next:"
+        for a in advice:
+            yield "  - " + told(a)
+
+
+def thinned_words(diagnosis: Diagnosis) -> str:
+    """On how many rows of a large campaign causes were told apart."""
+    n, some = diagnosis.whole.problem.n, diagnosis.result.problem.n
+    return (
+        f"causes were told apart on {some} of {n} rows, evenly from every set-up; evidence and "
+        "parameters of what was found are those of all rows"
+    )
+
+
+def told(advice: Advice) -> str:
+    """One piece of advice as a line."""
+    if advice.separates is not None:
+        return (
+            f"{advice.what}: tells it from '{advice.separates}' with χ² {advice.separation:.0f} "
+            f"(now {advice.separation_now:.1f}; 14 is certain)"
+        )
+    return f"{advice.what}: the model's uncertainty falls by {advice.uncertainty_falls_by:.0%}"
+
+
+def title(established: Established) -> str:
+    """An established cause in one line."""
+    return headline(established.found.candidate.effect)

@@ -1,0 +1,55 @@
+"""The files that an analysing command starts from, read and checked against each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.files.campaign_file import read_campaigns, require_signals
+from abbe.compcore.files.model_file import load_model
+from abbe.compcore.fitting.design.superposition import uncompensated
+from abbe.compcore.model.model import Model
+
+
+def load(
+    model: Path, campaigns: Sequence[Path], active: Path | None = None
+) -> tuple[Model, Campaign]:
+    """A model and the campaigns to lay beside it, joined.
+
+    `active` is the model whose compensation was active while measuring: displacements are put back
+    to what the bare machine would have shown.
+
+    Raises
+    ------
+    InputError
+        For bad files, and when a campaign lacks a signal that an effect of the model needs.
+    """
+    loaded = load_model(model)
+    campaign = read_campaigns(campaigns, loaded.machine)
+    require_signals(campaign, loaded)
+    if active is not None:
+        compensated = load_model(active)
+        require_signals(campaign, compensated)
+        campaign = uncompensated(campaign, compensated)
+    return loaded, campaign
+
+
+def file_of(campaign: Campaign, row: int) -> str:
+    """The file that a row of joined campaigns stands in."""
+    run = campaign.conditions.run
+    files = list(campaign.files)
+    first = 0 if run is None else int(run.min())
+    return files[0 if run is None else int(run[row]) - first] if files else campaign.name
+
+
+def now() -> str:
+    """The date and time of a fit, UTC, ISO 8601."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def abbe_version() -> str:
+    """The installed version of Abbe."""
+    return version("abbe")

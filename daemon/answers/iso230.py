@@ -1,0 +1,163 @@
+"""The answer of ``abbe iso230`` as JSON and as text: errors µm or µrad, targets mm or degrees."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.campaign_file import bare_machine, read_campaign
+from abbe.compcore.iso230.diagonals import Diagonals, evaluate_diagonals
+from abbe.compcore.iso230.positioning import (
+    RESULTS,
+    Positioning,
+    evaluate_positioning,
+    positioning_runs,
+)
+from abbe.compcore.machine.machine import Machine
+
+SYMBOLS: Mapping[str, str] = {
+    "A": "A", "A_up": "A↑", "A_down": "A↓", "R": "R", "R_up": "R↑", "R_down": "R↓", "E": "E",
+    "E_up": "E↑", "E_down": "E↓", "M": "M", "B": "B", "B_mean": "B̄",
+}  # fmt: skip
+MEANINGS: Mapping[str, str] = {
+    "A": "bidirectional accuracy of positioning",
+    "R": "bidirectional repeatability of positioning",
+    "E": "bidirectional systematic error of positioning",
+    "M": "range of the mean bidirectional error",
+    "B": "reversal error",
+}
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What was found in one campaign file."""
+
+    file: str
+    positioning: tuple[Positioning, ...]
+    diagonals: Diagonals
+
+
+def evaluate(path: Path, machine: Machine | None = None) -> Evaluation:
+    """Read a campaign and evaluate its positioning tests and diagonals.
+
+    Raises
+    ------
+    InputError
+        For a bad file, and when it holds neither.
+    """
+    machine = machine or bare_machine(path)
+    campaign = read_campaign(path, machine)
+    runs = positioning_runs(campaign, machine)
+    diagonals = evaluate_diagonals(campaign, machine)
+    if not runs and not diagonals.diagonals:
+        raise InputError(
+            "no set-up measures the positioning of one axis, or a diagonal",
+            file=path,
+            found="set-ups " + ", ".join(campaign.setups),
+            expected="rows along one moving axis with u along it, at more than one position",
+        )
+    return Evaluation(str(path), tuple(evaluate_positioning(r) for r in runs), diagonals)
+
+
+def display(result: Positioning) -> tuple[str, float, str, float]:
+    """Unit and factor of errors, unit and factor of targets, for people."""
+    if result.runs.unit == "rad":
+        return "µrad", 1e6, "°", float(np.rad2deg(1.0))
+    return "µm", 1e3, "mm", 1.0
+
+
+def as_json(evaluation: Evaluation) -> dict[str, Any]:
+    """One object for ``--json``; what is not known is null."""
+    diagonals = evaluation.diagonals
+    return {
+        "file": evaluation.file,
+        "positioning": [
+            {"axis": p.runs.axis, **_result(p), "targets": _targets(p)}
+            for p in evaluation.positioning
+        ],
+        "diagonals": [
+            {"direction": d.name, "length": d.length, "slope_ppm": d.slope * 1e6}
+            | _result(d.result)
+            for d in diagonals.diagonals
+        ],
+        "E_body": None if diagonals.E_body is None else diagonals.E_body * 1e3,
+        "E_face": None if diagonals.E_face is None else diagonals.E_face * 1e3,
+        "squareness": [
+            {"axes": list(axes), "value": angle * 1e6, "unit": "urad"}
+            for axes, angle in diagonals.squareness.items()
+        ],
+    }
+
+
+def _result(result: Positioning) -> dict[str, Any]:
+    unit, factor, position_unit, _ = display(result)
+    numbers = {name: getattr(result, name) for name in RESULTS}
+    return {
+        "setup": result.runs.setup,
+        "unit": unit.replace("µ", "u"),
+        "position_unit": {"°": "deg"}.get(position_unit, position_unit),
+        **{name: None if v is None else v * factor for name, v in numbers.items()},
+        "notes": list(result.notes),
+    }
+
+
+TARGET_COLUMNS: Mapping[str, str] = {
+    "mean_up": "x̄↑", "mean_down": "x̄↓", "s_up": "s↑", "s_down": "s↓", "reversal": "B",
+    "repeatability_up": "R↑", "repeatability_down": "R↓", "repeatability": "R",
+}  # fmt: skip
+
+
+def _targets(result: Positioning) -> list[dict[str, float | None]]:
+    _, factor, _, position_factor = display(result)
+    columns = {name: finite(getattr(result, name), factor) for name in TARGET_COLUMNS}
+    positions = (result.runs.targets * position_factor).tolist()
+    return [
+        {"position": q, **{name: values[i] for name, values in columns.items()}}
+        for i, q in enumerate(positions)
+    ]
+
+
+def finite(values: NDArray[np.float64], factor: float) -> list[float | None]:
+    """Numbers times a factor; None for what is not known."""
+    return [float(v) * factor if np.isfinite(v) else None for v in values]
+
+
+def as_text(evaluation: Evaluation) -> Iterator[str]:
+    """Lines for people."""
+    rows = [(f"{p.runs.axis}  {p.runs.setup}", p) for p in evaluation.positioning]
+    if rows:
+        yield "Positioning, ISO 230-2"
+        yield from _table(rows)
+        yield ""
+    diagonals = evaluation.diagonals
+    if diagonals.diagonals:
+        yield "Diagonals, ISO 230-6"
+        yield from _table([(f"{d.name}  {d.setup}", d.result) for d in diagonals.diagonals])
+        for name, value in (("body", diagonals.E_body), ("face", diagonals.E_face)):
+            if value is not None:
+                yield f"E of the {name} diagonals: {value * 1e3:.1f} µm"
+        for (a, b), angle in diagonals.squareness.items():
+            yield f"{a} to {b}: 90° {angle * 1e6:+.1f} µrad (a hint: other errors are in it)"
+
+
+def _table(rows: Sequence[tuple[str, Positioning]]) -> Iterator[str]:
+    width = max(len(name) for name, _ in rows)
+    notes: dict[tuple[str, ...], list[str]] = {}
+    # a combining macron takes no width
+    yield " " * (width + 2) + "".join(f"{SYMBOLS[n]:>{8 + (n == 'B_mean')}}" for n in RESULTS)
+    for name, result in rows:
+        unit, factor, _, _ = display(result)
+        values = (getattr(result, key) for key in RESULTS)
+        cells = ("–" if v is None else f"{v * factor:z.1f}" for v in values)
+        yield f"{name:<{width}}  " + "".join(f"{cell:>8}" for cell in cells) + f"  {unit}"
+        notes.setdefault(result.notes, []).append(result.runs.setup)
+    for told, setups in notes.items():
+        if told:
+            which = "all" if len(setups) == len(rows) else ", ".join(setups)
+            yield f"  {which}: " + "; ".join(told)

@@ -1,0 +1,185 @@
+"""A model's next version: refitted, its error before and after, also on campaigns not fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
+from abbe.compcore.comparison.compare import LENGTHS, compare
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.files.campaign_file import read_campaigns, require_signals
+from abbe.compcore.files.fit_record import recorded
+from abbe.compcore.files.model_file import save_model, summary
+from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.model.model import Model
+from abbe.compcore.units import display
+from abbe.daemon.answers.fit import finite, floor_of_lengths
+from abbe.daemon.answers.inputs import abbe_version, now
+
+NOT_FALLEN = 0.995
+"""A held-out error above this part of the one before has not fallen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Revision:
+    """Two versions of a model on the same measurements.
+
+    Attributes
+    ----------
+    model
+        The new version, as written, with its record.
+    before, after
+        The fits.
+    noise
+        The campaign's noise floor.
+    holdout_before, holdout_after
+        RMS of displacement residuals on campaigns that were not fitted, mm; None without any.
+    """
+
+    model: Model
+    before: FitResult
+    after: FitResult
+    noise: NoiseFloor
+    holdout_before: float | None
+    holdout_after: float | None
+
+
+def revise(
+    old: Model,
+    new: Model,
+    campaign: Campaign,
+    holdout: Sequence[Path],
+    out: Path,
+    *,
+    added: str | None = None,
+    removed: str | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Revision:
+    """Fit both versions, lay them beside unseen campaigns, write the new one.
+
+    Raises
+    ------
+    InputError
+        For bad campaigns; nothing is written then.
+    """
+    unseen = read_campaigns(list(holdout), old.machine) if holdout else None
+    if unseen is not None:
+        require_signals(unseen, new)
+        require_signals(unseen, old)
+    require_signals(campaign, new)
+    progress("fitting the model as it is")
+    before = fit(old, campaign)
+    progress("fitting the next version")
+    after = fit(new, campaign)
+    noise = noise_floor(campaign, old.machine)
+    lengths = floor_of_lengths(noise)
+    record: dict[str, Any] = {
+        "date": now(),
+        "version": abbe_version(),
+        "noise_floor": None if lengths is None else lengths.value,
+        "noise_floor_rotation": noise.value("rotation"),
+    }
+    # a model that was never fitted would leave no error from which to fall
+    ancestor = old if old.fit else recorded(before, old, **record)
+    named = {"added": added, "removed": removed}
+    extra: dict[str, Any] = {k: v for k, v in named.items() if v is not None}
+    errors: tuple[float | None, float | None] = (None, None)
+    if unseen is not None:
+        progress("campaigns that are not fitted")
+        errors = (
+            compare(before.model, unseen).lengths.rms,
+            compare(after.model, unseen).lengths.rms,
+        )
+        seen = {"holdout": [{"file": f, "sha256": h} for f, h in unseen.files.items()]}
+        extra |= {**seen, "holdout_rms": errors[1] * 1e3}
+        if _fitted_to(ancestor, campaign) and "holdout_rms" not in ancestor.fit:
+            told = {**ancestor.fit, **seen, "holdout_rms": errors[0] * 1e3}
+            ancestor = replace(ancestor, fit=told)
+    kept = recorded(after, ancestor, **record)
+    written = replace(kept, fit={**kept.fit, **extra})
+    save_model(written, out)
+    return Revision(written, before, after, noise, *errors)
+
+
+def _fitted_to(model: Model, campaign: Campaign) -> bool:
+    """Whether the model's record is of the very files of a campaign."""
+    fitted = {c.get("sha256") for c in model.fit.get("campaigns", ())}
+    return fitted == set(campaign.files.values())
+
+
+def unfitted(old: Model, new: Model, *, removed: str) -> Model:
+    """The next version without a refit, its ancestor's record in the history."""
+    history = (*new.history, summary(old)) if old.fit else new.history
+    return replace(
+        new, fit={"date": now(), "removed": removed, "abbe": abbe_version()}, history=history
+    )
+
+
+def as_json(revision: Revision, effect: Effect | None) -> dict[str, Any]:
+    """One object for ``add --json``; lengths in µm."""
+    floor = floor_of_lengths(revision.noise)
+    out: dict[str, Any] = {
+        "unit": "um",
+        "rms_before": finite(revision.before.rms(*LENGTHS), 1e3),
+        "rms_after": finite(revision.after.rms(*LENGTHS), 1e3),
+        "noise_floor": None if floor is None or floor.value is None else floor.value * 1e3,
+        "holdout_before": _um(revision.holdout_before),
+        "holdout_after": _um(revision.holdout_after),
+        "chi2_per_dof_before": finite(revision.before.chi2_per_dof),
+        "chi2_per_dof_after": finite(revision.after.chi2_per_dof),
+    }
+    if effect is not None:
+        out["parameters"] = {
+            name: {"value": v, "sd": sd, "unit": unit}
+            for name, v, sd, unit in _parameters(revision.after, effect)
+        }
+    return out
+
+
+def as_text(revision: Revision, effect: Effect | None) -> Iterator[str]:
+    """Lines for people: parameters, the error before and after, a warning where it did not fall."""
+    if effect is not None:
+        for name, value, sd, unit in _parameters(revision.after, effect):
+            shown, factor = display(unit)
+            yield f"{name} = {value * factor:.4g} ± {(sd or 0.0) * factor:.2g} {shown}"
+    floor = floor_of_lengths(revision.noise)
+    at_best = (
+        f"; noise floor {floor.value * 1e3:.2f} µm"
+        if floor is not None and floor.value is not None
+        else ""
+    )
+    yield (
+        f"fitted campaigns: {revision.before.rms(*LENGTHS) * 1e3:.3f} → "
+        f"{revision.after.rms(*LENGTHS) * 1e3:.3f} µm rms{at_best}; χ² per degree of freedom "
+        f"{revision.before.chi2_per_dof:.3f} → {revision.after.chi2_per_dof:.3f}"
+    )
+    one, two = revision.holdout_before, revision.holdout_after
+    if one is None or two is None:
+        yield "no --holdout campaign was given: whether unseen measurements agree is not known"
+        return
+    yield f"held-out campaigns: {one * 1e3:.3f} → {two * 1e3:.3f} µm rms"
+    if effect is not None and two > NOT_FALLEN * one:
+        yield (
+            "WARNING: the held-out error did not fall. The effect explains the fitted campaign and "
+            "predicts nothing; do not use it for compensation before you know why."
+        )
+
+
+def _um(value: float | None) -> float | None:
+    return None if value is None else finite(value, 1e3)
+
+
+def _parameters(
+    result: FitResult, effect: Effect
+) -> Iterator[tuple[str, float, float | None, str]]:
+    machine = result.model.machine
+    units = {p.name: p.unit for p in effect.linear(machine)}
+    units |= {p.name: p.unit for p in effect.nonlinear(machine)}
+    for term in result.model.terms:
+        if term.effect == effect:
+            for name, value in term.values.items():
+                yield name, value.value, value.sd, units[name]

@@ -1,0 +1,121 @@
+"""What a configuration links: every channel, where it sits and what it becomes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from abbe.compcore.machine.conditions import unit_of
+from abbe.daemon.config import Configuration
+from abbe.daemon.config.channels import WATCHED, split
+from abbe.daemon.config.notes import notes
+from abbe.drivers.link import Link
+from abbe.drivers.transducers import AnyTransducerConfig
+
+UM = 1e3
+"""µm per mm."""
+
+
+def linked(configuration: Configuration) -> dict[str, Any]:
+    """The links, inputs, outputs, guard and model of a configuration, ready for JSON.
+
+    Each input and output says `what` it is, its `channel`, `where` that sits, its `unit` on the
+    wire, the `transducer`, and what unit it `becomes` (inputs) or is made `from` (outputs). `notes`
+    are what somebody should have decided.
+    """
+    links = configuration.make_links()
+    file, guard = configuration.file, configuration.file.guard
+    model = configuration.model
+    x, y, z = guard.vector
+    return {
+        "config": str(configuration.path),
+        "model": {
+            "file": str(configuration.model_path),
+            "name": model.machine.name,
+            "structure": str(model.machine.structure),
+            "effects": len(model.terms),
+            "fitted": sum(term.fitted for term in model.terms),
+            "signals_needed": list(model.signals_needed()),
+        },
+        "links": {
+            name: {"driver": setup.driver, "channels": len(links[name].channels)}
+            for name, setup in configuration.links.items()
+        },
+        "inputs": list(_inputs(configuration, links)),
+        "outputs": list(_outputs(configuration, links)),
+        "cycle": {"period_s": file.cycle.period, "signals_every_s": file.cycle.signals_every},
+        "guard": {
+            "max_correction_um": {"X": x * UM, "Y": y * UM, "Z": z * UM},
+            "max_norm_um": round(guard.norm * UM, 3),
+            "max_rate_um_per_s": guard.max_rate * UM,
+            "stale_after_s": guard.stale_after,
+            "signals_stale_after_s": guard.signals_stale_after,
+            "hold_s": guard.hold,
+            "ramp_s": guard.ramp,
+        },
+        "notes": notes(configuration),
+    }
+
+
+def _inputs(configuration: Configuration, links: dict[str, Link]) -> Iterator[dict[str, Any]]:
+    file, signals = configuration.file, configuration.model.machine.signals
+    for name, axis in file.axes.items():
+        yield _row(links, f"axis {name}", axis.source, axis.transducer) | {"becomes": unit_of(name)}
+        if axis.direction is not None:
+            yield _row(links, f"direction of {name}", axis.direction) | {"becomes": "1, −1, 0"}
+    for name, signal in file.signals.items():
+        yield _row(links, f"signal {name}", signal.source, signal.transducer) | {
+            "becomes": signals[name].unit
+        }
+    for name, channel in zip("xyz", file.tool.sources or (), strict=False):
+        yield _row(links, f"tool offset {name}", channel) | {"becomes": "mm"}
+    for name in WATCHED:
+        if (channel := getattr(file.controller, name)) is not None:
+            yield _row(links, f"controller's {name}", channel) | {"becomes": "watched"}
+    for echo in file.output.echo:
+        yield _row(links, "echoed", echo.source) | {"becomes": "written back"}
+    for name, reference in file.reference.items():
+        yield _row(links, f"reference {name}", reference.source, reference.transducer) | {
+            "becomes": unit_of(name)
+        }
+
+
+def _outputs(configuration: Configuration, links: dict[str, Link]) -> Iterator[dict[str, Any]]:
+    output = configuration.file.output
+    for name, axis in output.axes.items():
+        yield _row(links, f"corrected {name}", axis.target, axis.transducer) | {"from": "mm"}
+    for echo in output.echo:
+        yield _row(links, f"echo of {echo.source}", echo.target) | {"from": "as read"}
+    for name in ("status", "heartbeat"):
+        if (channel := getattr(output, name)) is not None:
+            yield _row(links, f"Abbe's {name}", channel) | {"from": "Abbe"}
+
+
+def _row(
+    links: dict[str, Link], what: str, channel: str, config: AnyTransducerConfig | None = None
+) -> dict[str, Any]:
+    link, name = split(channel)
+    return {
+        "what": what,
+        "channel": channel,
+        "where": links[link].channels[name],
+        "unit": links[link].info(name).unit,
+        "transducer": None if config is None else describe(config),
+    }
+
+
+def describe(config: AnyTransducerConfig) -> str:
+    """A transducer in a line.
+
+    >>> from abbe.drivers.transducers import EncoderConfig
+    >>> describe(EncoderConfig(counts_per_mm=1000.0, direction=-1))
+    'encoder counts_per_mm=1000 direction=-1'
+    """
+    words: list[str] = [config.type]
+    for key, value in config.model_dump(exclude_defaults=True, exclude={"type"}).items():
+        if isinstance(value, tuple | list):
+            text = "…".join(f"{v:g}" if isinstance(v, float) else str(v) for v in value[:4])
+        else:
+            text = f"{value:g}" if isinstance(value, float) else str(value)
+        words.append(f"{key}={text}")
+    return " ".join(words)

@@ -1,0 +1,46 @@
+"""What each command has to hold (`abbe.daemon.ownership.lock`) before it opens anything."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from abbe.daemon.config import Configuration
+from abbe.daemon.config.channels import split
+from abbe.drivers.link import Link
+from abbe.drivers.resources import readers_may_share
+from abbe.drivers.stores.base import Store
+
+
+def held_by_run(configuration: Configuration, links: Mapping[str, Link]) -> list[str]:
+    """What a live run holds: what it writes to, and what it cannot share with anybody."""
+    written = _written(configuration)
+    return [
+        resource
+        for name, link in links.items()
+        for resource in link.owns
+        if name in written or not readers_may_share(resource)
+    ]
+
+
+def held_by_watch(links: Mapping[str, Link]) -> list[str]:
+    """What somebody holds who writes nothing: what cannot be shared."""
+    return [r for link in links.values() for r in link.owns if not readers_may_share(r)]
+
+
+def held_by_upload(configuration: Configuration, store: Store, *, writes: bool) -> list[str]:
+    """What an upload holds.
+
+    When it writes, also what a live run of this configuration writes to: other tables while a
+    correction is written would act on top of it.
+    """
+    if not writes:
+        return [resource for resource in store.owns if not readers_may_share(resource)]
+    links = configuration.make_links()
+    return [*store.owns, *(r for name in _written(configuration) for r in links[name].owns)]
+
+
+def _written(configuration: Configuration) -> set[str]:
+    """Links that the configuration writes to."""
+    output = configuration.file.output
+    channels = [a.target for a in output.axes.values()] + [e.target for e in output.echo]
+    return {split(c)[0] for c in (*channels, output.status, output.heartbeat) if c is not None}

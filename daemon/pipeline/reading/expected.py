@@ -1,0 +1,191 @@
+"""What is believed of all that is read, and what the channels can hold, from the configuration."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from abbe.compcore.machine.machine import Signal
+from abbe.compcore.machine.plausible import position_range, signal_range
+from abbe.daemon.config import Configuration
+from abbe.daemon.config.channels import split
+from abbe.daemon.config.sections import SignalSection
+from abbe.daemon.pipeline.reading.plausible import Bounds, Likes
+from abbe.daemon.pipeline.reading.poll import Channel
+from abbe.daemon.status_word import LARGEST
+from abbe.drivers.link import Link, Sample
+from abbe.drivers.transducers import AnyTransducerConfig, make_transducer
+
+HEARTBEATS = 1 << 16
+"""Where the heartbeat begins again at 0, unless its channel holds less."""
+
+_BEYOND = 15.0
+"""K that a thermometer may show beyond what it showed when the machine was measured; more where it
+ranged over more."""
+_APART = 15.0
+"""K that thermometers of one role may be apart, or what they were when the machine was measured if
+that is more; twice as much where nobody knows what they were."""
+_COMPARED = ("scale", "structure", "workpiece", "ambient", "air")
+"""Roles whose thermometers are compared: motors, spindles and coolant may well be far apart."""
+_FINEST = 1e-4
+"""mm within which a position counts as the same as another: what a float32 resolves at 1 m."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What is believed, and what the channels can hold.
+
+    Attributes
+    ----------
+    positions
+        For each axis, least and greatest position, mm (rotary: rad).
+    signals
+        By signal.
+    likes
+        Sensors that are compared.
+    tool
+        For x, y and z, least and greatest offset, mm.
+    steps
+        For each target, the difference (mm) up to which a position counts as what was written.
+    read_back
+        Channels that are written and can be read back.
+    beats
+        Where the heartbeat begins again at 0.
+    """
+
+    positions: tuple[tuple[float, float], ...]
+    signals: Mapping[str, Bounds]
+    likes: tuple[Likes, ...]
+    tool: tuple[tuple[float, float], ...]
+    steps: tuple[float, ...]
+    read_back: tuple[Channel, ...]
+    beats: int
+
+
+def expected_of(
+    configuration: Configuration, axes: Sequence[str], links: Mapping[str, Link]
+) -> Expected:
+    """What is expected of a configuration's channels; `links` need not be open."""
+    file, machine = configuration.file, configuration.model.machine
+    measured = configuration.model.measured_signals
+    known = {name: machine.signals[name] for name in file.signals}
+    written = [axis for axis in axes if axis in file.output.axes]
+    return Expected(
+        positions=tuple(_positions(configuration, axes)),
+        signals={
+            name: bounds_of(known[name], file.signals[name], measured.get(name)) for name in known
+        },
+        likes=tuple(_likes(known, measured)),
+        tool=(_tool(configuration),) * 3,
+        steps=tuple(_same_within(configuration, links, axis) for axis in written),
+        read_back=tuple(_read_back(configuration, links)),
+        beats=beats_of(links, file.output.heartbeat),
+    )
+
+
+def bounds_of(
+    signal: Signal, section: SignalSection, measured: tuple[float, float] | None = None
+) -> Bounds:
+    """What is believed of a signal.
+
+    That is what the configuration says; else what its role allows and, for temperatures, is not far
+    from where it was when the machine was measured.
+    """
+    allowed = signal_range(signal)
+    low, high = allowed.low, allowed.high
+    rate = section.max_rate or allowed.rate
+    why = f", which is what a signal of role {signal.role} can be"
+    if section.range:
+        low, high = section.range
+        why = " (range in the configuration)"
+    elif measured and signal.temperature:
+        margin = max(_BEYOND, measured[1] - measured[0])
+        low, high = max(low, measured[0] - margin), min(high, measured[1] + margin)
+        why = (
+            f" ({measured[0]:g} to {measured[1]:g} when the machine was measured; if it can be "
+            "more, give the signal a range)"
+        )
+    return Bounds(low, high, rate, signal.unit, why)
+
+
+def beats_of(links: Mapping[str, Link], heartbeat: str | None) -> int:
+    """Where the heartbeat begins again at 0: at 65536, or where its channel ends."""
+    if heartbeat is None:
+        return HEARTBEATS
+    link, name = split(heartbeat)
+    high = links[link].info(name).high
+    return HEARTBEATS if high >= HEARTBEATS - 1 else int(high) + 1
+
+
+def outputs_hold(links: Mapping[str, Link], status: str) -> bool:
+    """Whether a channel can hold any status word."""
+    link, name = split(status)
+    info = links[link].info(name)
+    return info.low <= 0.0 and info.high >= LARGEST
+
+
+def _positions(configuration: Configuration, axes: Sequence[str]) -> Iterator[tuple[float, float]]:
+    for name in axes:
+        axis = configuration.model.machine.axes[name]
+        if axis.rotary:
+            # one that turns for ever is counted on, for ever
+            yield -math.inf, math.inf
+        else:
+            believed = position_range(axis)
+            yield believed.low, believed.high
+
+
+def _likes(
+    known: Mapping[str, Signal], measured: Mapping[str, tuple[float, float]]
+) -> Iterator[Likes]:
+    groups: dict[tuple[str, str], list[str]] = {}
+    for name, signal in known.items():
+        if signal.temperature and signal.role in _COMPARED:
+            groups.setdefault((signal.role, signal.unit), []).append(name)
+    for (role, unit), names in groups.items():
+        if len(names) > 1:
+            ranges = [measured[name] for name in names if name in measured]
+            apart = 2.0 * _APART
+            if len(ranges) == len(names):
+                spread = max(high for _, high in ranges) - min(low for low, _ in ranges)
+                apart = max(_APART, spread)
+            yield Likes(tuple(names), apart, role, unit)
+
+
+def _tool(configuration: Configuration) -> tuple[float, float]:
+    longest = configuration.file.tool.longest
+    if longest is None:
+        axes = configuration.model.machine.axes.values()
+        longest = max(a.travel[1] - a.travel[0] for a in axes if not a.rotary)
+    return -longest, longest
+
+
+def _same_within(configuration: Configuration, links: Mapping[str, Link], axis: str) -> float:
+    file = configuration.file
+    read, write = file.axes[axis], file.output.axes[axis]
+    steps = _step(links, read.source, read.transducer) + _step(
+        links, write.target, write.transducer
+    )
+    return max(0.51 * steps, _FINEST)
+
+
+def _step(links: Mapping[str, Link], channel: str, config: AnyTransducerConfig | None) -> float:
+    """What one step of a channel is, mm."""
+    link, name = split(channel)
+    step = links[link].info(name).step
+    if config is None or not step:
+        return step
+    first, second = (make_transducer(config).convert(Sample(v, 0.0)) for v in (0.0, step))
+    way = abs(second.value - first.value)
+    return way if math.isfinite(way) else 0.0
+
+
+def _read_back(configuration: Configuration, links: Mapping[str, Link]) -> Iterator[Channel]:
+    output = configuration.file.output
+    for channel in (output.status, *(section.target for section in output.axes.values())):
+        if channel is not None:
+            link, name = split(channel)
+            info = links[link].info(name)
+            if info.read_back and info.every == 0.0:
+                yield link, name

@@ -1,0 +1,172 @@
+"""The page of ``abbe compare --report``: how wrong, and where."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+
+from abbe.compcore.campaign.noise import NoiseLevel
+from abbe.compcore.comparison.compare import Comparison, Part
+from abbe.compcore.comparison.tabulate import Group
+from abbe.daemon.report import residuals as pictures
+from abbe.daemon.report.page import Page, number
+from abbe.daemon.report.versions import error_of_versions
+
+_MOST_ROWS = 40
+
+
+def comparison_page(comparison: Comparison) -> Page:
+    """The whole page."""
+    problem = comparison.problem
+    machine = problem.model.machine
+    page = Page(f"{machine.name or 'Machine'}: model beside measurements", problem.campaign.name)
+    _key_figures(page, comparison)
+    page.notes([str(level) for level in comparison.noise.levels.values()])
+    page.notes(
+        [
+            f"Left out: {spec}; it belongs to a placing of the instrument in another campaign."
+            for spec in comparison.left_out
+        ],
+        warning=True,
+    )
+    if problem.model.history and (
+        versions := error_of_versions([*problem.model.history, problem.model.fit])
+    ):
+        page.section("Versions of the model")
+        page.figure(versions)
+    for part, name, unit in (
+        (comparison.lengths, "Lengths", "µm"),
+        (comparison.rotations, "Rotations", "µrad"),
+    ):
+        if part.n:
+            page.section(name)
+            _pictures(page, comparison, part, unit)
+            _tables(page, comparison, part, unit)
+    if comparison.lines:
+        page.section("Lines")
+        page.text(
+            "Each straight line's error, split into what grows evenly with length (temperature, "
+            "scale, squareness) and the rest (the form of guideways and scales)."
+        )
+        ordered = sorted(comparison.lines, key=lambda entry: -entry.rest_before)
+        page.figure(pictures.line_parts(ordered[:_MOST_ROWS]))
+        page.table(
+            ["Set-up", "Length, mm", "linear before, µm", "after", "rest before, µm", "after"],
+            [
+                [
+                    entry.setup,
+                    entry.length,
+                    _um(entry.linear_before),
+                    _um(entry.linear_after),
+                    entry.rest_before * 1e3,
+                    entry.rest_after * 1e3,
+                ]
+                for entry in ordered
+            ],
+            digits=3,
+        )
+    return page
+
+
+def _key_figures(page: Page, comparison: Comparison) -> None:
+    figures = []
+    for part, name, unit, factor, kinds in (
+        (comparison.lengths, "lengths", "µm", 1e3, ("displacement", "distance")),
+        (comparison.rotations, "rotations", "µrad", 1e6, ("rotation",)),
+    ):
+        if not part.n:
+            continue
+        figures += [
+            (f"{name}, rms", number(part.rms * factor, 3), unit),
+            ("95 % within", number(part.p95 * factor, 3), unit),
+            ("largest", number(part.max * factor, 3), unit),
+        ]
+        if math.isfinite(part.chi2_per_dof):
+            figures.append(("χ² per degree of freedom", number(part.chi2_per_dof, 3), ""))
+        level = _known(comparison, kinds)
+        if level is not None and level.value is not None:
+            figures.append(("noise floor", number(level.value * factor, 3), unit))
+    page.key_figures(figures)
+
+
+def _known(comparison: Comparison, kinds: tuple[str, ...]) -> NoiseLevel | None:
+    levels = (comparison.noise.levels.get(kind) for kind in kinds)
+    return next((level for level in levels if level is not None), None)
+
+
+def _pictures(page: Page, comparison: Comparison, part: Part, unit: str) -> None:
+    campaign = comparison.problem.campaign
+    drawn = pictures.Residuals.of(
+        campaign, part.rows, comparison.residual, comparison.weighted, unit
+    )
+    if drawn.sampled:
+        page.text(f"The pictures show {len(drawn.rows)} of {part.n} rows, the largest all.")
+    draw_residuals(page, drawn, comparison.problem.model.machine.signals.keys())
+
+
+def draw_residuals(page: Page, drawn: pictures.Residuals, signals: Collection[str]) -> None:
+    """All pictures of residuals; `signals` the names that are worth a picture."""
+    c = drawn.campaign.conditions
+    page.subsection("In the volume")
+    page.figure(
+        pictures.in_volume(drawn),
+        "Each vector stands where the axes stood, along the measured direction, enlarged.",
+    )
+    page.subsection("Along each axis")
+    for axis, position in c.positions.items():
+        if position[drawn.rows].std() > 0.0:
+            page.figure(pictures.along_axis(drawn, axis))
+    page.subsection("Against signals and time")
+    for name, values in c.signals.items():
+        if name in signals and values[drawn.rows].std() > 0.0:
+            page.figure(pictures.against(drawn, values, name))
+    if c.time[drawn.rows].std() > 0.0:
+        page.figure(pictures.against(drawn, c.time / 3600.0, "time (h)"))
+    page.subsection("Against chance")
+    page.figure(
+        pictures.quantiles(drawn),
+        "On the dashed line where residuals are normal noise of the stated size.",
+    )
+
+
+def _tables(page: Page, comparison: Comparison, part: Part, unit: str) -> None:
+    page.subsection("Told apart")
+    for title, groups in (
+        ("Regions of the axes", part.tables.regions),
+        ("Directions of approach", part.tables.directions),
+        ("Tools", part.tables.tools),
+        ("Signals, in parts with equal numbers of rows", part.tables.signals),
+        ("Time, s", part.tables.time),
+        ("Set-ups, worst first", sorted(part.tables.setups, key=lambda g: -g.rms)),
+    ):
+        if groups:
+            page.table(
+                ["", "n", f"rms, {unit}", f"largest, {unit}", f"mean, {unit}"],
+                [[_where(g), g.n, g.rms, g.max, g.mean] for g in groups[:_MOST_ROWS]],
+                caption=title,
+                digits=3,
+            )
+    campaign = comparison.problem.campaign
+    factor = 1e6 if unit == "µrad" else 1e3
+    page.table(
+        ["Line of the file", "Set-up", f"residual, {unit}", "its uncertainty"],
+        [[int(p.line), p.setup, p.residual * factor, p.sd * factor] for p in part.worst],
+        caption=f"Worst points of {campaign.name}",
+        digits=3,
+    )
+
+
+def _where(group: Group) -> str:
+    parts = dict(group.of)
+    if "from" in parts and "to" in parts:
+        ends = f"{number(parts.pop('from'))} … {number(parts.pop('to'))}"
+        return " ".join([*(str(v) for v in parts.values()), ends])
+    if "direction" in parts:
+        return f"{parts['axis']} {'upwards' if parts['direction'] > 0 else 'downwards'}"
+    return " ".join(
+        ", ".join(number(x) for x in v) if isinstance(v, list) else str(v) for v in parts.values()
+    )
+
+
+def _um(value: float | None) -> float | None:
+    return None if value is None else value * 1e3

@@ -1,0 +1,155 @@
+"""The page of ``abbe fit --report``: what was found, how surely, and what is left over."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.campaign.noise import NoiseFloor
+from abbe.compcore.comparison.compare import LENGTHS
+from abbe.compcore.fitting.fit import FitResult
+from abbe.compcore.fitting.rigid_body import rigid_body_test
+from abbe.compcore.model.error_map import error_map
+from abbe.compcore.model.model import Model
+from abbe.compcore.model.motion_curves import motion_curves
+from abbe.compcore.units import display
+from abbe.daemon.report import residuals as pictures
+from abbe.daemon.report.compare import draw_residuals
+from abbe.daemon.report.page import Page, number
+from abbe.daemon.report.versions import error_of_versions
+
+_FEW = 3
+"""An effect with more parameters is a shape, whose coefficients say little one by one."""
+
+
+def fit_page(result: FitResult, model: Model, noise: NoiseFloor) -> Page:
+    """The whole page; `model` is the fitted model with its history."""
+    problem = result.problem
+    page = Page(f"{model.machine.name or 'Machine'}: fit", problem.campaign.name)
+    figures = []
+    for kinds, name, unit, factor in (
+        (LENGTHS, "lengths, rms left", "µm", 1e3),
+        ((Kind.ROTATION,), "rotations, rms left", "µrad", 1e6),
+    ):
+        rms = result.rms(*kinds)
+        if math.isfinite(rms):
+            figures.append((name, number(rms * factor, 3), unit))
+    figures.append(("χ² per degree of freedom", number(result.chi2_per_dof, 3), ""))
+    figures.append(("degrees of freedom", str(result.dof), ""))
+    page.key_figures(figures)
+    page.notes([str(level) for level in noise.levels.values()])
+    if model.history and (versions := error_of_versions([*model.history, model.fit])):
+        page.section("Versions of the model")
+        page.figure(versions)
+    _motions(page, model)
+    page.section("Parameters")
+    page.text("Effects of one or two parameters; coefficients of shapes stand at the end.")
+    _parameters(page, result, few=True)
+    page.section("What this campaign does not determine")
+    page.notes([u.text for u in result.undetermined if not u.convention], warning=True)
+    page.notes([u.text for u in result.undetermined if u.convention])
+    if not result.undetermined:
+        page.text("Nothing: every combination of parameters is determined.")
+    _rigid_body(page, result)
+    _error_map(page, model)
+    _outliers(page, result)
+    page.section("Residuals")
+    for kinds, unit in ((LENGTHS, "µm"), ((Kind.ROTATION,), "µrad")):
+        rows = np.isin(problem.campaign.kind, kinds)
+        if rows.any():
+            drawn = pictures.Residuals.of(
+                problem.campaign, rows, result.residual, result.weighted, unit
+            )
+            draw_residuals(page, drawn, model.machine.signals.keys())
+    page.section("Coefficients of shapes")
+    _parameters(page, result, few=False)
+    return page
+
+
+def _motions(page: Page, model: Model) -> None:
+    page.section("Error motions")
+    page.text(
+        "At the reference temperature, in the chosen frame, with 95 % intervals; "
+        "actual − indicated."
+    )
+    for axis in model.machine.structure.axes:
+        curves = motion_curves(model, axis)
+        for rotation in (False, True):
+            chosen = [c for c in curves if c.channel.rotation == rotation and np.ptp(c.value) > 0.0]
+            if chosen:
+                page.figure(pictures.motions(chosen, axis))
+
+
+def _parameters(page: Page, result: FitResult, *, few: bool) -> None:
+    layout = result.problem.layout
+    rows: list[list[str | float | None]] = []
+    for term, where in zip(result.model.terms, layout.terms, strict=True):
+        if (len(term.values) <= _FEW) != few:
+            continue
+        for (name, value), unknown in zip(term.values.items(), layout.unknowns[where], strict=True):
+            unit, factor = display(unknown.unit)
+            sd = None if value.sd is None else value.sd * factor
+            rows.append([term.effect.spec, name, value.value * factor, sd, unit])
+    if rows:
+        page.table(["Effect", "Parameter", "Value", "± standard uncertainty", "Unit"], rows)
+
+
+def _rigid_body(page: Page, result: FitResult) -> None:
+    tests = rigid_body_test(result)
+    page.section("Is the body rigid?")
+    if not tests:
+        page.text("This campaign measures no error motion in several places.")
+        return
+    page.text(
+        "Whether an error motion depends on where another axis stands, beyond levers and "
+        "squareness; p-values are corrected for all dependences tested."
+    )
+    page.table(
+        ["Error motion", "depends on", "p", "µm rms", "cannot be told from"],
+        [[t.motion, t.by, t.adjusted, t.rms * 1e3, ", ".join(t.alike)] for t in tests[:5]],
+        digits=2,
+    )
+
+
+def _error_map(page: Page, model: Model) -> None:
+    linear = [a for a in ("X", "Y", "Z") if a in model.machine.structure.linear]
+    if len(linear) < 2:
+        return
+    page.section("Error map")
+    across = (linear[0], linear[1])
+    found = error_map(model, across, {})
+    ends = [", ".join(number(found.worst[a][k]) for a in across) for k in (0, 1)]
+    page.text(
+        "At the reference temperature, other axes in the middle of their travels, no tool: a "
+        f"length errs most between ({ends[0]}) and ({ends[1]}) mm, by "
+        f"{number(found.worst_error * 1e3, 3)} µm."
+    )
+    page.figure(pictures.plane(found), "The error's component in the plane, enlarged.")
+
+
+def _outliers(page: Page, result: FitResult) -> None:
+    if not result.outliers:
+        return
+    page.section("Outliers")
+    if not result.set_aside and result.misfit:
+        page.text(
+            f"{len(result.outliers)} rows stand out, but χ² per degree of freedom says that the "
+            "model lacks something rather than that rows are wrong."
+        )
+        return
+    page.text(
+        "Set aside: they had no weight in the fit."
+        if result.set_aside
+        else "Used in the fit; with --robust they would be set aside."
+    )
+    rotation = result.problem.campaign.kind == Kind.ROTATION
+    page.table(
+        ["Line of the file", "Set-up", "residual, µm or µrad", "in standard deviations"],
+        [
+            [o.line, o.setup, o.residual * (1e6 if rotation[o.row] else 1e3), o.size]
+            for o in result.outliers
+        ],
+        digits=3,
+    )

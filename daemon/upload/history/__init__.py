@@ -1,0 +1,1 @@
+"""What is kept of uploads: their journal, its head, and the files that were active before."""

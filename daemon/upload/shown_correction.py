@@ -1,0 +1,176 @@
+"""Whether the controller adds what the table says, at the positions that it shows."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from abbe.compcore.compensator.folding.slow_state import SlowState
+from abbe.compcore.errors import AbbeError
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.model.model import Model
+from abbe.compcore.tables.field import ErrorField
+from abbe.compcore.tables.table import Table
+from abbe.drivers.stores.base import Effect, Store
+
+
+class WrongEffectError(AbbeError):
+    """The controller adds something else than the table says."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a check of the effect found.
+
+    Attributes
+    ----------
+    looks
+        How often a correction was compared; 0: the controller shows none.
+    worst
+        Largest difference, µm (rotary: µrad).
+    largest
+        Largest correction that was shown, µm (rotary: µrad).
+    """
+
+    looks: int = 0
+    worst: float = 0.0
+    largest: float = 0.0
+
+    def words(self) -> str:
+        """For people."""
+        if not self.looks:
+            return (
+                "the controller shows no correction that could be compared: its effect is not "
+                "checked; check one point with an indicator"
+            )
+        return (
+            f"the controller adds what the table says: {self.looks} corrections up to "
+            f"{self.largest:.2f} µm compared, worst difference {self.worst:.3f} µm"
+        )
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """What tables make a controller add.
+
+    Attributes
+    ----------
+    tables
+        As errors; none: nothing is added.
+    model
+        For the levers.
+    tool
+        Tool offset, mm.
+    adds_error
+        As in `abbe.drivers.stores.base.Store`.
+    """
+
+    tables: Sequence[Table]
+    model: Model
+    tool: tuple[float, float, float]
+    adds_error: bool = False
+
+    def comparable(self, effect: Effect) -> bool:
+        """Whether the positions that the tables look up are all known."""
+        needed = {a for t in self.tables for a in t.inputs}
+        needed |= {t.lever[0] for t in self.tables if t.lever is not None}
+        if any(not t.direct for t in self.tables):
+            needed |= set(self.model.machine.axes)
+        return needed <= set(effect.position)
+
+    def at(self, effect: Effect) -> dict[str, tuple[float, float]]:
+        """Axis → least and largest correction at an effect's position, mm (rotary: rad).
+
+        They differ where a direction is not known and the table has two.
+        """
+        ways = {
+            axis: (float(way),) if (way := effect.direction.get(axis, 0)) else (-1.0, 1.0)
+            for axis in effect.position
+            if any(axis == t.inputs[0] and t.directional for t in self.tables)
+        }
+        found = [
+            self._one(effect.position, dict(zip(ways, chosen, strict=True)))
+            for chosen in itertools.product(*ways.values())
+        ]
+        return {
+            axis: (min(f[axis] for f in found), max(f[axis] for f in found))
+            for axis in effect.correction
+            if axis in found[0]
+        }
+
+    def _one(
+        self, position: Mapping[str, float], direction: Mapping[str, float]
+    ) -> dict[str, float]:
+        where = {a: np.array([p]) for a, p in position.items() if a in self.model.machine.axes}
+        ways = {a: np.array([d]) for a, d in direction.items()}
+        field = ErrorField(self.model, SlowState(tool=self.tool))
+        sign = 1.0 if self.adds_error else -1.0
+        moved = field.removed(self.tables, where, ways)[0]
+        turned: dict[str, float] = {a: 0.0 for a in self.model.machine.axes if is_rotary(a)}
+        conditions = field.conditions(where, ways)
+        for table in self.tables:
+            if table.direct and table.output.rotation and table.output.component in turned:
+                turned[table.output.component] += float(table.value(conditions)[0])
+        moves = dict(zip("XYZ", (float(m) for m in moved), strict=True))
+        return {axis: sign * value for axis, value in (moves | turned).items()}
+
+
+async def check_effect(
+    store: Store, expected: Expectation, *, tolerance: float, looks: int, every: float
+) -> Seen:
+    """Compare what the controller shows with what the table says, several times.
+
+    Parameters
+    ----------
+    tolerance
+        µm (rotary: µrad).
+    looks, every
+        How often, and s in between.
+
+    Raises
+    ------
+    WrongEffectError
+        When two looks in a row are off.
+    LinkError
+        When nothing can be read.
+    """
+    seen, off_before = Seen(), False
+    for look in range(looks):
+        if look:
+            await asyncio.sleep(every)
+        wrong = ""
+        for effect in await store.effects():
+            if not expected.comparable(effect):
+                continue
+            seen, off = _compared(effect, expected, tolerance, seen)
+            wrong = wrong or off
+        if wrong and (off_before or looks == 1):
+            raise WrongEffectError(wrong)
+        off_before = bool(wrong)
+    if off_before:
+        raise WrongEffectError(wrong)
+    return seen
+
+
+def _compared(
+    effect: Effect, expected: Expectation, tolerance: float, seen: Seen
+) -> tuple[Seen, str]:
+    looks, worst, largest, wrong = seen.looks, seen.worst, seen.largest, ""
+    for axis, (low, high) in expected.at(effect).items():
+        unit, factor = ("µrad", 1e6) if is_rotary(axis) else ("µm", 1e3)
+        shown = effect.correction[axis]
+        off = max(low - shown, shown - high, 0.0) * factor
+        looks += 1
+        if not off <= tolerance:
+            place = ", ".join(f"{a} {p:.3f}" for a, p in effect.position.items())
+            wrong = (
+                f"at {place} the controller adds {shown * factor:.2f} {unit} to {axis}, the table "
+                f"says {0.5 * (low + high) * factor:.2f} {unit}"
+            )
+        else:
+            worst, largest = max(worst, off), max(largest, abs(shown) * factor)
+    return Seen(looks, worst, largest), wrong

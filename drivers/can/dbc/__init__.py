@@ -1,0 +1,1 @@
+"""CAN links whose messages and signals a DBC file describes."""

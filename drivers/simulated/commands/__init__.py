@@ -1,0 +1,1 @@
+"""``python -m abbe.drivers.simulated DEVICE``: one file a device."""

@@ -1,0 +1,195 @@
+"""``python -m abbe.drivers.simulated can``: encoders, thermometer, controller on a CAN bus."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import os
+import sys
+import tempfile
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, get_args
+
+from abbe.drivers.simulated.can.adapter import LawicelAdapter, Reports
+from abbe.drivers.simulated.can.devices import (
+    ENCODERS,
+    Controller,
+    FrameSender,
+    encoder,
+    thermometer,
+)
+from abbe.drivers.simulated.can.sdo_server import BlockFaults
+from abbe.drivers.simulated.can.wire import Frame, MulticastEnd, Wire
+from abbe.drivers.simulated.pseudo_terminals.pty_port import PtyPort
+from abbe.drivers.simulated.remote_control import Orders, announce, serve_orders
+
+FAULTS = ("silent", "deaf", "late", "heart_stopped", "heartbeat_fixed", "transmission")
+"""What can be set of a node."""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run the command; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    try:
+        asyncio.run(_serve(options))
+    except OSError as error:
+        print(f"simulated CAN bus: {error}", file=sys.stderr)  # noqa: T201
+        return 1
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m abbe.drivers.simulated")
+    parser.add_argument("command", choices=("can",))
+    parser.add_argument(
+        "--link", type=Path, help="slcan adapter: path that always leads to its port; default: any"
+    )
+    parser.add_argument(
+        "--udp", metavar="GROUP:PORT", help="python-can's udp_multicast instead of an adapter"
+    )
+    parser.add_argument(
+        "--reports",
+        choices=get_args(Reports),
+        default="nothing",
+        help="how the adapter tells its controller's state: not, as status flags, as lines",
+    )
+    parser.add_argument(
+        "--frames", type=float, default=0.0, metavar="S", help="send machine.dbc's so often; 0: not"
+    )
+    parser.add_argument(
+        "--event", type=float, default=0.0, metavar="S", help="TPDO1 of the nodes so often; 0: not"
+    )
+    parser.add_argument(
+        "--die-with-stdin", action="store_true", help="take orders there, end when it ends"
+    )
+    return parser
+
+
+async def _serve(options: argparse.Namespace) -> None:
+    wire = Wire()
+    temperatures = [20.0, 21.25, 22.5, -3.75]
+    controller = Controller(wire)
+    nodes = [encoder(wire, number, options.event) for number in ENCODERS]
+    nodes += [thermometer(wire, temperatures, options.event), controller.node]
+    frames = FrameSender(wire)
+    by_number = {node.number: node for node in nodes}
+
+    async def send_frames() -> None:
+        while True:
+            frames.send()
+            await asyncio.sleep(options.frames)
+
+    def node(number: int, **values: Any) -> None:
+        for name, value in values.items():
+            if name not in FAULTS:
+                raise KeyError(name)
+            setattr(by_number[number], name, value)
+
+    def emergency(number: int, code: int, register: int) -> None:
+        by_number[number].emergency(code, register)
+
+    def error_frame(id: int, data: str) -> None:
+        # an adapter makes them up; only udp_multicast carries them
+        frames.speak(Frame(id, bytes.fromhex(data), error=True))
+
+    def block(
+        lose: Sequence[int] = (),
+        *,
+        hang_after: int | None = None,
+        spoil: bool = False,
+        refused: bool = False,
+    ) -> None:
+        controller.node.sdo.faults = BlockFaults(set(lose), hang_after, spoil, refused)
+
+    def temperature(values: list[float]) -> None:
+        temperatures[:] = values
+
+    def mute(*, muted: bool) -> None:
+        frames.muted = muted
+
+    def page(*, only: int | None) -> None:
+        frames.only_page = only
+
+    def report() -> dict[str, Any]:
+        return {
+            "table_length": len(controller.table),
+            "table_crc32": zlib.crc32(controller.table),
+            "active": controller.active,
+            "offset": controller.offset,
+            "setpoints_taken": len(frames.setpoints),
+            "setpoints": [data.hex() for data in frames.setpoints[-5:]],
+            "states": {str(n.number): n.state for n in nodes},
+            "heartbeats": {str(n.number): n.heartbeat_every for n in nodes},
+        }
+
+    orders: dict[str, Any] = {
+        "node": node,
+        "boot": lambda number: by_number[number].boot(),
+        "emergency": emergency,
+        "error_frame": error_frame,
+        "block": block,
+        "temperature": temperature,
+        "mute": mute,
+        "page": page,
+        "report": report,
+        "fault": wire.set_faults,
+        "break": lambda: setattr(wire, "broken", True),
+        "mend": lambda: setattr(wire, "broken", False),
+    }
+    with contextlib.ExitStack() as stack:
+        where = _open(options, wire, stack, orders)
+        jobs = [asyncio.ensure_future(n.live()) for n in nodes]
+        if options.frames:
+            jobs.append(asyncio.ensure_future(send_frames()))
+        for n in nodes:
+            n.boot()
+        announce(ready=True, protocol="can", pid=os.getpid(), **where)
+        try:
+            await serve_orders(orders, die_with_stdin=options.die_with_stdin)
+        finally:
+            for job in jobs:
+                job.cancel()
+            await asyncio.gather(*jobs, return_exceptions=True)
+
+
+def _open(
+    options: argparse.Namespace, wire: Wire, stack: contextlib.ExitStack, orders: dict[str, Any]
+) -> dict[str, Any]:
+    """The way out of this process; hands back python-can's settings to get in there."""
+    if options.udp:
+        group, _, port = options.udp.rpartition(":")
+        stack.callback(MulticastEnd(wire, group, int(port)).close)
+        return {"interface": "udp_multicast", "channel": group, "port": int(port)}
+    link: Path | None = options.link
+    if link is None:
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="abbe-can-"))
+        link = Path(folder) / "slcan"
+    adapter = LawicelAdapter(wire, lambda receive: PtyPort(link, receive), options.reports)
+    adapter.port.plug()
+    stack.callback(adapter.port.unplug)
+
+    def unplug() -> None:
+        adapter.reset()
+        adapter.port.unplug()
+
+    def adapter_report() -> dict[str, Any]:
+        faults = adapter.faults
+        return {
+            "openings": adapter.openings,
+            "state": faults.state,
+            "errors": {"transmit": faults.transmit, "receive": faults.receive},
+        }
+
+    more: Orders = {
+        "adapter": adapter_report,
+        "unplug": unplug,
+        "plug": adapter.port.plug,
+        "reset_adapter": adapter.reset,
+        "deaf_adapter": lambda deaf: setattr(adapter, "deaf", deaf),
+        "hung_adapter": lambda hung: setattr(adapter, "hung", hung),
+    }
+    orders.update(more)
+    return {"interface": "slcan", "channel": str(link)}

@@ -1,0 +1,1 @@
+"""The simulated bridge CMM behind an I++ DME server."""

@@ -1,0 +1,1 @@
+"""A Modbus server for simulated devices: the real protocol, any registers."""

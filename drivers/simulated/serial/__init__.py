@@ -1,0 +1,1 @@
+"""Simulated devices that speak ASCII over a serial line."""

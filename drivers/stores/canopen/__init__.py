@@ -1,0 +1,1 @@
+"""Compensation tables in a CANopen node."""

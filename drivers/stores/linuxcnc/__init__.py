@@ -1,0 +1,1 @@
+"""Compensation files of a LinuxCNC on this computer."""

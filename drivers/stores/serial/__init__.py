@@ -1,0 +1,1 @@
+"""Compensation tables over a serial line, as tapes."""
