@@ -70,7 +70,7 @@ def register(cls: E) -> E:
 @cache
 def load_families() -> dict[str, ModuleType]:
     """Import every family of Abbe's own effects: module name → module."""
-    return {name: import_module(f"abbe.compcore.effects.{name}") for name in FAMILIES}
+    return {name: import_module(f"abbe.compcore.effects.catalogue.{name}") for name in FAMILIES}
 
 
 @cache
@@ -107,7 +107,7 @@ def effect_class(kind: str) -> type[Effect]:
         When there is none, or its plugin cannot be loaded; lists those that exist.
     """
     if kind in COMMON:
-        import_module(f"abbe.compcore.effects.{COMMON[kind]}")
+        import_module(f"abbe.compcore.effects.catalogue.{COMMON[kind]}")
     if kind not in _BUILT_IN:
         load_families()
     if kind in _BUILT_IN:
