@@ -15,20 +15,15 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-_MODULES = {
-    "serial": "serial_commands",
-    "can": "can_commands",
-    "controller": "controller_commands",
-    "ipp": "ipp_commands",
-}
+_COMMANDS = ("serial", "can", "controller", "ipp")
 """Commands with a file of their own, so that what others import does not slow them down."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status."""
     words = sys.argv[1:] if arguments is None else list(arguments)
-    module = _MODULES.get(words[0] if words else "", "bridge_commands")
-    status: int = import_module(f"abbe.drivers.simulated.{module}").main(words)
+    command = words[0] if words and words[0] in _COMMANDS else "bridge"
+    status: int = import_module(f"abbe.drivers.simulated.commands.{command}").main(words)
     return status
 
 
