@@ -81,6 +81,8 @@ class Guard:
         self._limits = limits
         self._directions = (Direction(), Direction(), Direction())
         self._last = math.nan
+        # when the controller had what was handed out last, at the latest
+        self._taken = -math.inf
         self._computed = ZERO
         self._applied = ZERO
         # what the controller may have in place of `_applied`, by direction
@@ -104,6 +106,15 @@ class Guard:
     def released(self) -> bool:
         """Whether, after `release`, the correction has come down to zero in the controller."""
         return self._releasing and self._applied == ZERO and self._else is _SURE
+
+    def taken(self, by: float) -> None:
+        """Take note that what was handed out last was on its way until `by`, monotonic, s.
+
+        A controller that takes it late and the next in time sees the step between the two in less
+        time than has passed here; so what may change counts from `by`. Without a call it counts
+        from the step.
+        """
+        self._taken = max(self._taken, by)
 
     def not_taken(self, untouched: int, unknown: int = 0) -> None:
         """Take note of what the controller did not take of the last step's correction.
@@ -155,19 +166,21 @@ class Guard:
         limits = self._limits
         elapsed = now - self._last
         dt = min(elapsed, limits.longest_step) if elapsed > 0.0 else 0.0
-        self._before = self._applied, self._last, self._else
-        self._last = now
+        self._before = self._applied, self._taken, self._else
+        since = now - self._taken
+        reach = limits.max_rate * min(since, limits.longest_step) if dt and since > 0.0 else 0.0
+        self._last = self._taken = now
         if computed is not None and not _finite(computed):
             computed = None
         if computed is None or self._releasing:
             faulty = ALL
         if computed is not None:
             self._computed = computed
-            if self._steady and not faulty and self._allowed(computed, limits.max_rate * dt):
+            if self._steady and not faulty and self._allowed(computed, reach):
                 self._applied = computed
                 return Decision(computed, _ALL_ACTIVE, False, False)
         target, limited = self._target(now, dt, faulty)
-        self._applied, behind = self._approach(target, now, dt)
+        self._applied, behind = self._approach(target, now, reach)
         self._else = _SURE
         along_x, along_y, along_z = self._directions
         states = (along_x.state, along_y.state, along_z.state)
@@ -228,14 +241,14 @@ class Guard:
             and math.hypot(x, y, z) <= self._limits.max_norm
         )
 
-    def _approach(self, target: list[float], now: float, dt: float) -> tuple[Vec3, int]:
+    def _approach(self, target: list[float], now: float, reach: float) -> tuple[Vec3, int]:
         """The correction after a step towards `target`, and the mask of what did not arrive.
 
         In each direction a step of what may change since it was handed out, from all that the
         controller may have.
         """
         applied = self._applied
-        moved = tuple(self._towards(i, target[i], now, dt) for i in range(3))
+        moved = tuple(self._towards(i, target[i], now, reach) for i in range(3))
         most = self._limits.max_norm
         if math.hypot(*moved) > most >= math.hypot(*applied):
             # directions that arrive before others may pass through a longer vector; a step
@@ -247,15 +260,14 @@ class Guard:
         x, y, z = moved
         return (x, y, z), sum(1 << i for i in range(3) if moved[i] != target[i])
 
-    def _towards(self, i: int, end: float, now: float, dt: float) -> float:
-        """Where a step to `end` may go in one direction.
+    def _towards(self, i: int, end: float, now: float, reach: float) -> float:
+        """Where a step to `end` may go in one direction, no further than `reach` (mm).
 
         To stay is always allowed: what was handed out last was near enough to all the others.
         """
         limits = self._limits
         rate, longest = limits.max_rate, limits.longest_step
         applied = self._applied[i]
-        reach = rate * dt
         first, last = applied - reach, applied + reach
         for value, at in self._else[i]:
             reach = rate * min(now - at, longest)

@@ -264,6 +264,7 @@ class Pipeline:
         if self._writes:
             answer = self._doubts.withhold(corrected)
         outcome = await self._write_back(answer, batch, word, taken_at + self._stale_after)
+        self._guard.taken(time.monotonic())
         self._outcome, self._not_held = outcome, 0
         if self._writes:
             if outcome.untouched or outcome.unknown:

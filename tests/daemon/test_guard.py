@@ -52,6 +52,33 @@ def test_no_sequence_of_inputs_breaks_a_bound(
         before = after
 
 
+writing = st.tuples(
+    st.floats(0.001, 0.1),  # s from the end of one write to the next step
+    st.floats(0.0, 0.1),  # s that writing takes
+    st.floats(0.0, 1.0),  # share of that after which the controller has it
+    st.tuples(*[st.floats(-0.3, 0.3)] * 3),
+    st.integers(0, ALL),
+)
+
+
+@given(st.lists(writing, max_size=60))
+def test_the_rate_holds_where_the_controller_takes_it(
+    steps: list[tuple[float, float, float, Vec3, int]],
+) -> None:
+    """However late within its write the controller takes one correction, and how soon the next."""
+    guard = Guard(LIMITS)
+    now, before, since = 100.0, (0.0, 0.0, 0.0), -math.inf
+    for wait, takes, share, value, faulty in steps:
+        now += wait
+        after = guard.step(now, value, faulty).correction
+        taken = now + share * takes
+        now += takes
+        guard.taken(now)
+        reach = LIMITS.max_rate * min(taken - since, LIMITS.longest_step)
+        assert all(abs(a - b) <= reach + TINY for a, b in zip(after, before, strict=True))
+        before, since = after, taken
+
+
 @given(
     st.lists(st.tuples(st.floats(0.001, 0.1), st.tuples(*[st.floats(-0.3, 0.3)] * 3)), min_size=5),
     st.integers(0, 2),
