@@ -8,13 +8,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import abbe
-from table_models import FIVE_AXES, FOUR_AXES, TRAVELS, rigid, thermal, turning, with_backlash
 
 from abbe.compcore.files.model_file import load_model, save_model
 from abbe.compcore.files.table_set import TableSet
 from abbe.compcore.tables.field import ErrorField, table_state
 from abbe.drivers.controllers import controller_kinds, make_controller
+from tests.support.compcore.table_models import (
+    FIVE_AXES,
+    FOUR_AXES,
+    TRAVELS,
+    rigid,
+    thermal,
+    turning,
+    with_backlash,
+)
+from tests.support.daemon.command_line import abbe
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import abbe
 
 from abbe.compcore.effects import make_effect
 from abbe.compcore.files.map_file import load_map
@@ -21,6 +20,7 @@ from abbe.compcore.machine.machine import Axis, Machine, Signal
 from abbe.compcore.machine.structure import Structure
 from abbe.compcore.maps.to_model import import_map
 from abbe.compcore.model.model import Model, Term, Value
+from tests.support.daemon.command_line import abbe
 
 ROOT = Path(__file__).parents[2]
 MAP = ROOT / "tests" / "data" / "bridge-map.txt"

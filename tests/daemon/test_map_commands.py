@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from article_map import as_map, correction, random_tables
-from command_line import abbe
 
 from abbe.compcore.files.map_file import load_map, save_map
 from abbe.compcore.files.model_file import load_model
@@ -17,6 +15,8 @@ from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.structure import Structure
 from abbe.compcore.maps.conventions.switched import read_switched
 from abbe.compcore.maps.to_model import map_machine
+from tests.support.compcore.article_map import as_map, correction, random_tables
+from tests.support.daemon.command_line import abbe
 
 ROOT = Path(__file__).parents[2]
 MAP = ROOT / "tests" / "data" / "bridge-map.txt"

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from command_line import abbe
-
 from abbe.daemon.config import load_config
 from abbe.daemon.config.notes import notes
+from tests.support.daemon.command_line import abbe
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "bridge-cmm"
 

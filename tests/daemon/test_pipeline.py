@@ -11,7 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from memory_link import MemoryLink
 
 from abbe.compcore.effects import make_effect
 from abbe.compcore.errors import AbbeError
@@ -27,6 +26,7 @@ from abbe.daemon.service import Service
 from abbe.daemon.status_word import STOPPED, Status
 from abbe.drivers.link import LinkDownError, LinkState
 from abbe.drivers.transducers import SteinhartHartConfig, make_transducer
+from tests.support.daemon.memory_link import MemoryLink
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "bridge-cmm"
 QUICK = {

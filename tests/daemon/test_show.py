@@ -11,7 +11,6 @@ import threading
 from pathlib import Path
 
 import pytest
-from memory_link import MemoryLink
 from rich.console import Console
 
 from abbe.daemon.config import load_config
@@ -28,6 +27,7 @@ from abbe.daemon.show.screen import LiveScreen
 from abbe.daemon.show.writer import LineWriter
 from abbe.daemon.status_word import Status, describe
 from abbe.drivers.link import LinkState
+from tests.support.daemon.memory_link import MemoryLink
 
 MACHINE = load_config(
     Path(__file__).parents[2] / "examples" / "bridge-cmm" / "config.toml"

@@ -12,8 +12,6 @@ import threading
 from pathlib import Path
 
 import pytest
-from memory_link import MemoryLink
-from table_models import rigid, thermal
 
 from abbe.compcore.files.model_file import save_model
 from abbe.compcore.files.table_set import TableSet
@@ -23,6 +21,8 @@ from abbe.daemon.demo.configuration import demo_configuration
 from abbe.daemon.demo.simulator import simulated_bridge
 from abbe.daemon.table_watch import Follower, Target, follow, lags_of, words
 from abbe.drivers.controllers import make_controller
+from tests.support.compcore.table_models import rigid, thermal
+from tests.support.daemon.memory_link import MemoryLink
 
 MODEL = thermal(rigid())
 VOLUME = Volume.of(MODEL.machine)

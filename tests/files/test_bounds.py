@@ -9,13 +9,13 @@ import time
 from pathlib import Path
 
 import pytest
-from command_line import abbe
-from shop_floor import FITTED, furnish
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.table_set import RECORD_NAME, TableSet, sha256
 from abbe.compcore.files.text.toml_bounds import MOST_DEPTH, MOST_ITEMS
 from abbe.compcore.files.text.toml_source import TomlSource
+from tests.support.daemon.command_line import abbe
+from tests.support.daemon.shop_floor import FITTED, furnish
 
 HOSTILE = {
     "dotted keys": ".".join("a" * 50_000) + " = 1",

@@ -10,8 +10,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_line import abbe
-from shop_floor import MODEL, furnish, line_of
+
+from tests.support.daemon.command_line import abbe
+from tests.support.daemon.shop_floor import MODEL, furnish, line_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "bridge-cmm" / "config.toml"
 PRINTING = [

@@ -10,8 +10,9 @@ import threading
 from pathlib import Path
 
 import pytest
-from command_line import abbe
-from shop_floor import FITTED, MODEL, TASKS, furnish, line_of
+
+from tests.support.daemon.command_line import abbe
+from tests.support.daemon.shop_floor import FITTED, MODEL, TASKS, furnish, line_of
 
 READS = [(task, name) for task, what in TASKS.items() for name in what.reads]
 

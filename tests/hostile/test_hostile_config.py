@@ -6,9 +6,10 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
-import mutate
 import pytest
-from forked import Case, faults, run
+
+from tests.support.hostile import mutate
+from tests.support.hostile.forked import Case, faults, run
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 CONFIG = (EXAMPLES / "bridge-cmm" / "config.toml").read_text(encoding="utf-8")

@@ -7,11 +7,8 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-import mutate
 import numpy as np
 import pytest
-from forked import Case, Content, faults, run
-from good import MODEL, model
 
 from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.machine.structure import Structure
@@ -19,6 +16,9 @@ from abbe.daemon.arguments.table_arguments import MOST_BYTES, present_files
 from abbe.drivers.controllers import make_controller
 from abbe.drivers.link import LinkConfigError
 from abbe.drivers.stores.linuxcnc.ini import read_layout
+from tests.support.hostile import mutate
+from tests.support.hostile.forked import Case, Content, faults, run
+from tests.support.hostile.good import MODEL, model
 
 DATA = Path(__file__).parents[1] / "data" / "controllers"
 READ: dict[str, tuple[str, dict[str, str]]] = {

@@ -6,14 +6,14 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-import mutate
 import pytest
-from forked import Case, Content, faults, run
 
 import abbe.drivers.simulated
 from abbe.drivers.can.dbc.config import DbcConfig
 from abbe.drivers.can.dbc.file import MOST_BYTES
 from abbe.drivers.can.dbc.link import DbcLink
+from tests.support.hostile import mutate
+from tests.support.hostile.forked import Case, Content, faults, run
 
 GOOD = Path(abbe.drivers.simulated.__file__).with_name("machine.dbc").read_bytes()
 SECTION = {

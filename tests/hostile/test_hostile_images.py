@@ -9,9 +9,10 @@ import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import mutate
 import pytest
-from forked import Case, faults, run
+
+from tests.support.hostile import mutate
+from tests.support.hostile.forked import Case, faults, run
 
 GOOD = {"X.csv": "position,value\n0,0.1\n100,-0.2\n", "Y.csv": "position,value\n0,0\n"}
 

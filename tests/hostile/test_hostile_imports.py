@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-import mutate
 import pytest
-from forked import Case, faults, run
-from good import model
+
+from tests.support.hostile import mutate
+from tests.support.hostile.forked import Case, faults, run
+from tests.support.hostile.good import model
 
 RTL = """\
 HEADER::

@@ -7,10 +7,11 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
-import mutate
 import pytest
-from forked import Case, faults, run
-from good import MODEL, covariance, model
+
+from tests.support.hostile import mutate
+from tests.support.hostile.forked import Case, faults, run
+from tests.support.hostile.good import MODEL, covariance, model
 
 CORRECT = ("correct", "m.toml", "X=100", "Y=200", "Z=-30", "T_x=21")
 READ = (

@@ -12,9 +12,9 @@ import time
 from pathlib import Path
 
 import pytest
-from live_run import PATIENCE
 
 from abbe.compcore.files.text.toml_source import TomlSource
+from tests.support.daemon.live_run import PATIENCE
 
 pytestmark = pytest.mark.integration
 

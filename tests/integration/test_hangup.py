@@ -17,9 +17,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from live_run import PATIENCE, machine, matched, read_holding
 
 from abbe.daemon.status_word import Status
+from tests.support.daemon.live_run import PATIENCE, machine, matched, read_holding
 
 pytestmark = pytest.mark.integration
 

@@ -8,10 +8,17 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from live_run import LiveRun, compensating, live_run, machine, matched, read_holding
-from refusing_gateway import RefusingGateway
 
 from abbe.daemon.status_word import Status
+from tests.support.daemon.live_run import (
+    LiveRun,
+    compensating,
+    live_run,
+    machine,
+    matched,
+    read_holding,
+)
+from tests.support.daemon.refusing_gateway import RefusingGateway
 
 pytestmark = pytest.mark.integration
 

@@ -8,7 +8,13 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from live_run import (
+
+from abbe.compcore.files.model_file import load_model
+from abbe.compcore.machine.conditions import Conditions
+from abbe.daemon.demo.simulator import Simulator, simulated_bridge
+from abbe.daemon.status_word import Status
+from abbe.drivers.simulated.bridge.machine import TOOL
+from tests.support.daemon.live_run import (
     MODEL,
     Cycle,
     LiveRun,
@@ -21,12 +27,6 @@ from live_run import (
     read_holding,
     set_fault,
 )
-
-from abbe.compcore.files.model_file import load_model
-from abbe.compcore.machine.conditions import Conditions
-from abbe.daemon.demo.simulator import Simulator, simulated_bridge
-from abbe.daemon.status_word import Status
-from abbe.drivers.simulated.bridge.machine import TOOL
 
 pytestmark = pytest.mark.integration
 

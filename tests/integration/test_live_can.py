@@ -10,10 +10,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from live_run import PATIENCE, Cycle, compensating, live_run
 
 import abbe.drivers.simulated.can
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.daemon.live_run import PATIENCE, Cycle, compensating, live_run
 
 pytestmark = pytest.mark.integration
 

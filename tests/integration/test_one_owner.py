@@ -11,12 +11,10 @@ import time
 from pathlib import Path
 
 import pytest
-from live_run import PATIENCE, compensating, live_run, machine, read_holding
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "upload"))
-from upload_cases import SLOW, Place, fill, texts
 
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.daemon.live_run import PATIENCE, compensating, live_run, machine, read_holding
+from tests.support.daemon.upload_cases import SLOW, Place, fill, texts
 
 pytestmark = pytest.mark.integration
 

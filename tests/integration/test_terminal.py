@@ -13,7 +13,8 @@ import termios
 from pathlib import Path
 
 import pytest
-from live_run import PATIENCE, machine
+
+from tests.support.daemon.live_run import PATIENCE, machine
 
 pytestmark = pytest.mark.integration
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from upload_cases import fill
+
+from tests.support.daemon.upload_cases import fill
 
 
 @pytest.fixture(scope="session")

@@ -6,8 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from upload_cases import TRAVELS
-from upload_cases import model as mill
 
 from abbe.compcore.compensator.folding.slow_state import SlowState
 from abbe.compcore.machine.error_motion import Channel
@@ -27,6 +25,8 @@ from abbe.daemon.upload.bounds import (
 )
 from abbe.daemon.upload.shown_correction import Expectation
 from abbe.drivers.stores.base import Effect
+from tests.support.daemon.upload_cases import TRAVELS
+from tests.support.daemon.upload_cases import model as mill
 
 MODEL = mill(0.0)
 NO_TOOL = (0.0, 0.0, 0.0)

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from upload_cases import Place, sums, texts
-from upload_truth import cases, try_fault
 
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.daemon.upload_cases import Place, sums, texts
+from tests.support.daemon.upload_truth import cases, try_fault
 
 pytestmark = pytest.mark.integration
 

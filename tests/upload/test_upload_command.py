@@ -5,15 +5,10 @@ from __future__ import annotations
 import json
 import logging
 import shutil
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from upload_cases import SLOW, Place, make_tables, model, sums, texts
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "daemon"))
-from command_line import abbe
 
 from abbe.compcore.effects import Angular
 from abbe.compcore.errors import InputError
@@ -23,6 +18,8 @@ from abbe.daemon.config import load_config
 from abbe.daemon.service import Service
 from abbe.daemon.upload.history.upload_log import Journal
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.daemon.command_line import abbe
+from tests.support.daemon.upload_cases import SLOW, Place, make_tables, model, sums, texts
 
 pytestmark = pytest.mark.integration
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from upload_cases import make_tables
 
 from abbe.daemon.application import app
 from abbe.daemon.config import load_config
@@ -14,6 +13,7 @@ from abbe.daemon.table_watch import words
 from abbe.drivers.stores.modbus.config import ModbusStoreConfig
 from abbe.drivers.stores.modbus.registers import RegisterMap
 from abbe.drivers.stores.serial.config import Texts
+from tests.support.daemon.upload_cases import make_tables
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "upload.md").read_text(encoding="utf-8")

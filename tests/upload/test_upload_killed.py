@@ -13,10 +13,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from upload_cases import SLOW, Place, sums, texts
-from upload_truth import active_now, check_told
 
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.daemon.upload_cases import SLOW, Place, sums, texts
+from tests.support.daemon.upload_truth import active_now, check_told
 
 pytestmark = pytest.mark.integration
 

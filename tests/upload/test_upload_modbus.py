@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from upload_cases import QUICK, SLOW, Place, sums, texts
-from upload_truth import attempt, cases, check_all, try_fault
 
 from abbe.daemon.upload.history.log_head import path_of
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.daemon.upload_cases import QUICK, SLOW, Place, sums, texts
+from tests.support.daemon.upload_truth import attempt, cases, check_all, try_fault
 
 pytestmark = pytest.mark.integration
 

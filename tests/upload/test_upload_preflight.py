@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from upload_cases import SLOW, Place, make_tables, model, sums, texts
-from upload_truth import attempt
 
 from abbe.compcore.files.model_file import save_model
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.daemon.upload_cases import SLOW, Place, make_tables, model, sums, texts
+from tests.support.daemon.upload_truth import attempt
 
 pytestmark = pytest.mark.integration
 

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from upload_cases import SLOW, Place, sums, texts
 
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.daemon.upload_cases import SLOW, Place, sums, texts
 
 pytestmark = pytest.mark.integration
 

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from upload_cases import Place, sums, texts
-from upload_truth import cases, try_fault
 
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.daemon.upload_cases import Place, sums, texts
+from tests.support.daemon.upload_truth import cases, try_fault
 
 pytestmark = pytest.mark.integration
 

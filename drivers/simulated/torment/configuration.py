@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from abbe.drivers.simulated.torment.judge.evidence import AXES
+from abbe.drivers.simulated.torment.judge.promises import Promises
 from abbe.drivers.simulated.torment.motion import TRAVEL
-
-from .judge.evidence import AXES
-from .judge.promises import Promises
-from .wires.base import Wire
+from abbe.drivers.simulated.torment.wires.base import Wire
 
 
 def write_configuration(folder: Path, wire: Wire, promises: Promises) -> Path:

@@ -8,10 +8,9 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 
+from abbe.drivers.simulated.torment.judge.evidence import Shown, WireLog
 from abbe.drivers.simulated.torment.loop import Loop
 from abbe.drivers.simulated.torment.machine import Machine
-
-from .judge.evidence import Shown, WireLog
 
 Send = Callable[[bytes], bool]
 """Puts bytes on the wire; False when there is none any more."""

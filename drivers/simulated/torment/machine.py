@@ -7,11 +7,10 @@ import math
 import random
 from collections.abc import Mapping
 
+from abbe.drivers.simulated.torment.judge.evidence import AXES, Judge, Shown, Taken
 from abbe.drivers.simulated.torment.loop import Moment
 from abbe.drivers.simulated.torment.motion import Motion, Place
 from abbe.drivers.simulated.torment.script import Script
-
-from .judge.evidence import AXES, Judge, Shown, Taken
 
 RESOLUTION = 1e-5
 """mm: what positions are rounded to, on every wire."""

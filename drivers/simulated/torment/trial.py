@@ -13,18 +13,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from abbe.drivers.simulated.torment.configuration import write_configuration
+from abbe.drivers.simulated.torment.judge.checker import Checker, between
+from abbe.drivers.simulated.torment.judge.evidence import WireLog
+from abbe.drivers.simulated.torment.judge.promises import Promises, Tally, Violation
+from abbe.drivers.simulated.torment.judge.words import COMPENSATING
 from abbe.drivers.simulated.torment.kinds import LAST
 from abbe.drivers.simulated.torment.loop import Loop
 from abbe.drivers.simulated.torment.machine import Machine
 from abbe.drivers.simulated.torment.motion import Motion
 from abbe.drivers.simulated.torment.script import Script
 from abbe.drivers.simulated.torment.wires import wire_class
-
-from .judge.checker import Checker, between
-from .judge.evidence import WireLog
-from .judge.promises import Promises, Tally, Violation
-from .judge.words import COMPENSATING
-from .wires.pty import PtyProbe
+from abbe.drivers.simulated.torment.wires.pty import PtyProbe
 
 PATIENCE = 60.0
 """s for Abbe to come up, or to end, on a busy computer."""

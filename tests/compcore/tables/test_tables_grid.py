@@ -6,7 +6,6 @@ import itertools
 
 import numpy as np
 import pytest
-from table_models import five_axes, machine, random_rows, rigid, state, thermal, with_backlash
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.model.model import Model
@@ -16,6 +15,15 @@ from abbe.compcore.tables.grid import spatial_grid
 from abbe.compcore.tables.projection.marginal import marginal
 from abbe.compcore.tables.remainder import Trial
 from abbe.compcore.tables.volume import Volume
+from tests.support.compcore.table_models import (
+    five_axes,
+    machine,
+    random_rows,
+    rigid,
+    state,
+    thermal,
+    with_backlash,
+)
 
 
 def test_a_grid_is_the_model_at_its_points():

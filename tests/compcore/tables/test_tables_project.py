@@ -8,16 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from table_models import (
-    TRAVELS,
-    five_axes,
-    not_rigid,
-    random_rows,
-    rigid,
-    state,
-    thermal,
-    with_backlash,
-)
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.model.inverse import invert_model
@@ -28,6 +18,16 @@ from abbe.compcore.tables.projection.project import project
 from abbe.compcore.tables.remainder import Trial
 from abbe.compcore.tables.table import Sign, Table, move
 from abbe.compcore.tables.volume import Volume
+from tests.support.compcore.table_models import (
+    TRAVELS,
+    five_axes,
+    not_rigid,
+    random_rows,
+    rigid,
+    state,
+    thermal,
+    with_backlash,
+)
 
 POS = Holds("axis", ("L-POS",), points=300, directional=True)
 STR = Holds("cross", ("L-STR",), points=300, directional=True)

@@ -16,8 +16,6 @@ from typing import Any
 
 import can
 import pytest
-from can_links import dbc_section, free_port, until
-from raw_peers import Node, Talker, peer
 
 from abbe.drivers.can import incoming
 from abbe.drivers.can.canopen.config import CanopenConfig
@@ -25,6 +23,8 @@ from abbe.drivers.can.canopen.link import CanopenLink
 from abbe.drivers.can.dbc.config import DbcConfig
 from abbe.drivers.can.dbc.link import DbcLink
 from abbe.drivers.link import Quality
+from tests.support.drivers.can_links import dbc_section, free_port, until
+from tests.support.drivers.raw_peers import Node, Talker, peer
 
 pytestmark = pytest.mark.integration
 

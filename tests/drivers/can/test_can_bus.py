@@ -14,7 +14,15 @@ import can
 import pytest
 from can.interfaces.udp_multicast import UdpMulticastBus
 from can.interfaces.virtual import VirtualBus
-from can_links import (
+
+from abbe.drivers.can import outgoing
+from abbe.drivers.can.datagrams import Datagrams
+from abbe.drivers.can.dbc.config import DbcConfig
+from abbe.drivers.can.dbc.link import DbcLink
+from abbe.drivers.can.error_frames import told
+from abbe.drivers.link import LinkDownError, LinkError, LinkState, Quality, TooLateError
+from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.drivers.can_links import (
     CORRECTION,
     READ,
     all_good,
@@ -24,14 +32,6 @@ from can_links import (
     linked,
     until,
 )
-
-from abbe.drivers.can import outgoing
-from abbe.drivers.can.datagrams import Datagrams
-from abbe.drivers.can.dbc.config import DbcConfig
-from abbe.drivers.can.dbc.link import DbcLink
-from abbe.drivers.can.error_frames import told
-from abbe.drivers.link import LinkDownError, LinkError, LinkState, Quality, TooLateError
-from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

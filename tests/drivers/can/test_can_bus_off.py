@@ -9,9 +9,6 @@ from collections.abc import Callable
 
 import pytest
 import serial
-from can_links import CORRECTION, READ, all_good, until
-from can_links import linked as linked_by_dbc
-from canopen_links import AXES, BY_PDO, linked
 
 from abbe.drivers.can.dbc.config import DbcConfig
 from abbe.drivers.can.dbc.link import DbcLink
@@ -20,6 +17,9 @@ from abbe.drivers.can.slcan_port import BufferedPort
 from abbe.drivers.can.slcan_status import understand
 from abbe.drivers.link import LinkConfigError, LinkState, LinkStatus, Quality
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.drivers.can_links import CORRECTION, READ, all_good, until
+from tests.support.drivers.can_links import linked as linked_by_dbc
+from tests.support.drivers.canopen_links import AXES, BY_PDO, linked
 
 pytestmark = pytest.mark.integration
 

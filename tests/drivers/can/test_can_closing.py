@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 
 import pytest
-from can_links import READ, all_good, linked
 
 from abbe.drivers.link import LinkState
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.drivers.can_links import READ, all_good, linked
 
 pytestmark = pytest.mark.integration
 

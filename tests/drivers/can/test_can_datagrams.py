@@ -13,12 +13,12 @@ import msgpack
 import pytest
 from can.interfaces.udp_multicast import UdpMulticastBus
 from can.interfaces.udp_multicast.utils import pack_message
-from can_links import free_port
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from abbe.drivers.can.datagrams import Datagrams, group_of
 from abbe.drivers.can.interface import InterfaceConfig
+from tests.support.drivers.can_links import free_port
 
 GROUP = "239.74.163.85"
 FRAMES = [

@@ -7,11 +7,11 @@ import struct
 from collections.abc import Iterator
 
 import pytest
-from can_links import ASK_Z, CORRECTION, READ, Z, all_good, linked, until
 
 from abbe.drivers.can.dbc.bus import MessageBus
 from abbe.drivers.link import LinkDownError, LinkError, LinkState, Quality
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.drivers.can_links import ASK_Z, CORRECTION, READ, Z, all_good, linked, until
 
 pytestmark = pytest.mark.integration
 

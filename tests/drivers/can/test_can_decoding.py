@@ -8,9 +8,9 @@ from itertools import combinations
 
 import cantools
 import pytest
-from can_links import DBC
 
 from abbe.drivers.can.dbc.file import decoder
+from tests.support.drivers.can_links import DBC
 
 MIXED = """VERSION ""
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from can_links import DBC
 
 from abbe.drivers.can.canopen import config as canopen_config
 from abbe.drivers.can.canopen.config import CanopenConfig, NodeConfig
@@ -17,6 +16,7 @@ from abbe.drivers.can.dbc.config import DbcConfig, MessageConfig, RequestConfig
 from abbe.drivers.can.error_frames import LEFT_THE_BUS
 from abbe.drivers.link import available_links, link_class
 from abbe.drivers.simulated.commands.can import _parser
+from tests.support.drivers.can_links import DBC
 
 ROOT = Path(__file__).parents[3]
 DOC = (ROOT / "docs" / "can.md").read_text(encoding="utf-8")

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import can
 import pytest
-from can_links import FD_DBC, all_good, dbc_section, free_port, until
 
 from abbe.drivers.can.dbc.config import DbcConfig
 from abbe.drivers.can.dbc.link import DbcLink
+from tests.support.drivers.can_links import FD_DBC, all_good, dbc_section, free_port, until
 
 pytestmark = pytest.mark.integration
 

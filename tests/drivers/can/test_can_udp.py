@@ -10,9 +10,12 @@ import asyncio
 from collections.abc import Iterator
 
 import pytest
-from can_links import ASK_Z, READ, Z, all_good, free_port, until
-from can_links import linked as linked_messages
-from canopen_links import (
+
+from abbe.drivers.link import LinkError, LinkState, Quality
+from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.drivers.can_links import ASK_Z, READ, Z, all_good, free_port, until
+from tests.support.drivers.can_links import linked as linked_messages
+from tests.support.drivers.canopen_links import (
     APART,
     AXES,
     BY_PDO,
@@ -23,9 +26,6 @@ from canopen_links import (
     THERMOMETER,
     linked,
 )
-
-from abbe.drivers.link import LinkError, LinkState, Quality
-from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from can_links import CORRECTION, DBC, READ, free_port, until
-from raw_peers import Node, peer
 
 from abbe.drivers.can.canopen.config import CanopenConfig
 from abbe.drivers.can.canopen.link import CanopenLink
 from abbe.drivers.can.dbc.config import DbcConfig
 from abbe.drivers.can.dbc.link import DbcLink
 from abbe.drivers.link import LinkConfigError, LinkError, LinkProtocolError, TooLateError
+from tests.support.drivers.can_links import CORRECTION, DBC, READ, free_port, until
+from tests.support.drivers.raw_peers import Node, peer
 
 pytestmark = pytest.mark.integration
 

@@ -10,8 +10,11 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from can_links import STALL, all_good, until
-from canopen_links import (
+
+from abbe.drivers.link import LinkConfigError, LinkError, LinkProtocolError, LinkState, Quality
+from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.drivers.can_links import STALL, all_good, until
+from tests.support.drivers.canopen_links import (
     APART,
     AXES,
     BY_PDO,
@@ -22,9 +25,6 @@ from canopen_links import (
     THERMOMETER,
     linked,
 )
-
-from abbe.drivers.link import LinkConfigError, LinkError, LinkProtocolError, LinkState, Quality
-from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

@@ -7,12 +7,12 @@ import time
 from collections.abc import Iterator
 
 import pytest
-from can_links import STALL, all_good, until
-from canopen_links import APART, AXES, BY_PDO, BY_SDO, ENCODER_NODES, linked
 
 from abbe.drivers.can.canopen.node import Node
 from abbe.drivers.link import LinkDownError, LinkState, Quality
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.drivers.can_links import STALL, all_good, until
+from tests.support.drivers.canopen_links import APART, AXES, BY_PDO, BY_SDO, ENCODER_NODES, linked
 
 pytestmark = pytest.mark.integration
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from controller_cases import CASES, PRODUCT, SIEMENS, machine, one
 
 from abbe.compcore.errors import InputError
 from abbe.drivers.controllers import make_controller
+from tests.support.drivers.controller_cases import CASES, PRODUCT, SIEMENS, machine, one
 
 FOLDER = Path(__file__).parents[2] / "data" / "controllers"
 GOLDEN = {case.folder: case for case in CASES}

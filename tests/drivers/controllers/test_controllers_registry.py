@@ -8,7 +8,6 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
-from controller_cases import machine
 
 import abbe.drivers.controllers as registry
 from abbe.compcore.errors import InputError
@@ -19,6 +18,7 @@ from abbe.drivers.controllers import (
     controller_kinds,
     make_controller,
 )
+from tests.support.drivers.controller_cases import machine
 
 ROOT = Path(__file__).parents[3]
 FIRST = {
@@ -123,11 +123,11 @@ def plugged(tmp_path, monkeypatch):
 
 def test_a_plugin_is_one_file_and_serves_like_any_other(plugged, tmp_path):
     import numpy as np
-    from table_models import rigid, state
 
     from abbe.compcore.tables.field import ErrorField
     from abbe.compcore.tables.projection.project import project
     from abbe.compcore.tables.volume import Volume
+    from tests.support.compcore.table_models import rigid, state
 
     plugged("my_control:Mine")
     assert set(controller_kinds()) == FIRST | {"mine"}

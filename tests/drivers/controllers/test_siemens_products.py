@@ -6,8 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sinumerik_control import READINGS, moved_by
-from table_models import TRAVELS, machine, rigid, state, with_backlash
 
 from abbe.compcore.effects import Angular, RotaryTilt
 from abbe.compcore.errors import InputError
@@ -17,6 +15,8 @@ from abbe.compcore.tables.projection.project import project
 from abbe.compcore.tables.remainder import Trial
 from abbe.compcore.tables.volume import Volume
 from abbe.drivers.controllers import make_controller
+from tests.support.compcore.table_models import TRAVELS, machine, rigid, state, with_backlash
+from tests.support.drivers.sinumerik_control import READINGS, moved_by
 
 MIRRORED = {"products": "mirrored"}
 TOOL = -120.0

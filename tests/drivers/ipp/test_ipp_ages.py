@@ -8,12 +8,12 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 
 import pytest
-from ipp_links import AXES, PART, SCALES, linked, read_until, until
 
 from abbe.drivers.ipp.config import IppConfig
 from abbe.drivers.ipp.link import IppLink
 from abbe.drivers.link import LinkConfigError, LinkError
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.drivers.ipp_links import AXES, PART, SCALES, linked, read_until, until
 
 pytestmark = pytest.mark.integration
 

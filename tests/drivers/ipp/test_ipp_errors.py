@@ -6,10 +6,10 @@ import asyncio
 from collections.abc import Iterator
 
 import pytest
-from ipp_links import AXES, PART, REPORT, good, linked, read_until, until
 
 from abbe.drivers.link import LinkState, Quality, Sample
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.drivers.ipp_links import AXES, PART, REPORT, good, linked, read_until, until
 
 pytestmark = pytest.mark.integration
 

@@ -8,7 +8,13 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from ipp_links import (
+from pydantic import ValidationError
+
+from abbe.drivers.ipp.config import IppConfig
+from abbe.drivers.ipp.link import IppLink
+from abbe.drivers.link import LinkConfigError, LinkError, LinkState, Quality
+from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.drivers.ipp_links import (
     AXES,
     PART,
     PATIENT,
@@ -23,12 +29,6 @@ from ipp_links import (
     standing,
     until,
 )
-from pydantic import ValidationError
-
-from abbe.drivers.ipp.config import IppConfig
-from abbe.drivers.ipp.link import IppLink
-from abbe.drivers.link import LinkConfigError, LinkError, LinkState, Quality
-from abbe.drivers.simulated.process import SimulatedProcess
 
 pytestmark = pytest.mark.integration
 

@@ -7,10 +7,10 @@ import socket
 from collections.abc import Iterator
 
 import pytest
-from ipp_links import AXES, IMPATIENT, REPORT, good, linked, read_until, until
 
 from abbe.drivers.link import LinkState, Quality
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.drivers.ipp_links import AXES, IMPATIENT, REPORT, good, linked, read_until, until
 
 pytestmark = pytest.mark.integration
 

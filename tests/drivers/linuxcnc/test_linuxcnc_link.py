@@ -9,7 +9,10 @@ import time
 from collections.abc import Iterator
 
 import pytest
-from linuxcnc_links import (
+
+from abbe.drivers.link import LinkError, LinkState, Quality, TooLateError, WriteNotVerifiedError
+from abbe.drivers.linuxcnc.link import LinuxCncLink
+from tests.support.drivers.linuxcnc_links import (
     ACTIVE,
     CHANNELS,
     HOMED,
@@ -22,10 +25,7 @@ from linuxcnc_links import (
     until,
     value,
 )
-from linuxcnc_machine import Machine
-
-from abbe.drivers.link import LinkError, LinkState, Quality, TooLateError, WriteNotVerifiedError
-from abbe.drivers.linuxcnc.link import LinuxCncLink
+from tests.support.drivers.linuxcnc_machine import Machine
 
 pytestmark = pytest.mark.integration
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 
 import pytest
-from linuxcnc_links import linked, ordered, reaches, until
-from linuxcnc_machine import Machine
 
 from abbe.drivers.link import LinkDownError, LinkState
+from tests.support.drivers.linuxcnc_links import linked, ordered, reaches, until
+from tests.support.drivers.linuxcnc_machine import Machine
 
 pytestmark = pytest.mark.integration
 

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from linuxcnc_machine import EXAMPLE, PATIENCE, PYTHON
-from linuxcnc_mill import Mill
 
 from abbe.drivers.link import LinkConfigError, LinkDownError, LinkError, LinkTimeoutError
 from abbe.drivers.stores.base import Effect, Readiness, RefusedError
 from abbe.drivers.stores.linuxcnc.config import LinuxCncStoreConfig
 from abbe.drivers.stores.linuxcnc.store import LinuxCncStore
+from tests.support.drivers.linuxcnc_machine import EXAMPLE, PATIENCE, PYTHON
+from tests.support.drivers.linuxcnc_mill import Mill
 
 pytestmark = pytest.mark.integration
 

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from linuxcnc_machine import Machine
 
 from abbe.compcore.effects import Backlash, Positioning
 from abbe.compcore.files.model_file import save_model
@@ -24,6 +23,7 @@ from abbe.compcore.machine.machine import Machine as Described
 from abbe.compcore.machine.structure import Structure
 from abbe.compcore.model.model import Model, Term, Value
 from abbe.daemon.cli import main
+from tests.support.drivers.linuxcnc_machine import Machine
 
 pytestmark = pytest.mark.integration
 

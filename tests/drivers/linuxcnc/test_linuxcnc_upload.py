@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from linuxcnc_mill import Mill
 
 from abbe.compcore.effects import Backlash, Positioning
 from abbe.compcore.files.model_file import save_model
@@ -27,6 +26,7 @@ from abbe.compcore.machine.structure import Structure
 from abbe.compcore.model.model import Model, Term, Value
 from abbe.drivers.stores.linuxcnc.config import LinuxCncStoreConfig
 from abbe.drivers.stores.linuxcnc.store import LinuxCncStore
+from tests.support.drivers.linuxcnc_mill import Mill
 
 pytestmark = pytest.mark.integration
 

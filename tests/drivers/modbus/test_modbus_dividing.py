@@ -7,12 +7,12 @@ import time
 from typing import Any
 
 import pytest
-from modbus_devices import Request, TcpDevice
 
 from abbe.drivers.link import LinkConfigError, LinkError, Quality, TooLateError
 from abbe.drivers.modbus import dividing
 from abbe.drivers.modbus.config import ModbusConfig
 from abbe.drivers.modbus.link import ModbusLink
+from tests.support.drivers.modbus_devices import Request, TcpDevice
 
 EIGHT = {f"c{i}": {"table": "input", "address": i, "type": "int16"} for i in range(8)}
 NAMES = tuple(EIGHT)

@@ -11,7 +11,6 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
-from modbus_devices import Memory, Request, TcpDevice
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
@@ -26,6 +25,7 @@ from abbe.drivers.link import (
 )
 from abbe.drivers.modbus.config import ModbusConfig
 from abbe.drivers.modbus.link import ModbusLink
+from tests.support.drivers.modbus_devices import Memory, Request, TcpDevice
 
 AXES: dict[str, dict[str, Any]] = {
     f"enc_{axis}": {"table": "input", "address": 2 * i, "type": "int32"}

@@ -9,12 +9,12 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
-from modbus_devices import Memory, TcpDevice
 
 from abbe.drivers.link import LinkDownError, LinkState, LinkTimeoutError, Quality
 from abbe.drivers.modbus.config import ModbusConfig
 from abbe.drivers.modbus.link import ModbusLink
 from abbe.drivers.modbus.units import Unit
+from tests.support.drivers.modbus_devices import Memory, TcpDevice
 
 TIMEOUT = 0.15
 ROOM = 1.0

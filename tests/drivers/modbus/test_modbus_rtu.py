@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from modbus_devices import Memory, RtuDevice, crc
 from pymodbus.pdu import DecodePDU
 
 from abbe.drivers.link import LinkState, LinkTimeoutError, Quality
 from abbe.drivers.modbus.config import ModbusConfig
 from abbe.drivers.modbus.framing import StrictRtuFramer
 from abbe.drivers.modbus.link import ModbusLink
+from tests.support.drivers.modbus_devices import Memory, RtuDevice, crc
 
 CHANNELS: dict[str, dict[str, Any]] = {
     "enc": {"table": "input", "address": 10, "type": "int32"},

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from modbus_devices import Memory, Request, RtuDevice, TcpDevice
 from pymodbus import FramerType
 from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusIOException
@@ -25,6 +24,7 @@ from abbe.drivers.link import LinkProtocolError, LinkState, Quality
 from abbe.drivers.modbus import bus, client
 from abbe.drivers.modbus.config import ModbusConfig
 from abbe.drivers.modbus.link import ModbusLink
+from tests.support.drivers.modbus_devices import Memory, Request, RtuDevice, TcpDevice
 
 TIMEOUT = 0.2
 A, B = 100, 200

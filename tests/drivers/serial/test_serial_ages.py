@@ -7,10 +7,10 @@ import time
 from typing import Any
 
 import pytest
-from raw_device import Talker, raw_device, stand_still
-from serial_links import linked, until
 
 from abbe.drivers.link import Quality
+from tests.support.drivers.raw_device import Talker, raw_device, stand_still
+from tests.support.drivers.serial_links import linked, until
 
 pytestmark = pytest.mark.integration
 

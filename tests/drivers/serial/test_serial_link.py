@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from serial_links import ALL, DRO, NUMBER, ONE_BY_ONE, PRESET, XOR, linked, until
 
 from abbe.drivers.link import (
     LinkConfigError,
@@ -23,6 +22,16 @@ from abbe.drivers.link import (
 )
 from abbe.drivers.serial.link import SerialLink
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.drivers.serial_links import (
+    ALL,
+    DRO,
+    NUMBER,
+    ONE_BY_ONE,
+    PRESET,
+    XOR,
+    linked,
+    until,
+)
 
 pytestmark = pytest.mark.integration
 

@@ -13,10 +13,19 @@ from collections.abc import Iterator
 import pytest
 import serial
 import serial.rfc2217
-from serial_links import DRO, NUMBER, ONE_BY_ONE, PRESET, ROOM, TIMEOUT, linked, until
 
 from abbe.drivers.link import LinkDownError, LinkProtocolError, LinkState, LinkTimeoutError, Quality
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.drivers.serial_links import (
+    DRO,
+    NUMBER,
+    ONE_BY_ONE,
+    PRESET,
+    ROOM,
+    TIMEOUT,
+    linked,
+    until,
+)
 
 pytestmark = pytest.mark.integration
 

@@ -6,11 +6,11 @@ import time
 
 import pytest
 from pydantic import ValidationError
-from serial_links import section
 
 from abbe.drivers.serial.config import SerialConfig
 from abbe.drivers.serial.patterns import LIMIT, Pattern, SlowPatternError, checked, simple_up_to
 from abbe.drivers.serial.question import Question
+from tests.support.drivers.serial_links import section
 
 ROOM = 0.5
 """s that a shared machine may add."""

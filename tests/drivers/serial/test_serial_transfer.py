@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
-from serial_links import ROOM, until
 
 from abbe.drivers.link import LinkDownError, LinkError, LinkProtocolError, LinkTimeoutError
 from abbe.drivers.serial.transfer import (
@@ -20,6 +19,7 @@ from abbe.drivers.serial.transfer import (
     send_tape,
 )
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.drivers.serial_links import ROOM, until
 
 pytestmark = pytest.mark.integration
 

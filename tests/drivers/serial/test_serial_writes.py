@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from raw_device import raw_device
-from serial_links import linked, section, until
 
 from abbe.drivers.link import LinkConfigError, LinkError, LinkState, TooLateError
 from abbe.drivers.serial.link import SerialLink
+from tests.support.drivers.raw_device import raw_device
+from tests.support.drivers.serial_links import linked, section, until
 
 pytestmark = pytest.mark.integration
 

@@ -21,9 +21,8 @@ from abbe.drivers.simulated.torment.judge.words import (
     Y_ACTIVE,
     Z_ACTIVE,
 )
-
-from ..loop import Moment
-from ..machine import FAULT, POISON, REFERENCED
+from abbe.drivers.simulated.torment.loop import Moment
+from abbe.drivers.simulated.torment.machine import FAULT, POISON, REFERENCED
 
 _REMEMBERED = 12.0
 """s for which pictures are kept."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from ..loop import Moment
+from abbe.drivers.simulated.torment.loop import Moment
 
 AXES = ("X", "Y", "Z")
 EVERYTHING = frozenset((*AXES, "number", "heartbeat", "status", "T_x"))

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 
 from abbe.drivers.simulated.torment.judge.evidence import AXES, Shown
 from abbe.drivers.simulated.torment.judge.promises import Promises, Tally
-
-from ..loop import Moment
-from ..machine import TRUE_TEMPERATURES
-from ..motion import TRAVEL
+from abbe.drivers.simulated.torment.loop import Moment
+from abbe.drivers.simulated.torment.machine import TRUE_TEMPERATURES
+from abbe.drivers.simulated.torment.motion import TRAVEL
 
 _BACK = (1, 10, 50)
 """Against which earlier messages a correction's change is judged."""

@@ -7,10 +7,10 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import ClassVar
 
-from ..delivery import Delivery
-from ..judge.evidence import AXES, WireLog
-from ..loop import Loop
-from ..machine import Machine
+from abbe.drivers.simulated.torment.delivery import Delivery
+from abbe.drivers.simulated.torment.judge.evidence import AXES, WireLog
+from abbe.drivers.simulated.torment.loop import Loop
+from abbe.drivers.simulated.torment.machine import Machine
 
 TICK = 0.02
 """s between two looks at what the script wants of the connection itself."""

@@ -8,12 +8,11 @@ import time
 from pathlib import Path
 from typing import ClassVar
 
+from abbe.drivers.simulated.torment.judge.evidence import AXES, Shown, WireLog
+from abbe.drivers.simulated.torment.loop import Loop, Moment
+from abbe.drivers.simulated.torment.machine import RESOLUTION, Machine
 from abbe.drivers.simulated.torment.wires.base import Wire
 from abbe.drivers.simulated.torment.wires.slcan import Frame, SlcanEnd
-
-from ..judge.evidence import AXES, Shown, WireLog
-from ..loop import Loop, Moment
-from ..machine import RESOLUTION, Machine
 
 PLACE_XY, PLACE_Z, STATE = 0x101, 0x102, 0x103
 OUT_XY, OUT_Z, OUT_STATE = 0x201, 0x202, 0x203

@@ -11,12 +11,11 @@ from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
+from abbe.drivers.simulated.torment.judge.evidence import AXES, Shown, WireLog
+from abbe.drivers.simulated.torment.loop import Loop, Moment
+from abbe.drivers.simulated.torment.machine import RESOLUTION, Machine
 from abbe.drivers.simulated.torment.wires.base import Wire
 from abbe.drivers.simulated.torment.wires.slcan import Frame, SlcanEnd
-
-from ..judge.evidence import AXES, Shown, WireLog
-from ..loop import Loop, Moment
-from ..machine import RESOLUTION, Machine
 
 ENCODERS = {"X": 3, "Y": 4, "Z": 5}
 CONTROLLER = 6

@@ -8,13 +8,12 @@ import time
 from pathlib import Path
 from typing import ClassVar
 
+from abbe.drivers.simulated.torment.judge.evidence import AXES, Shown, WireLog
+from abbe.drivers.simulated.torment.loop import Loop, Moment
+from abbe.drivers.simulated.torment.machine import Machine
 from abbe.drivers.simulated.torment.wires.base import Wire
 from abbe.drivers.simulated.torment.wires.modbus_tcp import ModbusOutputs
 from abbe.drivers.simulated.torment.wires.tcp import Client, TcpServer
-
-from ..judge.evidence import AXES, Shown, WireLog
-from ..loop import Loop, Moment
-from ..machine import Machine
 
 _PLACE = frozenset(AXES)
 _WARM = frozenset(("T_x",))

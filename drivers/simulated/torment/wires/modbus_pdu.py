@@ -9,10 +9,10 @@ import time
 from collections.abc import Callable, Collection
 from typing import NamedTuple
 
-from ..judge.evidence import AXES, Shown
-from ..loop import Moment
-from ..machine import RESOLUTION, Machine
-from ..script import Torment
+from abbe.drivers.simulated.torment.judge.evidence import AXES, Shown
+from abbe.drivers.simulated.torment.loop import Moment
+from abbe.drivers.simulated.torment.machine import RESOLUTION, Machine
+from abbe.drivers.simulated.torment.script import Torment
 
 SHOWN_AT = 0
 """Address of the first register that shows the machine."""

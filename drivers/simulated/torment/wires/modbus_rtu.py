@@ -7,14 +7,13 @@ import struct
 from pathlib import Path
 from typing import ClassVar
 
+from abbe.drivers.simulated.torment.judge.evidence import WireLog
+from abbe.drivers.simulated.torment.loop import Loop, Moment
+from abbe.drivers.simulated.torment.machine import Machine
 from abbe.drivers.simulated.torment.wires.base import Wire
 from abbe.drivers.simulated.torment.wires.modbus_pdu import Device, held_channels, shown_channels
 from abbe.drivers.simulated.torment.wires.modbus_tcp import MODBUS_KINDS
 from abbe.drivers.simulated.torment.wires.pty import PtyEnd
-
-from ..judge.evidence import WireLog
-from ..loop import Loop, Moment
-from ..machine import Machine
 
 UNIT = 1
 

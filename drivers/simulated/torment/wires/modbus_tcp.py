@@ -7,6 +7,10 @@ import struct
 from pathlib import Path
 from typing import ClassVar
 
+from abbe.drivers.simulated.torment.delivery import FAMILIAR, Send
+from abbe.drivers.simulated.torment.judge.evidence import WireLog
+from abbe.drivers.simulated.torment.loop import Loop, Moment
+from abbe.drivers.simulated.torment.machine import Machine
 from abbe.drivers.simulated.torment.wires.base import Wire
 from abbe.drivers.simulated.torment.wires.modbus_pdu import (
     Device,
@@ -15,11 +19,6 @@ from abbe.drivers.simulated.torment.wires.modbus_pdu import (
     shown_channels,
 )
 from abbe.drivers.simulated.torment.wires.tcp import Client, TcpServer
-
-from ..delivery import FAMILIAR, Send
-from ..judge.evidence import WireLog
-from ..loop import Loop, Moment
-from ..machine import Machine
 
 MODBUS_KINDS = (
     *FAMILIAR,

@@ -10,8 +10,8 @@ import tty
 from collections.abc import Callable
 from pathlib import Path
 
-from ..judge.evidence import WireLog
-from ..loop import Loop, Moment
+from abbe.drivers.simulated.torment.judge.evidence import WireLog
+from abbe.drivers.simulated.torment.loop import Loop, Moment
 
 
 class PtyEnd:

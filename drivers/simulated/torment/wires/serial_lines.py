@@ -7,13 +7,12 @@ import time
 from pathlib import Path
 from typing import ClassVar
 
+from abbe.drivers.simulated.torment.delivery import FAMILIAR
+from abbe.drivers.simulated.torment.judge.evidence import AXES, Shown, WireLog
+from abbe.drivers.simulated.torment.loop import Loop, Moment
+from abbe.drivers.simulated.torment.machine import Machine
 from abbe.drivers.simulated.torment.wires.base import Wire
 from abbe.drivers.simulated.torment.wires.pty import PtyEnd
-
-from ..delivery import FAMILIAR
-from ..judge.evidence import AXES, Shown, WireLog
-from ..loop import Loop, Moment
-from ..machine import Machine
 
 _OTHERS = (
     "frozen",

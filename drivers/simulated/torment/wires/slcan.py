@@ -6,10 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from abbe.drivers.simulated.torment.judge.evidence import WireLog
+from abbe.drivers.simulated.torment.loop import Loop, Moment
 from abbe.drivers.simulated.torment.wires.pty import PtyEnd
-
-from ..judge.evidence import WireLog
-from ..loop import Loop, Moment
 
 
 class Frame(NamedTuple):

@@ -7,8 +7,8 @@ import socket
 import struct
 from collections.abc import Callable
 
-from ..judge.evidence import WireLog
-from ..loop import Loop, Moment
+from abbe.drivers.simulated.torment.judge.evidence import WireLog
+from abbe.drivers.simulated.torment.loop import Loop, Moment
 
 
 class Client:

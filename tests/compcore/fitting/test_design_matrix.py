@@ -1,0 +1,149 @@
+"""The design matrix against finite differences, dense least squares and itself in pieces."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from abbe.compcore.fitting.design import row_blocks as rows_in_pieces
+from abbe.compcore.fitting.design.design_matrix import Problem
+from abbe.compcore.fitting.fit import fit
+from abbe.compcore.fitting.reduction import leverage
+from benchmarks.sources.campaigns import Rows
+from tests.support.compcore.fit_cases import (
+    BASES,
+    GEOMETRY,
+    TOOLS,
+    bridge,
+    distance_rows,
+    mill,
+    model,
+    plane_rows,
+    random_theta,
+    with_truth,
+)
+
+
+def plane(*free: str, seed: int = 0, specs: tuple[str, ...] = GEOMETRY):
+    rng = np.random.default_rng(seed)
+    rows = Rows(("X", "Y", "Z"))
+    plane_rows(rows)
+    machine = bridge()
+    campaign = rows.campaign("plane")
+    if free:
+        setups = {n: replace(s, free=free) for n, s in campaign.setups.items()}
+        campaign = replace(campaign, setups=setups)
+    wanted = model(machine, *specs)
+    theta = random_theta(wanted, campaign, rng)
+    return wanted, with_truth(wanted, campaign, theta, rng), theta
+
+
+def distances():
+    rng = np.random.default_rng(3)
+    rows = Rows(("X", "Y", "Z"))
+    distance_rows(rows, rng)
+    wanted = model(
+        mill(),
+        "positioning axis=X shape=polynomial:3",
+        "straightness axis=Z direction=X shape=polynomial:2",
+        "angular axis=X about=Y shape=polynomial:2",
+        "spindle_squareness direction=X",
+        "length_bias",
+    )
+    campaign = rows.campaign("distances", bases=BASES, tools=TOOLS)
+    theta = random_theta(wanted, campaign, rng)
+    return wanted, with_truth(wanted, campaign, theta, rng), theta
+
+
+def slopes(problem: Problem, theta: np.ndarray) -> np.ndarray:
+    """∂(weighted predicted)/∂θ by central differences."""
+    columns = []
+    for k, scale in enumerate(problem.layout.scale):
+        step = np.zeros_like(theta)
+        step[k] = 1e-3 * scale
+        ends = [problem.predicted(theta + sign * step) for sign in (1.0, -1.0)]
+        columns.append((ends[0] - ends[1]) / (2e-3 * scale) * problem.weight)
+    return np.stack(columns, axis=1)
+
+
+def test_columns_are_the_slopes_of_distances_with_bases_tools_and_spindle() -> None:
+    wanted, campaign, theta = distances()
+    problem = Problem(wanted, campaign)
+    names = [u.name for u in problem.layout.unknowns]
+    assert names.count("base B2 y") == 1
+    assert "tool T1 y" in names
+    assert "tool T2 y" not in names
+    found = problem.columns(theta) * problem.layout.scale
+    expected = slopes(problem, theta) * problem.layout.scale
+    # first order: a turned tool's lever and the error's own part across the line of sight are left
+    assert found == pytest.approx(expected, abs=2e-3 * np.abs(expected).max())
+
+
+def test_distances_come_back_from_bases_and_tools_known_to_a_millimetre() -> None:
+    wanted, campaign, _ = distances()
+    result = fit(wanted, campaign)
+    assert result.chi2_per_dof == pytest.approx(1.0, abs=0.25)
+    stated = np.array([TOOLS["T2"].offset[k] for k in (0, 2)])
+    where, _ = result.problem.layout.tools["T2"]
+    assert np.abs(result.theta[where] - stated).max() > 1e-3
+
+
+@pytest.mark.parametrize("free", [(), ("frame",), ("zero", "slope")])
+def test_elimination_is_the_same_as_one_dense_least_squares(free: tuple[str, ...]) -> None:
+    wanted, campaign, _ = plane(*free)
+    result = fit(wanted, campaign)
+    problem = result.problem
+    dense = problem.jacobian(problem.start())
+    assert dense.shape[1] > problem.layout.size
+    size = np.linalg.norm(dense, axis=0)
+    size[size == 0.0] = 1.0
+    weighted = campaign.value / campaign.sd
+    solution, _, rank, _ = np.linalg.lstsq(dense / size, weighted, rcond=1e-9)
+    left = weighted - dense / size @ solution
+    assert result.weighted == pytest.approx(left, abs=1e-6)
+    assert result.dof == campaign.n - rank
+    assert result.residual / campaign.sd == pytest.approx(left, abs=1e-6)
+
+
+@pytest.mark.parametrize("most", [7, 20, 90])
+def test_pieces_give_what_the_whole_gives(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
+    wanted, campaign, _ = plane("zero", "slope")
+    whole = fit(wanted, campaign)
+    absorbed = leverage(whole.problem, whole.theta, whole.decomposition)
+    monkeypatch.setattr(rows_in_pieces, "PIECE_BYTES", most * 8 * (whole.problem.layout.size + 1))
+    monkeypatch.setattr(rows_in_pieces, "FEWEST_ROWS", 1)
+    pieces = fit(wanted, campaign)
+    assert pieces.problem.large
+    assert len(list(pieces.problem.pieces(pieces.theta))) > 1
+    assert pieces.theta == pytest.approx(whole.theta, abs=1e-12)
+    assert pieces.residual == pytest.approx(whole.residual, abs=1e-12)
+    assert leverage(pieces.problem, pieces.theta, pieces.decomposition) == pytest.approx(
+        absorbed, abs=1e-9
+    )
+
+
+def test_leverages_sum_to_what_was_fitted() -> None:
+    wanted, campaign, _ = plane()
+    result = fit(wanted, campaign)
+    absorbed = leverage(result.problem, result.theta, result.decomposition)
+    fitted = result.decomposition.rank + result.eliminator.rank
+    assert absorbed.sum() == pytest.approx(fitted)
+
+
+def test_full_basis_is_orthonormal_and_holds_the_jacobian() -> None:
+    wanted, campaign, _ = plane()
+    result = fit(wanted, campaign)
+    q = result.full_basis
+    assert q.T @ q == pytest.approx(np.eye(q.shape[1]), abs=1e-10)
+    dense = result.problem.jacobian(result.theta)
+    assert q @ (q.T @ dense) == pytest.approx(dense, abs=1e-6 * np.abs(dense).max())
+    other = np.random.default_rng(0).normal(size=(campaign.n, 3))
+    assert result.residualise(other) == pytest.approx(other - q @ (q.T @ other), abs=1e-9)
+
+
+def test_effect_columns_are_those_of_the_jacobian() -> None:
+    wanted, campaign, theta = plane()
+    problem = Problem(wanted, campaign)
+    for i, effect in enumerate(wanted.effects):
+        own = problem.columns(theta)[:, problem.layout.terms[i]]
+        assert problem.effect_columns(effect, {}) == pytest.approx(own)

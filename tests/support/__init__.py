@@ -1,0 +1,1 @@
+"""What tests share: cases, models, peers and processes, by what they are for."""

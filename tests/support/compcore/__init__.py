@@ -1,0 +1,1 @@
+"""Machines, models and campaigns for tests of the mathematics."""

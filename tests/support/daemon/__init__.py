@@ -1,0 +1,1 @@
+"""Runs, commands, uploads and links in memory for tests of the service."""

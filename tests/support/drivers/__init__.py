@@ -1,0 +1,1 @@
+"""Peers and links over real protocols for tests of the drivers."""

@@ -1,0 +1,1 @@
+"""Good files, damage by machine, and processes that are measured."""
