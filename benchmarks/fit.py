@@ -102,7 +102,7 @@ def by_hand(
     at = 0
     for motion in motions:
         k = motion.columns.shape[1]
-        moved, _ = observation.chain.influence(motion.channel)
+        moved, _ = observation.chain.influence(motion.error_motion)
         moves[:, :, at : at + k] = moved[:, :, None] * motion.columns[:, None, :]
         at += k
     scale = layout.scale

@@ -18,7 +18,7 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import map_coordinates
 
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.model.model import Model
 
 F64 = NDArray[np.float64]
@@ -58,8 +58,8 @@ class Tabulated:
             )
             found = model.error_motions(conditions)
             for k, component in enumerate("XYZABC"):
-                channel = Channel(axis, component)  # type: ignore[arg-type]
-                self.motions[i, :, k] = found.get(channel, 0.0)
+                error_motion = ErrorMotion(axis, component)  # type: ignore[arg-type]
+                self.motions[i, :, k] = found.get(error_motion, 0.0)
 
 
 def with_np_interp(tables: Tabulated) -> Errors:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.effects import make_effect
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.error_motion import INSTRUMENT, Channel
+from abbe.compcore.machine.error_motion import INSTRUMENT, ErrorMotion
 from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.model.model import Model, Term, Value
 from tools.effect_scenes import SIGNALS, Scene
@@ -100,23 +100,23 @@ class _Stage:
         p = self.term.coefficients(self.machine)
         motions = self.effect.motions_among(self.machine, at, {}, self.plain.terms)
         for motion in motions:
-            if motion.channel == self.channel:
+            if motion.error_motion == self.error_motion:
                 count = motion.columns.shape[1]
                 total += motion.columns @ p[motion.first : motion.first + count]
         return total
 
     @property
-    def channel(self) -> Channel:
+    def error_motion(self) -> ErrorMotion:
         """The error motion that moves most."""
         axes = self.machine.structure.axes
         at = self.conditions({a: np.linspace(*self.machine.axis(a).travel, 7) for a in axes}, {})
         p = self.term.coefficients(self.machine)
-        size: dict[Channel, float] = {}
+        size: dict[ErrorMotion, float] = {}
         for m in self.effect.motions_among(self.machine, at, {}, self.plain.terms):
             value = np.abs(m.columns @ p[m.first : m.first + m.columns.shape[1]]).max()
-            scaled = value * (300.0 if m.channel.rotation else 1.0)
-            size[m.channel] = max(size.get(m.channel, 0.0), float(scaled))
-        return max(size, key=lambda channel: size[channel])
+            scaled = value * (300.0 if m.error_motion.rotation else 1.0)
+            size[m.error_motion] = max(size.get(m.error_motion, 0.0), float(scaled))
+        return max(size, key=lambda error_motion: size[error_motion])
 
     # --- the volume -------------------------------------------------------------------------
 
@@ -327,8 +327,8 @@ def _diagram(drawing: Drawing, stage: _Stage) -> None:
     curve = stage.scene.curve
     x = np.linspace(*curve.span, 121)
     lines = {words: stage_values(stage, x, changed) for words, changed in curve.lines.items()}
-    what, unit = str(stage.channel), "µrad" if stage.channel.rotation else "µm"
-    if stage.channel.place == INSTRUMENT:
+    what, unit = str(stage.error_motion), "µrad" if stage.error_motion.rotation else "µm"
+    if stage.error_motion.place == INSTRUMENT:
         what = "value"
     if stage.scene.look == "pins":
         what, unit = "dX", "µm"
@@ -371,7 +371,7 @@ def stage_values(stage: _Stage, x: F64, changed: Mapping[str, float]) -> F64:
     if scene.look in ("line", "plate") and curve.over == "t":
         rows["X"] = np.linspace(*stage.machine.axis("X").travel, len(x))
         rows |= stage._weather(len(x))
-    factor = 1e6 if stage.channel.rotation else 1e3
+    factor = 1e6 if stage.error_motion.rotation else 1e3
     return factor * stage.motion(stage.conditions(rows, changed))
 
 

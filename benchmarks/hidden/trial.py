@@ -113,7 +113,7 @@ def _offered(diagnosis: Diagnosis) -> list[Answer]:
         pattern = structure.pattern
         if pattern.terms:
             terms = [t.replace(" ", "") for t in pattern.terms]
-            return [("formula", {"channel": str(pattern.channel), "terms": terms})]
+            return [("formula", {"channel": str(pattern.error_motion), "terms": terms})]
     return []
 
 

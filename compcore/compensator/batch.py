@@ -118,9 +118,9 @@ class LinearBatch:
     Parameters
     ----------
     at_zero
-        Moves of X, Y, Z per unit of each error motion with all axes at zero, (3, channels).
+        Moves of X, Y, Z per unit of each error motion with all axes at zero, (3, motions).
     per_mm
-        Their change per mm of each axis, (axes, 3, channels).
+        Their change per mm of each axis, (axes, 3, motions).
     """
 
     def __init__(self, tables: Tables, at_zero: F64, per_mm: F64) -> None:
@@ -144,11 +144,11 @@ class LinearBatch:
                 self._others.append((table, list(columns)))
         self._ready = True
 
-    def _columns(self, table: AxisTable, channels: list[int]) -> list[_Column]:
+    def _columns(self, table: AxisTable, error_motions: list[int]) -> list[_Column]:
         found = []
         for lever, share in [(None, self._at_zero), *enumerate(self._per_mm)]:
             for component in range(3):
-                own = share[component, channels]
+                own = share[component, error_motions]
                 intercept, slope = table.intercept @ own, table.slope @ own
                 if intercept.any() or slope.any():
                     found.append(_Column(lever, component, intercept, slope))
@@ -195,19 +195,19 @@ class LinearBatch:
         self._add_others(positions, directions, result)
 
     def _add_others(self, positions: F64, directions: F64, result: F64) -> None:
-        for table, channels in self._others:
-            self._add(table.at(positions, directions), channels, positions, result)
+        for table, error_motions in self._others:
+            self._add(table.at(positions, directions), error_motions, positions, result)
         for product in self._products:
             values = product.at(positions, directions)
-            self._add(values, list(product.channels), positions, result)
+            self._add(values, list(product.error_motions), positions, result)
         if self._direct is not None:
             values = self._direct(positions, directions)
             self._add(values, list(range(values.shape[1])), positions, result)
 
-    def _add(self, values: F64, channels: list[int], positions: F64, result: F64) -> None:
-        result += values @ self._at_zero[:, channels].T
+    def _add(self, values: F64, error_motions: list[int], positions: F64, result: F64) -> None:
+        result += values @ self._at_zero[:, error_motions].T
         for b, share in enumerate(self._per_mm):
-            own = share[:, channels]
+            own = share[:, error_motions]
             if own.any():
                 result += (values @ own.T) * positions[:, b : b + 1]
 
@@ -231,7 +231,9 @@ class ChainBatch:
 
     def _chunk(self, positions: F64, directions: F64) -> F64:
         values = self._tables.motions(positions, directions)
-        motions = {channel: values[:, k] for k, channel in enumerate(self._tables.channels)}
+        motions = {
+            error_motion: values[:, k] for k, error_motion in enumerate(self._tables.error_motions)
+        }
         where = {a: positions[:, i] for i, a in enumerate(self._machine.structure.axes)}
         chain = Chain(self._machine, self._state.conditions(where, {}))
         error = self._compose(chain, motions)[0]

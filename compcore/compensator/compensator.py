@@ -251,7 +251,7 @@ class Compensator:
 
     def _turn_tool(self) -> None:
         """Find out what the tool's offset does to the levers."""
-        machine, channels = self.model.machine, self._fold.channels
+        machine, error_motions = self.model.machine, self._fold.error_motions
         count = len(self.axes)
         first = self.model.composition == "first-order"
         where = np.concatenate([np.zeros((1, count)), _FAR * np.eye(count)])
@@ -259,7 +259,7 @@ class Compensator:
         self._linear: tuple[F64, F64] | None = None
         self._nine: F64 | None = None
         if first and not machine.structure.rotary:
-            moves = influences(machine, channels, self._state.conditions(rows, {}))
+            moves = influences(machine, error_motions, self._state.conditions(rows, {}))
             per_mm = (moves[1:] - moves[0]) / _FAR
             per_mm[np.abs(per_mm) < _NO_LEVER] = 0.0
             self._linear = moves[0], per_mm

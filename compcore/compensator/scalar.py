@@ -82,7 +82,7 @@ def scalar_products(
     products: Products,
 ) -> Callable[[Sequence[float], Sequence[float]], list[float]]:
     """All products at one point, in their own order."""
-    count = len(products.channels)
+    count = len(products.error_motions)
     pairs = [(j, j + count) for j in range(count)]
     lines = []
     by_signs = []

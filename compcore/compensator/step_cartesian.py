@@ -28,14 +28,14 @@ _LEVERS = ((1, 0), (2, 0), (0, 1), (2, 1), (0, 2), (1, 2))
 
 
 def nine(at_zero: F64, per_mm: F64, axes: Sequence[str]) -> F64 | None:
-    """What a unit of each error motion adds to the nine functions, (channels, 9).
+    """What a unit of each error motion adds to the nine functions, (motions, 9).
 
     Parameters
     ----------
     at_zero
-        Moves of X, Y, Z per unit of each error motion with all axes at zero, (3, channels).
+        Moves of X, Y, Z per unit of each error motion with all axes at zero, (3, motions).
     per_mm
-        Their change per mm of each axis, (axes, 3, channels), axes in the structure's order.
+        Their change per mm of each axis, (axes, 3, motions), axes in the structure's order.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def square_step(tables: Tables, shares: F64, axes: Sequence[str]) -> Step:
     by_directions = _by_directions(tables, shares, len(axes))
     more = [(value, shares[k].tolist()) for value, k in phases(tables)]
     products = [
-        (scalar_products(bundle), shares[list(bundle.channels)].tolist())
+        (scalar_products(bundle), shares[list(bundle.error_motions)].tolist())
         for bundle in tables.products
     ]
     direct = tables.direct

@@ -38,7 +38,7 @@ from abbe.compcore.compensator.scalar import (
     scalar,
     scalar_products,
 )
-from abbe.compcore.machine.error_motion import FUNCTIONAL_POINT, SPINDLE, WORKPIECE, Channel
+from abbe.compcore.machine.error_motion import FUNCTIONAL_POINT, SPINDLE, WORKPIECE, ErrorMotion
 from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.model.model import Composition
@@ -48,11 +48,11 @@ Step = Callable[[Sequence[float], Sequence[float]], Triple]
 
 
 def motions_at(tables: Tables) -> Callable[[Sequence[float], Sequence[float]], list[float]]:
-    """All error motions at one point, as a list in the order of the channels and a 0 at its end."""
+    """All error motions at one point, a list in the order of `tables` with a 0 at its end."""
     start = [*tables.constant.tolist(), 0.0]
     lines = []
     others: list[tuple[Value, int]] = phases(tables)
-    products = [(scalar_products(bundle), bundle.channels) for bundle in tables.products]
+    products = [(scalar_products(bundle), bundle.error_motions) for bundle in tables.products]
     for table, columns in tables.tables:
         if isinstance(table, AxisTable):
             rows, fetch = lazy_rows(np.concatenate([table.intercept, table.slope], axis=1))
@@ -73,8 +73,8 @@ def motions_at(tables: Tables) -> Callable[[Sequence[float], Sequence[float]], l
                 v[k] += row[j] + row[m] * q
         for value, k in others:
             v[k] += value(positions, directions)
-        for values, channels in products:
-            for k, part in zip(channels, values(positions, directions), strict=True):
+        for values, error_motions in products:
+            for k, part in zip(error_motions, values(positions, directions), strict=True):
                 v[k] += part
         if direct is not None:
             for k, part in enumerate(direct(*one_row(positions, directions))[0].tolist()):
@@ -113,14 +113,14 @@ class _Stage:
     letter: int = -1
 
 
-def stages_of(machine: Machine, channels: Sequence[Channel]) -> list[_Stage]:
+def stages_of(machine: Machine, error_motions: Sequence[ErrorMotion]) -> list[_Stage]:
     """The walk from workpiece to tool."""
 
     def six(place: str) -> tuple[int, ...] | None:
         found = [-1] * 6
-        for k, channel in enumerate(channels):
-            if channel.place == place:
-                found["XYZABC".index(channel.component)] = k
+        for k, error_motion in enumerate(error_motions):
+            if error_motion.place == place:
+                found["XYZABC".index(error_motion.component)] = k
         return tuple(found) if max(found) >= 0 else None
 
     structure = machine.structure
@@ -154,11 +154,11 @@ def chain_step(
     zero = {a: np.zeros(1) for a in machine.structure.axes}
     ux, uy, uz = Chain(machine, state.conditions(zero, {})).tool[0].tolist()
     motions = motions_at(tables)
-    stages = stages_of(machine, tables.channels)
+    stages = stages_of(machine, tables.error_motions)
     at_point = [-1, -1, -1]
-    for k, channel in enumerate(tables.channels):
-        if channel.place == FUNCTIONAL_POINT:
-            at_point["XYZ".index(channel.component)] = k
+    for k, error_motion in enumerate(tables.error_motions):
+        if error_motion.place == FUNCTIONAL_POINT:
+            at_point["XYZ".index(error_motion.component)] = k
     px, py, pz = at_point
     inexact = composition == "first-order"
     columns = np.array([machine.axis(letter).direction for letter in "XYZ"]).T

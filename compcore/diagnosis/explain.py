@@ -138,9 +138,9 @@ def parameter(estimate: Estimate) -> str:
 def description(structure: Structure) -> str:
     """A pattern in words: how the residuals go, and on which error motion."""
     pattern = structure.pattern
-    channel = str(pattern.channel)
-    what = {"d": "the error of the functional point in "}.get(channel[0], "")
-    place = what + channel[1:] if what else f"the tilt {channel}"
+    error_motion = str(pattern.error_motion)
+    what = {"d": "the error of the functional point in "}.get(error_motion[0], "")
+    place = what + error_motion[1:] if what else f"the tilt {error_motion}"
     text = f"{place}: {pattern.form}"
     if pattern.depends_on == ("t",) and pattern.form.startswith("oscillation"):
         text += ", unrelated to any recorded signal"
@@ -153,4 +153,4 @@ def formula(structure: Structure) -> str | None:
     if not pattern.terms:
         return None
     terms = ",".join(term.replace(" ", "") for term in pattern.terms)
-    return f"formula channel={pattern.channel} terms={terms}"
+    return f"formula channel={pattern.error_motion} terms={terms}"

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from abbe.compcore.effects.base import Channel, Effect, Motion, NonlinearParameter, Parameter
+from abbe.compcore.effects.base import Effect, ErrorMotion, Motion, NonlinearParameter, Parameter
 from abbe.compcore.effects.registry import (
     effect_class,
     effect_kinds,
@@ -50,13 +50,13 @@ __all__ = [
     "AirRefraction",
     "Angular",
     "Backlash",
-    "Channel",
     "Cosine",
     "CrossAngular",
     "Cyclic",
     "DeadPath",
     "Drift",
     "Effect",
+    "ErrorMotion",
     "Event",
     "FeedLag",
     "Formula",

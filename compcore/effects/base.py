@@ -1,8 +1,8 @@
 """What an effect is: one physical cause of error, one class, used by everything.
 
-An effect says which error motions it moves (`Channel`), with which basis functions of the recorded
-conditions (`Motion`), and which parameters multiply them (`Parameter`). Prediction, fit, diagnosis,
-tables and the live path all read the same `motions`.
+An effect says which error motions it moves (`ErrorMotion`), with which basis functions of the
+recorded conditions (`Motion`), and which parameters multiply them (`Parameter`). Prediction, fit,
+diagnosis, tables and the live path all read the same `motions`.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from abbe.compcore.machine.error_motion import (
     SPINDLE,
     WORKPIECE,
     AxisLetter,
-    Channel,
     Component,
+    ErrorMotion,
 )
 from abbe.compcore.machine.machine import Machine
 
@@ -44,9 +44,9 @@ __all__ = [
     "SPINDLE",
     "WORKPIECE",
     "AxisLetter",
-    "Channel",
     "Component",
     "Effect",
+    "ErrorMotion",
     "FittedEffect",
     "Motion",
     "NonlinearParameter",
@@ -63,15 +63,15 @@ class Motion:
 
     Attributes
     ----------
-    channel
+    error_motion
         The error motion.
     columns
-        Shape (n, k): basis functions on the conditions, unit of the channel per unit of parameter.
+        Shape (n, k): basis functions on the conditions, the motion's unit per unit of parameter.
     first
         Index of the effect's linear parameter that the first column belongs to.
     """
 
-    channel: Channel
+    error_motion: ErrorMotion
     columns: F64
     first: int = 0
 
@@ -260,7 +260,7 @@ class Effect(BaseModel, ABC):
 
         Returns
         -------
-        For linear parameters `coefficients`, shape (k,), in the channel's unit; None for an effect
+        For linear parameters `coefficients`, shape (k,), in the motion's unit; None for an effect
         whose columns are nowhere narrower than a thousandth of the travel but where it says so
         (`kinks`, `repeats`).
         """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import model_validator
 
-from abbe.compcore.effects.base import FUNCTIONAL_POINT, AxisLetter, Channel, Component, Effect
+from abbe.compcore.effects.base import FUNCTIONAL_POINT, AxisLetter, Component, Effect, ErrorMotion
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Machine, own_component
 
@@ -12,10 +12,10 @@ TRANSLATIONS: tuple[Component, ...] = ("X", "Y", "Z")
 ROTATIONS: tuple[Component, ...] = ("A", "B", "C")
 
 
-def along(axis: str) -> Channel:
+def along(axis: str) -> ErrorMotion:
     """An axis's positioning error motion: E_XX, E_YV, E_CC, …"""
     component: Component = own_component(axis)  # type: ignore[assignment]
-    return Channel(axis, component)
+    return ErrorMotion(axis, component)
 
 
 def require_linear(machine: Machine, axis: str, kind: str, key: str = "axis") -> None:
@@ -57,10 +57,10 @@ class ShiftEffect(Effect):
             )
         return self
 
-    def channel(self) -> Channel:
+    def error_motion(self) -> ErrorMotion:
         """The error motion that is shifted."""
         if self.direction is not None:
-            return Channel(FUNCTIONAL_POINT, self.direction)
+            return ErrorMotion(FUNCTIONAL_POINT, self.direction)
         return along(str(self.axis))
 
     def positions_used(self, machine: Machine) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from scipy.special import fdtrc
 from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.linalg import svd
-from abbe.compcore.machine.error_motion import INSTRUMENT, Channel
+from abbe.compcore.machine.error_motion import INSTRUMENT, ErrorMotion
 from abbe.compcore.machine.machine import Axis
 from abbe.compcore.threads import threads_for
 
@@ -70,9 +70,9 @@ def rigid_body_test(result: FitResult) -> list[Dependence]:
     result = result.thin
     with threads_for(result.problem.n * result.problem.layout.size):
         found = [
-            _tested(result, channel, own, other)
-            for channel in _motions(result)
-            for own, other in _pairs(result, channel)
+            _tested(result, error_motion, own, other)
+            for error_motion in _motions(result)
+            for own, other in _pairs(result, error_motion)
         ]
     seen = [test for test in found if test.degrees]
     adjusted = [
@@ -89,26 +89,26 @@ def _alike(test: Dependence, others: list[Dependence]) -> tuple[str, ...]:
     )
 
 
-def _motions(result: FitResult) -> list[Channel]:
+def _motions(result: FitResult) -> list[ErrorMotion]:
     """Error motions of linear axes that the model's effects move."""
     machine = result.problem.model.machine
-    found: dict[Channel, None] = {}
+    found: dict[ErrorMotion, None] = {}
     for i in range(len(result.problem.model.effects)):
         for motion in result.problem.motions(i, result.theta):
-            place = motion.channel.place
+            place = motion.error_motion.place
             if place != INSTRUMENT and place in machine.axes and not machine.axes[place].rotary:
-                found[motion.channel] = None
+                found[motion.error_motion] = None
     return list(found)
 
 
-def _pairs(result: FitResult, channel: Channel) -> Iterator[tuple[Axis, Axis]]:
+def _pairs(result: FitResult, error_motion: ErrorMotion) -> Iterator[tuple[Axis, Axis]]:
     machine = result.problem.model.machine
     for name in machine.structure.linear:
-        if name != channel.place:
-            yield machine.axes[channel.place], machine.axes[name]
+        if name != error_motion.place:
+            yield machine.axes[error_motion.place], machine.axes[name]
 
 
-def _tested(result: FitResult, channel: Channel, own: Axis, other: Axis) -> Dependence:
+def _tested(result: FitResult, error_motion: ErrorMotion, own: Axis, other: Axis) -> Dependence:
     problem = result.problem
     conditions = problem.conditions(result.theta)
     x = (own.clamp(conditions.position(own.name)) - own.middle) / own.half_travel
@@ -116,11 +116,11 @@ def _tested(result: FitResult, channel: Channel, own: Axis, other: Axis) -> Depe
     along = legendre.legvander(x, OWN_DEGREE)
     across = legendre.legvander(y, OTHER_DEGREE)[:, 1:]
     product = (along[:, :, None] * across[:, None, :]).reshape(problem.n, -1)
-    seen = problem.observation(result.theta).seen(channel)
+    seen = problem.observation(result.theta).seen(error_motion)
     columns = (seen * problem.weight)[:, None] * product
     size = np.linalg.norm(columns, axis=0)
     columns = columns[:, size > 0.0] / size[size > 0.0]
-    nothing = Dependence(str(channel), other.name, 1.0, 1.0, 0.0, 0, 0.0)
+    nothing = Dependence(str(error_motion), other.name, 1.0, 1.0, 0.0, 0, 0.0)
     if not columns.shape[1]:
         return nothing
     left = result.residualise(columns)
@@ -136,4 +136,4 @@ def _tested(result: FitResult, channel: Channel, own: Axis, other: Axis) -> Depe
     lengths = (problem.campaign.kind != Kind.ROTATION) & (problem.weight > 0.0)
     moved = (part * np.where(lengths, problem.sd, 0.0))[lengths]
     rms = float(np.sqrt(np.mean(moved**2))) if moved.size else 0.0
-    return Dependence(str(channel), other.name, float(fdtrc(k, dof, f)), 1.0, f, k, rms)
+    return Dependence(str(error_motion), other.name, float(fdtrc(k, dof, f)), 1.0, f, k, rms)

@@ -14,7 +14,7 @@ from abbe.compcore.fitting.design.unknowns import Layout
 from abbe.compcore.fitting.determinacy import Decomposition
 from abbe.compcore.linalg import svd
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.error_motion import SPINDLE, WORKPIECE, Channel, Component
+from abbe.compcore.machine.error_motion import SPINDLE, WORKPIECE, Component, ErrorMotion
 from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.model.model import Model
@@ -104,7 +104,7 @@ def _felt(model: Model, campaign: Campaign, layout: Layout, theta: F64) -> tuple
     conventions = []
     for place in (WORKPIECE, SPINDLE):
         for component in get_args(Component):
-            moved, turned = chain.influence(Channel(place, component))
+            moved, turned = chain.influence(ErrorMotion(place, component))
             conventions.append(_stacked(moved[:, :, None], turned[:, :, None]))
     return field, np.hstack(conventions)
 

@@ -206,10 +206,10 @@ def _form(problem: Problem, theta: F64, term: int, values: F64) -> str:
 
 
 def _name(effect: Effect) -> str:
-    channel = getattr(effect, "component", None)
+    error_motion = getattr(effect, "component", None)
     where = effect.where()
-    if callable(channel) and "axis" in where and "axes" not in where:
-        return f"E_{channel()}{where['axis']}"
+    if callable(error_motion) and "axis" in where and "axes" not in where:
+        return f"E_{error_motion()}{where['axis']}"
     if "axes" in where:
         return f"{effect.kind.replace('_', ' ')} {'–'.join(where['axes'])}"
     return effect.spec

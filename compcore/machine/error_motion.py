@@ -18,7 +18,7 @@ ABOUT: dict[str, Component] = {"X": "A", "Y": "B", "Z": "C"}
 
 
 @dataclass(frozen=True, slots=True)
-class Channel:
+class ErrorMotion:
     """One error motion: a component (X Y Z translation, A B C rotation) at one place.
 
     `place` is an axis, or `FUNCTIONAL_POINT` (translations of the tool point in machine axes),

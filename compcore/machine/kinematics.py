@@ -29,7 +29,7 @@ from abbe.compcore.machine.error_motion import (
     INSTRUMENT,
     SPINDLE,
     WORKPIECE,
-    Channel,
+    ErrorMotion,
 )
 from abbe.compcore.machine.machine import Machine
 
@@ -157,17 +157,17 @@ class Chain:
                 expected="one of " + ", ".join(self._origin),
             )
 
-    def component(self, channel: Channel) -> F64:
+    def component(self, error_motion: ErrorMotion) -> F64:
         """Direction of an error motion's component in machine axes, shape (n, 3)."""
         unit = np.zeros(3)
-        unit[_UNIT[channel.component]] = 1.0
+        unit[_UNIT[error_motion.component]] = 1.0
         n = self.conditions.n
-        if channel.place == FUNCTIONAL_POINT:
+        if error_motion.place == FUNCTIONAL_POINT:
             return np.broadcast_to(unit, (n, 3))
-        self._check(channel.place)
-        return self.to_machine_axes(_apply(self._orientation[channel.place], unit, n))
+        self._check(error_motion.place)
+        return self.to_machine_axes(_apply(self._orientation[error_motion.place], unit, n))
 
-    def influence(self, channel: Channel) -> tuple[F64, F64]:
+    def influence(self, error_motion: ErrorMotion) -> tuple[F64, F64]:
         """What one unit of an error motion does to the tool, to first order (the lever rule).
 
         Returns
@@ -178,12 +178,12 @@ class Chain:
             Turn of the functional orientation, shape (n, 3), rad per mm or per rad.
         """
         n = self.conditions.n
-        if channel.place == INSTRUMENT:
+        if error_motion.place == INSTRUMENT:
             return np.zeros((n, 3)), np.zeros((n, 3))
-        direction = self.component(channel)
-        if not channel.rotation:
+        direction = self.component(error_motion)
+        if not error_motion.rotation:
             return direction, np.zeros((n, 3))
-        return crossed(direction, self.lever(channel.place)), direction
+        return crossed(direction, self.lever(error_motion.place)), direction
 
     def in_machine_axes(self, place: str, vector: F64) -> F64:
         """Vectors, (n, 3), given in a place's error frame, as seen in machine axes.
@@ -220,7 +220,7 @@ class Chain:
         return np.stack(columns, axis=2)
 
 
-def first_order(chain: Chain, motions: Mapping[Channel, F64]) -> tuple[F64, F64]:
+def first_order(chain: Chain, motions: Mapping[ErrorMotion, F64]) -> tuple[F64, F64]:
     """Error at the functional point by the lever rule.
 
     Parameters
@@ -239,10 +239,10 @@ def first_order(chain: Chain, motions: Mapping[Channel, F64]) -> tuple[F64, F64]
     n = chain.conditions.n
     translation, rotation = np.zeros((n, 3)), np.zeros((n, 3))
     by_place: dict[tuple[str, bool], F64] = {}
-    for channel, value in motions.items():
-        if channel.place != INSTRUMENT:
-            own = by_place.setdefault((channel.place, channel.rotation), np.zeros((n, 3)))
-            own[:, _UNIT[channel.component]] += value
+    for error_motion, value in motions.items():
+        if error_motion.place != INSTRUMENT:
+            own = by_place.setdefault((error_motion.place, error_motion.rotation), np.zeros((n, 3)))
+            own[:, _UNIT[error_motion.component]] += value
     for (place, turns), own in by_place.items():
         vector = chain.in_machine_axes(place, own)
         if turns:
@@ -253,7 +253,7 @@ def first_order(chain: Chain, motions: Mapping[Channel, F64]) -> tuple[F64, F64]
     return translation, rotation
 
 
-def exact(chain: Chain, motions: Mapping[Channel, F64]) -> tuple[F64, F64]:
+def exact(chain: Chain, motions: Mapping[ErrorMotion, F64]) -> tuple[F64, F64]:
     """Error at the functional point with full rotations, accumulated along the chain.
 
     At each place in turn, from workpiece to tool: the linear error motions are added in nominal
@@ -273,7 +273,7 @@ def exact(chain: Chain, motions: Mapping[Channel, F64]) -> tuple[F64, F64]:
 
 
 def exact_steps(
-    chain: Chain, motions: Mapping[Channel, F64]
+    chain: Chain, motions: Mapping[ErrorMotion, F64]
 ) -> tuple[F64, F64, list[tuple[str, F64]]]:
     """As `exact`, with the running sum after every step, each (n, 3), mm, for inspection."""
     n = chain.conditions.n
@@ -282,9 +282,9 @@ def exact_steps(
     turned = np.broadcast_to(np.eye(3), (n, 3, 3))
     steps: list[tuple[str, F64]] = []
     by_place: dict[str, dict[str, F64]] = {}
-    for channel, value in motions.items():
-        if channel.place != INSTRUMENT:
-            by_place.setdefault(channel.place, {})[channel.component] = value
+    for error_motion, value in motions.items():
+        if error_motion.place != INSTRUMENT:
+            by_place.setdefault(error_motion.place, {})[error_motion.component] = value
     zero = np.zeros(n)
     for i, place in enumerate(places):
         own = by_place[place]

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.effects.base import INSTRUMENT, Channel, Effect
+from abbe.compcore.effects.base import INSTRUMENT, Effect, ErrorMotion
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain, exact, first_order
@@ -188,18 +188,18 @@ class Model:
                 conditions = term.effect.amend(conditions, term.coefficients(self.machine))
         return conditions
 
-    def error_motions(self, conditions: Conditions) -> dict[Channel, F64]:
+    def error_motions(self, conditions: Conditions) -> dict[ErrorMotion, F64]:
         """Every error motion that the fitted effects move, summed over effects, each (n,).
 
         Effects of the instrument are not the machine's and are left out; readings are amended.
         """
         conditions = self.amended(conditions)
-        sums: dict[Channel, F64] = {}
+        sums: dict[ErrorMotion, F64] = {}
         for term in self.terms:
             if term.effect.scope == "instrument" or not term.fitted:
                 continue
-            for channel, value in term_motions(self.machine, term, conditions):
-                sums[channel] = sums[channel] + value if channel in sums else value
+            for error_motion, value in term_motions(self.machine, term, conditions):
+                sums[error_motion] = sums[error_motion] + value if error_motion in sums else value
         return sums
 
     def predict(self, conditions: Conditions) -> Prediction:
@@ -240,21 +240,23 @@ class Model:
             if term.effect.scope == "instrument" or not term.fitted:
                 continue
             total = np.zeros((conditions.n, 3))
-            for channel, value in term_motions(self.machine, term, conditions):
-                total += chain.influence(channel)[0] * value[:, None]
+            for error_motion, value in term_motions(self.machine, term, conditions):
+                total += chain.influence(error_motion)[0] * value[:, None]
             parts[term.effect.spec] = total
         return parts
 
 
-def term_motions(machine: Machine, term: Term, conditions: Conditions) -> list[tuple[Channel, F64]]:
-    """The error motions of one fitted term on n rows: (channel, (n,) mm or rad)."""
+def term_motions(
+    machine: Machine, term: Term, conditions: Conditions
+) -> list[tuple[ErrorMotion, F64]]:
+    """The error motions of one fitted term on n rows: (error motion, (n,) mm or rad)."""
     coefficients = term.coefficients(machine)
     found = []
     for motion in term.effect.motions(machine, conditions, term.nonlinear(machine)):
         count = motion.columns.shape[1]
         part = motion.columns @ coefficients[motion.first : motion.first + count]
-        if motion.channel.place != INSTRUMENT:
-            found.append((motion.channel, part))
+        if motion.error_motion.place != INSTRUMENT:
+            found.append((motion.error_motion, part))
     return found
 
 

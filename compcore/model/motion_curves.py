@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.model.model import Model
 
 F64 = NDArray[np.float64]
@@ -20,7 +20,7 @@ class MotionCurve:
 
     Attributes
     ----------
-    channel
+    error_motion
         The error motion.
     position
         Shape (m,), mm (rotary: rad).
@@ -28,7 +28,7 @@ class MotionCurve:
         Shape (m,), mm or rad; sd 0 where the model has no covariance.
     """
 
-    channel: Channel
+    error_motion: ErrorMotion
     position: F64
     value: F64
     sd: F64
@@ -49,7 +49,7 @@ def motion_curves(model: Model, axis: str, points: int = 61) -> list[MotionCurve
     }
     conditions = model.amended(Conditions({**positions, axis: q}, signals=signals))
     size = sum(len(term.values) for term in model.terms)
-    columns: dict[Channel, F64] = {}
+    columns: dict[ErrorMotion, F64] = {}
     coefficients = np.zeros(size)
     at = 0
     for term in model.terms:
@@ -57,17 +57,17 @@ def motion_curves(model: Model, axis: str, points: int = 61) -> list[MotionCurve
             own = term.coefficients(machine)
             coefficients[at : at + len(own)] = own
             for motion in term.effect.motions(machine, conditions, term.nonlinear(machine)):
-                if motion.channel.place == axis:
-                    whole = columns.setdefault(motion.channel, np.zeros((points, size)))
+                if motion.error_motion.place == axis:
+                    whole = columns.setdefault(motion.error_motion, np.zeros((points, size)))
                     first = at + motion.first
                     whole[:, first : first + motion.columns.shape[1]] += motion.columns
         at += len(term.values)
     curves = []
-    for channel in sorted(columns, key=lambda c: "XYZABC".index(c.component)):
-        matrix = columns[channel]
+    for error_motion in sorted(columns, key=lambda c: "XYZABC".index(c.component)):
+        matrix = columns[error_motion]
         sd = np.zeros(points)
         if model.covariance is not None:
             variance = np.einsum("np,pq,nq->n", matrix, model.covariance, matrix)
             sd = np.sqrt(np.maximum(variance, 0.0))
-        curves.append(MotionCurve(channel, q, matrix @ coefficients, sd))
+        curves.append(MotionCurve(error_motion, q, matrix @ coefficients, sd))
     return curves

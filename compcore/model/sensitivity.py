@@ -61,7 +61,7 @@ def _add_term(model: Model, term: Term, chain: Chain, translation: F64, rotation
             for motion in _motions(model, replace(term, values=moved), chain.conditions):
                 k = motion.columns.shape[1]
                 value = motion.columns @ coefficients[motion.first : motion.first + k]
-                slope = Motion(motion.channel, (sign / (2.0 * step) * value)[:, None])
+                slope = Motion(motion.error_motion, (sign / (2.0 * step) * value)[:, None])
                 _add(chain, slope, translation, rotation, slice(linear + j, linear + j + 1))
 
 
@@ -75,9 +75,9 @@ def _motions(model: Model, term: Term, conditions: Conditions) -> tuple[Motion, 
 
 
 def _add(chain: Chain, motion: Motion, translation: F64, rotation: F64, where: slice) -> None:
-    moved, turned = chain.influence(motion.channel)
+    moved, turned = chain.influence(motion.error_motion)
     translation[:, :, where] += moved[:, :, None] * motion.columns[:, None, :]
-    if motion.channel.rotation:
+    if motion.error_motion.rotation:
         rotation[:, :, where] += turned[:, :, None] * motion.columns[:, None, :]
 
 

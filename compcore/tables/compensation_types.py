@@ -16,7 +16,7 @@ import numpy as np
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.error_motion import FUNCTIONAL_POINT, SPINDLE, Channel
+from abbe.compcore.machine.error_motion import FUNCTIONAL_POINT, SPINDLE, ErrorMotion
 from abbe.compcore.machine.machine import Machine, own_component
 from abbe.compcore.model.model import Model
 
@@ -134,12 +134,12 @@ TYPES: Mapping[str, CompensationType] = {
 
 
 @dataclass(frozen=True, slots=True)
-class ErrorMotion:
+class MotionDependence:
     """What of one error motion an effect moves, and what that depends on.
 
     Attributes
     ----------
-    channel
+    error_motion
         The error motion.
     positions, directions
         Axes on whose position, and on whose approach direction, it depends.
@@ -151,7 +151,7 @@ class ErrorMotion:
         Spec of the effect that causes it.
     """
 
-    channel: Channel
+    error_motion: ErrorMotion
     positions: tuple[str, ...] = ()
     directions: tuple[str, ...] = ()
     varies: bool = False
@@ -160,12 +160,12 @@ class ErrorMotion:
 
     def role(self, machine: Machine) -> Role:
         """What it is to its axis."""
-        place, component = self.channel.place, self.channel.component
+        place, component = self.error_motion.place, self.error_motion.component
         if self.tool or not {*self.positions, *self.directions} <= {place}:
             return "beyond"
         constant = not self.positions and not self.directions
         if place in (FUNCTIONAL_POINT, SPINDLE):
-            return _beside_the_axes(machine, self.channel) if constant else "beyond"
+            return _beside_the_axes(machine, self.error_motion) if constant else "beyond"
         if place not in machine.axes:
             return "beyond"
         if machine.axis(place).rotary:
@@ -173,21 +173,21 @@ class ErrorMotion:
                 return "location"
             if component == own_component(place):
                 return "rotary positioning"
-            return "tilt" if self.channel.rotation else "radial and axial"
-        if self.channel.rotation:
+            return "tilt" if self.error_motion.rotation else "radial and axial"
+        if self.error_motion.rotation:
             # constant, it is the same as slopes of the straightnesses of all axes behind it
             return "squareness" if constant else "angular"
         return "positioning" if component == own_component(place) else "straightness"
 
 
-def _beside_the_axes(machine: Machine, channel: Channel) -> Role:
+def _beside_the_axes(machine: Machine, error_motion: ErrorMotion) -> Role:
     """A constant at the functional point or spindle: a zero, or an angle that needs the tool."""
     head_turns = any(machine.axis(a).rotary for a in machine.structure.tool_side)
-    if channel.place == SPINDLE and head_turns:
+    if error_motion.place == SPINDLE and head_turns:
         return "beyond"
-    if channel.rotation:
+    if error_motion.rotation:
         return "angular"
-    carried = any(own_component(a) == channel.component for a in machine.structure.linear)
+    carried = any(own_component(a) == error_motion.component for a in machine.structure.linear)
     return "positioning" if carried else "beyond"
 
 
@@ -216,13 +216,13 @@ def expand(names: Iterable[str]) -> frozenset[str]:
     return frozenset(found)
 
 
-def representable(motion: ErrorMotion, types: Iterable[str], machine: Machine) -> bool:
+def representable(motion: MotionDependence, types: Iterable[str], machine: Machine) -> bool:
     """Whether tables of these types can hold an error motion exactly, but for interpolation."""
     role = motion.role(machine)
     return any(role in TYPES[name].holds for name in expand(types))
 
 
-def error_motions(machine: Machine, effect: Effect) -> tuple[ErrorMotion, ...]:
+def error_motions(machine: Machine, effect: Effect) -> tuple[MotionDependence, ...]:
     """The error motions that an effect of machine or workpiece moves; none for instruments."""
     if effect.scope == "instrument":
         return ()
@@ -232,18 +232,18 @@ def error_motions(machine: Machine, effect: Effect) -> tuple[ErrorMotion, ...]:
         signals=dict.fromkeys(machine.signals, machine.reference_temperature),
     )
     nonlinear = {p.name: p.starts[0] for p in effect.nonlinear(machine)}
-    channels = dict.fromkeys(m.channel for m in effect.motions(machine, at, nonlinear))
+    error_motions = dict.fromkeys(m.error_motion for m in effect.motions(machine, at, nonlinear))
     varies = bool(effect.signals_needed()) or _changes_with_time(machine, effect, nonlinear)
     return tuple(
-        ErrorMotion(
-            channel,
+        MotionDependence(
+            error_motion,
             effect.positions_used(machine),
             effect.directions_used(),
             varies,
             effect.reads_tool,
             effect.spec,
         )
-        for channel in channels
+        for error_motion in error_motions
     )
 
 
@@ -273,8 +273,8 @@ class TypesNeeded:
     """
 
     types: tuple[str, ...]
-    by_type: Mapping[str, tuple[ErrorMotion, ...]]
-    beyond: tuple[ErrorMotion, ...]
+    by_type: Mapping[str, tuple[MotionDependence, ...]]
+    beyond: tuple[MotionDependence, ...]
 
 
 _ELEMENTARY: Mapping[Role, str] = {
@@ -292,8 +292,8 @@ _ELEMENTARY: Mapping[Role, str] = {
 def types_needed(model: Model) -> TypesNeeded:
     """The types of compensation that would hold a model's effects, fitted or not."""
     machine = model.machine
-    by_type: dict[str, list[ErrorMotion]] = {}
-    beyond: list[ErrorMotion] = []
+    by_type: dict[str, list[MotionDependence]] = {}
+    beyond: list[MotionDependence] = []
     for effect in model.effects:
         for motion in error_motions(machine, effect):
             role = motion.role(machine)

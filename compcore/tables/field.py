@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from abbe.compcore.compensator.folding.slow_state import SlowState
 from abbe.compcore.errors import InputError, NotContractionError
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.machine.kinematics import Chain, exact, first_order
 from abbe.compcore.model.model import Model
 from abbe.compcore.tables.table import Table
@@ -101,7 +101,7 @@ class ErrorField:
 
     def motions(
         self, positions: Mapping[str, F64], directions: Mapping[str, F64] | None = None
-    ) -> dict[Channel, F64]:
+    ) -> dict[ErrorMotion, F64]:
         """The error motions at the same places as the error, each (n,), mm or rad."""
         here = self.conditions(positions, directions)
         if self.lookup == "command":
@@ -121,7 +121,7 @@ class ErrorField:
         """
         conditions = self.conditions(positions, directions)
         total = np.zeros((conditions.n, 3))
-        motions: dict[Channel, F64] = {}
+        motions: dict[ErrorMotion, F64] = {}
         for table in tables:
             value = table.value(conditions)
             if not table.direct:
@@ -130,7 +130,7 @@ class ErrorField:
                 total[:, "XYZ".index(table.output.component)] += value
         return total + self.composed(motions, conditions) if motions else total
 
-    def composed(self, motions: Mapping[Channel, F64], conditions: Conditions) -> F64:
+    def composed(self, motions: Mapping[ErrorMotion, F64], conditions: Conditions) -> F64:
         """Moves of X, Y, Z by error motions, as the model composes them, (n, 3), mm."""
         chain = Chain(self.model.machine, conditions)
         compose = exact if self.model.composition == "exact" else first_order

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.error_motion import FUNCTIONAL_POINT, Channel, Component
+from abbe.compcore.machine.error_motion import FUNCTIONAL_POINT, Component, ErrorMotion
 from abbe.compcore.machine.structure import is_rotary
 
 F64 = NDArray[np.float64]
@@ -31,10 +31,10 @@ class Sign(StrEnum):
         return 1.0 if self is Sign.ERROR else -1.0
 
 
-def move(axis: str) -> Channel:
+def move(axis: str) -> ErrorMotion:
     """A table's output that is a move of X, Y or Z (a turn of A, B, C at the functional point)."""
     component: Component = axis  # type: ignore[assignment]
-    return Channel(FUNCTIONAL_POINT, component)
+    return ErrorMotion(FUNCTIONAL_POINT, component)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +62,7 @@ class Table:
         unit is then that of `output` per mm.
     """
 
-    output: Channel
+    output: ErrorMotion
     inputs: tuple[str, ...]
     nodes: tuple[F64, ...]
     forward: F64

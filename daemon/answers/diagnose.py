@@ -42,7 +42,7 @@ def as_json(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice]) -
                 "depends_on": list(s.depends_on),
                 "form": description(s),
                 "strength": round(s.drop / diagnosis.basis.chi2, 4),
-                "channel": str(s.pattern.channel),
+                "channel": str(s.pattern.error_motion),
                 "p_value": s.evidence.p_value,
             }
             for s in diagnosis.structure
@@ -103,7 +103,7 @@ def _empirical(structure: Structure, diagnosis: Diagnosis) -> dict[str, Any] | N
     terms = ",".join(t.replace(" ", "") for t in structure.pattern.terms)
     return {
         "kind": "formula",
-        "where": {"channel": str(structure.pattern.channel), "terms": terms.split(",")},
+        "where": {"channel": str(structure.pattern.error_motion), "terms": terms.split(",")},
         "spec": spec,
         "scope": "machine",
         "empirical": True,

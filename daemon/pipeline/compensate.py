@@ -42,8 +42,8 @@ def affected_directions(model: Model) -> dict[str, int]:
             continue
         mask = 0
         for motion in term.effect.motions(machine, here, term.nonlinear(machine)):
-            component = motion.channel.component
-            turned = machine.structure.rotary and motion.channel.place != FUNCTIONAL_POINT
+            component = motion.error_motion.component
+            turned = machine.structure.rotary and motion.error_motion.place != FUNCTIONAL_POINT
             for i, direction in enumerate(DIRECTIONS):
                 if turned or direction in _TURNS.get(component, (component,)):
                     mask |= 1 << i

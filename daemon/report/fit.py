@@ -77,7 +77,9 @@ def _motions(page: Page, model: Model) -> None:
     for axis in model.machine.structure.axes:
         curves = motion_curves(model, axis)
         for rotation in (False, True):
-            chosen = [c for c in curves if c.channel.rotation == rotation and np.ptp(c.value) > 0.0]
+            chosen = [
+                c for c in curves if c.error_motion.rotation == rotation and np.ptp(c.value) > 0.0
+            ]
             if chosen:
                 page.figure(pictures.motions(chosen, axis))
 

@@ -189,13 +189,13 @@ def line_parts(lines: list[Line]) -> Figure:
 def motions(curves: list[MotionCurve], axis: str) -> Figure:
     """Error motions of one axis and kind (all lengths or all angles) with their 95 % bands."""
     factor, unit = (180.0 / np.pi, "°") if is_rotary(axis) else (1.0, "mm")
-    rotation = curves[0].channel.rotation
+    rotation = curves[0].error_motion.rotation
     scale = 1e6 if rotation else 1e3
     traces: list[dict[str, Any]] = []
     for curve, colour in zip(curves, COLOURS, strict=False):
         x, y, half = curve.position * factor, curve.value * scale, 1.96 * curve.sd * scale
         traces += band(x, y - half, y + half, colour)
-        traces.append(line(x, y, str(curve.channel), line={"color": colour, "width": 2}))
+        traces.append(line(x, y, str(curve.error_motion), line={"color": colour, "width": 2}))
     return figure(traces, f"{axis} ({unit})", "µrad" if rotation else "µm", height=340)
 
 

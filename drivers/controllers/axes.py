@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.machine.error_motion import Channel, Component
+from abbe.compcore.machine.error_motion import Component, ErrorMotion
 from abbe.compcore.machine.machine import Machine, own_component
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.tables.table import Table, move
@@ -49,10 +49,10 @@ def moved_axis(table: Table) -> str:
     return table.output.component if table.direct else table.output.place
 
 
-def output_of(axis: str) -> Channel:
+def output_of(axis: str) -> ErrorMotion:
     """The output of a table that corrects an axis itself: a move, or its own turn."""
     component: Component = own_component(axis)  # type: ignore[assignment]
-    return Channel(axis, component) if is_rotary(axis) else move(component)
+    return ErrorMotion(axis, component) if is_rotary(axis) else move(component)
 
 
 def equidistant(start: float, step: float, count: int) -> F64:

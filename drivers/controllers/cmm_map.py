@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from abbe.compcore.files.map_file import format_map, parse_map
-from abbe.compcore.machine.error_motion import Channel, Component
+from abbe.compcore.machine.error_motion import Component, ErrorMotion
 from abbe.compcore.maps.convention import parse_signs
 from abbe.compcore.maps.table import COMPONENTS, AxisTable, CompensationMap
 from abbe.compcore.tables.capability import Capability, Holds, Spacing
@@ -110,7 +110,7 @@ class CmmMap(Controller):
             for k, letter in enumerate(COMPONENTS):
                 component: Component = letter  # type: ignore[assignment]
                 values = rising.array()[:, k] * signs[axis, letter]
-                found.append(Table(Channel(axis, component), (axis,), (nodes,), values))
+                found.append(Table(ErrorMotion(axis, component), (axis,), (nodes,), values))
         return found
 
     def activation(self) -> tuple[str, ...]:

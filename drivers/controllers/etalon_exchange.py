@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.machine.error_motion import Channel, Component
+from abbe.compcore.machine.error_motion import Component, ErrorMotion
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.tables.capability import Capability, Holds, Spacing
 from abbe.compcore.tables.table import Table
@@ -110,7 +110,9 @@ class EtalonExchange(Controller):
         axis = match[2]
         positions = increasing([r[0] for r in rows], file, line, section)
         nodes = positions * position_unit(axis)
-        return Table(Channel(axis, component), (axis,), (nodes,), np.array([r[1] for r in rows]))
+        return Table(
+            ErrorMotion(axis, component), (axis,), (nodes,), np.array([r[1] for r in rows])
+        )
 
     def _constant(self, section: str, value: float, file: str, line: int) -> Table:
         match = _CONSTANT.fullmatch(section)
@@ -125,7 +127,9 @@ class EtalonExchange(Controller):
                 expected="squareness in the component errors",
             )  # fmt: skip
         component: Component = match[1]  # type: ignore[assignment]
-        return Table(Channel(match[2], component), (match[2],), (np.zeros(1),), np.array([value]))
+        return Table(
+            ErrorMotion(match[2], component), (match[2],), (np.zeros(1),), np.array([value])
+        )
 
     def activation(self) -> tuple[str, ...]:
         """Named in the volumetric compensation's list."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.machine.error_motion import Channel, Component
+from abbe.compcore.machine.error_motion import Component, ErrorMotion
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.tables.table import Table, tables_of
 from abbe.drivers.controllers.axes import position_unit
@@ -64,7 +64,7 @@ def read_isg_csv(name: str, text: str, machine: Machine) -> list[Table]:
                     found=column, expected=", ".join(f"E{c}{axis}" for c in _LETTERS),
                 )  # fmt: skip
             component: Component = column[1]  # type: ignore[assignment]
-            found.append(Table(Channel(axis, component), (axis,), (nodes,), table[:, k].copy()))
+            found.append(Table(ErrorMotion(axis, component), (axis,), (nodes,), table[:, k].copy()))
 
     last = 0
     for last, raw in numbered_lines(text):

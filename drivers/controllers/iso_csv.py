@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.machine.error_motion import Channel, Component
+from abbe.compcore.machine.error_motion import Component, ErrorMotion
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.tables.capability import Capability, Holds, Spacing
 from abbe.compcore.tables.form import (
@@ -201,7 +201,7 @@ class IsoCsv(Controller):
         for component, columns in parts_of.items():
             values = columns.get("", columns.get(_FIRST[reversal], np.zeros(len(nodes))))
             direct = told["holds"] == "moves" and not (is_rotary(axis) and component in "ABC")
-            output = move(component) if direct else Channel(axis, component)
+            output = move(component) if direct else ErrorMotion(axis, component)
             one = Table(output, (axis,), (nodes,), values, sign=Sign(told["sign"]))
             if _SECOND[reversal] in columns:
                 one = from_reversal(one, columns[_SECOND[reversal]], reversal)

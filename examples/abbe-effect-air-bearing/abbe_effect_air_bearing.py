@@ -11,7 +11,7 @@ from abbe.compcore.campaign.coverage import Survey
 from abbe.compcore.effects import Effect, Motion, Parameter
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.error_motion import AxisLetter, Channel
+from abbe.compcore.machine.error_motion import AxisLetter, ErrorMotion
 from abbe.compcore.machine.machine import Machine
 
 
@@ -61,7 +61,7 @@ class AirBearingLift(Effect):
     ) -> tuple[Motion, ...]:
         """``p − p_0`` on the carriage."""
         excess = conditions.signal(self.signal) - self.nominal
-        return (Motion(Channel(self.axis, self.direction), excess[:, None]),)
+        return (Motion(ErrorMotion(self.axis, self.direction), excess[:, None]),)
 
     def positions_used(self, machine: Machine) -> tuple[str, ...]:
         """None: the carriage floats alike wherever it stands."""

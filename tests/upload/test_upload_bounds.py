@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from abbe.compcore.compensator.folding.slow_state import SlowState
-from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.machine.structure import Structure
 from abbe.compcore.model.model import Model
@@ -33,7 +33,7 @@ NO_TOOL = (0.0, 0.0, 0.0)
 
 
 def table(axis: str, component: str, nodes: list[float], up: list[float], down=None, place=None):
-    output = move(component) if place is None else Channel(place, component)
+    output = move(component) if place is None else ErrorMotion(place, component)
     back = None if down is None else np.array(down)
     return Table(output, (axis,), (np.array(nodes),), np.array(up), back)
 

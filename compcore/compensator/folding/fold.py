@@ -22,7 +22,7 @@ from abbe.compcore.compensator.folding.tables import Table, Tables
 from abbe.compcore.compensator.folding.union import Union
 from abbe.compcore.compensator.folding.variable import Variable
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.model.model import Model
 
 F64 = NDArray[np.float64]
@@ -52,7 +52,7 @@ class Fold:
 
     Attributes
     ----------
-    channels
+    error_motions
         The error motions.
     signals, lags
         What the effects read.
@@ -77,8 +77,8 @@ class Fold:
             for term in fitted
             if term.effect.scope != "instrument"
         ]
-        channels = dict.fromkeys(c for source in self._sources for c in source.channels)
-        self.channels: tuple[Channel, ...] = tuple(channels)
+        error_motions = dict.fromkeys(c for source in self._sources for c in source.error_motions)
+        self.error_motions: tuple[ErrorMotion, ...] = tuple(error_motions)
         reads = [source.reads for source in self._sources]
         lags = sorted({key for r in reads for key in r.lags})
         read = {name for r in reads for name in r.signals} | {name for name, _ in lags}
@@ -99,13 +99,13 @@ class Fold:
             A new greatest length of tools, mm.
         """
         self.reach = self.reach if reach is None else reach
-        metric = self._metric = Metric(self._machine, self.channels, self.reach)
+        metric = self._metric = Metric(self._machine, self.error_motions, self.reach)
         states = plausible_states(self._machine, self.signals, self.lags, state, seen=seen)
         states = [self._amended(s) for s in states]
         extra: dict[str, list[float]] = {}
         tolerance = self._tolerance
         narrow = self._narrow_places(states)
-        given = self._machine, self._sources, self.channels, metric
+        given = self._machine, self._sources, self.error_motions, metric
         for _ in range(_TRIES):
             self._take(Plan(*given, tolerance, states, extra, narrow))
             missed = self._missed(states)
@@ -115,7 +115,7 @@ class Fold:
                 extra.setdefault(axis, []).extend(positions)
             tolerance *= 0.7
         # an effect that hides from samples is followed point by point
-        nothing = Plan(self._machine, (), self.channels, metric, tolerance, states, {}, {})
+        nothing = Plan(self._machine, (), self.error_motions, metric, tolerance, states, {}, {})
         nothing.direct.extend(self._sources)
         self._take(nothing)
 
@@ -129,7 +129,9 @@ class Fold:
         allowed = _UNSEEN * self._tolerance / max(len(told), 1)
         found = {}
         for source in told:
-            per_unit = sum(self._metric.largest(self.channels.index(c)) for c in source.channels)
+            per_unit = sum(
+                self._metric.largest(self.error_motions.index(c)) for c in source.error_motions
+            )
             found[source] = narrow_places(self._machine, source, per_unit, self._ranges, allowed)
         return found
 
@@ -152,17 +154,17 @@ class Fold:
                 if variable.kind == "position":
                     unions.add(variable)
                 else:
-                    self._tables[group, variable] = group.table(v), group.channels
+                    self._tables[group, variable] = group.table(v), group.error_motions
                 good = good and self._good(group, v)
         for variable in unions:
             union = self._unions.get(variable) or self._union(variable)
             self._tables[variable] = union.table(), union.columns
-        constant = np.zeros(len(self.channels))
+        constant = np.zeros(len(self.error_motions))
         for group in self.plan.groups:
-            constant[list(group.channels)] += group.constant
+            constant[list(group.error_motions)] += group.constant
         products = (group.products() for group in self.plan.groups)
         self.tables = Tables(
-            self.channels,
+            self.error_motions,
             constant,
             tuple(self._tables.values()),
             tuple(p for p in products if p is not None),
@@ -188,7 +190,7 @@ class Fold:
         """Whether interpolation along a changed line is as good as it was laid out to be."""
         if not group.slow or group.variables[v].kind == "direction":
             return True
-        off = self._metric.project(group.off(v)[:, None], group.channels)
+        off = self._metric.project(group.off(v)[:, None], group.error_motions)
         return bool(self._metric.size(off).max() <= self.plan.share)
 
     def _direct_at(self, state: SlowState) -> Callable[[F64, F64], F64] | None:
@@ -206,9 +208,9 @@ class Fold:
         return at_points if direct else None
 
     def _sum(self, sources: Sequence[Source], conditions: Conditions) -> F64:
-        total = np.zeros((conditions.n, len(self.channels)))
+        total = np.zeros((conditions.n, len(self.error_motions)))
         for source in sources:
-            columns = [self.channels.index(c) for c in source.channels]
+            columns = [self.error_motions.index(c) for c in source.error_motions]
             total[:, columns] += source.values(conditions)
         return total
 
@@ -241,7 +243,7 @@ class Fold:
             self.refresh(state)
             truth = same + self._sum(slow, state.conditions(where, moved))
             off = self.tables.motions(*rows) - truth
-            moves = influences(self._machine, self.channels, state.conditions(where, {}))
+            moves = influences(self._machine, self.error_motions, state.conditions(where, {}))
             error = np.einsum("nck,nk->nc", moves, off)
             bad |= np.linalg.norm(error, axis=1) > _SEEN_GOOD * self._tolerance
         return {a: where[a][bad].tolist() for a in axes} if bad.any() else {}

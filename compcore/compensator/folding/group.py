@@ -64,12 +64,12 @@ class Group:
 
     Parameters
     ----------
-    channels
+    error_motions
         For each source the indices of its error motions among all.
 
     Attributes
     ----------
-    channels
+    error_motions
         Indices of the error motions that the group moves; columns of all values.
     slow
         Whether any of its effects changes with the slow state.
@@ -82,13 +82,13 @@ class Group:
         machine: Machine,
         variables: tuple[Variable, ...],
         sources: Sequence[Source],
-        channels: Sequence[Sequence[int]],
+        error_motions: Sequence[Sequence[int]],
     ) -> None:
         self._machine = machine
         self.variables = variables
         self.sources = tuple(sources)
-        self.channels = tuple(sorted({k for own in channels for k in own}))
-        self._columns = [[self.channels.index(k) for k in own] for own in channels]
+        self.error_motions = tuple(sorted({k for own in error_motions for k in own}))
+        self._columns = [[self.error_motions.index(k) for k in own] for own in error_motions]
         self.slow = any(s.reads.slow for s in sources)
         self._anchor = np.array([[v.anchor(machine) for v in variables]])
         self.lines: tuple[Line, ...] = ()
@@ -96,7 +96,7 @@ class Group:
         self._seen: list[tuple[object, ...] | None] = []
 
     def evaluate(self, rows: F64, state: SlowState) -> F64:
-        """Error motions on rows (n, variables) → (n, channels)."""
+        """Error motions on rows (n, variables) → (n, motions)."""
         conditions = Rows(self._machine, self.variables, rows).conditions(state)
         return self._total([s.values(conditions) for s in self.sources], len(rows))
 
@@ -105,13 +105,13 @@ class Group:
         return self._columns[self.sources.index(source)]
 
     def _total(self, own: Sequence[F64], count: int) -> F64:
-        total = np.zeros((count, len(self.channels)))
+        total = np.zeros((count, len(self.error_motions)))
         for values, columns in zip(own, self._columns, strict=True):
             total[:, columns] += values
         return total
 
     def interaction(self, rows: F64, active: Sequence[int], state: SlowState) -> F64:
-        """What is g on rows (n, len(active)), others at the anchor → (n, channels)."""
+        """What is g on rows (n, len(active)), others at the anchor → (n, motions)."""
         values = self.evaluate(self._apart(rows, active), state)
         return _together(values, *rows.shape)
 
@@ -168,15 +168,15 @@ class Group:
 
     @property
     def constant(self) -> F64:
-        """What is added to the sum of the lines, shape (channels,)."""
+        """What is added to the sum of the lines, shape (motions,)."""
         return np.asarray((1 - len(self.variables)) * self._values[0])
 
     def along(self, v: int) -> F64:
-        """Error motions on the points of one variable's line, (points, channels)."""
+        """Error motions on the points of one variable's line, (points, motions)."""
         return self._values[self._starts[v + 1] : self._starts[v + 2]]
 
     def off(self, v: int) -> F64:
-        """By how much one variable's table misses the middles of its segments, (s, channels)."""
+        """By how much one variable's table misses the middles of its segments, (s, motions)."""
         return self.lines[v].off(self.along(v))
 
     def table(self, v: int) -> Table:
@@ -187,7 +187,7 @@ class Group:
         """What the lines do not hold."""
         if not self._interactions:
             return None
-        channels: list[int] = []
+        error_motions: list[int] = []
         factors: list[list[F64]] = [[] for _ in self.lines]
         ones = [np.ones(len(line.skeleton)) for line in self.lines]
         first = 1 + len(self.lines)
@@ -196,14 +196,14 @@ class Group:
             left = _together(block[:, [part.column]], *self._cross_shapes[i])[:, 0]
             skeletons = [self.lines[v].skeleton for v in part.active]
             for product in part.cross.products(left, skeletons):
-                channels.append(self.channels[part.column])
+                error_motions.append(self.error_motions[part.column])
                 of = dict(zip(part.active, product, strict=True))
                 for v, one in enumerate(ones):
                     factors[v].append(of.get(v, one))
         used = sorted({v for part in self._interactions for v in part.active})
         tables = [self.lines[v].table(np.stack(factors[v], axis=1)) for v in used]
         kept = tuple(t for t in tables if isinstance(t, AxisTable | DirectionTable))
-        return Products(tuple(channels), kept)
+        return Products(tuple(error_motions), kept)
 
 
 def _together(values: F64, n: int, d: int) -> F64:

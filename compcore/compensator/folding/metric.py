@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from abbe.compcore.compensator.folding.distinct import distinct
 from abbe.compcore.compensator.folding.slow_state import SlowState
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.machine import Machine
 
@@ -23,12 +23,14 @@ _BETWEEN_SAMPLES = 1.1
 """Levers between random samples of a rotary machine's volume may be longer than at them."""
 
 
-def influences(machine: Machine, channels: Sequence[Channel], conditions: Conditions) -> F64:
-    """Moves of X, Y, Z (mm) per unit of each error motion on n rows, (n, 3, channels)."""
+def influences(
+    machine: Machine, error_motions: Sequence[ErrorMotion], conditions: Conditions
+) -> F64:
+    """Moves of X, Y, Z (mm) per unit of each error motion on n rows, (n, 3, motions)."""
     chain = Chain(machine, conditions)
-    if not channels:
+    if not error_motions:
         return np.zeros((conditions.n, 3, 0))
-    moved = np.stack([chain.influence(c)[0] for c in channels], axis=2)
+    moved = np.stack([chain.influence(c)[0] for c in error_motions], axis=2)
     return np.asarray(np.linalg.solve(chain.axis_moves(), moved))
 
 
@@ -45,7 +47,9 @@ class Metric:
         Tools up to this length are reckoned with, mm.
     """
 
-    def __init__(self, machine: Machine, channels: Sequence[Channel], reach: float) -> None:
+    def __init__(
+        self, machine: Machine, error_motions: Sequence[ErrorMotion], reach: float
+    ) -> None:
         self.reach = reach
         self._some: dict[tuple[int, ...], tuple[int, int, F64]] = {}
         axes = machine.structure.axes
@@ -62,35 +66,35 @@ class Metric:
         where = {a: rows[:, i] for i, a in enumerate(axes)}
         conditions = SlowState().conditions(where, {})
         tool = np.repeat(tools, len(ends), axis=0)
-        every = influences(machine, channels, replace(conditions, tool=tool))
+        every = influences(machine, error_motions, replace(conditions, tool=tool))
         if self._vectors:
             self._matrix = every[distinct(every)]
         else:
             largest = np.linalg.norm(every, axis=1).max(axis=0) * _BETWEEN_SAMPLES
             self._matrix = np.diag(largest)[None]
 
-    def largest(self, channel: int) -> float:
+    def largest(self, error_motion: int) -> float:
         """The most that one unit of an error motion does, mm per mm or per rad."""
-        return float(np.linalg.norm(self._matrix[:, :, channel], axis=1).max())
+        return float(np.linalg.norm(self._matrix[:, :, error_motion], axis=1).max())
 
-    def project(self, values: F64, channels: Sequence[int]) -> F64:
-        """Error motions of shape (m, g, len(channels)) as what `size` compares, (m, w, f).
+    def project(self, values: F64, error_motions: Sequence[int]) -> F64:
+        """Error motions of shape (m, g, len(error_motions)) as what `size` compares, (m, w, f).
 
         f functions for each of the g given: one for each corner of the volume that differs.
         """
-        w, q, matrix = self._corners(tuple(channels))
+        w, q, matrix = self._corners(tuple(error_motions))
         m, g, _ = values.shape
         projected = (values @ matrix).reshape(m, g, w, q)
         return np.asarray(projected.transpose(0, 2, 1, 3).reshape(m, w, g * q))
 
-    def _corners(self, channels: tuple[int, ...]) -> tuple[int, int, F64]:
-        """The w components at the q corners that differ, and their matrix (channels, w·q)."""
-        if channels not in self._some:
-            matrix = self._matrix[:, :, channels]
+    def _corners(self, error_motions: tuple[int, ...]) -> tuple[int, int, F64]:
+        """The w components at the q corners that differ, and their matrix (motions, w·q)."""
+        if error_motions not in self._some:
+            matrix = self._matrix[:, :, error_motions]
             matrix = matrix[distinct(matrix)]
             q, w, k = matrix.shape
-            self._some[channels] = w, q, matrix.transpose(2, 1, 0).reshape(k, w * q)
-        return self._some[channels]
+            self._some[error_motions] = w, q, matrix.transpose(2, 1, 0).reshape(k, w * q)
+        return self._some[error_motions]
 
     def size(self, projected: F64) -> F64:
         """Size in mm of projected errors, (…, w, f) → (…, f)."""

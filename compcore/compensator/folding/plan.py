@@ -17,7 +17,7 @@ from abbe.compcore.compensator.folding.metric import Metric
 from abbe.compcore.compensator.folding.slow_state import SlowState
 from abbe.compcore.compensator.folding.source import Source
 from abbe.compcore.compensator.folding.variable import DIRECTIONS, Variable
-from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.machine.machine import Machine
 
 F64 = NDArray[np.float64]
@@ -69,7 +69,7 @@ class Plan:
         self,
         machine: Machine,
         sources: Sequence[Source],
-        channels: Sequence[Channel],
+        error_motions: Sequence[ErrorMotion],
         metric: Metric,
         tolerance: float,
         states: Sequence[SlowState],
@@ -84,7 +84,7 @@ class Plan:
         ]
         self.share = tolerance
         self.groups: tuple[Group, ...] = ()
-        index = {channel: k for k, channel in enumerate(channels)}
+        index = {error_motion: k for k, error_motion in enumerate(error_motions)}
         left = [s for s in sources if s not in self.direct]
         while True:
             groups = self._grouped(left, index)
@@ -95,7 +95,9 @@ class Plan:
             self.direct.append(unfit)
             left.remove(unfit)
 
-    def _grouped(self, sources: Iterable[Source], index: dict[Channel, int]) -> tuple[Group, ...]:
+    def _grouped(
+        self, sources: Iterable[Source], index: dict[ErrorMotion, int]
+    ) -> tuple[Group, ...]:
         """Effects of one variable together, slow ones apart; others each for itself."""
         together: dict[object, list[Source]] = {}
         for source in sources:
@@ -107,7 +109,7 @@ class Plan:
                 self._machine,
                 own[0].variables,
                 own,
-                [[index[channel] for channel in source.channels] for source in own],
+                [[index[error_motion] for error_motion in source.error_motions] for source in own],
             )
             for own in together.values()
         )
@@ -161,8 +163,8 @@ class Plan:
             return []
         states = self._states_of(group)
         found = []
-        for column, channel in enumerate(group.channels):
-            own = tolerance / (len(group.channels) * self._metric.largest(channel))
+        for column, error_motion in enumerate(group.error_motions):
+            own = tolerance / (len(group.error_motions) * self._metric.largest(error_motion))
             active = self._active(group, column, _INACTIVE * own)
             if not active:
                 continue
@@ -228,7 +230,7 @@ class Plan:
         breaks = {low, high}
 
         def profile(x: F64) -> F64:
-            return self._metric.project(self._along(group, variable, x), group.channels)
+            return self._metric.project(self._along(group, variable, x), group.error_motions)
 
         if variable.kind == "phase":
             return Layout(profile, self._metric.size, sorted(breaks)), 0.0
@@ -251,7 +253,7 @@ class Plan:
     def _along(self, group: Group, variable: Variable, x: F64) -> F64:
         """Error motions along a variable in several states, and beside several values of others.
 
-        Shape (x, states and others, channels).
+        Shape (x, states and others, motions).
         """
         v = group.variables.index(variable)
         found = []
@@ -278,7 +280,7 @@ class Plan:
         """The effect of a group that needs the most nodes along a variable."""
 
         def count(source: Source) -> float:
-            columns = [group.channels[k] for k in group.columns_of(source)]
+            columns = [group.error_motions[k] for k in group.columns_of(source)]
             alone = Group(self._machine, group.variables, [source], [columns])
             layout, _ = self._layout(alone, variable)
             try:

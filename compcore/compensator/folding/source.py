@@ -11,7 +11,7 @@ from abbe.compcore.compensator.folding.slow_state import SlowState
 from abbe.compcore.compensator.folding.variable import Variable
 from abbe.compcore.effects.expressions.expression import Node
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.error_motion import INSTRUMENT, Channel
+from abbe.compcore.machine.error_motion import INSTRUMENT, ErrorMotion
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.model.model import Term
 from abbe.compcore.model.reads import Reads, reads_of
@@ -28,7 +28,7 @@ class Source:
 
     Attributes
     ----------
-    channels
+    error_motions
         The error motions that it moves, in the order of the columns of `values`.
     reads
         What it reads of the conditions.
@@ -46,19 +46,19 @@ class Source:
         self._coefficients = term.coefficients(machine)
         self._nonlinear = term.nonlinear(machine)
         self._among = among
-        self.channels: tuple[Channel, ...] = ()
+        self.error_motions: tuple[ErrorMotion, ...] = ()
         rng = np.random.default_rng(1905)
         axes = machine.structure.axes
         where = {a: rng.uniform(*machine.axis(a).travel, _PROBES) for a in axes}
         moved = {a: rng.integers(-1, 2, _PROBES).astype(np.float64) for a in axes}
-        found: dict[Channel, None] = {}
+        found: dict[ErrorMotion, None] = {}
 
         def run(conditions: Conditions) -> None:
-            found.update((channel, None) for channel, _ in self._motions(conditions))
+            found.update((error_motion, None) for error_motion, _ in self._motions(conditions))
 
         self.reads: Reads = reads_of(run, state.conditions(where, moved))
-        self.channels = tuple(found)
-        self._column = {channel: i for i, channel in enumerate(self.channels)}
+        self.error_motions = tuple(found)
+        self._column = {error_motion: i for i, error_motion in enumerate(self.error_motions)}
         positions = [self._coordinate(a) for a in axes if a in self.reads.positions]
         directions = [Variable(a, "direction") for a in axes if a in self.reads.directions]
         self.variables = (*positions, *directions)
@@ -73,23 +73,23 @@ class Source:
         return Variable(name, "phase", period)
 
     def values(self, conditions: Conditions) -> F64:
-        """The error motions on n rows, shape (n, number of channels), mm or rad."""
-        total = np.zeros((conditions.n, len(self.channels)))
-        for channel, value in self._motions(conditions):
-            total[:, self._column[channel]] += value
+        """The error motions on n rows, shape (n, number of error motions), mm or rad."""
+        total = np.zeros((conditions.n, len(self.error_motions)))
+        for error_motion, value in self._motions(conditions):
+            total[:, self._column[error_motion]] += value
         return total
 
     def expressions(self) -> tuple[tuple[float, Node], ...] | None:
         """Its error motion as numbers times expressions; None where it is none."""
         return self.effect.expressions(self._machine, self._coefficients)
 
-    def _motions(self, conditions: Conditions) -> list[tuple[Channel, F64]]:
+    def _motions(self, conditions: Conditions) -> list[tuple[ErrorMotion, F64]]:
         motions = self.effect.motions_among(self._machine, conditions, self._nonlinear, self._among)
         parts = []
         for motion in motions:
-            if motion.channel.place != INSTRUMENT:
+            if motion.error_motion.place != INSTRUMENT:
                 last = motion.first + motion.columns.shape[1]
                 parts.append(
-                    (motion.channel, motion.columns @ self._coefficients[motion.first : last])
+                    (motion.error_motion, motion.columns @ self._coefficients[motion.first : last])
                 )
         return parts

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.machine.error_motion import ErrorMotion
 
 F64 = NDArray[np.float64]
 
@@ -111,13 +111,13 @@ class Products:
 
     Attributes
     ----------
-    channels
+    error_motions
         The error motion to which each product is added.
     factors
         One table for each variable, with a column for each product.
     """
 
-    channels: tuple[int, ...]
+    error_motions: tuple[int, ...]
     factors: tuple[AxisTable | DirectionTable, ...]
 
     def at(self, positions: F64, directions: F64) -> F64:
@@ -136,30 +136,30 @@ class Tables:
 
     Attributes
     ----------
-    channels
+    error_motions
         The error motions k.
     constant
-        Shape (channels,), mm or rad.
+        Shape (motions,), mm or rad.
     tables
-        Each with the indices of the channels that its columns belong to.
+        Each with the indices of the error motions that its columns belong to.
     direct
-        For what fits no table: positions and directions (n, axes) → error motions (n, channels).
+        For what fits no table: positions and directions (n, axes) → error motions (n, motions).
     """
 
-    channels: tuple[Channel, ...]
+    error_motions: tuple[ErrorMotion, ...]
     constant: F64
     tables: tuple[tuple[Table, tuple[int, ...]], ...] = ()
     products: tuple[Products, ...] = ()
     direct: Callable[[F64, F64], F64] | None = None
 
     def motions(self, positions: F64, directions: F64) -> F64:
-        """Every error motion at n points, both arguments (n, axes) → (n, channels), mm or rad."""
+        """Every error motion at n points, both arguments (n, axes) → (n, motions), mm or rad."""
         total = np.tile(self.constant, (len(positions), 1))
         for table, columns in self.tables:
             total[:, columns] += table.at(positions, directions)
         for products in self.products:
             values = products.at(positions, directions)
-            for i, k in enumerate(products.channels):
+            for i, k in enumerate(products.error_motions):
                 total[:, k] += values[:, i]
         if self.direct is not None:
             total += self.direct(positions, directions)

@@ -35,7 +35,7 @@ class Union:
     """
 
     def __init__(self, members: Sequence[tuple[Group, int]]) -> None:
-        self.columns = tuple(sorted({k for group, _ in members for k in group.channels}))
+        self.columns = tuple(sorted({k for group, _ in members for k in group.error_motions}))
         self.nodes = increasing(np.concatenate([group.lines[v].nodes for group, v in members]))
         self._axis = members[0][0].lines[members[0][1]].index
         parts = [_Part.of(group, v, self) for group, v in members]
@@ -77,7 +77,7 @@ class _Part:
     @classmethod
     def of(cls, group: Group, v: int, union: Union) -> _Part:
         own = group.lines[v].nodes.searchsorted(union.nodes, side="right")
-        columns = [union.columns.index(k) for k in group.channels]
+        columns = [union.columns.index(k) for k in group.error_motions]
         return cls(group, v, np.append(0, own), columns)
 
     def add_to(self, total: AxisTable) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.screening.screening import Basis, Screened, drops_of, grams
 from abbe.compcore.diagnosis.uncatalogued.patterns import Pattern, oscillating
-from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.machine.error_motion import ErrorMotion
 
 F64 = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -38,19 +38,19 @@ class PatternBank:
     """
 
     def __init__(
-        self, fitted: Basis, patterns: Sequence[Pattern], seen: Mapping[Channel, F64]
+        self, fitted: Basis, patterns: Sequence[Pattern], seen: Mapping[ErrorMotion, F64]
     ) -> None:
         self._patterns = patterns
         # an error motion that no row sees has no columns, and no part
-        channels = [c for c in {p.channel: None for p in patterns} if seen[c].any()]
-        self._parts = [_Part.of(fitted, c, seen[c]) for c in channels]
+        error_motions = [c for c in {p.error_motion: None for p in patterns} if seen[c].any()]
+        self._parts = [_Part.of(fitted, c, seen[c]) for c in error_motions]
         self._batches = [batch for part in self._parts for batch in _batches(part, patterns)]
         self._grams: dict[int, F64] = {}
 
     def screen(self, basis: Basis) -> list[Screened]:
         """Test all patterns against the fitted model, perhaps extended; those that are seen."""
         targets = {
-            part.channel: np.column_stack([basis.residual, basis.extra])[part.rows]
+            part.error_motion: np.column_stack([basis.residual, basis.extra])[part.rows]
             for part in self._parts
         }
         found = []
@@ -64,7 +64,7 @@ class PatternBank:
                 scale = size.reshape(-1, batch.width)
                 own /= scale[:, :, None] * scale[:, None, :]
                 self._grams[number] = own - grams(imitated, batch.width)
-            inner = (columns @ targets[batch.part.channel]) / size[:, None]
+            inner = (columns @ targets[batch.part.error_motion]) / size[:, None]
             drop, rank = drops_of(
                 self._grams[number], inner[:, 0], np.ascontiguousarray(inner[:, 1:])
             )
@@ -80,14 +80,14 @@ class PatternBank:
 class _Part:
     """The rows that see an error motion, and what the fitted model can imitate there."""
 
-    channel: Channel
+    error_motion: ErrorMotion
     rows: Index
     seen: F64
     q: F64
     nuisances: tuple[tuple[Index | slice, F64], ...]
 
     @classmethod
-    def of(cls, fitted: Basis, channel: Channel, seen: F64) -> _Part:
+    def of(cls, fitted: Basis, error_motion: ErrorMotion, seen: F64) -> _Part:
         rows = np.flatnonzero(seen)
         at = np.full(len(seen), -1)
         at[rows] = np.arange(len(rows))
@@ -97,7 +97,7 @@ class _Part:
             mine = places >= 0
             if mine.any():
                 nuisances.append((_span(places[mine]), basis[mine]))
-        return cls(channel, rows, seen[rows], fitted.q[rows], tuple(nuisances))
+        return cls(error_motion, rows, seen[rows], fitted.q[rows], tuple(nuisances))
 
     def imitated(self, columns: F64) -> F64:
         """What the fitted model takes of columns that are laid out as rows, (k, rows)."""
@@ -132,7 +132,7 @@ class _Batch:
 def _batches(part: _Part, patterns: Sequence[Pattern]) -> Iterator[_Batch]:
     by_kind: dict[object, list[int]] = {}
     for key, pattern in enumerate(patterns):
-        if pattern.channel == part.channel:
+        if pattern.error_motion == part.error_motion:
             wave = pattern.wave
             kind = None if wave is None else (wave.v, wave.along, wave.harmonics)
             by_kind.setdefault((pattern.width, kind), []).append(key)

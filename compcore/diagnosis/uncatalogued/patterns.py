@@ -19,7 +19,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
-from abbe.compcore.effects.base import ABOUT, FUNCTIONAL_POINT, Channel
+from abbe.compcore.effects.base import ABOUT, FUNCTIONAL_POINT, ErrorMotion
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine, own_component
 from abbe.compcore.machine.structure import is_rotary
@@ -94,7 +94,7 @@ class Pattern:
         Names of the recorded quantities.
     form
         In words: 'product', 'smooth function', 'oscillation with a period of …'.
-    channel
+    error_motion
         The error motion on which it acts.
     width
         Number k of its coefficients.
@@ -112,7 +112,7 @@ class Pattern:
 
     depends_on: tuple[str, ...]
     form: str
-    channel: Channel
+    error_motion: ErrorMotion
     width: int
     values: Values
     terms: tuple[str, ...] = ()
@@ -159,27 +159,27 @@ def variables(machine: Machine, conditions: Conditions) -> list[Variable]:
     return found
 
 
-def channels(machine: Machine) -> list[Channel]:
+def error_motions(machine: Machine) -> list[ErrorMotion]:
     """Error motions on which patterns are tried: the point itself, and every axis's tilts."""
-    points = [Channel(FUNCTIONAL_POINT, c) for c in ("X", "Y", "Z")]
-    tilts = [Channel(a, ABOUT[c]) for a in machine.structure.axes for c in ("X", "Y", "Z")]
+    points = [ErrorMotion(FUNCTIONAL_POINT, c) for c in ("X", "Y", "Z")]
+    tilts = [ErrorMotion(a, ABOUT[c]) for a in machine.structure.axes for c in ("X", "Y", "Z")]
     return points + tilts
 
 
-def lever_axes(machine: Machine, channel: Channel) -> tuple[str, ...]:
+def lever_axes(machine: Machine, error_motion: ErrorMotion) -> tuple[str, ...]:
     """Axes whose position is in the lever of a tilt, so that what is seen depends on them too."""
-    if not channel.rotation:
+    if not error_motion.rotation:
         return ()
     order = machine.structure.axes
-    at = order.index(channel.place)
-    on_workpiece = channel.place in machine.structure.workpiece_side
+    at = order.index(error_motion.place)
+    on_workpiece = error_motion.place in machine.structure.workpiece_side
     behind = order[at if on_workpiece else at + 1 :]
-    along = {"A": "X", "B": "Y", "C": "Z"}[channel.component]
+    along = {"A": "X", "B": "Y", "C": "Z"}[error_motion.component]
     return tuple(a for a in behind if not is_rotary(a) and own_component(a) != along)
 
 
 def products(
-    quantities: Sequence[Variable], on: Sequence[Channel], order: int = 3
+    quantities: Sequence[Variable], on: Sequence[ErrorMotion], order: int = 3
 ) -> Iterator[Pattern]:
     """Products of up to `order` recorded quantities, each pair or triple of different families.
 
@@ -204,12 +204,12 @@ def products(
             terms = tuple(term_of(part) for part in parts)
             depends = tuple(dict.fromkeys(n for v in chosen for n in v.recorded))
             form = _product_form(tuple(dict.fromkeys(names)), squared)
-            for channel in on:
-                yield Pattern(depends, form, channel, len(parts), values, terms, tuple(names))
+            for error_motion in on:
+                yield Pattern(depends, form, error_motion, len(parts), values, terms, tuple(names))
 
 
 def surfaces(
-    quantities: Sequence[Variable], on: Sequence[Channel], degree: int = SURFACE_DEGREE
+    quantities: Sequence[Variable], on: Sequence[ErrorMotion], degree: int = SURFACE_DEGREE
 ) -> Iterator[Pattern]:
     """Smooth functions of one quantity, and of each pair with a position in it.
 
@@ -219,35 +219,35 @@ def surfaces(
     for v in quantities:
         for most in _DEGREES.get(v.family, ()):
             values = partial(_smooth, v, most)
-            for channel in on:
+            for error_motion in on:
                 form = f"smooth function of {v.name}"
-                yield Pattern(v.recorded, form, channel, most, values, made_of=(v.name,))
+                yield Pattern(v.recorded, form, error_motion, most, values, made_of=(v.name,))
     smooth = [v for v in quantities if v.family not in ("direction", "difference")]
     for a, b in combinations(smooth, 2):
         if a.family != "position":
             continue
         values = partial(_surface, a, b, degree)
         form = f"smooth function of {a.name} and {b.name}"
-        for channel in on:
-            yield Pattern((a.name, b.name), form, channel, degree**2, values)
+        for error_motion in on:
+            yield Pattern((a.name, b.name), form, error_motion, degree**2, values)
     for a in (q for q in quantities if q.family == "position"):
         for b in (q for q in quantities if q.family in ("signal", "difference")):
             values = partial(_times_smooth, b, a, degree)
             form = f"proportional to {b.name}, by a smooth function of {a.name}"
-            for channel in on:
+            for error_motion in on:
                 depends = (a.name, *b.recorded)
                 made_of = (a.name, b.name)
-                yield Pattern(depends, form, channel, degree + 1, values, made_of=made_of)
+                yield Pattern(depends, form, error_motion, degree + 1, values, made_of=made_of)
     for v in (q for q in quantities if q.family == "direction"):
         for w in (q for q in smooth if q.family in ("position", "signal")):
             values = partial(_times_smooth, v, w, degree)
             form = f"smooth function of {w.name}, of opposite sign in the two directions"
-            for channel in on:
-                yield Pattern((w.name, v.name), form, channel, degree + 1, values)
+            for error_motion in on:
+                yield Pattern((w.name, v.name), form, error_motion, degree + 1, values)
 
 
 def oscillations(
-    quantities: Sequence[Variable], on: Sequence[Channel], shortest: Mapping[str, float]
+    quantities: Sequence[Variable], on: Sequence[ErrorMotion], shortest: Mapping[str, float]
 ) -> Iterator[Pattern]:
     """Sine and cosine in time and along each axis, over a grid of periods.
 
@@ -258,12 +258,12 @@ def oscillations(
             continue
         span = 2.0 * v.scale
         for period in period_grid(shortest[v.name], 0.8 * span, _FINE / span):
-            for channel in on:
-                yield oscillation(v, period, channel)
+            for error_motion in on:
+                yield oscillation(v, period, error_motion)
 
 
 def swings(
-    quantities: Sequence[Variable], on: Sequence[Channel], shortest: Mapping[str, float]
+    quantities: Sequence[Variable], on: Sequence[ErrorMotion], shortest: Mapping[str, float]
 ) -> Iterator[Pattern]:
     """Oscillations in time that grow along an axis from its middle: what tilts or stretches.
 
@@ -276,14 +276,14 @@ def swings(
     positions = [q for q in quantities if q.family == "position"]
     for period in period_grid(2.0 * shortest[time.name], 0.8 * span, _COARSE / span):
         for along in positions:
-            for channel in on:
-                yield oscillation(time, period, channel, along)
+            for error_motion in on:
+                yield oscillation(time, period, error_motion, along)
 
 
 def oscillation(
     v: Variable,
     period: float,
-    channel: Channel,
+    error_motion: ErrorMotion,
     along: Variable | None = None,
     *,
     harmonics: int = 1,
@@ -303,7 +303,7 @@ def oscillation(
     return Pattern(
         (v.name,) if along is None else (along.name, v.name),
         form,
-        channel,
+        error_motion,
         2 * harmonics,
         partial(_repeating, wave),
         tuple(f"{grown}{turn}({a})" for a in arguments for turn in ("cos", "sin")),

@@ -18,7 +18,7 @@ from abbe.compcore.diagnosis.uncatalogued.pattern_bank import PatternBank
 from abbe.compcore.diagnosis.uncatalogued.patterns import (
     Pattern,
     Variable,
-    channels,
+    error_motions,
     lever_axes,
     oscillation,
     oscillations,
@@ -103,7 +103,7 @@ class Patterns:
         campaign = problem.campaign
         machine = self._machine = problem.model.machine
         self._quantities = variables(machine, campaign.conditions)
-        on = channels(machine)
+        on = error_motions(machine)
         observation = problem.observation(theta)
         self._seen = {c: observation.seen(c) * problem.weight for c in on}
         order = 3 if campaign.n <= _MANY_ROWS else 2
@@ -119,7 +119,7 @@ class Patterns:
 
     def columns(self, pattern: Pattern) -> F64:
         """Weighted columns of a pattern, shape (n, k)."""
-        return np.asarray(self._seen[pattern.channel][:, None] * pattern.basis)
+        return np.asarray(self._seen[pattern.error_motion][:, None] * pattern.basis)
 
     def strongest(self, basis: Basis, most: int = 5) -> list[Structure]:
         """The strongest patterns in the residuals, strongest first, no two nearly the same."""
@@ -142,7 +142,7 @@ class Patterns:
         pattern = structure.pattern
         if pattern.terms and len(pattern.factors) < 2:
             return structure
-        seen = self._seen[pattern.channel]
+        seen = self._seen[pattern.error_motion]
         return replace(
             structure,
             pattern=shortened(basis, pattern, self._quantities, seen, structure.drop),
@@ -156,7 +156,7 @@ class Patterns:
         """
         pattern = structure.pattern
         value = {q.name: q.value for q in self._quantities}
-        seen = self._seen[pattern.channel]
+        seen = self._seen[pattern.error_motion]
         pairs = dict.fromkeys(combinations(pattern.factors, 2)) if len(pattern.factors) > 2 else ()
         lower = [(seen * value[a] * value[b])[:, None] for a, b in pairs]
         return np.hstack([structure.columns, *lower])
@@ -171,7 +171,7 @@ class Patterns:
                 continue
             best = next(refined)
             w = best.wave or pattern.wave
-            repeated = oscillation(w.v, w.period, best.channel, w.along, harmonics=_HARMONICS)
+            repeated = oscillation(w.v, w.period, best.error_motion, w.along, harmonics=_HARMONICS)
             forms += [(i, best, 1), (i, repeated, 1)]
         bank = PatternBank(self._fitted, [form for _, form, _ in forms], self._seen)
         seen = {s.key: s for s in bank.screen(basis)}
@@ -198,9 +198,9 @@ class Patterns:
     def _structure(
         self, basis: Basis, pattern: Pattern, s: Screened, tests: int, refined: int
     ) -> Structure:
-        cost = EMPIRICAL + (TILT if pattern.channel.rotation else 0.0)
+        cost = EMPIRICAL + (TILT if pattern.error_motion.rotation else 0.0)
         evidence = weigh(basis, s, tests, cost, refined)
-        levers = lever_axes(self._machine, pattern.channel)
+        levers = lever_axes(self._machine, pattern.error_motion)
         depends = tuple(dict.fromkeys((*pattern.depends_on, *levers)))
         return Structure(pattern, partial(self.columns, pattern), evidence, s.drop, depends)
 
@@ -212,7 +212,7 @@ class Patterns:
                 v, period, along, _ = pattern.wave
                 step = 0.25 / (2.0 * v.scale)
                 trials += [
-                    oscillation(v, 1.0 / (1.0 / period + part * step), pattern.channel, along)
+                    oscillation(v, 1.0 / (1.0 / period + part * step), pattern.error_motion, along)
                     for part in np.linspace(-1.0, 1.0, _NEARBY)
                 ]
         drop = np.zeros(len(trials))

@@ -46,7 +46,7 @@ def shortened(
     quantities
         The recorded quantities.
     seen
-        Weighted part of the pattern's channel in each row, shape (n,).
+        Weighted part of the pattern's error motion in each row, shape (n,).
     drop
         Fall of χ² by the whole pattern.
     """

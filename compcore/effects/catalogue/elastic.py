@@ -12,9 +12,9 @@ from abbe.compcore.effects.base import (
     ABOUT,
     F64,
     AxisLetter,
-    Channel,
     Component,
     Effect,
+    ErrorMotion,
     Motion,
     Parameter,
 )
@@ -94,7 +94,7 @@ class CrossAngular(Effect):
         column = by.clamp(conditions.position(self.by)) - by.middle
         if self.product:
             column = column * machine.axis(self.axis).clamp(conditions.position(self.axis))
-        return (Motion(Channel(self.axis, ABOUT[self.about]), column[:, None]),)
+        return (Motion(ErrorMotion(self.axis, ABOUT[self.about]), column[:, None]),)
 
     def positions_used(self, machine: Machine) -> tuple[str, ...]:
         """The other axis, and the axis itself for a product."""
@@ -211,9 +211,9 @@ class OverhangSag(Effect):
             slope = -slope
         elif behind:
             deflection = deflection - slope * position
-        found = [Motion(Channel(self.axis, self.direction), deflection[:, None])]
+        found = [Motion(ErrorMotion(self.axis, self.direction), deflection[:, None])]
         found += [
-            Motion(Channel(self.axis, ROTATIONS[k]), (part * slope)[:, None])
+            Motion(ErrorMotion(self.axis, ROTATIONS[k]), (part * slope)[:, None])
             for k, part in enumerate(self._turn(by))
             if abs(part) > 1e-12
         ]
@@ -292,12 +292,15 @@ class LoadBending(ShapedEffect):
 
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """One coefficient a basis function, per unit of load."""
-        channel = Channel(self.axis, self.component())
+        error_motion = ErrorMotion(self.axis, self.component())
         load = machine.signals[self.signal]
-        most = (5e-4 if channel.rotation else 0.2) / span(load)
+        most = (5e-4 if error_motion.rotation else 0.2) / span(load)
         return tuple(
             Parameter(
-                name, per(channel.unit, load), (-most, most), f"{channel} by {self.signal}, {name}"
+                name,
+                per(error_motion.unit, load),
+                (-most, most),
+                f"{error_motion} by {self.signal}, {name}",
             )
             for name in self.parsed_shape(machine).names
         )
@@ -307,8 +310,8 @@ class LoadBending(ShapedEffect):
     ) -> tuple[Motion, ...]:
         """The load times the shape's basis functions."""
         load = conditions.signal(self.signal)[:, None]
-        channel = Channel(self.axis, self.component())
-        return (Motion(channel, self.basis(machine, conditions) * load),)
+        error_motion = ErrorMotion(self.axis, self.component())
+        return (Motion(error_motion, self.basis(machine, conditions) * load),)
 
     @classmethod
     def candidates(cls, machine: Machine, survey: Survey) -> Iterable[LoadBending]:

@@ -48,9 +48,9 @@ class WarmUp(ShiftEffect):
 
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """The whole way."""
-        channel = self.channel()
-        most = 5e-4 if channel.rotation else 0.2
-        return (Parameter("A", channel.unit, (-most, most), f"warm-up of {channel}"),)
+        error_motion = self.error_motion()
+        most = 5e-4 if error_motion.rotation else 0.2
+        return (Parameter("A", error_motion.unit, (-most, most), f"warm-up of {error_motion}"),)
 
     def nonlinear(self, machine: Machine) -> tuple[NonlinearParameter, ...]:
         """The time constant unless it is given."""
@@ -68,7 +68,7 @@ class WarmUp(ShiftEffect):
         """``1 − e^(−t/τ)`` on the shift."""
         tau = nonlinear["tau"] if self.tau is None else self.tau
         risen = -np.expm1(-np.clip(conditions.time, 0.0, None) / tau)
-        return (Motion(self.channel(), risen[:, None]),)
+        return (Motion(self.error_motion(), risen[:, None]),)
 
     @classmethod
     def candidates(cls, machine: Machine, survey: Survey) -> Iterable[WarmUp]:
@@ -116,15 +116,17 @@ class Drift(ShiftEffect):
 
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """The speed of the drift."""
-        channel = self.channel()
-        most = (1e-4 if channel.rotation else 0.05) / 3600.0
-        return (Parameter("rate", f"{channel.unit}/s", (-most, most), f"drift of {channel}"),)
+        error_motion = self.error_motion()
+        most = (1e-4 if error_motion.rotation else 0.05) / 3600.0
+        return (
+            Parameter("rate", f"{error_motion.unit}/s", (-most, most), f"drift of {error_motion}"),
+        )
 
     def motions(
         self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
     ) -> tuple[Motion, ...]:
         """``t`` on the shift."""
-        return (Motion(self.channel(), conditions.time[:, None]),)
+        return (Motion(self.error_motion(), conditions.time[:, None]),)
 
     @classmethod
     def candidates(cls, machine: Machine, survey: Survey) -> Iterable[Drift]:
@@ -162,9 +164,9 @@ class Event(ShiftEffect):
 
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """The step."""
-        channel = self.channel()
-        most = 5e-4 if channel.rotation else 0.2
-        return (Parameter("step", channel.unit, (-most, most), f"step of {channel}"),)
+        error_motion = self.error_motion()
+        most = 5e-4 if error_motion.rotation else 0.2
+        return (Parameter("step", error_motion.unit, (-most, most), f"step of {error_motion}"),)
 
     def nonlinear(self, machine: Machine) -> tuple[NonlinearParameter, ...]:
         """The moment unless it is given."""
@@ -182,7 +184,7 @@ class Event(ShiftEffect):
         """1 from t0 on."""
         t0 = nonlinear["t0"] if self.t0 is None else self.t0
         after = (conditions.time >= t0).astype(np.float64)
-        return (Motion(self.channel(), after[:, None]),)
+        return (Motion(self.error_motion(), after[:, None]),)
 
     @classmethod
     def candidates(cls, machine: Machine, survey: Survey) -> Iterable[Event]:

@@ -13,9 +13,9 @@ from pydantic import BeforeValidator, Field, field_validator
 from abbe.compcore.effects.base import (
     F64,
     FUNCTIONAL_POINT,
-    Channel,
     Component,
     Effect,
+    ErrorMotion,
     Motion,
     Parameter,
 )
@@ -121,13 +121,13 @@ class Formula(Effect):
             _free(text)
         return tuple(_without_spaces(text) for text in terms)
 
-    def target(self) -> Channel:
+    def target(self) -> ErrorMotion:
         """The error motion."""
         match = _CHANNEL.fullmatch(self.channel)
         if match is None:
             raise InputError("not an error motion", field="channel", found=self.channel)
         component: Component = match["shift"] or match["component"]  # type: ignore[assignment]
-        return Channel(match["axis"] or FUNCTIONAL_POINT, component)
+        return ErrorMotion(match["axis"] or FUNCTIONAL_POINT, component)
 
     def check(self, machine: Machine) -> None:
         """An axis that exists; names and dimensions of the terms."""

@@ -185,7 +185,7 @@ class SensorOffset(Effect):
             for high, low in zip(*ends, strict=True):
                 part = values[high.first : high.first + high.columns.shape[1]]
                 slope = (low.columns - high.columns) @ part / (2.0 * half)
-                found.append(Motion(high.channel, slope[:, None]))
+                found.append(Motion(high.error_motion, slope[:, None]))
         return tuple(found)
 
     def amend(self, conditions: Conditions, coefficients: F64) -> Conditions:

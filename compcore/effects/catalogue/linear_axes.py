@@ -10,9 +10,9 @@ from abbe.compcore.campaign.coverage import Survey
 from abbe.compcore.effects.base import (
     ABOUT,
     AxisLetter,
-    Channel,
     Component,
     Effect,
+    ErrorMotion,
     Motion,
     Parameter,
 )
@@ -275,7 +275,7 @@ class Squareness(Effect):
     ) -> tuple[Motion, ...]:
         """A constant on the first axis's rotation, its own move not turned along."""
         first = self.axes[0]
-        turn = Motion(Channel(first, self.component()), np.ones((conditions.n, 1)))
+        turn = Motion(ErrorMotion(first, self.component()), np.ones((conditions.n, 1)))
         if not machine.own_move_in_lever(first):
             return (turn,)
         about = np.zeros(3)
@@ -283,7 +283,7 @@ class Squareness(Effect):
         back = -np.cross(about, machine.axis(first).direction)
         position = conditions.position(first)
         own = [
-            Motion(Channel(first, letter), (position * back[k])[:, None])
+            Motion(ErrorMotion(first, letter), (position * back[k])[:, None])
             for k, letter in enumerate(TRANSLATIONS)
             if back[k] != 0.0
         ]

@@ -11,9 +11,9 @@ from pydantic import model_validator
 
 from abbe.compcore.campaign.coverage import Survey
 from abbe.compcore.effects.base import (
-    Channel,
     Component,
     Effect,
+    ErrorMotion,
     Motion,
     NonlinearParameter,
     Parameter,
@@ -94,9 +94,13 @@ class LocalDefect(Effect):
 
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """The height at the centre."""
-        channel = Channel(self.axis, self.component)
-        plausible = (-1e-4, 1e-4) if channel.rotation else (-0.05, 0.05)
-        return (Parameter("depth", channel.unit, plausible, f"height of the bump in {channel}"),)
+        error_motion = ErrorMotion(self.axis, self.component)
+        plausible = (-1e-4, 1e-4) if error_motion.rotation else (-0.05, 0.05)
+        return (
+            Parameter(
+                "depth", error_motion.unit, plausible, f"height of the bump in {error_motion}"
+            ),
+        )
 
     def nonlinear(self, machine: Machine) -> tuple[NonlinearParameter, ...]:
         """Centre and width unless given."""
@@ -135,7 +139,7 @@ class LocalDefect(Effect):
         u = 2.0 * _HALF / width * (position - centre)
         inside = np.maximum(1.0 - u * u, 0.0)
         bump = inside * inside * inside
-        return (Motion(Channel(self.axis, self.component), bump[:, None]),)
+        return (Motion(ErrorMotion(self.axis, self.component), bump[:, None]),)
 
     def kinks(self, machine: Machine) -> dict[str, tuple[float, ...]]:
         """The ends of the travel, and the bump's where they are given."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from abbe.compcore.campaign.coverage import Survey
-from abbe.compcore.effects.base import ABOUT, AxisLetter, Channel, Component, Motion, Parameter
+from abbe.compcore.effects.base import ABOUT, AxisLetter, Component, ErrorMotion, Motion, Parameter
 from abbe.compcore.effects.catalogue.shaped import ShapedEffect
 from abbe.compcore.effects.registry import register
 from abbe.compcore.effects.targets import along
@@ -25,12 +25,17 @@ class ReversalEffect(ShapedEffect):
 
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """The reversal value, or its coefficients along the axis."""
-        channel = Channel(self.axis, self.component())
+        error_motion = ErrorMotion(self.axis, self.component())
         names = self.parsed_shape(machine).names
         if self.shape == "constant":
             names = ("b",)
         return tuple(
-            Parameter(name, channel.unit, self.plausible(), f"reversal value of {channel}, {name}")
+            Parameter(
+                name,
+                error_motion.unit,
+                self.plausible(),
+                f"reversal value of {error_motion}, {name}",
+            )
             for name in names
         )
 
@@ -39,8 +44,8 @@ class ReversalEffect(ShapedEffect):
     ) -> tuple[Motion, ...]:
         """``½ s_a`` times the shape; 0 where the direction was not recorded."""
         half = 0.5 * conditions.direction(self.axis)[:, None]
-        channel = Channel(self.axis, self.component())
-        return (Motion(channel, self.basis(machine, conditions) * half),)
+        error_motion = ErrorMotion(self.axis, self.component())
+        return (Motion(error_motion, self.basis(machine, conditions) * half),)
 
     def directions_used(self) -> tuple[str, ...]:
         """The axis itself."""

@@ -13,9 +13,9 @@ from abbe.compcore.effects.base import (
     F64,
     SPINDLE,
     AxisLetter,
-    Channel,
     Component,
     Effect,
+    ErrorMotion,
     Motion,
     Parameter,
 )
@@ -77,10 +77,10 @@ class RotaryLocation(Effect):
         """E_X0C, E_Y0C, E_A0C, E_B0C, E_C0C, and alike for A and B."""
         found = []
         for k in self.components():
-            channel = Channel(self.axis, k)
-            plausible = (-1e-3, 1e-3) if channel.rotation else (-0.2, 0.2)
+            error_motion = ErrorMotion(self.axis, k)
+            plausible = (-1e-3, 1e-3) if error_motion.rotation else (-0.2, 0.2)
             text = f"axis average line of {self.axis}, {k}"
-            found.append(Parameter(f"E_{k}0{self.axis}", channel.unit, plausible, text))
+            found.append(Parameter(f"E_{k}0{self.axis}", error_motion.unit, plausible, text))
         return tuple(found)
 
     def motions(
@@ -89,7 +89,7 @@ class RotaryLocation(Effect):
         """One constant each."""
         one = np.ones((conditions.n, 1))
         return tuple(
-            Motion(Channel(self.axis, k), one, first=i) for i, k in enumerate(self.components())
+            Motion(ErrorMotion(self.axis, k), one, first=i) for i, k in enumerate(self.components())
         )
 
     def positions_used(self, machine: Machine) -> tuple[str, ...]:
@@ -143,14 +143,15 @@ class RotaryMotion(Effect):
 
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """Cosine and sine amplitude of each harmonic, or the shape's coefficients."""
-        channel = Channel(self.axis, self.component())
-        most = 5e-4 if channel.rotation else 0.05
+        error_motion = ErrorMotion(self.axis, self.component())
+        most = 5e-4 if error_motion.rotation else 0.05
         if shape := self._shape():
             names = shape.names
         else:
             names = tuple(f"{k}{h}" for h in range(1, self.waves + 1) for k in "AB")
         return tuple(
-            Parameter(name, channel.unit, (-most, most), f"{channel}, {name}") for name in names
+            Parameter(name, error_motion.unit, (-most, most), f"{error_motion}, {name}")
+            for name in names
         )
 
     def motions(
@@ -164,7 +165,7 @@ class RotaryMotion(Effect):
         else:
             phase = np.outer(angle, np.arange(1, self.waves + 1))
             columns = np.stack([np.cos(phase), np.sin(phase)], axis=2).reshape(len(angle), -1)
-        return (Motion(Channel(self.axis, self.component()), columns),)
+        return (Motion(ErrorMotion(self.axis, self.component()), columns),)
 
     def positions_used(self, machine: Machine) -> tuple[str, ...]:
         """The axis itself, unless its shape is constant."""
@@ -397,7 +398,7 @@ class SpindleSquareness(Effect):
         unit = np.eye(3)
         turn = np.cross(unit["XYZ".index(_spindle(machine))], unit["XYZ".index(self.direction)])
         k = int(np.argmax(np.abs(turn)))
-        return (Motion(Channel(SPINDLE, ROTATIONS[k]), np.full((conditions.n, 1), turn[k])),)
+        return (Motion(ErrorMotion(SPINDLE, ROTATIONS[k]), np.full((conditions.n, 1), turn[k])),)
 
     def positions_used(self, machine: Machine) -> tuple[str, ...]:
         """None: a constant."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.campaign.coverage import Survey
-from abbe.compcore.effects.base import F64, INSTRUMENT, Channel, Effect, Motion, Parameter
+from abbe.compcore.effects.base import F64, INSTRUMENT, Effect, ErrorMotion, Motion, Parameter
 from abbe.compcore.effects.registry import register
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
@@ -24,7 +24,7 @@ from abbe.compcore.machine.machine import Machine
 Measures = Literal["length", "angle"]
 """Whether a set-up measures lengths (mm) or angles (rad)."""
 
-MEASURED = Channel(INSTRUMENT, "X")
+MEASURED = ErrorMotion(INSTRUMENT, "X")
 """The measured value itself."""
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from pydantic import model_validator
 
-from abbe.compcore.effects.base import F64, Channel, Component, Effect, Motion, Parameter
+from abbe.compcore.effects.base import F64, Component, Effect, ErrorMotion, Motion, Parameter
 from abbe.compcore.effects.keys import Numbers
 from abbe.compcore.effects.shapes import Shape
 from abbe.compcore.machine.conditions import Conditions
@@ -40,9 +40,11 @@ class ShapedEffect(Effect):
 
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """One coefficient a basis function, mm or rad."""
-        channel = Channel(self.axis, self.component())
+        error_motion = ErrorMotion(self.axis, self.component())
         return tuple(
-            Parameter(name, channel.unit, self.plausible(), f"{channel}: {self.shape}, {name}")
+            Parameter(
+                name, error_motion.unit, self.plausible(), f"{error_motion}: {self.shape}, {name}"
+            )
             for name in self.parsed_shape(machine).names
         )
 
@@ -58,7 +60,7 @@ class ShapedEffect(Effect):
         self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
     ) -> tuple[Motion, ...]:
         """The shape's basis functions on the one error motion."""
-        return (Motion(Channel(self.axis, self.component()), self.basis(machine, conditions)),)
+        return (Motion(ErrorMotion(self.axis, self.component()), self.basis(machine, conditions)),)
 
     def positions_used(self, machine: Machine) -> tuple[str, ...]:
         """The axis itself, unless the shape is constant."""

@@ -9,7 +9,7 @@ from abbe.compcore.effects.base import (
     FUNCTIONAL_POINT,
     SPINDLE,
     AxisLetter,
-    Channel,
+    ErrorMotion,
     Motion,
     Parameter,
 )
@@ -145,7 +145,7 @@ class ThermalOffset(LaggedEffect):
         """``T − T0`` on the shift."""
         heat = excess(machine, conditions, self.signal, self.lag(nonlinear))
         place = SPINDLE if machine.signals[self.signal].role == "spindle" else FUNCTIONAL_POINT
-        return (Motion(Channel(place, self.direction), heat[:, None]),)
+        return (Motion(ErrorMotion(place, self.direction), heat[:, None]),)
 
     @classmethod
     def candidates(cls, machine: Machine, survey: Survey) -> Iterable[ThermalOffset]:

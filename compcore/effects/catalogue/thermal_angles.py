@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import model_validator
 
 from abbe.compcore.campaign.coverage import Survey
-from abbe.compcore.effects.base import ABOUT, F64, AxisLetter, Channel, Motion, Parameter
+from abbe.compcore.effects.base import ABOUT, F64, AxisLetter, ErrorMotion, Motion, Parameter
 from abbe.compcore.effects.keys import Pair
 from abbe.compcore.effects.registry import register
 from abbe.compcore.effects.signals import (
@@ -98,13 +98,14 @@ class ThermalBending(LaggedEffect):
         axis = machine.axis(self.axis)
         position = axis.clamp(conditions.position(self.axis))
         turn = (one - two) * position
-        found = [Motion(Channel(self.axis, ABOUT[self.about]), turn[:, None])]
+        found = [Motion(ErrorMotion(self.axis, ABOUT[self.about]), turn[:, None])]
         if self.deflection:
             # where its own move is in the lever, the turn over that move is twice what is wanted
             half = -0.5 if machine.own_move_in_lever(self.axis) else 0.5
             found += [
                 Motion(
-                    Channel(self.axis, TRANSLATIONS[k]), (half * part * turn * position)[:, None]
+                    ErrorMotion(self.axis, TRANSLATIONS[k]),
+                    (half * part * turn * position)[:, None],
                 )
                 for k, part in enumerate(self._across(axis))
                 if abs(part) > 1e-12
@@ -206,7 +207,7 @@ class ThermalTilt(LaggedEffect):
         tau = self.lag(nonlinear)
         parts = [excess(machine, conditions, s, tau) for s in self.signals_needed()]
         heat = parts[0] if self.signal is not None else parts[0] - parts[1]
-        return (Motion(Channel(self.axis, ABOUT[self.about]), heat[:, None]),)
+        return (Motion(ErrorMotion(self.axis, ABOUT[self.about]), heat[:, None]),)
 
     def positions_used(self, machine: Machine) -> tuple[str, ...]:
         """None: the angle is the same wherever the axis stands."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from abbe.compcore.campaign.coverage import Survey
-from abbe.compcore.effects.base import WORKPIECE, Channel, Effect, Motion, Parameter
+from abbe.compcore.effects.base import WORKPIECE, Effect, ErrorMotion, Motion, Parameter
 from abbe.compcore.effects.keys import Vector
 from abbe.compcore.effects.registry import register
 from abbe.compcore.effects.signals import by_sense, excess, recorded
@@ -71,7 +71,7 @@ class WorkpieceExpansion(Effect):
         warmth = excess(machine, conditions, self.signal, None)
         point = Chain(machine, conditions).point
         return tuple(
-            Motion(Channel(WORKPIECE, k), ((self.datum[i] - point[:, i]) * warmth)[:, None])
+            Motion(ErrorMotion(WORKPIECE, k), ((self.datum[i] - point[:, i]) * warmth)[:, None])
             for i, k in enumerate(TRANSLATIONS)
         )
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign
-from abbe.compcore.effects.base import Channel, Effect, Motion
+from abbe.compcore.effects.base import Effect, ErrorMotion, Motion
 from abbe.compcore.fitting.design.nuisance import Block, Eliminator, setup_blocks
 from abbe.compcore.fitting.design.observation import Observation, with_tools
 from abbe.compcore.fitting.design.row_blocks import Piece, in_pieces, rows_at_once
@@ -83,12 +83,14 @@ class Problem:
         other._motions, other._tool_directions = {}, {}
         other._conditions = other._observation = other._blocks = other._eliminator = None
         other._given = {
-            i: tuple(Motion(m.channel, m.columns[rows], m.first) for m in self.motions(i, theta))
+            i: tuple(
+                Motion(m.error_motion, m.columns[rows], m.first) for m in self.motions(i, theta)
+            )
             for i, effect in enumerate(self.model.effects)
             if effect.scope == "instrument"
         }
         other._beside = {
-            key: tuple(Motion(m.channel, m.columns[rows], m.first) for m in motions)
+            key: tuple(Motion(m.error_motion, m.columns[rows], m.first) for m in motions)
             for key, motions in self._beside.items()
         }
         return other
@@ -237,11 +239,11 @@ class Problem:
 
     def _stack(self, observation: Observation, motions: tuple[Motion, ...], count: int) -> F64:
         if len(motions) == 1 and motions[0].columns.shape[1] == count:
-            seen = observation.seen(motions[0].channel) * self.weight
+            seen = observation.seen(motions[0].error_motion) * self.weight
             return np.asarray(seen[:, None] * motions[0].columns)
         out = np.zeros((self.n, count))
         for motion in motions:
-            seen = observation.seen(motion.channel) * self.weight
+            seen = observation.seen(motion.error_motion) * self.weight
             where = slice(motion.first, motion.first + motion.columns.shape[1])
             out[:, where] += seen[:, None] * motion.columns
         return out
@@ -313,9 +315,9 @@ class Problem:
             at += k
         return np.hstack([self.columns(theta), nuisances])
 
-    def error_motions(self, theta: F64) -> dict[Channel, F64]:
+    def error_motions(self, theta: F64) -> dict[ErrorMotion, F64]:
         """Every error motion that θ's effects move, instrument's included, each (n,) mm or rad."""
-        sums: dict[Channel, F64] = {}
+        sums: dict[ErrorMotion, F64] = {}
         for i, effect in enumerate(self.model.effects):
             if effect.reads_model:
                 continue  # it acts through the amended conditions
@@ -323,8 +325,8 @@ class Problem:
             for motion in self.motions(i, theta):
                 part = coefficients[motion.first : motion.first + motion.columns.shape[1]]
                 value = motion.columns @ part
-                old = sums.get(motion.channel)
-                sums[motion.channel] = value if old is None else old + value
+                old = sums.get(motion.error_motion)
+                sums[motion.error_motion] = value if old is None else old + value
         return sums
 
     def predicted(self, theta: F64) -> F64:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
-from abbe.compcore.effects.base import INSTRUMENT, Channel
+from abbe.compcore.effects.base import INSTRUMENT, ErrorMotion
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain, exact, first_order
 from abbe.compcore.machine.machine import Machine
@@ -50,7 +50,7 @@ class Observation:
         self.base_distance = np.flatnonzero(kind == Kind.BASE_DISTANCE)
         self._toward = u if displacement.all() else np.where(displacement[:, None], u, 0.0)
         self._about = np.where(rotation[:, None], u, 0.0) if rotation.any() else None
-        self._seen: dict[Channel, F64] = {}
+        self._seen: dict[ErrorMotion, F64] = {}
         self.between = np.zeros((n, 3))
         """Row → unit vector base → point (or base2 → base), workpiece frame; 0 on other rows."""
         self._vector = np.zeros((n, 3))
@@ -84,23 +84,23 @@ class Observation:
         """Row → the direction about which an error of the orientation is seen, (n, 3)."""
         return np.zeros_like(self._toward) if self._about is None else self._about
 
-    def seen(self, channel: Channel) -> F64:
+    def seen(self, error_motion: ErrorMotion) -> F64:
         """What one unit of an error motion adds to the measured values, shape (n,).
 
         mm or rad of value per mm or rad of motion, to first order (the lever rule).
         """
-        if channel not in self._seen:
-            if channel.place == INSTRUMENT:
-                self._seen[channel] = np.ones(self._toward.shape[0])
+        if error_motion not in self._seen:
+            if error_motion.place == INSTRUMENT:
+                self._seen[error_motion] = np.ones(self._toward.shape[0])
             else:
-                moved, turned = self.chain.influence(channel)
+                moved, turned = self.chain.influence(error_motion)
                 seen = np.einsum("ni,ni->n", self._toward, moved)
-                if channel.rotation and self._about is not None:
+                if error_motion.rotation and self._about is not None:
                     seen += np.einsum("ni,ni->n", self._about, turned)
-                self._seen[channel] = seen
-        return self._seen[channel]
+                self._seen[error_motion] = seen
+        return self._seen[error_motion]
 
-    def values(self, motions: Mapping[Channel, F64], composition: Composition) -> F64:
+    def values(self, motions: Mapping[ErrorMotion, F64], composition: Composition) -> F64:
         """What the rows would read for given error motions (each (n,), mm or rad), shape (n,).
 
         mm, or rad for rotations; distances in full, not to first order.
@@ -120,15 +120,15 @@ class Observation:
         reached = self._vector + self.chain.to_workpiece(error)
         total[self.distance] = np.linalg.norm(reached[self.distance], axis=1)
         total[self.base_distance] = np.linalg.norm(self._vector[self.base_distance], axis=1)
-        for channel, value in motions.items():
-            if channel.place == INSTRUMENT:
+        for error_motion, value in motions.items():
+            if error_motion.place == INSTRUMENT:
                 total += value
         return total
 
-    def _first_order_sum(self, motions: Mapping[Channel, F64]) -> F64:
+    def _first_order_sum(self, motions: Mapping[ErrorMotion, F64]) -> F64:
         total = np.zeros(self._toward.shape[0])
-        for channel, value in motions.items():
-            total += self.seen(channel) * value
+        for error_motion, value in motions.items():
+            total += self.seen(error_motion) * value
         return total
 
     def base_sign(self, campaign: Campaign, name: str) -> F64:
@@ -155,7 +155,7 @@ class Observation:
         ]
         return self.chain.to_machine_axes(ends[0] - ends[1])
 
-    def rotation_error(self, motions: Mapping[Channel, F64]) -> F64:
+    def rotation_error(self, motions: Mapping[ErrorMotion, F64]) -> F64:
         """Error of the functional orientation, (n, 3) rad, machine axes, to first order."""
         machine = {c: v for c, v in motions.items() if c.rotation}
         return first_order(self.chain, machine)[1]

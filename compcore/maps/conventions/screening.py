@@ -94,10 +94,10 @@ def frame(
     moves = {a: np.zeros((points.n, 3, len(sources))) for a in lever_axes(machine)}
     for part in parts:
         j = sources.index(part.source)
-        moved, turned = chain.influence(part.channel)
+        moved, turned = chain.influence(part.error_motion)
         columns[:, :, j] += moved * part.values[:, None]
-        if part.channel.rotation and part.channel.place in machine.structure.linear:
-            for axis in levers(machine, part.channel.place):
+        if part.error_motion.rotation and part.error_motion.place in machine.structure.linear:
+            for axis in levers(machine, part.error_motion.place):
                 along = np.asarray(machine.axis(axis).direction)
                 # the rotation point is subtracted from the lever
                 moves[axis][:, :, j] -= np.cross(turned, along) * part.values[:, None]

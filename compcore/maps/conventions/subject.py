@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from abbe.compcore.effects import Squareness
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.machine.kinematics import Chain, exact, first_order
 from abbe.compcore.machine.machine import Machine, own_component
 from abbe.compcore.machine.structure import Structure
@@ -43,7 +43,7 @@ class Part:
     """What one source contributes to one error motion at n points, values (n,) mm or rad."""
 
     source: Source
-    channel: Channel
+    error_motion: ErrorMotion
     values: F64
 
 
@@ -83,10 +83,12 @@ class Predictor:
         key = (structure, convention.own_travel, convention.squareness)
         if key not in self._parts:
             self._parts[key] = self._subject.parts(machine, convention.squareness, at)
-        sums: dict[Channel, F64] = {}
+        sums: dict[ErrorMotion, F64] = {}
         for part in self._parts[key]:
             value = part.values * convention.sign(*part.source)
-            sums[part.channel] = sums[part.channel] + value if part.channel in sums else value
+            sums[part.error_motion] = (
+                sums[part.error_motion] + value if part.error_motion in sums else value
+            )
         compose = exact if self._subject.composition == "exact" else first_order
         return compose(Chain(machine, at), sums)[0]
 
@@ -194,7 +196,7 @@ def _tabled(source: Source, tables: CompensationMap, at: Conditions) -> list[Par
             continue
         values = table.at(at.position(axis))
         parts += [
-            Part(source, Channel(axis, component), values[:, k])  # type: ignore[arg-type]
+            Part(source, ErrorMotion(axis, component), values[:, k])  # type: ignore[arg-type]
             for k, component in enumerate(COMPONENTS)
             if values[:, k].any()
         ]
@@ -205,5 +207,5 @@ def _gradient(pair: tuple[str, str], angle: float, at: Conditions) -> Part:
     """A squareness as a slope of the second axis's straightness along the first."""
     third, slope = third_direction(pair)
     source = (pair[0], "ABC"["XYZ".index(third)])
-    channel = Channel(pair[1], own_component(pair[0]))  # type: ignore[arg-type]
-    return Part(source, channel, angle * slope * at.position(pair[1]))
+    error_motion = ErrorMotion(pair[1], own_component(pair[0]))  # type: ignore[arg-type]
+    return Part(source, error_motion, angle * slope * at.position(pair[1]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.tables.capability import Capability
 from abbe.compcore.tables.projection.curve import Curve
 
@@ -36,7 +36,7 @@ def chosen(
     most, per_output = capability.most_tables, capability.per_output
     room = 0 if most is None else most - sum(_takes(c) for c in besides)
     # (tables used, outputs of those that are kept) → (mean square taken off, which)
-    best: dict[tuple[int, tuple[Channel, ...]], tuple[float, tuple[int, ...]]] = {
+    best: dict[tuple[int, tuple[ErrorMotion, ...]], tuple[float, tuple[int, ...]]] = {
         (0, ()): (0.0, ())
     }
     for i, curve in enumerate(curves):

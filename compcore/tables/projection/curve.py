@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.tables.capability import Capability, Holds
 from abbe.compcore.tables.projection.hats import deviation, operator
 from abbe.compcore.tables.projection.nodes import place
@@ -40,7 +40,7 @@ class Curve:
     """
 
     holds: Holds
-    output: Channel
+    output: ErrorMotion
     axis: str
     positions: F64
     values: F64

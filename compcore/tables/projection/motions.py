@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.machine.error_motion import Channel, Component
+from abbe.compcore.machine.error_motion import Component, ErrorMotion
 from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.machine import own_component
 from abbe.compcore.tables.field import ErrorField
@@ -85,7 +85,7 @@ def axis_motions(
             motions = field.motions(where, facing)
             n = len(where[axis])
             zero = np.zeros(n)
-            columns = [motions.get(Channel(axis, c), zero) for c in LETTERS]
+            columns = [motions.get(ErrorMotion(axis, c), zero) for c in LETTERS]
             return np.stack([np.broadcast_to(c, (n,)) for c in columns], axis=1)
 
         mean = marginal(
@@ -132,7 +132,7 @@ def _smallest_solution(columns: F64, wanted: F64) -> F64:
 def _moved(field: ErrorField, where: Mapping[str, F64], own: Mapping[str, F64]) -> F64:
     """Moves of X, Y, Z by error motions, axis → (n, 6), as the model composes them: (n, 3), mm."""
     motions = {
-        Channel(axis, letter): values[:, k]
+        ErrorMotion(axis, letter): values[:, k]
         for axis, values in own.items()
         for k, letter in enumerate(LETTERS)
     }
@@ -167,9 +167,9 @@ def _columns(
         nodes = np.linspace(*volume.ranges[axis], _COARSE)
         basis = hats(where[axis], nodes)
         for k, letter in enumerate(LETTERS):
-            channel = Channel(axis, letter)
-            scale = 1.0 / reach if channel.rotation else 1.0
-            moves = np.einsum("nij,nj->ni", solve, chain.influence(channel)[0]) * scale
+            error_motion = ErrorMotion(axis, letter)
+            scale = 1.0 / reach if error_motion.rotation else 1.0
+            moves = np.einsum("nij,nj->ni", solve, chain.influence(error_motion)[0]) * scale
             blocks.append((moves[:, :, None] * basis[:, None, :]).reshape(-1, len(nodes)))
             layout.append((axis, k, nodes, scale, first))
             first += len(nodes)

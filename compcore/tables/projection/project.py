@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.tables.capability import Capability, Holds
 from abbe.compcore.tables.field import ErrorField
 from abbe.compcore.tables.grid import spatial_grid
@@ -183,7 +183,7 @@ class _Job:
         curves = [
             Curve(
                 holds,
-                Channel(axis, letter),
+                ErrorMotion(axis, letter),
                 axis,
                 found[axis].positions,
                 found[axis].values[:, :, k],

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.machine.machine import own_component
 from abbe.compcore.tables.capability import Capability, Holds
 from abbe.compcore.tables.field import ErrorField
@@ -42,18 +42,20 @@ def turning_curves(
         holds = next((h for h in own if h.serves(axis, axis)), None)
         if holds is None:
             continue
-        channel = Channel(axis, LETTERS["XYZABC".index(own_component(axis))])
+        error_motion = ErrorMotion(axis, LETTERS["XYZABC".index(own_component(axis))])
 
         def turning(
-            where: Mapping[str, F64], facing: Mapping[str, F64], channel: Channel = channel
+            where: Mapping[str, F64],
+            facing: Mapping[str, F64],
+            error_motion: ErrorMotion = error_motion,
         ) -> F64:
-            n = len(where[channel.place])
-            value = field.motions(where, facing).get(channel, np.zeros(n))
+            n = len(where[error_motion.place])
+            value = field.motions(where, facing).get(error_motion, np.zeros(n))
             return np.broadcast_to(value, (n,))[:, None]
 
         part = marginal(turning, machine, volume, axis, fine(axis), reverses=axis in reversing)
         reach = longest_lever(field, volume, axis)
-        found.append(Curve(holds, channel, axis, part.positions, part.mean[:, :, 0], reach))
+        found.append(Curve(holds, error_motion, axis, part.positions, part.mean[:, :, 0], reach))
     return found
 
 

@@ -15,7 +15,7 @@ from abbe.compcore.compensator.folding.metric import Metric
 from abbe.compcore.compensator.folding.slow_state import SlowState, plausible_states
 from abbe.compcore.compensator.folding.tables import AxisTable
 from abbe.compcore.compensator.rotation import about, apply, product, solved, transposed
-from abbe.compcore.effects import Channel
+from abbe.compcore.effects import ErrorMotion
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import rotation_about
 from abbe.compcore.model.reads import reads_of
@@ -208,7 +208,7 @@ def test_states_show_sums_and_differences_of_any_two_signals() -> None:
 
 def test_a_metric_is_the_longest_lever_of_the_volume() -> None:
     of = machine("w b Y X Z t")
-    metric = Metric(of, [Channel("Y", "C"), Channel("Y", "X")], reach=100.0)
+    metric = Metric(of, [ErrorMotion("Y", "C"), ErrorMotion("Y", "X")], reach=100.0)
     # E_CY: what lies behind Y is X up to 700 mm and Z, and the tool up to 100 mm each way
     assert metric.largest(0) == pytest.approx(np.hypot(800.0, 100.0))
     assert metric.largest(1) == pytest.approx(1.0)

@@ -140,7 +140,10 @@ def test_what_no_effect_explains_is_offered_as_a_short_formula() -> None:
     pattern = found.structure[0].pattern
     assert set(pattern.depends_on) == {"X", "Z"}
     assert 1 <= len(pattern.terms) <= 8
-    keys = {"channel": str(pattern.channel), "terms": [t.replace(" ", "") for t in pattern.terms]}
+    keys = {
+        "channel": str(pattern.error_motion),
+        "terms": [t.replace(" ", "") for t in pattern.terms],
+    }
     more, _ = with_effect(model, "formula", keys)
     before = compare(fit(model, campaign).model, unseen).lengths.rms
     after = compare(fit(more, campaign).model, unseen).lengths.rms

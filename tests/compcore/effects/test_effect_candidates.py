@@ -80,7 +80,7 @@ def test_no_candidate_is_another_one_over_again(name, kind):
             continue
         stacked = {}
         for m in motions:
-            key = (m.channel, tuple(nonlinear.items()))
+            key = (m.error_motion, tuple(nonlinear.items()))
             stacked[key] = stacked.get(key, 0.0) + m.columns[:, 0]
         norm = np.sqrt(sum(float(v @ v) for v in stacked.values()))
         if norm == 0.0:

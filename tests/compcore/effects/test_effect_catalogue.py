@@ -31,7 +31,7 @@ def motions_of(row: Row, w, nonlinear=None) -> dict[str, np.ndarray]:
     for motion in effect.motions(row.machine, conditions(w), nonlinear or row.nonlinear):
         count = motion.columns.shape[1]
         value = motion.columns @ p[motion.first : motion.first + count]
-        name = str(motion.channel)
+        name = str(motion.error_motion)
         found[name] = found.get(name, 0.0) + value
     return found
 
@@ -204,10 +204,12 @@ def test_simulated_and_recovered(row):
         for motion in effect.motions(row.machine, at, nonlinear):
             k = motion.columns.shape[1]
             part = slice(motion.first, motion.first + k)
-            out[:, part] += seen(motion.channel)[:, None] * motion.columns
+            out[:, part] += seen(motion.error_motion)[:, None] * motion.columns
         return out
 
-    channels = {str(m.channel): m.channel for m in effect.motions(row.machine, at, row.nonlinear)}
+    channels = {
+        str(m.error_motion): m.error_motion for m in effect.motions(row.machine, at, row.nonlinear)
+    }
     value = sum(seen(channels[name]) * motion for name, motion in row.truth(w).items())
 
     def solve(x):

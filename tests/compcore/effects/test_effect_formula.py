@@ -9,7 +9,7 @@ from abbe.compcore.compensator.compensator import Compensator
 from abbe.compcore.effects import Formula, make_effect
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.error_motion import FUNCTIONAL_POINT, Channel
+from abbe.compcore.machine.error_motion import FUNCTIONAL_POINT, ErrorMotion
 from abbe.compcore.model.model import Model, Term, Value
 from tests.support.compcore.catalogue import FIVE_AXIS, MILL
 
@@ -23,11 +23,11 @@ def formula(terms, channel="E_XX", machine=MILL) -> Formula:
 @pytest.mark.parametrize(
     ("text", "channel"),
     [
-        ("dX", Channel(FUNCTIONAL_POINT, "X")),
-        ("dZ", Channel(FUNCTIONAL_POINT, "Z")),
-        ("E_XX", Channel("X", "X")),
-        ("E_ZY", Channel("Y", "Z")),
-        ("E_CZ", Channel("Z", "C")),
+        ("dX", ErrorMotion(FUNCTIONAL_POINT, "X")),
+        ("dZ", ErrorMotion(FUNCTIONAL_POINT, "Z")),
+        ("E_XX", ErrorMotion("X", "X")),
+        ("E_ZY", ErrorMotion("Y", "Z")),
+        ("E_CZ", ErrorMotion("Z", "C")),
     ],
 )
 def test_channels(text, channel):
@@ -43,7 +43,7 @@ def test_what_is_no_channel_is_refused(text):
 def test_a_channel_of_an_axis_that_is_not_there():
     with pytest.raises(InputError, match="no such axis.*one of X, Y, Z"):
         formula("X", "E_BC")
-    assert formula("X", "E_BC", FIVE_AXIS).target() == Channel("C", "B")
+    assert formula("X", "E_BC", FIVE_AXIS).target() == ErrorMotion("C", "B")
 
 
 @pytest.mark.parametrize(

@@ -190,7 +190,7 @@ def test_the_columns_of_a_sensor_s_offset_are_the_derivative():
     ]
     found: dict = {}
     for motion in motions:
-        found[motion.channel] = found.get(motion.channel, 0.0) + motion.columns[:, 0]
+        found[motion.error_motion] = found.get(motion.error_motion, 0.0) + motion.columns[:, 0]
     assert {str(c) for c in found} == {"E_XX", "E_AY", "dZ"}
     for channel, column in found.items():
         slope = (ends[0][channel] - ends[1][channel]) / (2 * step)

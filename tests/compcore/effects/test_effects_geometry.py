@@ -9,7 +9,7 @@ from numpy.polynomial import Legendre
 from abbe.compcore.campaign.coverage import Survey
 from abbe.compcore.effects import (
     Angular,
-    Channel,
+    ErrorMotion,
     Positioning,
     Scale,
     ScaleExpansion,
@@ -255,4 +255,4 @@ def test_kinks_are_where_values_start_to_be_held():
     assert Positioning(axis="X", shape="constant").kinks(BRIDGE) == {}
     table = Positioning(axis="X", shape="table", positions=(0.0, 5.0))
     assert table.kinks(BRIDGE) == {"X": (0.0, 5.0)}
-    assert Channel("X", "A").unit == "rad"
+    assert ErrorMotion("X", "A").unit == "rad"

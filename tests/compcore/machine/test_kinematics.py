@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from abbe.compcore.effects import Channel
+from abbe.compcore.effects import ErrorMotion
 from abbe.compcore.effects.base import FUNCTIONAL_POINT, SPINDLE, WORKPIECE
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
@@ -147,7 +147,7 @@ def test_the_forms_differ_in_second_order_only(code, pair):
 
 def test_thirty_degrees_by_hand():
     chain = Chain(machine(), Conditions.at({"X": 100.0, "Y": 0.0, "Z": 300.0}))
-    total, _ = exact(chain, {Channel("Y", "C"): np.array([np.pi / 6])})
+    total, _ = exact(chain, {ErrorMotion("Y", "C"): np.array([np.pi / 6])})
     np.testing.assert_allclose(
         chain.point[0] + total[0], [86.602540378443865, 50.0, 300.0], atol=1e-12
     )
@@ -170,7 +170,7 @@ def test_levers_of_a_mill_by_hand():
     np.testing.assert_allclose(chain.lever("X")[0], (0.1, 200.02, -0.003))
     np.testing.assert_allclose(chain.lever("Y")[0], (0.1, 0.02, -0.003))
     np.testing.assert_allclose(chain.point[0], (10.1, 200.02, 2999.997))
-    moved, turned = chain.influence(Channel("Z", "C"))
+    moved, turned = chain.influence(ErrorMotion("Z", "C"))
     np.testing.assert_allclose(moved[0], (-200.02, 10.1, 0.0))
     np.testing.assert_allclose(turned[0], (0.0, 0.0, 1.0))
 
@@ -209,7 +209,7 @@ def test_a_spindles_angle_turns_the_tools_offset():
 
 def test_an_error_at_the_functional_point_has_no_lever():
     chain = Chain(machine(), Conditions.at({"X": 300.0, "Y": 400.0, "Z": -100.0}))
-    only = {Channel(FUNCTIONAL_POINT, "Y"): np.array([0.004])}
+    only = {ErrorMotion(FUNCTIONAL_POINT, "Y"): np.array([0.004])}
     np.testing.assert_allclose(first_order(chain, only)[0], [[0.0, 0.004, 0.0]])
     np.testing.assert_allclose(exact(chain, only)[0], [[0.0, 0.004, 0.0]])
 
@@ -233,6 +233,6 @@ def test_machines_without_three_directions_say_so():
 
 def test_unknown_places_are_refused():
     chain = Chain(machine(), Conditions.at({"X": 0.0, "Y": 0.0, "Z": 0.0}))
-    for ask in (chain.lever, lambda place: chain.influence(Channel(place, "A"))):
+    for ask in (chain.lever, lambda place: chain.influence(ErrorMotion(place, "A"))):
         with pytest.raises(InputError, match="no such place: found 'W', expected one of workpiece"):
             ask("W")

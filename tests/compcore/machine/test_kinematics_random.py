@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from abbe.compcore.effects import make_effect
-from abbe.compcore.effects.base import FUNCTIONAL_POINT, SPINDLE, WORKPIECE, Channel
+from abbe.compcore.effects.base import FUNCTIONAL_POINT, SPINDLE, WORKPIECE, ErrorMotion
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain, exact, first_order
 from abbe.compcore.machine.machine import Axis, Machine
@@ -88,7 +88,7 @@ def conditions(position, tool, angle) -> Conditions:
 def motions(errors):
     place = {"workpiece": WORKPIECE, "spindle": SPINDLE}
     return {
-        Channel(place.get(p, p), letter): np.array([six[k]])
+        ErrorMotion(place.get(p, p), letter): np.array([six[k]])
         for p, six in errors.items()
         for k, letter in enumerate(LETTERS)
     }
@@ -143,7 +143,7 @@ def test_one_error_motion_at_a_time(world, k, which):
     one = np.zeros(6)
     one[k] = 1e-5
     moved, turn = truth.first_order(position, tool, {name: one}, angle)
-    translation, rotation = chain.influence(Channel(place.get(name, name), LETTERS[k]))
+    translation, rotation = chain.influence(ErrorMotion(place.get(name, name), LETTERS[k]))
     np.testing.assert_allclose(1e-5 * translation[0], moved, atol=1e-10)
     np.testing.assert_allclose(1e-5 * rotation[0], turn, atol=1e-14)
 
@@ -153,7 +153,7 @@ def test_a_shift_of_the_functional_point_is_in_machine_axes(world):
     machine, _, position, tool, angle, _ = world
     chain = Chain(machine, conditions(position, tool, angle))
     wanted = {"X": 1.0, "Y": 2.0, "Z": 3.0}
-    shift = {Channel(FUNCTIONAL_POINT, k): np.array([v]) for k, v in wanted.items()}
+    shift = {ErrorMotion(FUNCTIONAL_POINT, k): np.array([v]) for k, v in wanted.items()}
     translation, rotation = first_order(chain, shift)
     np.testing.assert_allclose(translation, [[1.0, 2.0, 3.0]])
     assert not rotation.any()

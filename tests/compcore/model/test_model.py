@@ -16,7 +16,7 @@ from abbe.compcore.effects import (
     Squareness,
     Straightness,
 )
-from abbe.compcore.effects.base import INSTRUMENT, Channel
+from abbe.compcore.effects.base import INSTRUMENT, ErrorMotion
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain, first_order
@@ -38,7 +38,7 @@ class Offset(Effect):
         return (Parameter("a", "mm", (-1.0, 1.0)),)
 
     def motions(self, machine, conditions, nonlinear):
-        return (Motion(Channel(INSTRUMENT, "X"), np.ones((conditions.n, 1))),)
+        return (Motion(ErrorMotion(INSTRUMENT, "X"), np.ones((conditions.n, 1))),)
 
 
 def fitted(effect, rng, size=1e-5):
@@ -80,7 +80,7 @@ def test_effects_of_one_error_motion_add_up():
     k, shift = Scale(axis="X"), Positioning(axis="X", shape="constant")
     model = Model(BRIDGE, (Term(k, {"k": Value(1e-5)}), Term(shift, {"value": Value(2e-3)})))
     c = Conditions.at({"X": [0.0, 100.0], "Y": 0.0, "Z": 0.0})
-    np.testing.assert_allclose(model.error_motions(c)[Channel("X", "X")], [2e-3, 3e-3])
+    np.testing.assert_allclose(model.error_motions(c)[ErrorMotion("X", "X")], [2e-3, 3e-3])
 
 
 def test_an_unfitted_effect_predicts_nothing_and_needs_no_signal():

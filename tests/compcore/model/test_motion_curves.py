@@ -42,7 +42,7 @@ def measured(seed: int = 0):
 def test_curves_are_what_the_effects_say_with_the_models_own_uncertainty() -> None:
     wanted, campaign = measured()
     result = fit(wanted, campaign)
-    curves = {str(c.channel): c for c in motion_curves(result.model, "X")}
+    curves = {str(c.error_motion): c for c in motion_curves(result.model, "X")}
     assert list(curves) == ["E_XX", "E_YX", "E_CX"]
     positioning = result.model.terms[0]
     c = [v.value for v in positioning.values.values()]

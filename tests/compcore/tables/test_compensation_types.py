@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from abbe.compcore.effects import Channel, make_effect
+from abbe.compcore.effects import ErrorMotion, make_effect
 from abbe.compcore.effects.base import FUNCTIONAL_POINT, SPINDLE, WORKPIECE
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
@@ -13,7 +13,7 @@ from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.model.model import Model, Term
 from abbe.compcore.tables.compensation_types import (
     TYPES,
-    ErrorMotion,
+    MotionDependence,
     error_motions,
     expand,
     representable,
@@ -54,28 +54,28 @@ def test_an_unknown_type_lists_those_that_exist():
 @pytest.mark.parametrize(
     ("channel", "positions", "held_by"),
     [
-        (Channel("X", "X"), "X", {"L-POS"}),
-        (Channel("X", "Y"), "X", {"L-STR"}),
-        (Channel("X", "C"), "", {"L-STR", "L-SQU", "L-ANG"}),
-        (Channel("X", "C"), "X", {"L-ANG"}),
-        (Channel("X", "C"), "Z", set()),
-        (Channel("X", "C"), "XZ", set()),
-        (Channel("C", "C"), "C", {"R-POS"}),
-        (Channel("C", "X"), "C", {"R-RAX"}),
-        (Channel("C", "Z"), "C", {"R-RAX"}),
-        (Channel("C", "A"), "C", {"R-ANG"}),
-        (Channel("C", "X"), "", {"R-POR"}),
-        (Channel("C", "A"), "", {"R-POR"}),
-        (Channel("C", "C"), "", {"R-POR"}),
-        (Channel(FUNCTIONAL_POINT, "Z"), "", {"L-POS"}),
-        (Channel(FUNCTIONAL_POINT, "Z"), "X", set()),
-        (Channel(SPINDLE, "Z"), "", {"L-POS"}),
-        (Channel(SPINDLE, "A"), "", {"L-ANG"}),
-        (Channel(WORKPIECE, "X"), "", set()),
+        (ErrorMotion("X", "X"), "X", {"L-POS"}),
+        (ErrorMotion("X", "Y"), "X", {"L-STR"}),
+        (ErrorMotion("X", "C"), "", {"L-STR", "L-SQU", "L-ANG"}),
+        (ErrorMotion("X", "C"), "X", {"L-ANG"}),
+        (ErrorMotion("X", "C"), "Z", set()),
+        (ErrorMotion("X", "C"), "XZ", set()),
+        (ErrorMotion("C", "C"), "C", {"R-POS"}),
+        (ErrorMotion("C", "X"), "C", {"R-RAX"}),
+        (ErrorMotion("C", "Z"), "C", {"R-RAX"}),
+        (ErrorMotion("C", "A"), "C", {"R-ANG"}),
+        (ErrorMotion("C", "X"), "", {"R-POR"}),
+        (ErrorMotion("C", "A"), "", {"R-POR"}),
+        (ErrorMotion("C", "C"), "", {"R-POR"}),
+        (ErrorMotion(FUNCTIONAL_POINT, "Z"), "", {"L-POS"}),
+        (ErrorMotion(FUNCTIONAL_POINT, "Z"), "X", set()),
+        (ErrorMotion(SPINDLE, "Z"), "", {"L-POS"}),
+        (ErrorMotion(SPINDLE, "A"), "", {"L-ANG"}),
+        (ErrorMotion(WORKPIECE, "X"), "", set()),
     ],
 )
 def test_which_elementary_types_hold_an_error_motion(channel, positions, held_by):
-    motion = ErrorMotion(channel, tuple(positions))
+    motion = MotionDependence(channel, tuple(positions))
     elementary = [*LINEAR, *ROTARY, "FOR", "L-SPEC", "R-SPEC"]
     assert {t for t in elementary if representable(motion, [t], FIVE_AXIS)} == held_by
     whole = representable(motion, ["L-VOL", "R-VOL"], FIVE_AXIS)
@@ -83,15 +83,15 @@ def test_which_elementary_types_hold_an_error_motion(channel, positions, held_by
 
 
 def test_directions_belong_to_the_table_of_their_axis():
-    backlash = ErrorMotion(Channel("X", "X"), directions=("X",))
+    backlash = MotionDependence(ErrorMotion("X", "X"), directions=("X",))
     assert backlash.role(BRIDGE) == "positioning"
-    assert ErrorMotion(Channel("X", "X"), directions=("Y",)).role(BRIDGE) == "beyond"
+    assert MotionDependence(ErrorMotion("X", "X"), directions=("Y",)).role(BRIDGE) == "beyond"
 
 
 def test_a_head_that_turns_carries_its_spindle_s_errors_out_of_reach():
     head = machine("w b X Y Z B t")
-    assert ErrorMotion(Channel(SPINDLE, "Z")).role(head) == "beyond"
-    assert ErrorMotion(Channel(FUNCTIONAL_POINT, "Z")).role(head) == "positioning"
+    assert MotionDependence(ErrorMotion(SPINDLE, "Z")).role(head) == "beyond"
+    assert MotionDependence(ErrorMotion(FUNCTIONAL_POINT, "Z")).role(head) == "positioning"
 
 
 @pytest.mark.parametrize("code", ["w b Y X Z t", "w X' b Y Z t", "w Z' b X Y t"])
@@ -104,7 +104,7 @@ def test_a_constant_angle_is_slopes_of_straightness(code):
     positions = np.stack([at.positions[a] for a in "XYZ"], axis=1)
     for axis in "XYZ":
         for letter in "ABC":
-            moved = Chain(m, at).influence(Channel(axis, letter))[0]
+            moved = Chain(m, at).influence(ErrorMotion(axis, letter))[0]
             slopes, *_ = np.linalg.lstsq(positions, moved, rcond=None)
             np.testing.assert_allclose(positions @ slopes, moved, atol=1e-9)
             np.testing.assert_allclose(np.diag(slopes), 0.0, atol=1e-12)
@@ -130,7 +130,7 @@ def test_a_rigid_machine_needs_l_vol():
     )
     assert needed.types == ("L-VOL",)
     assert not needed.beyond
-    assert {k: [str(m.channel) for m in v] for k, v in needed.by_type.items()} == {
+    assert {k: [str(m.error_motion) for m in v] for k, v in needed.by_type.items()} == {
         "L-POS": ["E_XX"],
         "L-STR": ["E_YX"],
         "L-ANG": ["E_AY"],

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
 
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.tables.table import Sign, Table, move, superposed
 
 NODES = np.array([0.0, 10.0, 40.0, 100.0])
@@ -71,9 +71,9 @@ def test_names_are_iso_230_names():
     square = np.zeros((2, 2))
     two = (np.array([0.0, 1.0]),) * 2
     assert Table(move("Y"), ("X",), (NODES,), UP).name == "E_YX"
-    assert Table(Channel("X", "C"), ("X",), (NODES,), UP).name == "E_CX"
+    assert Table(ErrorMotion("X", "C"), ("X",), (NODES,), UP).name == "E_CX"
     assert Table(move("Y"), ("X", "Y"), two, square).name == "E_Y(X,Y)"
-    assert Table(Channel("C", "C"), ("C",), (NODES,), UP).name == "E_CC"
+    assert Table(ErrorMotion("C", "C"), ("C",), (NODES,), UP).name == "E_CC"
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.machine.machine import Axis, Machine, own_component
 from abbe.compcore.machine.structure import Structure
 from abbe.compcore.tables.projection.curve import Curve, fit_tables
@@ -86,9 +86,9 @@ def curves(controller, drawn: dict) -> list[Curve]:
                 continue
             positions = np.linspace(*owner.axis(axis).travel, 61)
             if holds.form == "motions":
-                outputs = [Channel(axis, c) for c in "XYZABC"]
+                outputs = [ErrorMotion(axis, c) for c in "XYZABC"]
             elif holds.form == "axis" and owner.axis(axis).rotary:
-                outputs = [Channel(axis, own_component(axis))]
+                outputs = [ErrorMotion(axis, own_component(axis))]
             elif holds.form == "axis":
                 outputs = [move(axis)]
             else:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from abbe.compcore.effects import Channel
+from abbe.compcore.effects import ErrorMotion
 from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.machine.structure import Structure
 
@@ -19,10 +19,10 @@ def machine(code: str = "w b Y X Z t", **axes: Axis) -> Machine:
     return Machine("test", structure, defaults | axes)
 
 
-def motions(errors: dict[str, np.ndarray]) -> dict[Channel, np.ndarray]:
+def motions(errors: dict[str, np.ndarray]) -> dict[ErrorMotion, np.ndarray]:
     """Axis → (n, 6) error motions X Y Z A B C, mm and rad, as the kinematic core takes them."""
     return {
-        Channel(axis, letter): table[:, k]
+        ErrorMotion(axis, letter): table[:, k]
         for axis, table in errors.items()
         for k, letter in enumerate(LETTERS)
     }

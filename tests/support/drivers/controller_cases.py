@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from abbe.compcore.machine.error_motion import Channel
+from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.machine.structure import Structure
 from abbe.compcore.tables.table import Table, move
@@ -37,7 +37,7 @@ def motions(axis: str, nodes: list[float], rows: list[list[float]]) -> list[Tabl
     values = np.array(rows)
     where = np.array(nodes)
     return [
-        Table(Channel(axis, c), (axis,), (where,), values[:, k].copy())
+        Table(ErrorMotion(axis, c), (axis,), (where,), values[:, k].copy())
         for k, c in enumerate("XYZABC")
     ]
 
@@ -108,7 +108,7 @@ ISO = [
                                  [0.0019, 0.002, -0.003, 2e-5, 0.0, 4e-6]]),
 ]  # fmt: skip
 ISO[0] = Table(
-    Channel("X", "X"), ("X",), ISO[0].nodes, ISO[0].forward, np.array([0.0008, 0.0022, 0.0025])
+    ErrorMotion("X", "X"), ("X",), ISO[0].nodes, ISO[0].forward, np.array([0.0008, 0.0022, 0.0025])
 )
 
 
@@ -131,7 +131,7 @@ class Case:
 
 
 ROTARY = [
-    Table(Channel("C", "C"), ("C",), (np.array([-90.0, 0.0, 45.0]) * DEGREE,),
+    Table(ErrorMotion("C", "C"), ("C",), (np.array([-90.0, 0.0, 45.0]) * DEGREE,),
           np.array([0.0010, 0.0, -0.0005]) * DEGREE),
     Table(move("X"), ("C",), (np.array([-90.0, 90.0]) * DEGREE,), np.array([0.004, -0.004])),
 ]  # fmt: skip
