@@ -12,9 +12,12 @@ from hypothesis import settings
 settings.register_profile("abbe", deadline=None, derandomize=True, print_blob=False)
 settings.load_profile("abbe")
 
-# Where the tests are started in the background of a shell, their processes would ignore Ctrl-C too.
+# Where the tests are started in the background of a shell, or under nohup, their processes would
+# ignore Ctrl-C and a closed terminal too.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 ALONE = {
     # one LinuxCNC on a computer: its shared memory has fixed keys

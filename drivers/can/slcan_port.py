@@ -174,7 +174,9 @@ class BufferedPort:
                 deadline = time.monotonic() + _DRAIN
                 while self.unsent and time.monotonic() < deadline:
                     time.sleep(0.002)
-            self.discard()
+                # on a pseudo-terminal that also takes away what the other side has not read yet
+                if self.unsent:
+                    self.discard()
             self._port.close()
 
 

@@ -98,11 +98,8 @@ def test_every_option_of_the_simulator_is_told() -> None:
 
 
 def test_what_is_said_on_the_screen_is_what_the_code_says() -> None:
-    code = "".join(
-        path.read_text("utf-8")
-        for folder in ("drivers/can", "drivers")
-        for path in (ROOT / folder).glob("*.py")
-    )
+    files = (*(ROOT / "drivers/can").rglob("*.py"), *(ROOT / "drivers").glob("*.py"))
+    code = "".join(path.read_text("utf-8") for path in files)
     plain = re.sub(r'"\s*\n\s*f?"', "", code)
     for words in (
         LEFT_THE_BUS,

@@ -152,7 +152,9 @@ async def values_after_a_late_reply(number_type: str, lateness: float) -> list[f
             rtu(device), channels, late_reply_max=1.5 * lateness, quarantine_after=100
         ) as link:
             device.delay = late_once(A, lateness)
-            assert not (await link.read(("a",)))["a"].good
+            # where this process itself is held up for so long, the reply is not late for it
+            while (await link.read(("a",)))["a"].good:
+                device.delay = late_once(A, lateness)
             deadline = time.monotonic() + 3.0 * lateness + 2.0
             while len(found) < 5 and time.monotonic() < deadline:
                 sample = (await link.read(("b",)))["b"]
