@@ -16,6 +16,7 @@ import numpy as np
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Machine
+from abbe.compcore.maps.squareness import Form
 from abbe.compcore.maps.table import COLUMNS, COMPONENTS
 
 OwnTravel = Literal["structure", "never", "always"]
@@ -45,14 +46,20 @@ class Convention:
         Whether an axis's own travel is in the lever of its own angular errors. ``structure``: for
         axes on the workpiece side only.
     squareness
-        ``angle`` and ``gradient``: the controller applies all squareness in that form, whichever
-        form the map was written in. ``as written``: each column as it stands.
+        The squareness that the map's own columns hold. ``as written``: each column as it stands.
+        ``angle`` and ``gradient``: the controller applies it in that form, whichever form the map
+        was written in.
+    stated
+        How a squareness that stands beside the map is applied, the map's columns untouched:
+        ``angle``, a constant of an angular column, or ``gradient``, a slope of a straightness
+        column.
     """
 
     reversed: frozenset[tuple[str, str]] = frozenset()
     rotation_point: Mapping[str, float] | None = field(default_factory=dict)
     own_travel: OwnTravel = "structure"
     squareness: SquarenessForm = "as written"
+    stated: Form = "angle"
 
     def sign(self, axis: str, component: str) -> float:
         """+1 where the column has Abbe's sign, else −1; `component` is one of X Y Z A B C."""
@@ -108,7 +115,9 @@ class Convention:
         if self.own_travel != "structure":
             words.append(f"--own-travel {self.own_travel}")
         if self.squareness != "as written":
-            words.append(f"--squareness-as {self.squareness}")
+            words.append(f"--map-squareness {self.squareness}")
+        if self.stated != "angle":
+            words.append(f"--squareness-as {self.stated}")
         return " ".join(words)
 
 

@@ -48,8 +48,8 @@ def import_map(
         How the controller reads the map; Abbe's own where not given.
     squareness
         Pairs of axes in the structure's order → angle, rad: squareness that stands beside the map
-        and not in it, in Abbe's sign. An angle becomes an effect ``squareness``; where the
-        convention says ``gradient``, a slope of the second axis's straightness.
+        and not in it, in Abbe's sign. It is added as the convention's `stated` form: an angle
+        becomes an effect ``squareness``, a gradient a slope of the second axis's straightness.
     name
         The machine's name.
 
@@ -65,7 +65,7 @@ def import_map(
     tables = with_squareness_as(tables, convention.squareness, convention.on(machine))
     terms = []
     for pair, angle in (squareness or {}).items():
-        if convention.squareness == "gradient":
+        if convention.stated == "gradient":
             Squareness(axes=pair).check(machine)
             tables = with_squareness(tables, machine, pair, angle, "gradient")
         else:

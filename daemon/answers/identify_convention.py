@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import shlex
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from abbe.compcore.maps.convention import Convention, selectors
@@ -14,8 +15,26 @@ from abbe.compcore.maps.table import COLUMNS, COMPONENTS
 _MOST_TOLD = 6
 
 
-def as_json(found: Identification) -> dict[str, Any]:
-    """One object for ``--json``."""
+def import_command(
+    found: Identification, source: str | None, squareness: Sequence[str] = ()
+) -> str | None:
+    """The command that imports the map as the best hypothesis has it; None where there is none.
+
+    `source` is the map's file (None: the subject was a model), `squareness` what was stated beside
+    it, as it was typed.
+    """
+    h = found.best.hypothesis
+    if source is None or found.verdict == "none" or h.artefact:
+        return None
+    words = ["abbe import-map", shlex.quote(source), f'--structure "{h.structure}"']
+    words += [f"--squareness {shlex.quote(text)}" for text in squareness]
+    if options := h.convention.options(h.structure.linear):
+        words.append(options)
+    return " ".join([*words, "-o model.toml"])
+
+
+def as_json(found: Identification, command: str | None = None) -> dict[str, Any]:
+    """One object for ``--json``; `command` as `import_command` tells it."""
     return {
         "verdict": found.verdict,
         "n": found.n,
@@ -26,6 +45,7 @@ def as_json(found: Identification) -> dict[str, Any]:
         "opposite_sign": found.opposite,
         "gain": found.gain,
         "best": _judged(found, found.best),
+        "import_command": command,
         "if_measured_otherwise": None if found.twin is None else _hypothesis(found, found.twin),
         "rotation_point": {
             "unit": "mm",
@@ -50,6 +70,7 @@ def _hypothesis(found: Identification, h: Hypothesis) -> dict[str, Any]:
         "rotation_point": None if c.rotation_point is None else dict(c.rotation_point),
         "own_travel": c.own_travel,
         "squareness": c.squareness,
+        "stated_squareness": c.stated,
         "artefact": h.artefact,
     }
 
@@ -77,8 +98,8 @@ def open_columns(found: Identification) -> list[str]:
     return [f"{a}.{COLUMNS[COMPONENTS.index(k)]}" for a, k in found.unseen if a]
 
 
-def as_text(found: Identification, source: str) -> Iterator[str]:
-    """Lines for people; `source` is the file that the options are meant for."""
+def as_text(found: Identification, command: str | None = None) -> Iterator[str]:
+    """Lines for people; `command` as `import_command` tells it."""
     digit = "not rounded" if not found.sigma else f"rounding {_um(found.sigma)} µm"
     yield (
         f"{found.n} points: the correction does {_um(found.observed_rms)} µm RMS there ({digit})."
@@ -108,13 +129,10 @@ def as_text(found: Identification, source: str) -> Iterator[str]:
         yield f"{'If one thing were otherwise':<{width + 2}}    RMS µm   greatest µm"
         for words, judged in told:
             yield f"  {words:<{width}} {judged.rms * 1e3:>9.2f} {judged.worst * 1e3:>13.2f}"
-    h = best.hypothesis
-    if found.verdict != "none" and not h.artefact and source.endswith(".txt"):
-        options = h.convention.options(h.structure.linear)
+    if command is not None:
         yield ""
         yield "The same map in Abbe's conventions:"
-        words = f'abbe import-map {source} --structure "{h.structure}" {options}'
-        yield f"  {words.strip()} -o model.toml"
+        yield f"  {command}"
 
 
 def _headline(found: Identification) -> str:
@@ -192,9 +210,10 @@ def _difference(found: Identification, other: Hypothesis) -> str:
     if theirs.own_travel != mine.own_travel:
         words.append(f"own travel in the lever: {theirs.own_travel}")
     if theirs.squareness != mine.squareness:
-        words.append(
-            f"squareness {'' if theirs.squareness == 'as written' else 'as '}{theirs.squareness}"
-        )
+        how = "" if theirs.squareness == "as written" else "as "
+        words.append(f"the map's own squareness {how}{theirs.squareness}")
+    if theirs.stated != mine.stated:
+        words.append(f"the stated squareness as {theirs.stated}")
     if other.artefact != best.artefact:
         words.append("measured on an artefact" if other.artefact else "switched on and off")
     return "; ".join(words) or "the same"

@@ -14,7 +14,7 @@ from abbe.compcore.maps.convention import (
     parse_rotation_point,
     parse_signs,
 )
-from abbe.compcore.maps.squareness import square_pairs
+from abbe.compcore.maps.squareness import Form, square_pairs
 from abbe.compcore.maps.table import CompensationMap
 from abbe.compcore.maps.to_model import map_machine
 from abbe.compcore.units import to_internal
@@ -25,6 +25,7 @@ _FORMS: dict[str, SquarenessForm] = {
     "angle": "angle",
     "gradient": "gradient",
 }
+_STATED: dict[str, Form] = {"angle": "angle", "gradient": "gradient"}
 
 
 def convention_of(
@@ -34,9 +35,11 @@ def convention_of(
     signs: Iterable[str],
     rotation_point: str,
     own_travel: str,
-    squareness_as: str,
+    map_squareness: str,
+    squareness_as: str | None,
+    stated: bool,
 ) -> Convention:
-    """A convention from a command line.
+    """A convention from a command line; `stated`: whether squareness stands beside the map.
 
     Raises
     ------
@@ -52,12 +55,21 @@ def convention_of(
             found=own_travel,
             expected="one of " + ", ".join(get_args(OwnTravel)),
         )
-    if squareness_as not in _FORMS:
+    for option, text, words in (
+        ("map-squareness", map_squareness, [*_FORMS]),
+        ("squareness-as", squareness_as, [*_STATED]),
+    ):
+        if text is not None and text not in words:
+            raise InputError(
+                "unknown word", field=option, found=text, expected="one of " + ", ".join(words)
+            )
+    if squareness_as is not None and not stated:
         raise InputError(
-            "unknown word",
+            "no squareness is stated that it could belong to",
             field="squareness-as",
             found=squareness_as,
-            expected="one of " + ", ".join(_FORMS),
+            expected="--squareness YX=… beside it; what the map's columns hold is moved by "
+            "--map-squareness",
         )
     ranges = {a: t.range for a, t in compensation.tables.items() if a in axes}
     point = parse_rotation_point(rotation_point, ranges)
@@ -65,7 +77,8 @@ def convention_of(
         parse_signs(signs, axes),
         {a: p for a, p in point.items() if p != 0.0},
         own,
-        _FORMS[squareness_as],
+        _FORMS[map_squareness],
+        _STATED[squareness_as or "angle"],
     )
 
 

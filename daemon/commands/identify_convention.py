@@ -88,8 +88,10 @@ def identify_convention(
             any_order=any_order,
             tolerance=None if tolerance is None else tolerance * 1e-3,
         )
+    is_map = isinstance(subject, MapSubject)
+    command = identified.import_command(found, str(source) if is_map else None, squareness or [])
     if as_json:
-        typer.echo(json.dumps(identified.as_json(found), ensure_ascii=False))
+        typer.echo(json.dumps(identified.as_json(found, command), ensure_ascii=False))
         return
-    for line in identified.as_text(found, str(source)):
+    for line in identified.as_text(found, command):
         typer.echo(line)

@@ -22,8 +22,12 @@ OWN_TRAVEL_HELP = (
 )
 SQUARENESS_HELP = "Squareness beside the map: YX=0.05mm/m, 50urad, 10arcsec. May be repeated."
 SQUARENESS_AS_HELP = (
-    "How the controller applies squareness: as-written, angle (constant of an angular column) or "
-    "gradient (slope of a straightness column)."
+    "How the controller applies what --squareness states: angle (a constant of an angular column; "
+    "the default) or gradient (a slope of a straightness column). The map stays as it is."
+)
+MAP_SQUARENESS_HELP = (
+    "For a controller that moves the squareness in the map's own columns: angle or gradient, the "
+    "form in which it applies it; as-written otherwise."
 )
 
 
@@ -43,7 +47,8 @@ def import_map(
     rotation_point: Annotated[str, typer.Option(help=POINT_HELP)] = "zero",
     own_travel: Annotated[str, typer.Option(help=OWN_TRAVEL_HELP)] = "structure",
     squareness: Annotated[list[str] | None, typer.Option(help=SQUARENESS_HELP)] = None,
-    squareness_as: Annotated[str, typer.Option(help=SQUARENESS_AS_HELP)] = "as-written",
+    squareness_as: Annotated[str | None, typer.Option(help=SQUARENESS_AS_HELP)] = None,
+    map_squareness: Annotated[str, typer.Option(help=MAP_SQUARENESS_HELP)] = "as-written",
     force: Force = False,
 ) -> None:
     """Turn a compensation map in a vendor's conventions into a model in Abbe's own, exactly.
@@ -71,13 +76,18 @@ def import_map(
         signs=sign or [],
         rotation_point=rotation_point,
         own_travel=own_travel,
+        map_squareness=map_squareness,
         squareness_as=squareness_as,
+        stated=bool(beside),
     )
     model = imported(compensation, code, convention, squareness=beside, name=name or file.stem)
     origin = {
         "map": file.name,
         "sha256": sha256(file.read_bytes()).hexdigest(),
-        "convention": convention.options(code.linear) or "Abbe's own",
+        "convention": " ".join(
+            [convention.options(code.linear) or "Abbe's own"]
+            + [f"--squareness {text}" for text in squareness or []]
+        ),
         "abbe": abbe_version(),
     }
     save_model(replace(model, fit=origin), out)

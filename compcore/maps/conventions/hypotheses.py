@@ -29,7 +29,7 @@ class Hypothesis:
     structure
         The chain order.
     convention
-        Signs, rotation point, levers, form of squareness.
+        Signs, rotation point, levers, forms of squareness.
     artefact
         The points come from measuring an artefact, not from switching the correction on and off:
         the differences have the opposite sign.
@@ -51,7 +51,15 @@ class Hypothesis:
             else tuple(sorted((a, p) for a, p in c.rotation_point.items() if p != 0.0))
         )
         signs = tuple(sorted(c.reversed))
-        return str(self.structure), signs, point, c.own_travel, c.squareness, self.artefact
+        return (
+            str(self.structure),
+            signs,
+            point,
+            c.own_travel,
+            c.squareness,
+            c.stated,
+            self.artefact,
+        )
 
     def twin(self) -> Hypothesis:
         """The same differences, to first order, measured the other way: all signs turned."""
@@ -74,7 +82,9 @@ class Hypothesis:
         if c.own_travel != "structure":
             found.append(f"own travel {c.own_travel} in the lever")
         if c.squareness != "as written":
-            found.append(f"squareness as {c.squareness}")
+            found.append(f"the map's own squareness as {c.squareness}")
+        if c.stated != "angle":
+            found.append(f"the stated squareness as {c.stated}")
         if self.artefact:
             found.append("opposite sign: an artefact was measured")
         return found

@@ -203,8 +203,8 @@ def _one_changed(
         yield replace(best, convention=replace(c, reversed=c.reversed ^ group))
     for own in own_travels(machine):
         yield replace(best, convention=replace(c, own_travel=own))
-    for form in subject.forms():
-        yield replace(best, convention=replace(c, squareness=form))
+    for form, stated in subject.forms():
+        yield replace(best, convention=replace(c, squareness=form, stated=stated))
     for point in named_points(c.on(machine), declared):
         moved = replace(c, rotation_point=point)
         yield replace(best, convention=moved, fitted_point=False)

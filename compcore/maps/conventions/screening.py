@@ -41,7 +41,7 @@ _CLEAR = 12.0
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One choice of chain order, own travel and form of squareness, with its columns.
+    """One choice of chain order, own travel and forms of squareness, with its columns.
 
     Attributes
     ----------
@@ -76,8 +76,8 @@ def frames(
     for structure in structures(stated, any_order):
         bare = subject.machine(structure)
         for own in own_travels(bare):
-            for form in subject.forms():
-                convention = Convention(own_travel=own, squareness=form)
+            for form, beside in subject.forms():
+                convention = Convention(own_travel=own, squareness=form, stated=beside)
                 yield frame(subject, points, structure, convention)
 
 
@@ -88,7 +88,7 @@ def frame(
     open_ = replace(convention, reversed=frozenset(), rotation_point={})
     machine = open_.on(subject.machine(structure))
     chain = Chain(machine, points.conditions)
-    parts = subject.parts(machine, convention.squareness, points.conditions)
+    parts = subject.parts(machine, (convention.squareness, convention.stated), points.conditions)
     sources = list(dict.fromkeys(part.source for part in parts))
     columns = np.zeros((points.n, 3, len(sources)))
     moves = {a: np.zeros((points.n, 3, len(sources))) for a in lever_axes(machine)}

@@ -34,6 +34,8 @@ from abbe.compcore.maps.to_model import map_machine
 from abbe.compcore.model.model import Model
 
 F64 = NDArray[np.float64]
+Forms = tuple[SquarenessForm, Form]
+"""In which form a map's own squareness is applied, and in which one that is stated beside it."""
 Source = tuple[str, str]
 """(axis, ISO letter of the component) of a column; an axis ``""`` for what no sign belongs to."""
 
@@ -57,11 +59,11 @@ class Subject(ABC):
         """The machine in a structure, before any convention."""
 
     @abstractmethod
-    def forms(self) -> tuple[SquarenessForm, ...]:
-        """Forms of squareness worth trying; the first is as written."""
+    def forms(self) -> tuple[Forms, ...]:
+        """Forms of squareness worth trying; the first is as written, what is stated as an angle."""
 
     @abstractmethod
-    def parts(self, machine: Machine, form: SquarenessForm, at: Conditions) -> list[Part]:
+    def parts(self, machine: Machine, forms: Forms, at: Conditions) -> list[Part]:
         """All sources' contributions at n points; `machine` carries the convention's levers."""
 
     def at(self, conditions: Conditions) -> Predictor:
@@ -74,15 +76,16 @@ class Predictor:
 
     def __init__(self, subject: Subject, conditions: Conditions) -> None:
         self._subject, self._conditions = subject, conditions
-        self._parts: dict[tuple[Structure, OwnTravel, SquarenessForm], list[Part]] = {}
+        self._parts: dict[tuple[Structure, OwnTravel, Forms], list[Part]] = {}
 
     def correction(self, structure: Structure, convention: Convention) -> F64:
         """The correction under a convention, shape (n, 3), mm: reading on minus off."""
         at = self._conditions
         machine = convention.on(self._subject.machine(structure))
-        key = (structure, convention.own_travel, convention.squareness)
+        forms = (convention.squareness, convention.stated)
+        key = (structure, convention.own_travel, forms)
         if key not in self._parts:
-            self._parts[key] = self._subject.parts(machine, convention.squareness, at)
+            self._parts[key] = self._subject.parts(machine, forms, at)
         sums: dict[ErrorMotion, F64] = {}
         for part in self._parts[key]:
             value = part.values * convention.sign(*part.source)
@@ -108,12 +111,15 @@ class MapSubject(Subject):
         """Travels from the tables' ranges."""
         return map_machine(self._map, structure)
 
-    def forms(self) -> tuple[SquarenessForm, ...]:
-        """Every form: a map can hold squareness in either."""
-        return ("as written", "angle", "gradient")
+    def forms(self) -> tuple[Forms, ...]:
+        """Every form of the map's own; where squareness is stated beside it, every form of that."""
+        stated: tuple[Form, ...] = ("angle", "gradient") if self._squareness else ("angle",)
+        own: tuple[SquarenessForm, ...] = ("as written", "angle", "gradient")
+        return tuple((form, beside) for beside in stated for form in own)
 
-    def parts(self, machine: Machine, form: SquarenessForm, at: Conditions) -> list[Part]:
+    def parts(self, machine: Machine, forms: Forms, at: Conditions) -> list[Part]:
         """One source a column; moving squareness is linear, so columns can be moved singly."""
+        form, stated = forms
         parts = []
         for axis, table in self._map.tables.items():
             for k, component in enumerate(COMPONENTS):
@@ -126,7 +132,6 @@ class MapSubject(Subject):
         for (a, b), angle in self._squareness.items():
             pair = (a, b) if (a, b) in square_pairs(machine) else (b, a)
             turn = angle if pair == (a, b) else -angle
-            stated: Form = "gradient" if form == "gradient" else "angle"
             beside = with_squareness(self._blank(), machine, pair, turn, stated)
             parts += _tabled(("", ""), beside, at)
         return parts
@@ -166,17 +171,18 @@ class ModelSubject(Subject):
             )
         return self._model.machine
 
-    def forms(self) -> tuple[SquarenessForm, ...]:
-        """Both forms where the model has squareness as an effect."""
+    def forms(self) -> tuple[Forms, ...]:
+        """As written; an effect ``squareness`` states a squareness, which has both forms."""
         has = any(isinstance(t.effect, Squareness) and t.fitted for t in self._model.terms)
-        return ("as written", "gradient") if has else ("as written",)
+        angle: tuple[Forms, ...] = (("as written", "angle"),)
+        return (*angle, ("as written", "gradient")) if has else angle
 
-    def parts(self, machine: Machine, form: SquarenessForm, at: Conditions) -> list[Part]:
+    def parts(self, machine: Machine, forms: Forms, at: Conditions) -> list[Part]:
         """One source an error motion of an axis; everything else keeps its sign."""
         sloped = {
             i: (t.effect.axes, t.values["angle"].value)
             for i, t in enumerate(self._model.terms)
-            if form == "gradient" and isinstance(t.effect, Squareness) and t.fitted
+            if forms[1] == "gradient" and isinstance(t.effect, Squareness) and t.fitted
         }
         terms = tuple(t for i, t in enumerate(self._model.terms) if i not in sloped)
         motions = replace(self._model, machine=machine, terms=terms).error_motions(at)

@@ -235,10 +235,10 @@ def test_points_on_one_line_leave_conventions_open(tables):
 def test_squareness_beside_the_map(tables):
     beside = {("Y", "X"): 1e-4, ("X", "Z"): -5e-5}
     points = switched(tables)
-    truth = import_map(as_map(tables), BRIDGE, Convention(squareness="gradient"), squareness=beside)
+    truth = import_map(as_map(tables), BRIDGE, Convention(stated="gradient"), squareness=beside)
     points = SwitchedPoints(points.conditions, truth.predict(points.conditions).translation)
     found = identify(MapSubject(as_map(tables), beside), points, BRIDGE)
-    assert found.best.hypothesis.convention.squareness == "gradient"
+    assert found.best.hypothesis.convention == Convention(stated="gradient")
 
 
 def angular(axis, about, c0, c1):
@@ -269,7 +269,7 @@ def test_a_model_may_be_the_subject():
     assert found.verdict == "identified"
     assert found.best.hypothesis.words(BRIDGE) == []
     sloped = found.changes
-    assert any(j.hypothesis.convention.squareness == "gradient" and j.rms > 1e-3 for j in sloped)
+    assert any(j.hypothesis.convention.stated == "gradient" and j.rms > 1e-3 for j in sloped)
 
 
 def test_a_model_with_rotary_axes_or_another_order_is_refused():

@@ -335,7 +335,7 @@ def test_a_controller_s_form_is_taken_on_import():
 def test_beside_the_map_as_a_gradient():
     flat = as_map(random_tables(np.random.default_rng(1), 0.0, 0.0))
     pair = {("Y", "X"): 1e-4}
-    model = import_map(flat, BRIDGE, Convention(squareness="gradient"), squareness=pair)
+    model = import_map(flat, BRIDGE, Convention(stated="gradient"), squareness=pair)
     assert not any(isinstance(t.effect, Squareness) for t in model.terms)
     at = Conditions.at({"X": 700.0, "Y": 0.0, "Z": 0.0}, tool=(0.0, 100.0, 0.0))
     np.testing.assert_allclose(model.predict(at).translation, [[0.0, 0.07, 0.0]], atol=1e-9)
@@ -406,9 +406,12 @@ def test_rotation_points_that_cannot_be_read(text, told):
 
 
 def test_options_say_the_convention_again():
-    convention = Convention(parse_signs(["R=-1"], XYZ), {"Z": -360.0}, "always", "angle")
+    convention = Convention(
+        parse_signs(["R=-1"], XYZ), {"Z": -360.0}, "always", "angle", "gradient"
+    )
     assert convention.options(XYZ) == (
-        "--sign R=-1 --rotation-point Z=-360 --own-travel always --squareness-as angle"
+        "--sign R=-1 --rotation-point Z=-360 --own-travel always "
+        "--map-squareness angle --squareness-as gradient"
     )
     assert Convention().options(XYZ) == ""
 
