@@ -29,8 +29,8 @@ from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.fit import fit
+from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
-from abbe.compcore.threads import threads_for
 from benchmarks.report import machine, write_section
 from benchmarks.sources import krulewich
 

@@ -26,8 +26,8 @@ from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.model_file import parse_model
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.linalg import WORTH_MORE, threads_for
 from abbe.compcore.model.model import Model
-from abbe.compcore.threads import WORTH_MORE, threads_for
 from benchmarks.hidden.campaign import draw, model_text, simulate
 from benchmarks.report import machine, write_section
 

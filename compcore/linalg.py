@@ -1,4 +1,4 @@
-"""The singular value decomposition, where the fast algorithm gives up too.
+"""Linear algebra: a singular value decomposition that does not give up, and its threads.
 
 LAPACK's divide-and-conquer (gesdd, which NumPy calls) fails now and then on well-behaved matrices
 whose singular values come in clusters, as those of orthonormal columns do. The older QR iteration
@@ -7,13 +7,20 @@ whose singular values come in clusters, as those of orthonormal columns do. The 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
+from threadpoolctl import ThreadpoolController
 
 F64 = NDArray[np.float64]
+
+WORTH_MORE = 20_000_000
+"""Elements of a matrix from which several threads pay even on a machine that is busy."""
 
 
 class Singular(NamedTuple):
@@ -44,3 +51,23 @@ def svd(a: F64, *, full: bool = False) -> Singular:
     except np.linalg.LinAlgError:
         u, s, vt = linalg.svd(a, full_matrices=full, lapack_driver="gesvd")
     return Singular(u, s, vt)
+
+
+@cache
+def _controller() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
+@contextmanager
+def threads_for(elements: int) -> Iterator[None]:
+    """Run with one thread for matrices of fewer than `WORTH_MORE` elements.
+
+    Where other processes want the cores too (a daemon in its cycle, a CAM system), the threads of a
+    BLAS wait for each other thousands of times a second: small factorisations then take ten times
+    as long as with one.
+    """
+    if elements >= WORTH_MORE:
+        yield
+        return
+    with _controller().limit(limits=1, user_api="blas"):
+        yield

@@ -20,9 +20,9 @@ from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.model_file import parse_model
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.revise import with_effect
-from abbe.compcore.threads import threads_for
 from benchmarks.hidden.causes import READING, Cause
 from benchmarks.hidden.inputs import Inputs, Learnt, Term, inputs
 from benchmarks.hidden.outcome import Outcome

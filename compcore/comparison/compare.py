@@ -18,8 +18,8 @@ from abbe.compcore.fitting.design.row_blocks import rows_at_once
 from abbe.compcore.fitting.design.weights import Uncertainty
 from abbe.compcore.fitting.gauss_newton import gauss_newton
 from abbe.compcore.fitting.reduction import leverage
+from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
-from abbe.compcore.threads import threads_for
 
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abbe.compcore.diagnosis.measure_next import Advice, separable
 from abbe.compcore.diagnosis.measure_next import advise as _advise
 from abbe.compcore.diagnosis.verdict import Diagnosis, Established, diagnose
-from abbe.compcore.threads import threads_for
+from abbe.compcore.linalg import threads_for
 
 __all__ = ["Advice", "Diagnosis", "Established", "advise", "diagnose"]
 

@@ -28,8 +28,8 @@ from abbe.compcore.diagnosis.screening.search import joint_value, search
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import Patterns, Structure
 from abbe.compcore.errors import FitError
 from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
-from abbe.compcore.threads import threads_for
 
 F64 = NDArray[np.float64]
 

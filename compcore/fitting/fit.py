@@ -26,8 +26,8 @@ from abbe.compcore.fitting.robust import Outlier, outliers_of, reject, studentis
 from abbe.compcore.fitting.separable import search, step_widths
 from abbe.compcore.fitting.undetermined import NullSpace, split_null_space
 from abbe.compcore.fitting.undetermined_words import Undetermined, in_words
+from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
-from abbe.compcore.threads import threads_for
 
 F64 = NDArray[np.float64]
 Progress = Callable[[str], None]

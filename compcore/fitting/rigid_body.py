@@ -19,10 +19,9 @@ from scipy.special import fdtrc
 
 from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.fitting.fit import FitResult
-from abbe.compcore.linalg import svd
+from abbe.compcore.linalg import svd, threads_for
 from abbe.compcore.machine.error_motion import INSTRUMENT, ErrorMotion
 from abbe.compcore.machine.machine import Axis
-from abbe.compcore.threads import threads_for
 
 F64 = NDArray[np.float64]
 

@@ -15,6 +15,7 @@ from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.inverse import invert_model
 from abbe.compcore.model.model import Model
+from abbe.daemon.arguments.effect_name import short
 
 F64 = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -143,11 +144,6 @@ def as_text(found: Corrected, *, explain: bool) -> Iterator[str]:
     if explain:
         yield ""
         yield from _explained(found)
-
-
-def short(spec: str) -> str:
-    """An effect's name for people: without a table's positions."""
-    return " ".join(word for word in spec.split() if not word.startswith("positions="))
 
 
 def _explained(found: Corrected) -> Iterator[str]:

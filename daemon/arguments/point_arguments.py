@@ -15,8 +15,8 @@ from abbe.compcore.machine.plausible import SPINDLE_ANGLE, TIME, position_range,
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.required_inputs import Needs, validity
-from abbe.daemon.answers.correct import short
 from abbe.daemon.arguments.assignments import number, split_assignments, tool_offset
+from abbe.daemon.arguments.effect_name import short
 
 
 @dataclass(frozen=True)

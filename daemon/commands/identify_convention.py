@@ -53,10 +53,10 @@ def identify_convention(
     from abbe.compcore.errors import InputError
     from abbe.compcore.files.map_file import load_map
     from abbe.compcore.files.model_file import load_model
+    from abbe.compcore.files.switched_points import read_switched
     from abbe.compcore.machine.structure import Structure
     from abbe.compcore.maps.conventions.identify import identify
     from abbe.compcore.maps.conventions.subject import MapSubject, ModelSubject, Subject
-    from abbe.compcore.maps.conventions.switched import read_switched
     from abbe.daemon.answers import identify_convention as identified
     from abbe.daemon.arguments.map_options import squareness_of
     from abbe.daemon.progress import shown

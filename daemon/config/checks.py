@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.machine.conditions import unit_of
 from abbe.daemon.config.channels import WATCHED, Channels, Key, split
+from abbe.daemon.config.configuration import Configuration
 from abbe.daemon.config.outputs import check_outputs
 from abbe.daemon.config.paces import check_paces
 from abbe.drivers.link import Link
 from abbe.drivers.transducers import AnyTransducerConfig, make_transducer
-
-if TYPE_CHECKING:
-    from abbe.daemon.config.load import Configuration
 
 _SPELLINGS = {"°C": "degC", "Ω": "ohm", "Ohm": "ohm", "counts": "count"}
 _ANY = "number"

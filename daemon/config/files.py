@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.files.text.write_target import Target
+from abbe.daemon.config.configuration import Configuration
 from abbe.daemon.outputs import JOURNAL, UPLOADS, Kind, require_kind
-
-if TYPE_CHECKING:
-    from abbe.daemon.config.load import Configuration
 
 Key = tuple[str | int, ...]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,65 +10,14 @@ from pydantic import ValidationError
 
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.text.toml_source import TomlSource
-from abbe.compcore.model.model import Model
+from abbe.daemon.config.checks import check
+from abbe.daemon.config.configuration import Configuration, LinkSetup
 from abbe.daemon.config.files import check_files
 from abbe.daemon.config.sections import ConfigFile
-from abbe.daemon.config.upload import UploadSetup, upload_setup
+from abbe.daemon.config.upload import upload_setup
 from abbe.daemon.config.validation_errors import told
 from abbe.daemon.guard import GuardLimits
-from abbe.drivers.link import Link, LinkConfig, LinkConfigError, link_class
-
-
-@dataclass(frozen=True, slots=True)
-class LinkSetup:
-    """One ``[links.NAME]`` section: which driver, and its checked configuration."""
-
-    driver: str
-    kind: type[Link]
-    config: LinkConfig
-
-
-@dataclass(frozen=True)
-class Configuration:
-    """A configuration that was found to fit together.
-
-    Attributes
-    ----------
-    path
-        The file.
-    file
-        Its sections.
-    model
-        The model that it names.
-    links
-        The links by name, not yet made.
-    limits
-        What the guard allows.
-    upload
-        Where tables go; None: nowhere.
-    """
-
-    path: Path
-    file: ConfigFile
-    model: Model
-    links: Mapping[str, LinkSetup]
-    limits: GuardLimits
-    upload: UploadSetup | None = None
-
-    @property
-    def model_path(self) -> Path:
-        """The model file."""
-        return self.path.parent / self.file.model
-
-    @property
-    def journal_path(self) -> Path | None:
-        """Where the journal goes, None: nowhere."""
-        name = self.file.journal.file
-        return None if name is None else self.path.parent / name
-
-    def make_links(self) -> dict[str, Link]:
-        """The links, made but not opened; channels are known from now on."""
-        return {name: setup.kind(name, setup.config) for name, setup in self.links.items()}
+from abbe.drivers.link import Link, LinkConfigError, link_class
 
 
 def load_config(path: str | Path) -> Configuration:
@@ -80,8 +28,6 @@ def load_config(path: str | Path) -> Configuration:
     InputError
         The first thing that is wrong: file, line, key, what was found and what was expected.
     """
-    from abbe.daemon.config.checks import check
-
     source = TomlSource.read(path)
     try:
         file = ConfigFile.model_validate(source.data)

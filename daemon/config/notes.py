@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from abbe.daemon.config.channels import WATCHED, split
-from abbe.daemon.config.load import Configuration
+from abbe.daemon.config.configuration import Configuration
 
 
 def notes(configuration: Configuration) -> list[str]:

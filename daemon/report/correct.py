@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from abbe.daemon.answers.correct import Corrected, short
+from abbe.daemon.answers.correct import Corrected
+from abbe.daemon.arguments.effect_name import short
 from abbe.daemon.report.figure import figure
 from abbe.daemon.report.page import Page
 

@@ -12,14 +12,16 @@ import contextlib
 import errno
 import fcntl
 import os
+import re
 import termios
 import time
 from collections.abc import Callable
 from typing import Any
 
-from abbe.drivers.can.slcan_status import LINE
 from abbe.drivers.serial.port.port import in_driver
 
+LINE = re.compile(rb"(?<![^\r\a])(F[0-9A-Fa-f]{2}|s[awpb][0-9]{6})\r")
+"""A line of an adapter's output that is no frame."""
 _DRAIN = 0.1
 """s that the rest may take to leave before the port is closed; it may hold the closing command."""
 _LONGEST = 512

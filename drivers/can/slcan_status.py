@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import re
 import threading
 import time
 from collections.abc import Callable
@@ -26,8 +25,6 @@ if TYPE_CHECKING:
 Dialect = Literal["lawicel", "usbtin"]
 """Whose meaning the status flags have."""
 
-LINE = re.compile(rb"(?<![^\r\a])(F[0-9A-Fa-f]{2}|s[awpb][0-9]{6})\r")
-"""A line of an adapter's output that is no frame."""
 _ASK_EVERY = 0.1
 """s between two questions for the flags."""
 _ASK_AGAIN = 0.5

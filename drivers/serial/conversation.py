@@ -20,7 +20,8 @@ from abbe.drivers.serial.checksum import shown
 from abbe.drivers.serial.config import LineConfig
 from abbe.drivers.serial.patterns import Match
 from abbe.drivers.serial.port.lines import Splitter
-from abbe.drivers.serial.port.port import Port, open_port
+from abbe.drivers.serial.port.opening import open_port
+from abbe.drivers.serial.port.port import Port
 from abbe.drivers.serial.port.sending import see_sent, withdrawn
 from abbe.drivers.serial.question import Question, RefusedError
 

@@ -25,7 +25,8 @@ from abbe.drivers.serial.checksum import shown
 from abbe.drivers.serial.config import SerialConfig
 from abbe.drivers.serial.fields import FieldError
 from abbe.drivers.serial.port.lines import Splitter
-from abbe.drivers.serial.port.port import Port, open_port
+from abbe.drivers.serial.port.opening import open_port
+from abbe.drivers.serial.port.port import Port
 from abbe.drivers.serial.port.sending import see_sent
 from abbe.drivers.serial.question import Message, framed
 

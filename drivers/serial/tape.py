@@ -12,7 +12,8 @@ from pydantic import ConfigDict, Field, model_validator
 from abbe.drivers.link import LinkDownError, LinkError, LinkProtocolError, LinkTimeoutError
 from abbe.drivers.serial.checksum import Kind, shown
 from abbe.drivers.serial.patterns import checked
-from abbe.drivers.serial.port.port import Port, open_port
+from abbe.drivers.serial.port.opening import open_port
+from abbe.drivers.serial.port.port import Port
 from abbe.drivers.serial.port.settings import PortSettings
 
 DC1, DC3 = 0x11, 0x13

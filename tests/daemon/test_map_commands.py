@@ -11,9 +11,9 @@ import pytest
 
 from abbe.compcore.files.map_file import load_map, save_map
 from abbe.compcore.files.model_file import load_model
+from abbe.compcore.files.switched_points import read_switched
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.structure import Structure
-from abbe.compcore.maps.conventions.switched import read_switched
 from abbe.compcore.maps.to_model import map_machine
 from tests.support.compcore.article_map import as_map, correction, random_tables
 from tests.support.daemon.command_line import abbe

@@ -21,7 +21,7 @@ from abbe.compcore.fitting.design.design_matrix import Beside
 from abbe.compcore.fitting.design.nuisance import Eliminator
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.fitting.reduction import triangle
-from abbe.compcore.threads import threads_for
+from abbe.compcore.linalg import threads_for
 
 F64 = NDArray[np.float64]
 

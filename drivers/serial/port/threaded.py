@@ -31,7 +31,7 @@ class ThreadedPort:
     since
         Monotonic time in s before which nothing came.
     on_data, on_lost
-        As in `abbe.drivers.serial.port.port.open_port`; called in the event loop.
+        As in `abbe.drivers.serial.port.opening.open_port`; called in the event loop.
     """
 
     def __init__(

@@ -7,12 +7,13 @@ import pytest
 
 from abbe.compcore.effects import Angular, Scale, Squareness
 from abbe.compcore.errors import InputError
+from abbe.compcore.files.switched_points import read_switched
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.structure import Structure
 from abbe.compcore.maps.convention import Convention, parse_signs
 from abbe.compcore.maps.conventions.identify import identify
 from abbe.compcore.maps.conventions.subject import MapSubject, ModelSubject
-from abbe.compcore.maps.conventions.switched import SwitchedPoints, read_switched
+from abbe.compcore.maps.conventions.switched import SwitchedPoints
 from abbe.compcore.maps.squareness import with_squareness
 from abbe.compcore.maps.to_model import import_map, map_machine
 from abbe.compcore.model.model import Model, Term, Value
