@@ -25,7 +25,7 @@ from abbe.compcore.tables.capability import RIGID, Capability, Holds
 from abbe.compcore.tables.field import ErrorField
 from abbe.compcore.tables.grid import spatial_grid
 from abbe.compcore.tables.projection.project import project
-from abbe.compcore.tables.remainder import Trial
+from abbe.compcore.tables.remainder import TrialPoints
 from abbe.compcore.tables.volume import Volume
 from benchmarks.report import machine, write_section
 
@@ -108,7 +108,7 @@ def main() -> None:
     }
     nodes = {a: np.linspace(*t, 31) for a, t in TRAVELS.items()}
     grid = best(lambda: spatial_grid(model, state, nodes))
-    trial = Trial.over(field, volume)
+    trial = TrialPoints.over(field, volume)
     none = trial.remainder()
     rows = [("no compensation", None, none)]
     for name, capability in kinds.items():

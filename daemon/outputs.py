@@ -19,7 +19,7 @@ from abbe.compcore.files.campaign_csv import head as campaign_head
 from abbe.compcore.files.model_file import FORMAT as MODEL_FORMAT
 from abbe.compcore.files.table_record import FORMAT as TABLES_FORMAT
 from abbe.compcore.files.table_set import RECORD_NAME, TableSet, sha256
-from abbe.compcore.files.text.write_target import Target
+from abbe.compcore.files.text.write_target import WriteTarget
 
 Say = Callable[[str], None]
 """Tells the user a line."""
@@ -31,7 +31,7 @@ _SHOWN = 40
 
 
 @dataclass(frozen=True)
-class Kind:
+class OutputKind:
     """A kind of file that Abbe writes.
 
     Attributes
@@ -56,26 +56,26 @@ def _key(name: str, behind: str = "") -> re.Pattern[bytes]:
     return re.compile(text.encode(), re.MULTILINE)
 
 
-MODEL = Kind("a model of Abbe", _key(MODEL_FORMAT))
-CAMPAIGN = Kind("a campaign of Abbe", _key(campaign_head.FORMAT, '"?#'))
-CORRECTED = Kind("points that Abbe corrected", re.compile(rb"^[^#\n]*\bX_corrected\b", re.M))
-REPORT = Kind("a report of Abbe", re.compile(rb'<meta name="generator" content="Abbe '))
-JOURNAL = Kind(
+MODEL = OutputKind("a model of Abbe", _key(MODEL_FORMAT))
+CAMPAIGN = OutputKind("a campaign of Abbe", _key(campaign_head.FORMAT, '"?#'))
+CORRECTED = OutputKind("points that Abbe corrected", re.compile(rb"^[^#\n]*\bX_corrected\b", re.M))
+REPORT = OutputKind("a report of Abbe", re.compile(rb'<meta name="generator" content="Abbe '))
+JOURNAL = OutputKind(
     "a journal of abbe run",
     re.compile(rb"\A\0*\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} [A-Z]{4,8} "),
 )
-UPLOADS = Kind(
+UPLOADS = OutputKind(
     "a journal of uploads",
     re.compile(rb'\A(?:\{"format": "abbe-uploads/1"|\{[^\n]{0,25}(?:\n\{"format"|\Z)|\0)'),
 )
-RECORD = Kind(
+RECORD = OutputKind(
     "a record of Abbe's tables", re.compile(rb'"format":\s*"' + TABLES_FORMAT.encode() + b'"')
 )
 
 
 def check_outputs(
     reads: Iterable[Path | None],
-    writes: Iterable[tuple[Path | None, Kind]],
+    writes: Iterable[tuple[Path | None, OutputKind]],
     *,
     force: bool,
     as_json: bool = False,
@@ -108,7 +108,7 @@ def check_outputs(
     streams: dict[int, Path] = {}
     to_stdout = False
     for path, kind in wanted:
-        target = Target.of(path)
+        target = WriteTarget.of(path)
         target.require_writable(path)
         if target.descriptor is not None:
             _refuse_second(path, streams.get(target.descriptor))
@@ -141,7 +141,7 @@ def check_outputs(
 def check_folder(
     folder: Path,
     reads: Iterable[Path | None],
-    beside: Iterable[tuple[Path | None, Kind]],
+    beside: Iterable[tuple[Path | None, OutputKind]],
     files: Mapping[str, str],
     *,
     force: bool,
@@ -184,7 +184,7 @@ def check_folder(
 
 def _require_own(path: Path, text: str, made: str | None) -> None:
     """Whether what is there is a table of the record, as it was made or as it will be."""
-    status = Target.of(path).status
+    status = WriteTarget.of(path).status
     if status is None or not status.st_size:
         return
     if made is None:
@@ -204,7 +204,7 @@ def _require_own(path: Path, text: str, made: str | None) -> None:
         )
 
 
-_ANYTHING = Kind("a table", re.compile(b""))
+_ANYTHING = OutputKind("a table", re.compile(b""))
 
 
 @dataclass(frozen=True)
@@ -218,12 +218,12 @@ class _Taken:
 def _inputs(reads: Iterable[Path | None]) -> Iterator[tuple[tuple[object, ...], _Taken]]:
     """What must not be written, by identity: inputs, and where our own output goes already."""
     for descriptor, name in ((1, "standard output"), (2, "standard error")):
-        identity = Target.of(f"/dev/fd/{descriptor}").identity
+        identity = WriteTarget.of(f"/dev/fd/{descriptor}").identity
         if identity is not None:
             yield identity, _Taken(name, read=False)
     for path in reads:
         for file in () if path is None else _files_of(path):
-            identity = Target.of(file).identity
+            identity = WriteTarget.of(file).identity
             if identity is not None:
                 yield identity, _Taken(str(file), read=True)
 
@@ -244,8 +244,8 @@ def _refuse_second(path: Path, before: Path | None) -> None:
 
 def require_kind(
     path: Path,
-    target: Target,
-    kind: Kind,
+    target: WriteTarget,
+    kind: OutputKind,
     *,
     force: bool,
     way_out: str = "a new name; --force overwrites it",

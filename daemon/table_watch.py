@@ -26,7 +26,7 @@ from abbe.compcore.machine.lag import LagState
 from abbe.compcore.model.model import Model
 from abbe.compcore.tables.change import predicted_change
 from abbe.compcore.tables.volume import Volume
-from abbe.daemon.answers.table import Order, make
+from abbe.daemon.answers.table import TableRequest, make
 from abbe.daemon.arguments import table_arguments
 from abbe.daemon.config import Configuration, load_config
 from abbe.daemon.outputs import check_folder
@@ -137,7 +137,7 @@ class Follower:
 
 
 @dataclass(frozen=True)
-class Target:
+class TableTarget:
     """What is made, and where it goes."""
 
     controller: Controller
@@ -153,7 +153,7 @@ async def follow(
     configuration: Configuration,
     links: Mapping[str, Link],
     follower: Follower,
-    target: Target,
+    target: TableTarget,
     tell: Tell,
     *,
     duration: float | None = None,
@@ -213,8 +213,8 @@ async def follow(
         await asyncio.sleep(min(every, max(until - time.monotonic(), 0.0)))
 
 
-def _make(configuration: Configuration, target: Target, state: SlowState) -> Any:
-    order = Order(
+def _make(configuration: Configuration, target: TableTarget, state: SlowState) -> Any:
+    order = TableRequest(
         configuration.model_path,
         target.controller,
         target.options,
@@ -231,7 +231,7 @@ def _make(configuration: Configuration, target: Target, state: SlowState) -> Any
     return done
 
 
-def _event(done: Any, change: float, target: Target) -> dict[str, Any]:
+def _event(done: Any, change: float, target: TableTarget) -> dict[str, Any]:
     left = done.remaining[target.controller.name]
     return {
         "event": "tables",
@@ -275,7 +275,7 @@ def watch_tables(
     configuration = load_config(config)
     model = configuration.model
     machine = model.machine
-    target = Target(
+    target = TableTarget(
         make_controller(controller, machine, options),
         options,
         Volume.of(machine, table_arguments.ranges(volume, machine)),

@@ -174,7 +174,7 @@ class ChannelInfo:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class WirePlace:
     """Where a channel sits on the wire, comparable between links to one device.
 
     Attributes
@@ -197,7 +197,7 @@ class Place:
     space: tuple[str, ...] = ()
     apart: tuple[bool, ...] = ()
 
-    def overlaps(self, other: Place) -> bool:
+    def overlaps(self, other: WirePlace) -> bool:
         """Whether a device may keep the two in the same memory."""
         if self.device != other.device or self.end <= other.first or other.end <= self.first:
             return False
@@ -293,7 +293,7 @@ class Link(ABC):
         """What the configuration says of one of `channels`; a link that knows more overrides it."""
         return ChannelInfo(writable=channel in self.channels)
 
-    def places(self, channel: str) -> tuple[Place, ...]:
+    def places(self, channel: str) -> tuple[WirePlace, ...]:
         """Where one of `channels` sits, for finding that two are the same; empty: unknown."""
         return ()
 

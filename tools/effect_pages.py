@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from abbe.compcore.effects import NonlinearParameter, Parameter, effect_class, effect_kinds
-from abbe.compcore.effects.handbook import Page, effect_page
+from abbe.compcore.effects.handbook import EffectPage, effect_page
 from abbe.compcore.effects.registry import FAMILIES
 from abbe.compcore.files.text.atomic import write_atomically
 from abbe.compcore.units import display
@@ -59,7 +59,7 @@ def page_text(kind: str) -> str:
     return "\n".join([*lines, "", _back(page), ""])
 
 
-def _back(page: Page) -> str:
+def _back(page: EffectPage) -> str:
     return f"[All effects](README.md) · `abbe effects {page.kind}`"
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from abbe.compcore.diagnosis import Diagnosis
 from abbe.compcore.diagnosis.aliases import TOLD_APART
-from abbe.compcore.diagnosis.screening.pool import Found
+from abbe.compcore.diagnosis.screening.pool import WeighedCandidate
 from abbe.compcore.effects import make_effect
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.model.revise import identity
@@ -68,7 +68,7 @@ def _same(found: object, wanted: object) -> bool:
     return str(found) == str(wanted)
 
 
-def _true(diagnosis: Diagnosis, cause: Cause) -> list[Found]:
+def _true(diagnosis: Diagnosis, cause: Cause) -> list[WeighedCandidate]:
     """The true cause as the data see it by itself, its non-linear parameters at their best."""
     pool, basis = diagnosis.pool, diagnosis.basis
     found = [f for f in diagnosis.ranked if _answers(f.candidate.effect, cause)]

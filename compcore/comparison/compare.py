@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
-from abbe.compcore.comparison.lines import Line, lines
-from abbe.compcore.comparison.tabulate import Tables, tables
+from abbe.compcore.comparison.lines import MeasuredLine, lines
+from abbe.compcore.comparison.tabulate import ResidualTables, tables
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.errors import FitError
 from abbe.compcore.fitting.design.design_matrix import Problem
@@ -52,7 +52,7 @@ class Point:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class ComparedRows:
     """The comparison of one kind of rows: lengths (mm, tables in µm) or rotations (rad, µrad).
 
     Attributes
@@ -74,7 +74,7 @@ class Part:
     max: float
     p95: float
     chi2_per_dof: float
-    tables: Tables
+    tables: ResidualTables
     worst: tuple[Point, ...]
 
     @property
@@ -112,9 +112,9 @@ class Comparison:
     residual: F64
     weighted: F64
     measured: F64
-    lengths: Part
-    rotations: Part
-    lines: list[Line]
+    lengths: ComparedRows
+    rotations: ComparedRows
+    lines: list[MeasuredLine]
     noise: NoiseFloor
     uncertainty: Uncertainty
     left_out: tuple[str, ...]
@@ -205,7 +205,9 @@ def _seen_in_fit(model: Model, campaign: Campaign) -> bool:
     return bool(campaign.files) and set(campaign.files.values()) <= fitted
 
 
-def _part(problem: Problem, residual: F64, weighted: F64, absorbed: F64, rows: Mask) -> Part:
+def _part(
+    problem: Problem, residual: F64, weighted: F64, absorbed: F64, rows: Mask
+) -> ComparedRows:
     campaign = problem.campaign
     size = np.abs(residual[rows])
     freedom = float((1.0 - absorbed[rows]).sum())
@@ -214,7 +216,7 @@ def _part(problem: Problem, residual: F64, weighted: F64, absorbed: F64, rows: M
     worst = np.flatnonzero(rows)[np.argsort(-size, kind="stable")[:WORST]]
     setup = campaign.conditions.setup
     nothing = float("nan")
-    return Part(
+    return ComparedRows(
         rows,
         float(np.sqrt(np.mean(size**2))) if size.size else nothing,
         float(size.max()) if size.size else nothing,

@@ -26,7 +26,7 @@ _STRAIGHT = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class MeasuredLine:
     """One set-up along a straight line, before and after the model.
 
     Attributes
@@ -51,7 +51,7 @@ class Line:
     rest_after: float
 
 
-def lines(campaign: Campaign, residual: F64, eliminator: Eliminator) -> list[Line]:
+def lines(campaign: Campaign, residual: F64, eliminator: Eliminator) -> list[MeasuredLine]:
     """Every set-up of a campaign whose displacements lie along a straight line.
 
     Parameters
@@ -80,7 +80,7 @@ def lines(campaign: Campaign, residual: F64, eliminator: Eliminator) -> list[Lin
         before, rest_before = split(along, campaign.value[rows])
         after, rest_after = split(along, residual[rows])
         found.append(
-            Line(
+            MeasuredLine(
                 block.setup,
                 len(rows),
                 length,

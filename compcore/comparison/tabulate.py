@@ -23,7 +23,7 @@ PARTS = 5
 
 
 @dataclass(frozen=True, slots=True)
-class Group:
+class ResidualGroup:
     """Residuals of some rows.
 
     Attributes
@@ -49,15 +49,15 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Tables:
+class ResidualTables:
     """Residuals of one kind told apart; each list in natural order, empty groups left out."""
 
-    setups: list[Group] = field(default_factory=list)
-    regions: list[Group] = field(default_factory=list)
-    directions: list[Group] = field(default_factory=list)
-    tools: list[Group] = field(default_factory=list)
-    signals: list[Group] = field(default_factory=list)
-    time: list[Group] = field(default_factory=list)
+    setups: list[ResidualGroup] = field(default_factory=list)
+    regions: list[ResidualGroup] = field(default_factory=list)
+    directions: list[ResidualGroup] = field(default_factory=list)
+    tools: list[ResidualGroup] = field(default_factory=list)
+    signals: list[ResidualGroup] = field(default_factory=list)
+    time: list[ResidualGroup] = field(default_factory=list)
 
     def as_dict(self) -> dict[str, Any]:
         """Name of the table → its groups, for JSON."""
@@ -67,14 +67,14 @@ class Tables:
         }
 
 
-def tables(machine: Machine, campaign: Campaign, residual: F64, rows: Mask) -> Tables:
+def tables(machine: Machine, campaign: Campaign, residual: F64, rows: Mask) -> ResidualTables:
     """Tell residuals (n,), in the unit that is wanted, of some rows apart.
 
     Positions in mm or degrees, time in s, signals in their own units.
     """
     c = campaign.conditions
 
-    def grouped(groups: Iterable[tuple[Mapping[str, Any], Mask]]) -> list[Group]:
+    def grouped(groups: Iterable[tuple[Mapping[str, Any], Mask]]) -> list[ResidualGroup]:
         found = []
         for of, mask in groups:
             chosen = residual[mask & rows]
@@ -82,7 +82,7 @@ def tables(machine: Machine, campaign: Campaign, residual: F64, rows: Mask) -> T
                 found.append(group(of, chosen))
         return found
 
-    return Tables(
+    return ResidualTables(
         setups=_setups(campaign, residual, rows),
         regions=grouped(_regions(machine, campaign)),
         directions=grouped(
@@ -98,9 +98,9 @@ def tables(machine: Machine, campaign: Campaign, residual: F64, rows: Mask) -> T
     )
 
 
-def group(of: Mapping[str, Any], values: F64) -> Group:
+def group(of: Mapping[str, Any], values: F64) -> ResidualGroup:
     """Figures of a group of at least one residual."""
-    return Group(
+    return ResidualGroup(
         of,
         int(values.size),
         float(np.sqrt(np.mean(values**2))),
@@ -109,7 +109,7 @@ def group(of: Mapping[str, Any], values: F64) -> Group:
     )
 
 
-def _setups(campaign: Campaign, residual: F64, rows: Mask) -> list[Group]:
+def _setups(campaign: Campaign, residual: F64, rows: Mask) -> list[ResidualGroup]:
     if campaign.conditions.setup is None:
         return []
     setups = campaign.conditions.setup_rows()

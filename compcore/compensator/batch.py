@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.compensator.folding.slow_state import SlowState
-from abbe.compcore.compensator.folding.tables import AxisTable, Tables
+from abbe.compcore.compensator.folding.tables import FoldedAxisTable, FoldedTables
 from abbe.compcore.machine.kinematics import Chain, exact, first_order
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.model.model import Composition
@@ -123,7 +123,7 @@ class LinearBatch:
         Their change per mm of each axis, (axes, 3, motions).
     """
 
-    def __init__(self, tables: Tables, at_zero: F64, per_mm: F64) -> None:
+    def __init__(self, tables: FoldedTables, at_zero: F64, per_mm: F64) -> None:
         self._tables = tables
         self._at_zero, self._per_mm = at_zero, per_mm
         self._ready = False
@@ -137,14 +137,14 @@ class LinearBatch:
         self._others = []
         self._products, self._direct = tables.products, tables.direct
         for table, columns in tables.tables:
-            if isinstance(table, AxisTable):
+            if isinstance(table, FoldedAxisTable):
                 found = self._columns(table, list(columns))
                 self._lines.append((table.axis, Finder(table.nodes), found))
             else:
                 self._others.append((table, list(columns)))
         self._ready = True
 
-    def _columns(self, table: AxisTable, error_motions: list[int]) -> list[_Column]:
+    def _columns(self, table: FoldedAxisTable, error_motions: list[int]) -> list[_Column]:
         found = []
         for lever, share in [(None, self._at_zero), *enumerate(self._per_mm)]:
             for component in range(3):
@@ -216,7 +216,7 @@ class ChainBatch:
     """Errors at many points from one state's tables, on any machine, composed either way."""
 
     def __init__(
-        self, machine: Machine, composition: Composition, tables: Tables, state: SlowState
+        self, machine: Machine, composition: Composition, tables: FoldedTables, state: SlowState
     ) -> None:
         self._machine, self._tables, self._state = machine, tables, state
         self._compose = exact if composition == "exact" else first_order

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.compensator.folding.tables import (
-    AxisTable,
     DirectionTable,
+    FoldedAxisTable,
+    FoldedTables,
     PhaseTable,
     Products,
     Table,
-    Tables,
 )
 
 F64 = NDArray[np.float64]
@@ -62,13 +62,13 @@ def scalar(table: Table, column: int) -> Value:
         intercept, slope = rows[i] or fetch(i)
         return intercept + slope * q
 
-    if isinstance(table, AxisTable):
+    if isinstance(table, FoldedAxisTable):
         return lambda positions, _: look_up(positions[axis])
     low, high, period = table.low, table.high, table.period
     return lambda positions, _: look_up((min(max(positions[axis], low), high) - low) % period)
 
 
-def phases(tables: Tables) -> list[tuple[Value, int]]:
+def phases(tables: FoldedTables) -> list[tuple[Value, int]]:
     """Functions of a phase, each with its error motion."""
     return [
         (scalar(table, j), k)

@@ -16,7 +16,7 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.compensator.folding.tables import AxisTable, DirectionTable, Tables
+from abbe.compcore.compensator.folding.tables import DirectionTable, FoldedAxisTable, FoldedTables
 from abbe.compcore.compensator.scalar import lazy_rows, one_row, phases, scalar_products, sign
 
 F64 = NDArray[np.float64]
@@ -50,7 +50,7 @@ def nine(at_zero: F64, per_mm: F64, axes: Sequence[str]) -> F64 | None:
     return np.stack([*at_zero, *(per_mm[lever, k] for lever, k in _LEVERS)], axis=1)
 
 
-def square_step(tables: Tables, shares: F64, axes: Sequence[str]) -> Step:
+def square_step(tables: FoldedTables, shares: F64, axes: Sequence[str]) -> Step:
     """The step, from tables and what `nine` gave (`shares`)."""
     order = [list(axes).index(letter) for letter in "XYZ"]
     pick = itemgetter(*order)
@@ -58,7 +58,7 @@ def square_step(tables: Tables, shares: F64, axes: Sequence[str]) -> Step:
     nodes: list[list[float]] = [[0.0]] * 3
     matrices: list[F64] = [np.zeros((2, 18))] * 3
     for table, columns in tables.tables:
-        if isinstance(table, AxisTable):
+        if isinstance(table, FoldedAxisTable):
             share = shares[list(columns)]
             k = order.index(table.axis)
             nodes[k] = table.nodes.tolist()
@@ -129,7 +129,7 @@ def square_step(tables: Tables, shares: F64, axes: Sequence[str]) -> Step:
 
 
 def _by_directions(
-    tables: Tables, shares: F64, count: int
+    tables: FoldedTables, shares: F64, count: int
 ) -> dict[tuple[float, ...], list[float]] | None:
     """What directions alone add to the nine functions, for every combination of directions."""
     directed = [

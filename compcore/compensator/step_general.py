@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.compensator.folding.slow_state import SlowState
-from abbe.compcore.compensator.folding.tables import AxisTable, DirectionTable, Tables
+from abbe.compcore.compensator.folding.tables import DirectionTable, FoldedAxisTable, FoldedTables
 from abbe.compcore.compensator.rotation import (
     IDENTITY,
     Nine,
@@ -47,14 +47,14 @@ F64 = NDArray[np.float64]
 Step = Callable[[Sequence[float], Sequence[float]], Triple]
 
 
-def motions_at(tables: Tables) -> Callable[[Sequence[float], Sequence[float]], list[float]]:
+def motions_at(tables: FoldedTables) -> Callable[[Sequence[float], Sequence[float]], list[float]]:
     """All error motions at one point, a list in the order of `tables` with a 0 at its end."""
     start = [*tables.constant.tolist(), 0.0]
     lines = []
     others: list[tuple[Value, int]] = phases(tables)
     products = [(scalar_products(bundle), bundle.error_motions) for bundle in tables.products]
     for table, columns in tables.tables:
-        if isinstance(table, AxisTable):
+        if isinstance(table, FoldedAxisTable):
             rows, fetch = lazy_rows(np.concatenate([table.intercept, table.slope], axis=1))
             width = len(columns)
             each = [(k, j, j + width) for j, k in enumerate(columns)]
@@ -148,7 +148,7 @@ def stages_of(machine: Machine, error_motions: Sequence[ErrorMotion]) -> list[_S
 
 
 def chain_step(
-    machine: Machine, composition: Composition, tables: Tables, state: SlowState
+    machine: Machine, composition: Composition, tables: FoldedTables, state: SlowState
 ) -> Step:
     """The step of any machine, with the state's tool and spindle angle."""
     zero = {a: np.zeros(1) for a in machine.structure.axes}

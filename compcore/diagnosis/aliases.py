@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.screening.evidence import INDISTINCT
-from abbe.compcore.diagnosis.screening.pool import Found, Pool
+from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.screening import Basis, orthonormal
 from abbe.compcore.model.revise import identity
 
@@ -39,13 +39,17 @@ class Alias:
         Cosine of the angle between the signature and the other's span.
     """
 
-    found: Found
+    found: WeighedCandidate
     separation: float
     cosine: float
 
 
 def aliases(
-    pool: Pool, background: Basis, winner: Found, others: Sequence[Found], variance: float
+    pool: Pool,
+    background: Basis,
+    winner: WeighedCandidate,
+    others: Sequence[WeighedCandidate],
+    variance: float,
 ) -> list[Alias]:
     """Which of the others are aliases of the winner, the closest first.
 

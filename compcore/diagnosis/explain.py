@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.diagnosis.screening.parameters import Estimate
-from abbe.compcore.diagnosis.uncatalogued.residual_pattern import Structure
+from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
 from abbe.compcore.diagnosis.verdict import Diagnosis, Established
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.units import display
@@ -135,7 +135,7 @@ def parameter(estimate: Estimate) -> str:
     return f"{estimate.name} = {estimate.value * factor:.5g} {name}"
 
 
-def description(structure: Structure) -> str:
+def description(structure: ResidualPattern) -> str:
     """A pattern in words: how the residuals go, and on which error motion."""
     pattern = structure.pattern
     error_motion = str(pattern.error_motion)
@@ -147,7 +147,7 @@ def description(structure: Structure) -> str:
     return text
 
 
-def formula(structure: Structure) -> str | None:
+def formula(structure: ResidualPattern) -> str | None:
     """What ``abbe add`` takes to add a pattern as an empirical formula; None where none says it."""
     pattern = structure.pattern
     if not pattern.terms:

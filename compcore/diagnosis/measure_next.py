@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.join import join_campaigns
 from abbe.compcore.diagnosis.practicable import Proposal, practicable, rows_at
-from abbe.compcore.diagnosis.screening.pool import Found
+from abbe.compcore.diagnosis.screening.pool import WeighedCandidate
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.fit import FitResult
@@ -55,7 +55,10 @@ class Advice:
 
 
 def advise(
-    result: FitResult, winner: Found | None, rivals: Sequence[Found], most: int = 4
+    result: FitResult,
+    winner: WeighedCandidate | None,
+    rivals: Sequence[WeighedCandidate],
+    most: int = 4,
 ) -> list[Advice]:
     """The most useful set-ups, best first.
 
@@ -111,7 +114,7 @@ def _first_of_each(advice: Sequence[Advice], most: int) -> list[Advice]:
     return out[:most]
 
 
-def _columns(problem: Problem, found: Found, theta: F64) -> F64:
+def _columns(problem: Problem, found: WeighedCandidate, theta: F64) -> F64:
     effect, nonlinear = found.candidate.effect, found.screened.nonlinear
     return problem.effect_columns(effect, nonlinear, theta)
 
@@ -133,7 +136,7 @@ class _Known:
         The winner's linear parameters as they would be fitted; empty without a winner.
     """
 
-    def __init__(self, result: FitResult, winner: Found | None) -> None:
+    def __init__(self, result: FitResult, winner: WeighedCandidate | None) -> None:
         self._result = result
         problem = result.problem
         self._scale = problem.layout.scale
@@ -152,7 +155,7 @@ class _Known:
         self._seen = self._grid @ self._half
         self._spread = _spread(self._information, self._grid)
 
-    def separations(self, rival: Found, new: _New) -> tuple[float, list[float]]:
+    def separations(self, rival: WeighedCandidate, new: _New) -> tuple[float, list[float]]:
         """χ² by which winner and rival are told apart: now, and with each of the new set-ups."""
         if self._signature is None:
             return 0.0, [0.0] * len(new.slices)
@@ -216,7 +219,7 @@ class _New:
     def __init__(
         self,
         result: FitResult,
-        winner: Found | None,
+        winner: WeighedCandidate | None,
         strength: F64,
         proposals: Sequence[Proposal],
     ) -> None:
@@ -233,7 +236,7 @@ class _New:
         if winner is not None:
             self.signature = self.columns(winner) @ strength
 
-    def columns(self, found: Found) -> F64:
+    def columns(self, found: WeighedCandidate) -> F64:
         """A candidate's columns on all rows, each set-up's zero taken out."""
         return self._eliminator.project(_columns(self._problem, found, self._theta))
 

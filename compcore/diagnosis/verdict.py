@@ -22,10 +22,10 @@ from abbe.compcore.diagnosis.screening.candidates import RIGID, Candidate, candi
 from abbe.compcore.diagnosis.screening.crossvalidation import folds, gain, left_out
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING
 from abbe.compcore.diagnosis.screening.parameters import Estimate
-from abbe.compcore.diagnosis.screening.pool import Found, Pool
+from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.screening import Basis
 from abbe.compcore.diagnosis.screening.search import joint_value, search
-from abbe.compcore.diagnosis.uncatalogued.residual_pattern import Patterns, Structure
+from abbe.compcore.diagnosis.uncatalogued.residual_pattern import Patterns, ResidualPattern
 from abbe.compcore.errors import FitError
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.linalg import threads_for
@@ -65,7 +65,7 @@ class Established:
         What it explains in each row beyond what the model can imitate, (n,), mm or rad.
     """
 
-    found: Found
+    found: WeighedCandidate
     estimates: tuple[Estimate, ...]
     rms_after: float
     cross_validated_gain: float
@@ -107,8 +107,8 @@ class Diagnosis:
     result: FitResult
     rms: float
     established: tuple[Established, ...]
-    structure: tuple[Structure, ...]
-    ranked: tuple[Found, ...]
+    structure: tuple[ResidualPattern, ...]
+    ranked: tuple[WeighedCandidate, ...]
     left: float
     tests: int
     pool: Pool = field(repr=False)
@@ -206,9 +206,9 @@ _LENGTHS = (Kind.DISPLACEMENT, Kind.DISTANCE, Kind.BASE_DISTANCE)
 def _compete(
     pool: Pool,
     basis: Basis,
-    chosen: Sequence[Found],
+    chosen: Sequence[WeighedCandidate],
     patterns: Patterns,
-) -> tuple[list[Found], list[Structure]]:
+) -> tuple[list[WeighedCandidate], list[ResidualPattern]]:
     """Causes from the catalogue against descriptions of structure: who explains what.
 
     Returns the causes that stand, and the structure that no cause explains.
@@ -238,7 +238,7 @@ def _compete(
         # only be imitating what is left, and is kept only if it stands beside the description
         return _beside(pool, basis, chosen, left, patterns), left
     extended = basis
-    told: list[Structure] = []
+    told: list[ResidualPattern] = []
     for s in strong[:1]:
         extended = extended.extended(patterns.with_lower_orders(s))
         told.append(s)
@@ -255,15 +255,15 @@ def _compete(
 def _beside(
     pool: Pool,
     basis: Basis,
-    chosen: Sequence[Found],
-    left: Sequence[Structure],
+    chosen: Sequence[WeighedCandidate],
+    left: Sequence[ResidualPattern],
     patterns: Patterns,
-) -> list[Found]:
+) -> list[WeighedCandidate]:
     """Those causes that stay established once the structure that is left is described."""
     described = basis
     for s in left:
         described = described.extended(patterns.with_lower_orders(s))
-    kept: list[Found] = []
+    kept: list[WeighedCandidate] = []
     for f in chosen:
         (again,) = pool.weighed(described, [f])
         if not again.established(basis.n):
@@ -299,8 +299,8 @@ def _established(
     pool: Pool,
     background: Basis,
     result: FitResult,
-    found: Found,
-    chosen: Sequence[Found],
+    found: WeighedCandidate,
+    chosen: Sequence[WeighedCandidate],
     rows: list[NDArray[np.int64]],
     variance: float,
     share: float,

@@ -32,7 +32,7 @@ from abbe.compcore.machine.machine import Machine
 
 if TYPE_CHECKING:
     from abbe.compcore.campaign.coverage import Survey
-    from abbe.compcore.effects.expressions.expression import Node
+    from abbe.compcore.effects.expressions.expression import FormulaNode
 
 F64 = NDArray[np.float64]
 Scope = Literal["machine", "workpiece", "instrument"]
@@ -255,7 +255,7 @@ class Effect(BaseModel, ABC):
 
     def expressions(
         self, machine: Machine, coefficients: F64
-    ) -> tuple[tuple[float, Node], ...] | None:
+    ) -> tuple[tuple[float, FormulaNode], ...] | None:
         """The error motion as a sum of numbers times expressions, of which bounds can be told.
 
         Returns

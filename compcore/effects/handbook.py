@@ -58,7 +58,7 @@ class Key:
 
 
 @dataclass(frozen=True)
-class Page:
+class EffectPage:
     """An effect's page.
 
     Attributes
@@ -114,13 +114,13 @@ class Page:
         }
 
 
-def effect_page(cls: type[Effect]) -> Page:
+def effect_page(cls: type[Effect]) -> EffectPage:
     """The page of an effect kind, built in or from a plugin."""
     blocks = _blocks(inspect.getdoc(cls) or cls.kind)
     opening = blocks.pop("")
     keys = [_key(name, info) for name, info in cls.model_fields.items()]
     keys.sort(key=lambda key: (not key.required, _order(key.name)))
-    return Page(
+    return EffectPage(
         cls.kind,
         cls.scope,
         chapter(cls),

@@ -9,9 +9,15 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.join import join_campaigns
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_csv.columns import AXIS, read_columns
-from abbe.compcore.files.campaign_csv.head import FORMAT, Head, add_metadata, plain_line, read_head
+from abbe.compcore.files.campaign_csv.head import (
+    FORMAT,
+    CampaignHead,
+    add_metadata,
+    plain_line,
+    read_head,
+)
 from abbe.compcore.files.campaign_csv.lines import LineSource, csv_cells
-from abbe.compcore.files.campaign_csv.rows import Rows
+from abbe.compcore.files.campaign_csv.rows import CampaignRows
 from abbe.compcore.files.campaign_csv.table import parse_rows
 from abbe.compcore.files.campaign_csv.writing import write_campaign
 from abbe.compcore.machine.machine import Axis, Machine
@@ -78,15 +84,15 @@ _FAR = 1e6
 
 def _opened(
     file: str, chunks: Iterator[tuple[int, list[str]]], machine: Machine
-) -> tuple[Rows, int, list[str]]:
+) -> tuple[CampaignRows, int, list[str]]:
     """An empty table, and what is left of the piece that metadata and header ended in."""
     head, header, line, rest = _head_and_header(file, chunks)
-    return Rows(machine, head, read_columns(header, machine, file, line)), line + 1, rest
+    return CampaignRows(machine, head, read_columns(header, machine, file, line)), line + 1, rest
 
 
 def _head_and_header(
     file: str, chunks: Iterator[tuple[int, list[str]]]
-) -> tuple[Head, list[str], int, list[str]]:
+) -> tuple[CampaignHead, list[str], int, list[str]]:
     """Metadata, header cells, the header's line number, and the lines left of that piece."""
     top: list[str] = []
     for first, lines in chunks:

@@ -52,7 +52,7 @@ class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class AxisSection(_Section):
+class ModelAxisSection(_Section):
     """``[machine.axes.NAME]``; mm, rotary degrees."""
 
     travel: tuple[Finite, Finite]
@@ -76,7 +76,7 @@ class MachineSection(_Section):
     structure: Annotated[str, Field(max_length=200)]
     reference_temperature: Annotated[Finite, AfterValidator(_within(REFERENCE_TEMPERATURE))] = 20.0
     composition: Composition = "first-order"
-    axes: dict[str, AxisSection]
+    axes: dict[str, ModelAxisSection]
     signals: dict[str, _SignalSection] = {}
 
 
@@ -172,7 +172,7 @@ def shaped(
         raise _told(source, error, tuple(prefix)) from None
 
 
-def _check_travel(source: TomlSource, name: str, axis: AxisSection) -> None:
+def _check_travel(source: TomlSource, name: str, axis: ModelAxisSection) -> None:
     path = ("machine", "axes", name, "travel")
     allowed = TRAVEL_ROTARY if is_rotary(name) else TRAVEL
     for end in axis.travel:

@@ -19,7 +19,7 @@ from abbe.compcore.fitting.design.nuisance import Eliminator
 from abbe.compcore.fitting.design.row_blocks import rows_at_once
 from abbe.compcore.fitting.design.weights import Uncertainty
 from abbe.compcore.fitting.determinacy import Decomposition
-from abbe.compcore.fitting.frame import Frame, alignment
+from abbe.compcore.fitting.frame import ReferenceFrame, alignment
 from abbe.compcore.fitting.gauss_newton import gauss_newton
 from abbe.compcore.fitting.reduction import leverage
 from abbe.compcore.fitting.robust import Outlier, outliers_of, reject, studentised
@@ -165,7 +165,7 @@ def fit(
     campaign: Campaign,
     *,
     robust: bool = False,
-    frame: Frame | None = None,
+    frame: ReferenceFrame | None = None,
     progress: Progress | None = None,
 ) -> FitResult:
     """Fit all effects of a model to a campaign.
@@ -193,7 +193,7 @@ def fit(
             "the model has no effects to fit: begin with positioning, straightness, angular and "
             "squareness ('abbe effects' lists all)"
         )
-    frame = Frame() if frame is None else frame
+    frame = ReferenceFrame() if frame is None else frame
     frame.check(model.machine)
     uncertainty = Uncertainty.of(campaign, model.machine)
     problem = Problem(model, campaign, sd=uncertainty.sd)
@@ -202,7 +202,7 @@ def fit(
 
 
 def _fit(
-    problem: Problem, uncertainty: Uncertainty, robust: bool, frame: Frame, tell: Progress
+    problem: Problem, uncertainty: Uncertainty, robust: bool, frame: ReferenceFrame, tell: Progress
 ) -> FitResult:
     theta = problem.start()
     if problem.layout.searched:
@@ -230,11 +230,11 @@ def _on_rows(result: FitResult, rows: NDArray[np.int64]) -> FitResult:
         theta, decomposition = gauss_newton(problem, result.theta)
         at = {int(row): i for i, row in enumerate(rows)}
         aside = tuple(replace(o, row=at[o.row]) for o in result.set_aside if o.row in at)
-        return _result(problem, theta, decomposition, Frame(), result.uncertainty, aside)
+        return _result(problem, theta, decomposition, ReferenceFrame(), result.uncertainty, aside)
 
 
 def _in_frame(
-    problem: Problem, theta: F64, decomposition: Decomposition, frame: Frame
+    problem: Problem, theta: F64, decomposition: Decomposition, frame: ReferenceFrame
 ) -> tuple[F64, Decomposition, NullSpace, F64]:
     """The solution with its frame chosen, what of it is not determined, and `alignment`."""
     arguments = (problem.model, problem.campaign, problem.layout)
@@ -271,7 +271,7 @@ def _result(
     problem: Problem,
     theta: F64,
     decomposition: Decomposition,
-    frame: Frame,
+    frame: ReferenceFrame,
     uncertainty: Uncertainty,
     set_aside: tuple[Outlier, ...],
 ) -> FitResult:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.errors import InputError
-from abbe.compcore.fitting.design.unknowns import Layout
+from abbe.compcore.fitting.design.unknowns import UnknownLayout
 from abbe.compcore.fitting.undetermined import NullSpace, sample_volume
 from abbe.compcore.linalg import svd
 from abbe.compcore.machine.conditions import Conditions
@@ -33,7 +33,7 @@ _CARRIED = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class ReferenceFrame:
     """How the reference frame is chosen.
 
     Attributes
@@ -48,7 +48,7 @@ class Frame:
     secondary: str = ""
 
     @classmethod
-    def parse(cls, text: str) -> Frame:
+    def parse(cls, text: str) -> ReferenceFrame:
         """``least-squares``, or the primary and the secondary axis: ``X,Y``.
 
         Raises
@@ -89,7 +89,12 @@ class Frame:
 
 
 def alignment(
-    model: Model, campaign: Campaign, layout: Layout, theta: F64, null: NullSpace, frame: Frame
+    model: Model,
+    campaign: Campaign,
+    layout: UnknownLayout,
+    theta: F64,
+    null: NullSpace,
+    frame: ReferenceFrame,
 ) -> F64:
     """What takes θ into the chosen frame, shape (m, m): ``θ → A·θ``, covariance ``C → A·C·Aᵀ``.
 
@@ -115,7 +120,7 @@ def alignment(
     return _carried(model, layout, null.convention @ right[felt:].T) @ out
 
 
-def _carried(model: Model, layout: Layout, unseen: F64) -> F64:
+def _carried(model: Model, layout: UnknownLayout, unseen: F64) -> F64:
     """What moves θ along unseen directions (m, k) into the effects that best carry them.
 
     Of a constant angle and a squareness that are one and the same, all is told as squareness.
@@ -149,7 +154,7 @@ def _volume(machine: Machine, campaign: Campaign) -> tuple[Conditions, F64]:
     return places, np.eye(3 * places.n)
 
 
-def _axes(machine: Machine, frame: Frame) -> tuple[Conditions, F64]:
+def _axes(machine: Machine, frame: ReferenceFrame) -> tuple[Conditions, F64]:
     """The middle, both ends of the primary and both ends of the secondary axis; six conditions."""
     middle = {a: machine.axes[a].middle for a in machine.structure.axes}
     stops = [middle]

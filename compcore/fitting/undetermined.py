@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign
-from abbe.compcore.fitting.design.unknowns import Layout
+from abbe.compcore.fitting.design.unknowns import UnknownLayout
 from abbe.compcore.fitting.determinacy import Decomposition
 from abbe.compcore.linalg import svd
 from abbe.compcore.machine.conditions import Conditions
@@ -57,7 +57,11 @@ class NullSpace:
 
 
 def split_null_space(
-    model: Model, campaign: Campaign, layout: Layout, theta: F64, decomposition: Decomposition
+    model: Model,
+    campaign: Campaign,
+    layout: UnknownLayout,
+    theta: F64,
+    decomposition: Decomposition,
 ) -> NullSpace:
     """Divide what is not determined into convention and ignorance.
 
@@ -95,7 +99,7 @@ def split_null_space(
     return NullSpace(convention, np.hstack(unknown))
 
 
-def _felt(model: Model, campaign: Campaign, layout: Layout, theta: F64) -> tuple[F64, F64]:
+def _felt(model: Model, campaign: Campaign, layout: UnknownLayout, theta: F64) -> tuple[F64, F64]:
     """What parameters, and displacements of workpiece and tool, do all over the volume."""
     somewhere = sample_volume(model.machine, campaign)
     values = layout.values(theta, np.zeros(layout.size))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.campaign.repeats import SAME_POSITION, approach
-from abbe.compcore.iso230.positioning import Positioning, evaluate_positioning, tabulate
+from abbe.compcore.iso230.positioning import PositioningResult, evaluate_positioning, tabulate
 from abbe.compcore.machine.machine import Machine
 
 F64 = NDArray[np.float64]
@@ -52,7 +52,7 @@ class Diagonal:
     name: str
     direction: tuple[float, float, float]
     length: float
-    result: Positioning
+    result: PositioningResult
     slope: float
 
     @property
@@ -160,7 +160,7 @@ def _diagonal(
     return Diagonal(name, label, (x, y, z), length, result, _slope(result))
 
 
-def _slope(result: Positioning) -> float:
+def _slope(result: PositioningResult) -> float:
     """Slope of the errors along the diagonal, the mean of what each direction was measured in."""
     slopes = []
     for mean in (result.mean_up, result.mean_down):

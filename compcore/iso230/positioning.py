@@ -52,7 +52,7 @@ class Runs:
 
 
 @dataclass(frozen=True, eq=False)
-class Positioning:
+class PositioningResult:
     """What ISO 230-2 makes of them: mm or rad, None where too little was measured.
 
     Attributes
@@ -205,8 +205,8 @@ def _count_before(codes: NDArray[np.int64]) -> NDArray[np.int64]:
     return count
 
 
-def evaluate_positioning(runs: Runs) -> Positioning:
-    """Evaluate one positioning test by ISO 230-2; formulas at `Positioning`.
+def evaluate_positioning(runs: Runs) -> PositioningResult:
+    """Evaluate one positioning test by ISO 230-2; formulas at `PositioningResult`.
 
     Targets that only one direction visited count for that direction's results alone. With a single
     reading s_i is not known, and neither are A and R.
@@ -224,7 +224,7 @@ def evaluate_positioning(runs: Runs) -> Positioning:
     m = len(runs.targets)
     twice = bool(np.isfinite(reversal).any())
     known = np.isfinite(repeatability)
-    return Positioning(
+    return PositioningResult(
         runs=runs,
         mean_up=mean_up,
         mean_down=mean_down,

@@ -48,7 +48,7 @@ class Remainder:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class TrialPoints:
     """Points of a volume with the field's error at each, to try sets of tables on.
 
     Attributes
@@ -67,7 +67,7 @@ class Trial:
     errors: F64
 
     @classmethod
-    def over(cls, field: ErrorField, volume: Volume, count: int = _POINTS) -> Trial:
+    def over(cls, field: ErrorField, volume: Volume, count: int = _POINTS) -> TrialPoints:
         """Points spread over a volume, its axes arriving from either side where that matters."""
         machine = field.model.machine
         where = volume.spread(machine.structure.axes, count)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from abbe.compcore.comparison.compare import Comparison, Part
+from abbe.compcore.comparison.compare import ComparedRows, Comparison
 from abbe.daemon.answers.fit import finite, floor_of_lengths
 from abbe.daemon.answers.inputs import file_of
 
@@ -44,7 +44,7 @@ def as_json(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def _part(comparison: Comparison, part: Part, unit: str, factor: float) -> dict[str, Any]:
+def _part(comparison: Comparison, part: ComparedRows, unit: str, factor: float) -> dict[str, Any]:
     campaign = comparison.problem.campaign
     positions = campaign.conditions.positions
     return {
@@ -108,7 +108,7 @@ def as_text(comparison: Comparison) -> Iterator[str]:
             )
 
 
-def _worst_groups(part: Part, unit: str) -> Iterator[str]:
+def _worst_groups(part: ComparedRows, unit: str) -> Iterator[str]:
     for name, groups in (
         ("set-up", part.tables.setups),
         ("region", part.tables.regions),

@@ -11,7 +11,7 @@ from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.diagnosis.aliases import Alias
 from abbe.compcore.diagnosis.explain import description, explanation, formula, headline
 from abbe.compcore.diagnosis.measure_next import Advice
-from abbe.compcore.diagnosis.uncatalogued.residual_pattern import Structure
+from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
 from abbe.compcore.diagnosis.verdict import Diagnosis, Established
 from abbe.daemon.answers.fit import finite, floor_of_lengths
 
@@ -92,7 +92,7 @@ def _alias(alias: Alias) -> dict[str, Any]:
     }
 
 
-def _empirical(structure: Structure, diagnosis: Diagnosis) -> dict[str, Any] | None:
+def _empirical(structure: ResidualPattern, diagnosis: Diagnosis) -> dict[str, Any] | None:
     """A pattern that a short formula says, as a candidate marked as empirical."""
     spec = formula(structure)
     if spec is None:

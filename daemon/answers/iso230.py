@@ -15,7 +15,7 @@ from abbe.compcore.files.campaign_file import bare_machine, read_campaign
 from abbe.compcore.iso230.diagonals import Diagonals, evaluate_diagonals
 from abbe.compcore.iso230.positioning import (
     RESULTS,
-    Positioning,
+    PositioningResult,
     evaluate_positioning,
     positioning_runs,
 )
@@ -39,7 +39,7 @@ class Evaluation:
     """What was found in one campaign file."""
 
     file: str
-    positioning: tuple[Positioning, ...]
+    positioning: tuple[PositioningResult, ...]
     diagonals: Diagonals
 
 
@@ -65,7 +65,7 @@ def evaluate(path: Path, machine: Machine | None = None) -> Evaluation:
     return Evaluation(str(path), tuple(evaluate_positioning(r) for r in runs), diagonals)
 
 
-def display(result: Positioning) -> tuple[str, float, str, float]:
+def display(result: PositioningResult) -> tuple[str, float, str, float]:
     """Unit and factor of errors, unit and factor of targets, for people."""
     if result.runs.unit == "rad":
         return "µrad", 1e6, "°", float(np.rad2deg(1.0))
@@ -95,7 +95,7 @@ def as_json(evaluation: Evaluation) -> dict[str, Any]:
     }
 
 
-def _result(result: Positioning) -> dict[str, Any]:
+def _result(result: PositioningResult) -> dict[str, Any]:
     unit, factor, position_unit, _ = display(result)
     numbers = {name: getattr(result, name) for name in RESULTS}
     return {
@@ -113,7 +113,7 @@ TARGET_COLUMNS: Mapping[str, str] = {
 }  # fmt: skip
 
 
-def _targets(result: Positioning) -> list[dict[str, float | None]]:
+def _targets(result: PositioningResult) -> list[dict[str, float | None]]:
     _, factor, _, position_factor = display(result)
     columns = {name: finite(getattr(result, name), factor) for name in TARGET_COLUMNS}
     positions = (result.runs.targets * position_factor).tolist()
@@ -146,7 +146,7 @@ def as_text(evaluation: Evaluation) -> Iterator[str]:
             yield f"{a} to {b}: 90° {angle * 1e6:+.1f} µrad (a hint: other errors are in it)"
 
 
-def _table(rows: Sequence[tuple[str, Positioning]]) -> Iterator[str]:
+def _table(rows: Sequence[tuple[str, PositioningResult]]) -> Iterator[str]:
     width = max(len(name) for name, _ in rows)
     notes: dict[tuple[str, ...], list[str]] = {}
     # a combining macron takes no width

@@ -17,7 +17,7 @@ from abbe.compcore.tables.capability import RIGID
 from abbe.compcore.tables.compensation_types import types_needed
 from abbe.compcore.tables.field import ErrorField
 from abbe.compcore.tables.projection.project import TOLERANCE, project
-from abbe.compcore.tables.remainder import Remainder, Trial
+from abbe.compcore.tables.remainder import Remainder, TrialPoints
 from abbe.compcore.tables.table import Table
 from abbe.compcore.tables.volume import Volume
 from abbe.daemon.answers.inputs import abbe_version, now
@@ -32,7 +32,7 @@ _WORTH = 1e-4
 
 
 @dataclass(frozen=True)
-class Order:
+class TableRequest:
     """What tables are wanted.
 
     Attributes
@@ -91,16 +91,16 @@ class Tabled:
         Where limits were felt.
     """
 
-    order: Order
+    order: TableRequest
     model: Model
     made: TableSet
     new: tuple[Table, ...]
     remaining: Mapping[str, Remainder]
     notes: tuple[str, ...]
-    trial: Trial
+    trial: TrialPoints
 
 
-def make(order: Order, model: Model | None = None) -> Tabled:
+def make(order: TableRequest, model: Model | None = None) -> Tabled:
     """Project the model on what the controller holds, write its files, read them back.
 
     Raises
@@ -126,7 +126,7 @@ def make(order: Order, model: Model | None = None) -> Tabled:
     tables = controller.adapted(found.tables)
     files = controller.write(tables)
     new = _less(tables, present)
-    trial = Trial.over(error, volume)
+    trial = TrialPoints.over(error, volume)
     remaining = {NONE: trial.remainder()}
     if capability.form("product") is not None:
         single = project(

@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from abbe.compcore.effects.handbook import Page
+    from abbe.compcore.effects.handbook import EffectPage
 
 
 def register(app: typer.Typer) -> None:
@@ -46,7 +46,7 @@ def effects(
     _print_catalogue(Console(highlight=False), pages)
 
 
-def _print_catalogue(console: Console, pages: list[Page]) -> None:
+def _print_catalogue(console: Console, pages: list[EffectPage]) -> None:
     from rich import box
     from rich.table import Table
     from rich.text import Text
@@ -66,7 +66,7 @@ def _print_catalogue(console: Console, pages: list[Page]) -> None:
     console.print("One effect's page: abbe effects KIND")
 
 
-def _print_page(console: Console, page: Page) -> None:
+def _print_page(console: Console, page: EffectPage) -> None:
     from rich.padding import Padding
     from rich.table import Table
     from rich.text import Text

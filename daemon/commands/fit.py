@@ -42,14 +42,14 @@ def fit(
     from abbe.compcore.files.fit_record import recorded
     from abbe.compcore.files.model_file import save_model
     from abbe.compcore.fitting.fit import fit as fit_model
-    from abbe.compcore.fitting.frame import Frame
+    from abbe.compcore.fitting.frame import ReferenceFrame
     from abbe.daemon.answers import expected_times as expected
     from abbe.daemon.answers import fit as fitted
     from abbe.daemon.answers.inputs import abbe_version, load, now
     from abbe.daemon.outputs import MODEL, REPORT, check_outputs
     from abbe.daemon.progress import shown
 
-    chosen = Frame.parse(frame)
+    chosen = ReferenceFrame.parse(frame)
     say = check_outputs(
         [model, *campaigns, active], [(out, MODEL), (report, REPORT)], force=force, as_json=as_json
     )

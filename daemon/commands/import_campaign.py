@@ -13,12 +13,12 @@ from abbe.daemon.arguments.force import Force
 
 if TYPE_CHECKING:
     from abbe.compcore.campaign.campaign import Campaign
-    from abbe.compcore.files.importers.placing import Placing
+    from abbe.compcore.files.importers.placing import ForeignPlacing
     from abbe.compcore.machine.machine import Machine
     from abbe.compcore.machine.structure import Structure
 
 
-class Layout(StrEnum):
+class ForeignLayout(StrEnum):
     """What a foreign file is."""
 
     ISO230_2 = "iso230-2"
@@ -34,7 +34,7 @@ def register(app: typer.Typer) -> None:
 
 def import_campaign(
     file: Annotated[Path, typer.Argument(help="The file to import.", metavar="FILE")],
-    layout: Annotated[Layout, typer.Option("--as", help="What the file is.")],
+    layout: Annotated[ForeignLayout, typer.Option("--as", help="What the file is.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Campaign.", metavar="OUT.csv")],
     axis: Annotated[
         str | None, typer.Option(help="The axis that moved (rtl: else the file's own).")
@@ -91,19 +91,19 @@ def import_campaign(
     machine = None if model is None else load_model(model).machine
     rotation = (component or axis or "X")[0] in "ABC"
     placing = _placing(at, tool, setup, sd, signal or [], sign, rotation=rotation)
-    if layout is Layout.ISO230_2:
+    if layout is ForeignLayout.ISO230_2:
         from abbe.compcore.files.importers.iso230_table import import_iso230_table
 
         campaign = import_iso230_table(
             file, _needed(axis, "axis"), placing, component=component, unit=unit, machine=machine
         )
-    elif layout is Layout.RTL:
+    elif layout is ForeignLayout.RTL:
         from abbe.compcore.files.importers.rtl import import_rtl
 
         campaign = import_rtl(
             file, placing, axis=axis, component=component, unit=unit, machine=machine
         )
-    elif layout is Layout.BALLBAR:
+    elif layout is ForeignLayout.BALLBAR:
         from abbe.compcore.files.importers.ballbar import import_ballbar
 
         middle = None
@@ -160,11 +160,11 @@ def _placing(
     sign: int,
     *,
     rotation: bool,
-) -> Placing:
+) -> ForeignPlacing:
     from math import radians
 
     from abbe.compcore.errors import InputError
-    from abbe.compcore.files.importers.placing import Placing
+    from abbe.compcore.files.importers.placing import ForeignPlacing
     from abbe.compcore.machine.plausible import TRAVEL, TRAVEL_ROTARY, signal_range
     from abbe.compcore.machine.structure import is_rotary
     from abbe.daemon.arguments.assignments import number, split_assignments, tool_offset
@@ -184,4 +184,4 @@ def _placing(
         for n, v in split_assignments(signals).items()
     }
     uncertainty = None if sd is None else sd * (1e-6 if rotation else 1e-3)
-    return Placing(positions, tool_offset("tool", tool), setup, uncertainty, recorded, sign)
+    return ForeignPlacing(positions, tool_offset("tool", tool), setup, uncertainty, recorded, sign)

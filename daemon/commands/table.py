@@ -111,7 +111,7 @@ def table(
     from abbe.compcore.files.model_file import load_model
     from abbe.compcore.tables.field import table_state
     from abbe.compcore.tables.volume import Volume
-    from abbe.daemon.answers.table import Order, as_text, make
+    from abbe.daemon.answers.table import TableRequest, as_text, make
     from abbe.daemon.answers.table import as_json as told
     from abbe.daemon.arguments import table_arguments as arguments
     from abbe.daemon.arguments.assignments import tool_offset
@@ -141,7 +141,7 @@ def table(
         return
     loaded = load_model(model)
     made_for = make_controller(controller, loaded.machine, arguments.options(settings or []))
-    order = Order(
+    order = TableRequest(
         model,
         made_for,
         arguments.options(settings or []),

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.text.toml_source import TomlSource
-from abbe.compcore.files.text.write_target import Target
+from abbe.compcore.files.text.write_target import WriteTarget
 from abbe.daemon.config.configuration import Configuration
-from abbe.daemon.outputs import JOURNAL, UPLOADS, Kind, require_kind
+from abbe.daemon.outputs import JOURNAL, UPLOADS, OutputKind, require_kind
 
 Key = tuple[str | int, ...]
 
@@ -31,12 +31,12 @@ def check_files(source: TomlSource, configuration: Configuration) -> None:
         that is no journal.
     """
     taken = {
-        Target.of(configuration.path).identity: "the configuration",
-        Target.of(configuration.model_path).identity: "the model",
+        WriteTarget.of(configuration.path).identity: "the configuration",
+        WriteTarget.of(configuration.model_path).identity: "the model",
     }
     for path, kind, key, name in _written(configuration):
         try:
-            target = Target.of(path)
+            target = WriteTarget.of(path)
             target.require_writable(path)
             require_kind(path, target, kind, force=False, way_out="another name")
         except InputError as error:
@@ -63,7 +63,7 @@ def check_files(source: TomlSource, configuration: Configuration) -> None:
         taken[identity] = name
 
 
-def _written(configuration: Configuration) -> Iterator[tuple[Path, Kind, Key, str]]:
+def _written(configuration: Configuration) -> Iterator[tuple[Path, OutputKind, Key, str]]:
     journal = configuration.journal_path
     if journal is not None:
         yield journal, JOURNAL, ("journal", "file"), "the journal"

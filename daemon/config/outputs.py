@@ -9,7 +9,7 @@ from abbe.compcore.machine.machine import Machine, own_component
 from abbe.compcore.machine.structure import is_rotary
 from abbe.daemon.config.channels import Channels, Key, split
 from abbe.daemon.status_word import LARGEST
-from abbe.drivers.link import ChannelInfo, LinkConfigError, Place
+from abbe.drivers.link import ChannelInfo, LinkConfigError, WirePlace
 from abbe.drivers.transducers import SensorFaultError, make_transducer
 
 _FEWEST_BEATS = 4
@@ -78,7 +78,7 @@ def _check_writable(channels: Channels) -> None:
 def _check_apart(channels: Channels) -> None:
     """No place that is written is read, or written under another name, through any link."""
     read = [(c, key, place) for c, key in channels.read() for place in _places(channels, c)]
-    written: list[tuple[str, Key, Place]] = []
+    written: list[tuple[str, Key, WirePlace]] = []
     for channel, key in channels.written():
         for place in _places(channels, channel):
             for other, _, there in read:
@@ -108,7 +108,7 @@ _SEPARATE = (
 )
 
 
-def _places(channels: Channels, channel: str) -> tuple[Place, ...]:
+def _places(channels: Channels, channel: str) -> tuple[WirePlace, ...]:
     link, name = split(channel)
     return channels.links[link].places(name)
 

@@ -52,7 +52,7 @@ def affected_directions(model: Model) -> dict[str, int]:
     return masks
 
 
-class Compensation:
+class LiveCompensator:
     """A compensator that never fails: what it cannot compute is None, with the reason.
 
     Parameters

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 from abbe.daemon.config import Configuration
 from abbe.daemon.guard import ALL, Guard, Vec3
-from abbe.daemon.pipeline.compensate import Compensation, direction_index
+from abbe.daemon.pipeline.compensate import LiveCompensator, direction_index
 from abbe.daemon.pipeline.doubts import Doubts
 from abbe.daemon.pipeline.observe import Observer
 from abbe.daemon.pipeline.plan import keep_together, make_plan
@@ -20,7 +20,7 @@ from abbe.daemon.pipeline.reading.plausible import Plausible
 from abbe.daemon.pipeline.reading.poll import Batch, Poll
 from abbe.daemon.pipeline.record import CycleRecord, Listener
 from abbe.daemon.pipeline.writing.ending import Ending
-from abbe.daemon.pipeline.writing.write_back import Outcome, WriteBack
+from abbe.daemon.pipeline.writing.write_back import WriteBack, WriteOutcome
 from abbe.daemon.status_word import fault_bits, status_word
 from abbe.drivers.link import Link, LinkState
 
@@ -63,7 +63,7 @@ class Pipeline:
         file = configuration.file
         self._links = links
         self.listeners: list[Listener] = []
-        self._compensation = Compensation(configuration.model)
+        self._compensation = LiveCompensator(configuration.model)
         self._compensation.set_tool(file.tool.offset)
         self.axes = self._compensation.axes
         self._turns = self._compensation.uses_directions
@@ -112,7 +112,7 @@ class Pipeline:
         self._signals_due = -math.inf
         self._observer = Observer(links, plan)
         self._signal_fault = False
-        self._outcome = Outcome(True)
+        self._outcome = WriteOutcome(True)
         self._not_held = 0
         self._internal = ""
         self._ending = False

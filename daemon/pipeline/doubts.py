@@ -6,11 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 
 from abbe.daemon.config.sections import ConfigFile
-from abbe.daemon.pipeline.plan import Plan
-from abbe.daemon.pipeline.reading.motion import Motion
+from abbe.daemon.pipeline.plan import PipelinePlan
+from abbe.daemon.pipeline.reading.motion import SampleSpeeds
 from abbe.daemon.pipeline.writing.foreign_writes import Foreign
 from abbe.daemon.pipeline.writing.own_writes import Follow
-from abbe.daemon.pipeline.writing.write_back import Outcome, WriteBack
+from abbe.daemon.pipeline.writing.write_back import WriteBack, WriteOutcome
 from abbe.drivers.link import Link
 
 
@@ -34,14 +34,14 @@ class Doubts:
     def __init__(
         self,
         axes: Sequence[str],
-        plan: Plan,
+        plan: PipelinePlan,
         links: Mapping[str, Link],
         write_back: WriteBack,
         file: ConfigFile,
     ) -> None:
         self._axes = tuple(axes)
         self._written = tuple(axes.index(target.axis) for target in plan.targets)
-        self._motion = Motion(len(axes))
+        self._motion = SampleSpeeds(len(axes))
         self._max_lag = file.guard.max_lag
         self._indicated: Sequence[float] = ()
         self._follow = Follow(plan.expected.steps)
@@ -117,7 +117,7 @@ class Doubts:
             answer[place] = math.nan
         return answer
 
-    def wrote(self, answer: Sequence[float], outcome: Outcome) -> None:
+    def wrote(self, answer: Sequence[float], outcome: WriteOutcome) -> None:
         """Take note of what was written; what was not taken says nothing."""
         self._follow.wrote(self._indicated, answer, outcome.untouched | outcome.unknown)
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from abbe.daemon.faults import StandingFaults
 from abbe.daemon.guard import DIRECTIONS, Decision, GuardState
-from abbe.daemon.pipeline.plan import Plan
+from abbe.daemon.pipeline.plan import PipelinePlan
 from abbe.daemon.pipeline.reading.convert import SignalReading
 from abbe.drivers.link import Link, LinkState
 
@@ -38,7 +38,7 @@ class Observer:
         What is read from them.
     """
 
-    def __init__(self, links: Mapping[str, Link], plan: Plan) -> None:
+    def __init__(self, links: Mapping[str, Link], plan: PipelinePlan) -> None:
         self._links = dict(links)
         self._statuses = [link.status for link in links.values()]
         self._plan = plan

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 from abbe.daemon.config import Configuration
 from abbe.daemon.config.channels import split
 from abbe.daemon.pipeline.reading.controller_watch import Watch
-from abbe.daemon.pipeline.reading.convert import Source
+from abbe.daemon.pipeline.reading.convert import ChannelSource
 from abbe.daemon.pipeline.reading.expected import Expected, expected_of
 from abbe.daemon.pipeline.reading.poll import Channel, by_link
-from abbe.daemon.pipeline.writing.write_back import Target
+from abbe.daemon.pipeline.writing.write_back import AxisTarget
 from abbe.drivers.link import Link
 from abbe.drivers.transducers import AnyTransducerConfig, make_transducer
 
 
 @dataclass(frozen=True)
-class Plan:
+class PipelinePlan:
     """Sources and targets with their transducers made; fresh ones for every plan.
 
     Attributes
@@ -40,13 +40,13 @@ class Plan:
         What is believed of all that is read, and what the channels can hold.
     """
 
-    positions: tuple[Source, ...]
+    positions: tuple[ChannelSource, ...]
     directions: tuple[Channel | None, ...]
-    reference: tuple[Source | None, ...]
-    signals: tuple[Source, ...]
+    reference: tuple[ChannelSource | None, ...]
+    signals: tuple[ChannelSource, ...]
     tool: tuple[Channel, ...]
     watch: Watch
-    targets: tuple[Target, ...]
+    targets: tuple[AxisTarget, ...]
     echo: tuple[tuple[Channel, Channel], ...]
     status: Channel | None
     heartbeat: Channel | None
@@ -61,7 +61,7 @@ def make_plan(
     links: Mapping[str, Link],
     *,
     with_directions: bool = True,
-) -> Plan:
+) -> PipelinePlan:
     """The plan of a configuration.
 
     Parameters
@@ -107,7 +107,7 @@ def make_plan(
     with_positions += [source for source, _ in echo]
     with_signals = [*(s.channel for s in signals), *tool]
     fast_links = {link for link, _ in with_positions}
-    return Plan(
+    return PipelinePlan(
         positions,
         directions,
         reference,
@@ -124,24 +124,24 @@ def make_plan(
     )
 
 
-def _targets(configuration: Configuration, axes: Sequence[str]) -> Iterator[Target]:
+def _targets(configuration: Configuration, axes: Sequence[str]) -> Iterator[AxisTarget]:
     sections = configuration.file.output.axes
     for axis in axes:
         if axis in sections:
             section = sections[axis]
             made = _source(axis, section.target, section.transducer)
-            yield Target(axis, made.channel, made.transducer)
+            yield AxisTarget(axis, made.channel, made.transducer)
 
 
-def _source(name: str, channel: str, config: AnyTransducerConfig | None) -> Source:
-    return Source(name, split(channel), None if config is None else make_transducer(config))
+def _source(name: str, channel: str, config: AnyTransducerConfig | None) -> ChannelSource:
+    return ChannelSource(name, split(channel), None if config is None else make_transducer(config))
 
 
 def _channel(name: str | None) -> Channel | None:
     return None if name is None else split(name)
 
 
-def keep_together(plan: Plan, links: Mapping[str, Link]) -> None:
+def keep_together(plan: PipelinePlan, links: Mapping[str, Link]) -> None:
     """Have each link read the axes that it carries, and what is echoed with them, in one go.
 
     Raises

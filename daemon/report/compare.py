@@ -6,8 +6,8 @@ import math
 from collections.abc import Collection
 
 from abbe.compcore.campaign.noise import NoiseLevel
-from abbe.compcore.comparison.compare import Comparison, Part
-from abbe.compcore.comparison.tabulate import Group
+from abbe.compcore.comparison.compare import ComparedRows, Comparison
+from abbe.compcore.comparison.tabulate import ResidualGroup
 from abbe.daemon.report import residuals as pictures
 from abbe.daemon.report.page import Page, number
 from abbe.daemon.report.versions import error_of_versions
@@ -94,7 +94,7 @@ def _known(comparison: Comparison, kinds: tuple[str, ...]) -> NoiseLevel | None:
     return next((level for level in levels if level is not None), None)
 
 
-def _pictures(page: Page, comparison: Comparison, part: Part, unit: str) -> None:
+def _pictures(page: Page, comparison: Comparison, part: ComparedRows, unit: str) -> None:
     campaign = comparison.problem.campaign
     drawn = pictures.Residuals.of(
         campaign, part.rows, comparison.residual, comparison.weighted, unit
@@ -129,7 +129,7 @@ def draw_residuals(page: Page, drawn: pictures.Residuals, signals: Collection[st
     )
 
 
-def _tables(page: Page, comparison: Comparison, part: Part, unit: str) -> None:
+def _tables(page: Page, comparison: Comparison, part: ComparedRows, unit: str) -> None:
     page.subsection("Told apart")
     for title, groups in (
         ("Regions of the axes", part.tables.regions),
@@ -156,7 +156,7 @@ def _tables(page: Page, comparison: Comparison, part: Part, unit: str) -> None:
     )
 
 
-def _where(group: Group) -> str:
+def _where(group: ResidualGroup) -> str:
     parts = dict(group.of)
     if "from" in parts and "to" in parts:
         ends = f"{number(parts.pop('from'))} … {number(parts.pop('to'))}"

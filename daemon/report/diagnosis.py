@@ -18,7 +18,7 @@ from abbe.compcore.diagnosis.explain import (
     parameter,
 )
 from abbe.compcore.diagnosis.measure_next import Advice
-from abbe.compcore.diagnosis.uncatalogued.residual_pattern import Structure
+from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
 from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.daemon.answers.diagnose import thinned_words, told, typed
 from abbe.daemon.answers.fit import floor_of_lengths
@@ -214,7 +214,7 @@ def _structure(out: Page, diagnosis: Diagnosis) -> None:
             out.notes([f"Empirical, describes without explaining: abbe add MODEL {typed(spec)}"])
 
 
-def _described(diagnosis: Diagnosis, structure: Structure) -> F64:
+def _described(diagnosis: Diagnosis, structure: ResidualPattern) -> F64:
     """What a description says of each row, beyond what the model can imitate, (n,), mm or rad."""
     basis = diagnosis.basis
     columns = basis.project(structure.columns)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from abbe.compcore.iso230.diagonals import Diagonals
-from abbe.compcore.iso230.positioning import RESULTS, Positioning
+from abbe.compcore.iso230.positioning import RESULTS, PositioningResult
 from abbe.daemon.answers.iso230 import (
     MEANINGS,
     SYMBOLS,
@@ -41,7 +41,7 @@ def page(evaluation: Evaluation) -> Page:
     return made
 
 
-def _positioning(made: Page, result: Positioning) -> None:
+def _positioning(made: Page, result: PositioningResult) -> None:
     unit, factor, position_unit, position_factor = display(result)
     made.section(f"Axis {result.runs.axis}: {result.runs.setup}")
     made.key_figures(
@@ -66,7 +66,7 @@ def _short(value: float | None, factor: float) -> str:
     return "–" if value is None else f"{value * factor:.1f}"
 
 
-def _curves(result: Positioning, x_title: str) -> tuple[dict[str, object], str]:
+def _curves(result: PositioningResult, x_title: str) -> tuple[dict[str, object], str]:
     """Readings, means and bands of both directions, and the reversal."""
     unit, factor, _, position_factor = display(result)
     x = result.runs.targets * position_factor

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from abbe.compcore.campaign.campaign import Campaign
-from abbe.compcore.comparison.lines import Line, functional_moves
+from abbe.compcore.comparison.lines import MeasuredLine, functional_moves
 from abbe.compcore.machine.machine import own_component
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.error_map import ErrorMap
@@ -169,7 +169,7 @@ def quantiles(residuals: Residuals) -> Figure:
     return figure(traces, "normal distribution (standard deviations)", "residual / its uncertainty")
 
 
-def line_parts(lines: list[Line]) -> Figure:
+def line_parts(lines: list[MeasuredLine]) -> Figure:
     """Each line's linear part and rest, before and after the model."""
     names = [f"{entry.setup}" for entry in lines]
     bars = []

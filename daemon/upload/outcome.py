@@ -12,7 +12,7 @@ Active = Literal["new", "old", "unknown"]
 
 
 @dataclass(frozen=True)
-class Outcome:
+class UploadOutcome:
     """The end of an upload, a roll-back or a recovery.
 
     Attributes

@@ -13,7 +13,7 @@ from abbe.daemon.config.upload import UploadSetup
 from abbe.daemon.upload.bounds import Extent, Limits, check, extent, largest_change
 from abbe.daemon.upload.history.content import Content, short
 from abbe.daemon.upload.settle import check_identity, check_ready
-from abbe.daemon.upload.upload_plan import Order
+from abbe.daemon.upload.upload_plan import UploadPlan
 from abbe.drivers.controllers import Controller
 from abbe.drivers.link import LinkError
 from abbe.drivers.stores.base import Identity, Store
@@ -41,7 +41,7 @@ class Cleared:
     old: Content
     extent: Extent
     change_um: float
-    order: Order
+    order: UploadPlan
 
     @property
     def nothing_to_do(self) -> bool:
@@ -92,7 +92,7 @@ def limits_of(setup: UploadSetup, max_change_um: float | None) -> Limits:
     )
 
 
-def check_tables(order: Order, model: Model, limits: Limits) -> Extent:
+def check_tables(order: UploadPlan, model: Model, limits: Limits) -> Extent:
     """The bounds that need no controller; a backup that was active before is let through.
 
     Raises
@@ -110,7 +110,7 @@ async def preflight(
     store: Store,
     setup: UploadSetup,
     controller: Controller,
-    order: Order,
+    order: UploadPlan,
     model: Model,
     limits: Limits,
 ) -> Cleared:

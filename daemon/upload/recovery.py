@@ -10,7 +10,7 @@ from abbe.daemon.upload.history import backups
 from abbe.daemon.upload.history.content import Content
 from abbe.daemon.upload.history.unfinished import unfinished_words
 from abbe.daemon.upload.history.upload_log import END, Entry
-from abbe.daemon.upload.outcome import Outcome
+from abbe.daemon.upload.outcome import UploadOutcome
 from abbe.daemon.upload.settle import Settled, settle
 from abbe.daemon.upload.shown_correction import Expectation
 from abbe.daemon.upload.steps import Ledger
@@ -19,7 +19,7 @@ from abbe.drivers.link import LinkError
 from abbe.drivers.stores.base import Identity
 
 
-async def recover(work: Work) -> Outcome | None:
+async def recover(work: Work) -> UploadOutcome | None:
     """Bring an unfinished upload to its end; None when there is none.
 
     Old table active: the staging area is emptied, and that is the end. New one: its verification is
@@ -49,7 +49,7 @@ async def recover(work: Work) -> Outcome | None:
             found = Settled("unknown", str(error))
         else:
             return await _finished(work, first, ledger, old, Content.of(files), backup)
-    outcome = Outcome(
+    outcome = UploadOutcome(
         done=False,
         active=found.active,
         old=old,
@@ -71,7 +71,7 @@ async def recover(work: Work) -> Outcome | None:
 
 async def _finished(
     work: Work, first: Entry, ledger: Ledger, old: Content, new: Content, backup: str | None
-) -> Outcome:
+) -> UploadOutcome:
     """Verify what was found active as an upload would have."""
     tables = work.controller.read(new.files) if new.files else ()
     x, y, z = first.get("tool_mm", (0.0, 0.0, 0.0))

@@ -17,7 +17,7 @@ from abbe.daemon.upload.history.content import Content
 from abbe.daemon.upload.history.unfinished import unfinished_words
 from abbe.daemon.upload.history.upload_log import Journal, last_change
 from abbe.daemon.upload.lock import only_one
-from abbe.daemon.upload.outcome import Outcome
+from abbe.daemon.upload.outcome import UploadOutcome
 from abbe.daemon.upload.preflight import (
     Cleared,
     check_tables,
@@ -30,7 +30,7 @@ from abbe.daemon.upload.recovery import recover
 from abbe.daemon.upload.settle import check_identity, check_ready
 from abbe.daemon.upload.shown_correction import Expectation, Seen, check_effect
 from abbe.daemon.upload.steps import Ledger
-from abbe.daemon.upload.upload_plan import Order, backup_order, load_order
+from abbe.daemon.upload.upload_plan import UploadPlan, backup_order, load_order
 from abbe.daemon.upload.work import Voice, Work, user
 from abbe.drivers.link import LinkError
 
@@ -72,8 +72,8 @@ class Result:
     """
 
     cleared: Cleared | None = None
-    outcome: Outcome | None = None
-    recovered: Outcome | None = None
+    outcome: UploadOutcome | None = None
+    recovered: UploadOutcome | None = None
     declined: bool = False
 
     @property
@@ -238,7 +238,7 @@ def _tool_of(work: Work, active: Content) -> tuple[float, float, float]:
     return 0.0, 0.0, 0.0
 
 
-async def finish(configuration: Configuration, wish: Wish, voice: Voice) -> Outcome | None:
+async def finish(configuration: Configuration, wish: Wish, voice: Voice) -> UploadOutcome | None:
     """Bring an upload that was cut off to its end; None when there is none."""
     with working(configuration, voice, wish.by, writes=True) as work:
         try:
@@ -247,7 +247,7 @@ async def finish(configuration: Configuration, wish: Wish, voice: Voice) -> Outc
             await work.store.close()
 
 
-async def _recover_first(work: Work) -> Outcome | None:
+async def _recover_first(work: Work) -> UploadOutcome | None:
     try:
         outcome = await recover(work)
     finally:
@@ -259,7 +259,7 @@ async def _recover_first(work: Work) -> Outcome | None:
     return outcome
 
 
-async def _carry_out(work: Work, order: Order, wish: Wish) -> Result:
+async def _carry_out(work: Work, order: UploadPlan, wish: Wish) -> Result:
     recovered = None
     unfinished = work.journal.found.unfinished()
     if unfinished and wish.dry_run:
@@ -283,7 +283,7 @@ async def _carry_out(work: Work, order: Order, wish: Wish) -> Result:
         return Result(cleared, await _change(work, cleared, wish), recovered)
 
 
-async def _change(work: Work, cleared: Cleared, wish: Wish) -> Outcome:
+async def _change(work: Work, cleared: Cleared, wish: Wish) -> UploadOutcome:
     order, old = cleared.order, cleared.old
     context = work.context(cleared.identity, old, order.content, order.model)
     if order.puts_back:

@@ -15,7 +15,7 @@ from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.model import Model
 from abbe.compcore.tables.field import ErrorField
 from abbe.compcore.tables.table import Table
-from abbe.drivers.stores.base import Effect, Store
+from abbe.drivers.stores.base import ShownCorrection, Store
 
 
 class WrongEffectError(AbbeError):
@@ -74,7 +74,7 @@ class Expectation:
     tool: tuple[float, float, float]
     adds_error: bool = False
 
-    def comparable(self, effect: Effect) -> bool:
+    def comparable(self, effect: ShownCorrection) -> bool:
         """Whether the positions that the tables look up are all known."""
         needed = {a for t in self.tables for a in t.inputs}
         needed |= {t.lever[0] for t in self.tables if t.lever is not None}
@@ -82,7 +82,7 @@ class Expectation:
             needed |= set(self.model.machine.axes)
         return needed <= set(effect.position)
 
-    def at(self, effect: Effect) -> dict[str, tuple[float, float]]:
+    def at(self, effect: ShownCorrection) -> dict[str, tuple[float, float]]:
         """Axis → least and largest correction at an effect's position, mm (rotary: rad).
 
         They differ where a direction is not known and the table has two.
@@ -157,7 +157,7 @@ async def check_effect(
 
 
 def _compared(
-    effect: Effect, expected: Expectation, tolerance: float, seen: Seen
+    effect: ShownCorrection, expected: Expectation, tolerance: float, seen: Seen
 ) -> tuple[Seen, str]:
     looks, worst, largest, wrong = seen.looks, seen.worst, seen.largest, ""
     for axis, (low, high) in expected.at(effect).items():

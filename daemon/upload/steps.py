@@ -17,7 +17,7 @@ from typing import Any
 from abbe.compcore.errors import AbbeError, InputError
 from abbe.daemon.upload.history.content import Content, short
 from abbe.daemon.upload.history.upload_log import END, Journal
-from abbe.daemon.upload.outcome import Outcome
+from abbe.daemon.upload.outcome import UploadOutcome
 from abbe.daemon.upload.settle import check_identity, check_ready, settle
 from abbe.daemon.upload.shown_correction import Expectation, Seen, WrongEffectError, check_effect
 from abbe.drivers.controllers import Controller
@@ -137,18 +137,18 @@ class Changeover:
         names = ("backup", *staging, "ready", "activate", *AFTER_ACTIVATION)
         return {name: getattr(self, f"_{name}") for name in names}
 
-    async def run(self) -> Outcome:
+    async def run(self) -> UploadOutcome:
         """All of it; whatever breaks is put right, and said."""
         return await self._from(self._steps(), again=True)
 
-    async def finish(self) -> Outcome:
+    async def finish(self) -> UploadOutcome:
         """What is left when the new set was found active after an interruption."""
         steps = self._steps()
         return await self._from({name: steps[name] for name in AFTER_ACTIVATION}, again=False)
 
     async def _from(
         self, steps: Mapping[str, Callable[[], Awaitable[dict[str, Any]]]], *, again: bool
-    ) -> Outcome:
+    ) -> UploadOutcome:
         step = ""
         try:
             for step, do in steps.items():
@@ -167,7 +167,7 @@ class Changeover:
         except Exception as error:  # noqa: BLE001 - a store's fault must not leave a machine halfway
             why = f"{type(error).__name__}: {error}"
             return await self._put_right(step, why, want_old=True)
-        return self._end(Outcome(True, "new", self.old, self.new))
+        return self._end(UploadOutcome(True, "new", self.old, self.new))
 
     # the steps
 
@@ -251,7 +251,7 @@ class Changeover:
 
     # where it breaks, and the end
 
-    async def _put_right(self, step: str, why: str, *, want_old: bool) -> Outcome:
+    async def _put_right(self, step: str, why: str, *, want_old: bool) -> UploadOutcome:
         self._tell(f"the step '{step}' failed: {why}")
         self.ledger.note_anyway(step, "failed", why=why)
         found = await settle(
@@ -267,10 +267,12 @@ class Changeover:
             steps = self._steps()
             return await self._from({n: steps[n] for n in AFTER_ACTIVATION}, again=False)
         return self._end(
-            Outcome(False, found.active, self.old, self.new, step=step, why=why, last=found.why)
+            UploadOutcome(
+                False, found.active, self.old, self.new, step=step, why=why, last=found.why
+            )
         )
 
-    def _end(self, outcome: Outcome) -> Outcome:
+    def _end(self, outcome: UploadOutcome) -> UploadOutcome:
         seen = self._seen.words() if outcome.done and self._acts else ""
         if outcome.active == "new" and not outcome.done:
             self._notes.append(

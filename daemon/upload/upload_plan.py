@@ -23,7 +23,7 @@ _ROUNDED = 0.2
 
 
 @dataclass(frozen=True, eq=False)
-class Order:
+class UploadPlan:
     """What shall become active.
 
     Attributes
@@ -63,7 +63,7 @@ class Order:
         }
 
 
-def load_order(folder: Path, configuration: Configuration, setup: UploadSetup) -> Order:
+def load_order(folder: Path, configuration: Configuration, setup: UploadSetup) -> UploadPlan:
     """Read tables and refuse those that are not for this controller and this machine.
 
     Raises
@@ -101,7 +101,7 @@ def load_order(folder: Path, configuration: Configuration, setup: UploadSetup) -
         raise InputError("the files hold no table", file=folder)
     _match(tables, made, path)
     tool = made.record.get("conditions", {}).get("tool_mm") or configuration.file.tool.offset
-    return Order(
+    return UploadPlan(
         folder,
         Content.of(made.files),
         tables,
@@ -111,7 +111,7 @@ def load_order(folder: Path, configuration: Configuration, setup: UploadSetup) -
     )
 
 
-def backup_order(folder: Path, controller: Controller, tool: Sequence[float]) -> Order:
+def backup_order(folder: Path, controller: Controller, tool: Sequence[float]) -> UploadPlan:
     """A backup that is to be put back.
 
     Raises
@@ -122,7 +122,7 @@ def backup_order(folder: Path, controller: Controller, tool: Sequence[float]) ->
     content = backups.load(folder)
     tables = controller.read(content.files) if content.files else ()
     x, y, z = tool
-    return Order(folder, content, tables, tool=(x, y, z), puts_back=True)
+    return UploadPlan(folder, content, tables, tool=(x, y, z), puts_back=True)
 
 
 def _match(tables: Sequence[Table], made: TableSet, path: Path) -> None:

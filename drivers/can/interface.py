@@ -59,7 +59,7 @@ class InterfaceConfig(QuarantineConfig):
 
 
 def device_of(config: InterfaceConfig) -> str:
-    """The bus as `abbe.drivers.link.Place` names it, for all links on it."""
+    """The bus as `abbe.drivers.link.WirePlace` names it, for all links on it."""
     named = resources.can(config.interface, config.channel)
     return named[0] if named else f"can {config.where}"
 

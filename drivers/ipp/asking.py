@@ -12,7 +12,7 @@ from abbe.drivers.bus_lock import Turns
 from abbe.drivers.ipp.config import IppConfig
 from abbe.drivers.ipp.errors import ServerError, Severity, StoppedError
 from abbe.drivers.ipp.latest import Latest
-from abbe.drivers.ipp.question import Question, positions, questions
+from abbe.drivers.ipp.question import IppQuestion, positions, questions
 from abbe.drivers.ipp.reports import MoveReport
 from abbe.drivers.ipp.session import Session
 from abbe.drivers.ipp.state import ServerState
@@ -56,7 +56,7 @@ class Asking:
         self._regular = questions(config)
         self._of = {name: question for question in self._regular for name in question.fields}
         self._reports: MoveReport | None = None
-        self._frame: Question | None = None
+        self._frame: IppQuestion | None = None
         self._mark = ""
         """What is asked for the place of its answer among the reports."""
         self._probes = list(self._regular)
@@ -68,7 +68,9 @@ class Asking:
             self._probes.insert(0, get)
             self._all += [get, self._reports.question]
         if config.axes and config.coordinates != "any":
-            self._frame = Question("GetCoordSystem", (), config.coordinates_every, {}, vital=True)
+            self._frame = IppQuestion(
+                "GetCoordSystem", (), config.coordinates_every, {}, vital=True
+            )
             self._all.append(self._frame)
             self._mark = self._frame.command
         self.keeper = Keeper(
@@ -127,9 +129,9 @@ class Asking:
             return reports.sample(name, now)
         return self._latest.sample(question, name, now)
 
-    def _due(self, names: Sequence[str], now: float) -> list[Question]:
+    def _due(self, names: Sequence[str], now: float) -> list[IppQuestion]:
         """What to ask: the coordinate system, positions, the rest; last, what is in trouble."""
-        due: dict[Question, None] = {}
+        due: dict[IppQuestion, None] = {}
         frame, reports, channels = self._frame, self._reports, self._config.channels
         axes = any(channels[name].axis is not None for name in names)
         if axes and frame is not None and self._state.frame_is_due(now):
@@ -187,7 +189,7 @@ class Asking:
             if why := self._reports.silence(now):
                 self.keeper.lost(why)
 
-    async def _exchange(self, question: Question) -> None:
+    async def _exchange(self, question: IppQuestion) -> None:
         """Ask once, and keep what comes."""
         status, session, reports = self._status, self._session, self._reports
         if session is None:
@@ -228,7 +230,7 @@ class Asking:
         else:
             self._latest.keep(question, reply)
 
-    def _answered(self, question: Question) -> None:
+    def _answered(self, question: IppQuestion) -> None:
         self._roster.silent_in_a_row = 0
         if question.failures:
             self._roster.answered(question)

@@ -32,7 +32,7 @@ Coordinates = Literal[
 _SIGNALS_EVERY = 1.0
 
 
-class ChannelConfig(BaseModel):
+class IppChannelConfig(BaseModel):
     """One value: of an axis, of a property, or the temperature of a scale."""
 
     model_config = _STRICT
@@ -74,7 +74,7 @@ class ChannelConfig(BaseModel):
         return "mm" if self.axis in ("X", "Y", "Z") else "deg"
 
     @model_validator(mode="after")
-    def _consistent(self) -> ChannelConfig:
+    def _consistent(self) -> IppChannelConfig:
         given = {
             "axis": self.axis, "property": self.prop, "scale_temperature": self.scale_temperature,
         }  # fmt: skip
@@ -139,7 +139,7 @@ class IppConfig(QuarantineConfig):
     """Positions sent by the server; none: asked for."""
     max_waiting: Annotated[int, Field(ge=1)] = 16
     """Calls that may wait for the server; one more is turned away at once."""
-    channels: Annotated[dict[str, ChannelConfig], Field(min_length=1)]
+    channels: Annotated[dict[str, IppChannelConfig], Field(min_length=1)]
 
     @property
     def axes(self) -> tuple[Axis, ...]:

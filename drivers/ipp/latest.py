@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 
-from abbe.drivers.ipp.question import Question
-from abbe.drivers.ipp.session import Reply
+from abbe.drivers.ipp.question import IppQuestion
+from abbe.drivers.ipp.session import CommandReply
 from abbe.drivers.link import LinkProtocolError, Quality, Sample
 
 _NAN = float("nan")
@@ -21,7 +21,7 @@ class Latest:
         """Forget everything."""
         self._last.clear()
 
-    def keep(self, question: Question, reply: Reply) -> None:
+    def keep(self, question: IppQuestion, reply: CommandReply) -> None:
         """Take an answer; a channel whose number it does not have becomes bad.
 
         Raises
@@ -40,13 +40,13 @@ class Latest:
                 good = False
         question.pace.asked(asked_at, good=good)
 
-    def mark(self, question: Question, quality: Quality, why: str) -> None:
+    def mark(self, question: IppQuestion, quality: Quality, why: str) -> None:
         """Take note that all channels of a question have no value."""
         now = time.monotonic()
         question.pace.asked(now, good=False)
         self._last |= dict.fromkeys(question.fields, Sample(_NAN, now, quality, why))
 
-    def is_due(self, question: Question, name: str, now: float) -> bool:
+    def is_due(self, question: IppQuestion, name: str, now: float) -> bool:
         """Whether a channel's question is to be asked at `now` (monotonic, s)."""
         last = self._last.get(name)
         return (
@@ -56,7 +56,7 @@ class Latest:
             or question.pace.is_due(now)
         )
 
-    def sample(self, question: Question, name: str, now: float) -> Sample:
+    def sample(self, question: IppQuestion, name: str, now: float) -> Sample:
         """A channel's last sample."""
         missing = Sample(_NAN, now, Quality.UNAVAILABLE, f"{question.name}: not answered yet")
         return self._last.get(name, missing)

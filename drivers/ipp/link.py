@@ -15,8 +15,8 @@ from abbe.drivers.link import (
     LinkConfig,
     LinkConfigError,
     LinkError,
-    Place,
     Sample,
+    WirePlace,
 )
 
 
@@ -48,11 +48,11 @@ class IppLink(Link):
         unit = self._config.channels[channel].value_unit
         return ChannelInfo(unit, writable=False, every=self._config.every(channel))
 
-    def places(self, channel: str) -> tuple[Place, ...]:
+    def places(self, channel: str) -> tuple[WirePlace, ...]:
         """What it is in the server."""
         section = self._config.channels[channel]
         item = section.axis or section.prop or f"scale temperature {section.scale_temperature}"
-        return (Place(self.owns[0], space=(item,), apart=(True,)),)
+        return (WirePlace(self.owns[0], space=(item,), apart=(True,)),)
 
     @property
     def owns(self) -> tuple[str, ...]:

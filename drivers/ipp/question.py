@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from abbe.drivers.ipp.config import ChannelConfig, IppConfig
+from abbe.drivers.ipp.config import IppChannelConfig, IppConfig
 from abbe.drivers.ipp.grammar import Named, Value, by_name, shown
 from abbe.drivers.link import LinkProtocolError
 from abbe.drivers.pace import Pace
@@ -62,7 +62,7 @@ class Field:
         return number
 
 
-class Question(Member):
+class IppQuestion(Member):
     """One command that is sent again and again.
 
     Attributes
@@ -146,12 +146,12 @@ class Question(Member):
         return by_name(data, self.method)
 
 
-def _field(section: ChannelConfig) -> Field:
+def _field(section: IppChannelConfig) -> Field:
     name = section.axis or section.prop or section.scale_temperature or ""
     return Field(name, section.item, section.scale, section.offset)
 
 
-def positions(config: IppConfig, every: float | None) -> Question:
+def positions(config: IppConfig, every: float | None) -> IppQuestion:
     """``Get`` for all axes of that pace, of any pace when None: one answer, one moment."""
     chosen = {
         name: section
@@ -160,16 +160,16 @@ def positions(config: IppConfig, every: float | None) -> Question:
     }
     axes = tuple(dict.fromkeys(f"{section.axis}()" for section in chosen.values()))
     fields = {name: _field(section) for name, section in chosen.items()}
-    return Question("Get", axes, every or 0.0, fields, vital=True)
+    return IppQuestion("Get", axes, every or 0.0, fields, vital=True)
 
 
-def questions(config: IppConfig) -> tuple[Question, ...]:
+def questions(config: IppConfig) -> tuple[IppQuestion, ...]:
     """All questions of a configuration.
 
     One ``Get`` and one ``GetScaleTemperatures`` for all channels of the same pace; a ``GetProp``
     for each property, because one that the server does not know spoils the whole command.
     """
-    made: list[Question] = []
+    made: list[IppQuestion] = []
     if config.move_report is None:
         paces = {s.period: None for s in config.channels.values() if s.axis is not None}
         made += [positions(config, every) for every in paces]
@@ -178,7 +178,7 @@ def questions(config: IppConfig) -> tuple[Question, ...]:
         if section.prop is not None:
             groups.setdefault((section.prop, section.period), {})[name] = _field(section)
     made += [
-        Question("GetProp", (f"{prop}()",), every, fields)
+        IppQuestion("GetProp", (f"{prop}()",), every, fields)
         for (prop, every), fields in groups.items()
     ]
     scales: dict[float, dict[str, Field]] = {}
@@ -187,7 +187,7 @@ def questions(config: IppConfig) -> tuple[Question, ...]:
             scales.setdefault(section.period, {})[name] = _field(section)
     for every, fields in scales.items():
         axes = tuple(dict.fromkeys(f"{field.name}()" for field in fields.values()))
-        made.append(Question("GetScaleTemperatures", axes, every, fields))
+        made.append(IppQuestion("GetScaleTemperatures", axes, every, fields))
     return tuple(made)
 
 

@@ -7,7 +7,7 @@ import time
 
 from abbe.drivers.ipp.config import MoveReportConfig
 from abbe.drivers.ipp.grammar import parse
-from abbe.drivers.ipp.question import Question
+from abbe.drivers.ipp.question import IppQuestion
 from abbe.drivers.link import LinkDownError, LinkProtocolError, Quality, Sample
 
 _NAN = float("nan")
@@ -36,10 +36,10 @@ class MoveReport:
         Done when the first report came.
     """
 
-    def __init__(self, config: MoveReportConfig, get: Question) -> None:
+    def __init__(self, config: MoveReportConfig, get: IppQuestion) -> None:
         axes = tuple(dict.fromkeys(f"{field.name}()" for field in get.fields.values()))
         pace = (f"Time({config.time:g})", f"Dis({config.distance:g})")
-        self.question = Question("OnMoveReportE", (*pace, *axes), 0.0, get.fields, vital=True)
+        self.question = IppQuestion("OnMoveReportE", (*pace, *axes), 0.0, get.fields, vital=True)
         self.patience = config.patience
         self.tag = "E0000"
         self.ordered = False

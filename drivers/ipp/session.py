@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 
 from abbe.drivers.ipp.errors import ServerError, Severity, StoppedError, server_error
 from abbe.drivers.ipp.grammar import Value, parse
-from abbe.drivers.ipp.wire import Cutter, Kind, Message
+from abbe.drivers.ipp.wire import Cutter, ResponseKind, ResponseLine
 from abbe.drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError
 
 LAST_TAG = 99_999
@@ -38,7 +38,7 @@ class _Transaction:
 
 
 @dataclass(frozen=True, slots=True)
-class Reply:
+class CommandReply:
     """What a command brought.
 
     Attributes
@@ -125,7 +125,7 @@ class Session(asyncio.Protocol):
         except OSError as error:
             raise LinkDownError(f"no connection: {error.strerror or error}") from error
 
-    async def ask(self, command: str, event: str | None = None) -> Reply:
+    async def ask(self, command: str, event: str | None = None) -> CommandReply:
         """Send a command and wait until it is completed.
 
         Parameters
@@ -235,7 +235,7 @@ class Session(asyncio.Protocol):
         """Lines that were no responses."""
         return self._cutter.strays
 
-    def _take(self, message: Message) -> None:
+    def _take(self, message: ResponseLine) -> None:
         tag, kind, text = message
         transaction = self._waiting.get(tag)
         if not tag.startswith("E"):
@@ -243,16 +243,16 @@ class Session(asyncio.Protocol):
             known = self._owed | self._marks
             asked_at = known.get(tag, -math.inf) if transaction is None else transaction.began
             self.since = max(self.since, asked_at)
-        if kind is Kind.DATA and tag.startswith("E"):
+        if kind is ResponseKind.DATA and tag.startswith("E"):
             # what an event reports may come before its command is completed
             self._on_event(tag, text)
         elif transaction is None or transaction.answer.done():
             self._unexpected(message)
-        elif kind is Kind.TAKEN:
+        elif kind is ResponseKind.TAKEN:
             transaction.taken = True
-        elif kind is Kind.DATA:
+        elif kind is ResponseKind.DATA:
             transaction.data.append(text)
-        elif kind is Kind.DONE:
+        elif kind is ResponseKind.DONE:
             transaction.answer.set_result(None)
         else:
             error = server_error(text)
@@ -263,15 +263,15 @@ class Session(asyncio.Protocol):
             if error.severity is Severity.FATAL:
                 transaction.answer.set_result(None)
 
-    def _unexpected(self, message: Message) -> None:
-        if message.kind is Kind.ERROR:
+    def _unexpected(self, message: ResponseLine) -> None:
+        if message.kind is ResponseKind.ERROR:
             self._on_error(server_error(message.text))
         if message.tag in self._owed:
             self.late += 1
-            if message.kind is Kind.DONE:
+            if message.kind is ResponseKind.DONE:
                 del self._owed[message.tag]
 
-    def _reply(self, command: str, transaction: _Transaction) -> Reply:
+    def _reply(self, command: str, transaction: _Transaction) -> CommandReply:
         error = transaction.error
         if error is not None:
             said = f"{command}: {error}"
@@ -282,7 +282,7 @@ class Session(asyncio.Protocol):
             data = tuple(value for line in transaction.data for value in parse(line))
         except LinkProtocolError as problem:
             raise LinkProtocolError(f"{command}: {problem}") from None
-        return Reply(data, transaction.began, tuple(transaction.warnings))
+        return CommandReply(data, transaction.began, tuple(transaction.warnings))
 
     def _next_tag(self) -> str:
         while True:

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from abbe.drivers.ipp.config import IppConfig
 from abbe.drivers.ipp.errors import USE_CLEAR_ALL_ERRORS, ServerError, Severity
 from abbe.drivers.ipp.grammar import Value
-from abbe.drivers.ipp.question import Question, coordinate_system
+from abbe.drivers.ipp.question import IppQuestion, coordinate_system
 from abbe.drivers.link import LinkStatus
 from abbe.drivers.quarantine import Roster
 
@@ -56,7 +56,7 @@ class ServerState:
         self._frame_at = self._frame_seen_at = 0.0
         self._warned: set[int] = set()
 
-    def renew(self, questions: Iterable[Question]) -> None:
+    def renew(self, questions: Iterable[IppQuestion]) -> None:
         """A new connection: what was learned on an earlier one need not hold."""
         for question in questions:
             question.accepted()
@@ -69,7 +69,7 @@ class ServerState:
         self._frame_at, self._frame_seen_at = 0.0, time.monotonic()
         self._warned.clear()
 
-    def halt(self, error: ServerError, question: Question | None = None) -> None:
+    def halt(self, error: ServerError, question: IppQuestion | None = None) -> None:
         """An error stopped the server; of a question, or of its own."""
         fresh = self._begin_stop(error)
         if question is not None and error.own_fault:
@@ -99,7 +99,7 @@ class ServerState:
         """Whether a command may be sent to a stopped server, to see whether it still is."""
         return now >= self._look_at
 
-    def accepted(self, question: Question) -> None:
+    def accepted(self, question: IppQuestion) -> None:
         """A question that was refused is answered."""
         if question.refused:
             logger.warning("%s: %s is answered again", self._label, question.name)

@@ -24,7 +24,7 @@ UNASKED = "E0000"
 _RESPONSE = re.compile(rb"(\d{5}|E\d{4}) ([&#!%])(?: ?([ -~]*))?", re.ASCII)
 
 
-class Kind(enum.Enum):
+class ResponseKind(enum.Enum):
     """What a response line is."""
 
     TAKEN = "&"
@@ -35,7 +35,7 @@ class Kind(enum.Enum):
     """The command is completed; nothing more comes with its tag, events excepted."""
 
 
-class Message(NamedTuple):
+class ResponseLine(NamedTuple):
     """One response line.
 
     Attributes
@@ -45,11 +45,11 @@ class Message(NamedTuple):
     kind
         What it is.
     text
-        What stands behind the sign; empty for `Kind.TAKEN` and `Kind.DONE`.
+        What stands behind the sign; empty for `ResponseKind.TAKEN` and `ResponseKind.DONE`.
     """
 
     tag: str
-    kind: Kind
+    kind: ResponseKind
     text: str
 
 
@@ -74,7 +74,7 @@ class Cutter:
         """Lines that were no responses, and lines that were too long."""
         return self._own_strays + self._splitter.thrown_away
 
-    def feed(self, data: bytes) -> Iterator[Message]:
+    def feed(self, data: bytes) -> Iterator[ResponseLine]:
         """Take bytes in; hands out the messages that they complete."""
         for line in self._splitter.feed(data):
             bare = line.strip(b"\r")
@@ -88,16 +88,16 @@ class Cutter:
                 yield message
 
 
-def parsed(line: bytes) -> Message | None:
+def parsed(line: bytes) -> ResponseLine | None:
     """A line without its end as a message; None when it is none.
 
     >>> parsed(b'00019 # X(99.93), Y(17.148)')
-    Message(tag='00019', kind=<Kind.DATA: '#'>, text='X(99.93), Y(17.148)')
+    ResponseLine(tag='00019', kind=<ResponseKind.DATA: '#'>, text='X(99.93), Y(17.148)')
     """
     found = _RESPONSE.fullmatch(line)
     if found is None:
         return None
-    kind, text = Kind(found[2].decode()), (found[3] or b"").decode().strip()
-    if text and kind in (Kind.TAKEN, Kind.DONE):
+    kind, text = ResponseKind(found[2].decode()), (found[3] or b"").decode().strip()
+    if text and kind in (ResponseKind.TAKEN, ResponseKind.DONE):
         return None
-    return Message(found[1].decode(), kind, text)
+    return ResponseLine(found[1].decode(), kind, text)

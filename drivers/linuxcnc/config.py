@@ -36,7 +36,7 @@ STATE_BITS = {
 """Pin → bit of the state word."""
 
 
-class ChannelConfig(BaseModel):
+class LinuxCncChannelConfig(BaseModel):
     """One value: a pin, an axis's external offset, or the state word."""
 
     model_config = _STRICT
@@ -58,7 +58,7 @@ class ChannelConfig(BaseModel):
     """Unit of a pin's value, for people."""
 
     @model_validator(mode="after")
-    def _consistent(self) -> ChannelConfig:
+    def _consistent(self) -> LinuxCncChannelConfig:
         if [self.pin, self.offset, self.word].count(None) != 2:
             raise ValueError("needs one of pin, offset and word")
         if (self.max is None) != (self.offset is None):
@@ -92,7 +92,7 @@ class LinuxCncConfig(ReconnectConfig):
     max_waiting: Annotated[int, Field(ge=1)] = 16
     """Calls that may wait; one more is turned away at once."""
 
-    channels: Annotated[dict[str, ChannelConfig], Field(min_length=1)]
+    channels: Annotated[dict[str, LinuxCncChannelConfig], Field(min_length=1)]
 
     @model_validator(mode="after")
     def _one_channel_for_an_offset(self) -> LinuxCncConfig:

@@ -23,10 +23,10 @@ from abbe.drivers.link import (
     LinkError,
     LinkProtocolError,
     LinkTimeoutError,
-    Place,
     Quality,
     Sample,
     TooLateError,
+    WirePlace,
     WriteNotVerifiedError,
 )
 from abbe.drivers.linuxcnc.config import STATE_BITS, LinuxCncConfig
@@ -89,12 +89,12 @@ class LinuxCncLink(Link):
             return ChannelInfo(low=0.0, high=float((1 << len(STATE_BITS)) - 1), step=1.0)
         return ChannelInfo(section.unit)
 
-    def places(self, channel: str) -> tuple[Place, ...]:
+    def places(self, channel: str) -> tuple[WirePlace, ...]:
         """Its pins; of an offset also those by which it is set."""
         pins = list(self._pins[channel])
         if self._config.channels[channel].offset is not None:
             pins += [f"{pins[0]}-{part}" for part in ("request", "counts", "scale", "enable")]
-        return tuple(Place(self.owns[0], space=(pin,), apart=(True,)) for pin in pins)
+        return tuple(WirePlace(self.owns[0], space=(pin,), apart=(True,)) for pin in pins)
 
     @property
     def owns(self) -> tuple[str, ...]:

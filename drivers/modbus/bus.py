@@ -24,7 +24,7 @@ from abbe.drivers.link import (
 from abbe.drivers.modbus.client import ModbusClient
 from abbe.drivers.modbus.config import ModbusConfig
 from abbe.drivers.modbus.plan import Span, signature
-from abbe.drivers.modbus.refusals import GatewayError, RefusedError
+from abbe.drivers.modbus.refusals import GatewayError, ModbusExceptionError
 from abbe.drivers.modbus.units import Unit, units_of
 from abbe.drivers.quarantine import Roster
 from abbe.drivers.reconnect import Keeper
@@ -157,7 +157,7 @@ class Bus:
                 await self._exchange(unit, probe)
                 unit.pending.clear()
                 return
-            except RefusedError:
+            except ModbusExceptionError:
                 function = signature(probe)[0]
                 if all(reply[0] != function for reply in unit.pending):
                     unit.pending.clear()

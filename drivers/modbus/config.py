@@ -66,7 +66,7 @@ class BlockConfig(BaseModel):
     """Unit of the block's channels, where a channel does not name its own."""
 
 
-class ChannelConfig(BaseModel):
+class ModbusChannelConfig(BaseModel):
     """One named value: where it sits, how it is encoded, what it stands for."""
 
     model_config = _STRICT
@@ -110,7 +110,7 @@ class ChannelConfig(BaseModel):
         return f"{self.table} {self.address}{end}{dot}"
 
     @model_validator(mode="after")
-    def _consistent(self) -> ChannelConfig:
+    def _consistent(self) -> ModbusChannelConfig:
         in_bit_table = self.table in BIT_TABLES
         if in_bit_table and self.type not in (None, "bit"):
             raise ValueError(f"a {self.table} is one bit: type is {self.type!r}, expected none")
@@ -185,7 +185,7 @@ class ModbusConfig(QuarantineConfig, SerialSettings):
     """Calls that may wait for the bus; one more is turned away at once."""
 
     blocks: dict[str, BlockConfig] = Field(default_factory=dict)
-    channels: Annotated[dict[str, ChannelConfig], Field(min_length=1)]
+    channels: Annotated[dict[str, ModbusChannelConfig], Field(min_length=1)]
 
     @property
     def where(self) -> str:

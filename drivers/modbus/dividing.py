@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from abbe.drivers.link import LinkProtocolError
 from abbe.drivers.modbus.config import ModbusConfig
 from abbe.drivers.modbus.plan import Cut, ReadRequest, Span, Together, cut_of, read_plan
-from abbe.drivers.modbus.refusals import RefusedError
+from abbe.drivers.modbus.refusals import ModbusExceptionError
 
 logger = logging.getLogger("abbe.drivers.modbus")
 
@@ -93,7 +93,7 @@ class Dividing:
         self.cuts.clear()
         self._in_vain.clear()
 
-    async def divide(self, request: ReadRequest, refusal: RefusedError, ask: Ask) -> bool:
+    async def divide(self, request: ReadRequest, refusal: ModbusExceptionError, ask: Ask) -> bool:
         """Find out whether a refused request is answered in parts; whether `cuts` have changed.
 
         Raises

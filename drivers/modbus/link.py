@@ -11,12 +11,12 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import ClassVar
 
-from abbe.drivers.link import ChannelInfo, Link, LinkConfig, LinkConfigError, Place, Sample
+from abbe.drivers.link import ChannelInfo, Link, LinkConfig, LinkConfigError, Sample, WirePlace
 from abbe.drivers.modbus.bus import Bus
 from abbe.drivers.modbus.config import ModbusConfig
 from abbe.drivers.modbus.places import bus_name, info_of, place_of
-from abbe.drivers.modbus.reading import Reader
-from abbe.drivers.modbus.writing import Writer
+from abbe.drivers.modbus.reading import ModbusReader
+from abbe.drivers.modbus.writing import ModbusWriter
 
 
 class ModbusLink(Link):
@@ -36,8 +36,8 @@ class ModbusLink(Link):
         super().__init__(name, config)
         self._config = config
         self._bus = Bus(name, config, self.status)
-        self._reader = Reader(name, config, self._bus)
-        self._writer = Writer(name, config, self._bus)
+        self._reader = ModbusReader(name, config, self._bus)
+        self._writer = ModbusWriter(name, config, self._bus)
 
     @property
     def channels(self) -> Mapping[str, str]:
@@ -48,7 +48,7 @@ class ModbusLink(Link):
         """Unit, range and step of its type, whether it is written, the time between two reads."""
         return info_of(self._config, channel)
 
-    def places(self, channel: str) -> tuple[Place, ...]:
+    def places(self, channel: str) -> tuple[WirePlace, ...]:
         """Its registers or bits on the bus."""
         return (place_of(self._config, channel),)
 

@@ -9,7 +9,7 @@ registers no device says in a way that is the same for two of them; they are tak
 from __future__ import annotations
 
 from abbe.drivers import resources
-from abbe.drivers.link import ChannelInfo, Place
+from abbe.drivers.link import ChannelInfo, WirePlace
 from abbe.drivers.modbus.codec import raw_range
 from abbe.drivers.modbus.config import BIT_TABLES, ModbusConfig
 
@@ -22,11 +22,11 @@ def bus_name(config: ModbusConfig) -> str:
     return resources.tcp(str(config.host), int(config.port))
 
 
-def place_of(config: ModbusConfig, name: str) -> Place:
+def place_of(config: ModbusConfig, name: str) -> WirePlace:
     """Where a channel sits; addresses are those of its table."""
     channel = config.channels[name]
     memory = "bits" if channel.table in BIT_TABLES else "registers"
-    return Place(
+    return WirePlace(
         f"{bus_name(config)} {memory}",
         channel.address,
         channel.address + channel.width,

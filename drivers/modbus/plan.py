@@ -14,7 +14,7 @@ from abbe.drivers.modbus.codec import (
     compile_reader,
     compile_writer,
 )
-from abbe.drivers.modbus.config import BIT_TABLES, ChannelConfig, ModbusConfig, Table
+from abbe.drivers.modbus.config import BIT_TABLES, ModbusChannelConfig, ModbusConfig, Table
 
 WRITE_REGISTERS = 123
 """Registers that one write request holds (MODBUS Application Protocol V1.1b3, 6.12)."""
@@ -269,7 +269,7 @@ def _by_place(config: ModbusConfig, names: Sequence[str]) -> dict[tuple[int, Tab
     return dict(sorted(places.items()))
 
 
-def _read_request(unit: int, channels: dict[str, ChannelConfig]) -> ReadRequest:
+def _read_request(unit: int, channels: dict[str, ModbusChannelConfig]) -> ReadRequest:
     table = next(iter(channels.values())).table
     first = min(c.address for c in channels.values())
     count = max(c.address + c.width for c in channels.values()) - first
@@ -295,7 +295,9 @@ def _read_request(unit: int, channels: dict[str, ChannelConfig]) -> ReadRequest:
     )
 
 
-def _write_request(unit: int, table: Table, channels: dict[str, ChannelConfig]) -> WriteRequest:
+def _write_request(
+    unit: int, table: Table, channels: dict[str, ModbusChannelConfig]
+) -> WriteRequest:
     first = next(iter(channels.values())).address
     count = sum(c.width for c in channels.values())
     encode: Callable[[Sequence[Raw]], tuple[int, ...]]

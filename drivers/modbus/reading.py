@@ -20,7 +20,7 @@ from abbe.drivers.modbus.codec import NotRepresentableError
 from abbe.drivers.modbus.config import ModbusConfig
 from abbe.drivers.modbus.dividing import Dividing, groups_of
 from abbe.drivers.modbus.plan import ReadRequest, Together, read_plan
-from abbe.drivers.modbus.refusals import RefusedError
+from abbe.drivers.modbus.refusals import ModbusExceptionError
 from abbe.drivers.modbus.units import Unit
 
 _NAN = float("nan")
@@ -49,7 +49,7 @@ class _View:
     requests: dict[int, tuple[ReadRequest, ...]] = field(default_factory=dict)
 
 
-class Reader:
+class ModbusReader:
     """Turns sets of channel names into samples.
 
     Parameters
@@ -119,7 +119,7 @@ class Reader:
                 answer = await bus.read(request.span)
             except LinkProtocolError as exc:
                 self._mark(request, Quality.BAD, str(exc))
-                if isinstance(exc, RefusedError) and len(request.names) > 1:
+                if isinstance(exc, ModbusExceptionError) and len(request.names) > 1:
                     await self._divide(request, exc)
             except LinkTimeoutError as exc:
                 silences += 1
@@ -152,7 +152,7 @@ class Reader:
         for name in request.names:
             self._last[name] = sample
 
-    async def _divide(self, request: ReadRequest, refusal: RefusedError) -> None:
+    async def _divide(self, request: ReadRequest, refusal: ModbusExceptionError) -> None:
         """Have a refused request read in parts from the next call on, where that is proved."""
         try:
             if await self._dividing.divide(request, refusal, self._bus.read):

@@ -18,7 +18,7 @@ _MEANINGS = {
 _GATEWAY_CODES = (10, 11)
 
 
-class RefusedError(LinkProtocolError):
+class ModbusExceptionError(LinkProtocolError):
     """The device answered with a Modbus exception, e.g. illegal data address.
 
     Attributes
@@ -40,7 +40,7 @@ def refusal(what: str, code: int) -> LinkError:
     """The error to raise for an exception code that was answered.
 
     >>> refusal("input 31 of unit 1", 2)
-    RefusedError('input 31 of unit 1: exception 2, illegal data address')
+    ModbusExceptionError('input 31 of unit 1: exception 2, illegal data address')
     """
     text = f"{what}: exception {code}, {_MEANINGS.get(code, 'unknown')}"
-    return GatewayError(text) if code in _GATEWAY_CODES else RefusedError(text, code)
+    return GatewayError(text) if code in _GATEWAY_CODES else ModbusExceptionError(text, code)

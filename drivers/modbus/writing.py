@@ -17,7 +17,7 @@ from abbe.drivers.modbus.bus import Bus
 from abbe.drivers.modbus.codec import NotRepresentableError
 from abbe.drivers.modbus.config import ModbusConfig
 from abbe.drivers.modbus.plan import WritePlan, WriteRequest, write_plan
-from abbe.drivers.modbus.refusals import RefusedError
+from abbe.drivers.modbus.refusals import ModbusExceptionError
 
 _NOT_TAKEN = (1, 2, 3, 6, 8)
 """Exceptions with which a device says that it has not written anything (Modbus Application
@@ -26,7 +26,7 @@ _PLANS = 64
 """Sets of channels whose requests are kept; a daemon has a handful."""
 
 
-class Writer:
+class ModbusWriter:
     """Writes batches of channels.
 
     Parameters
@@ -91,7 +91,7 @@ class Writer:
         words = request.encode(numbers)
         try:
             await bus.write(request.span, words, until)
-        except RefusedError as exc:
+        except ModbusExceptionError as exc:
             # a device that failed while it wrote (4), or is still at it (5), may have taken it
             raise exc.leaving(request.names if exc.code in _NOT_TAKEN else ()) from None
         except TooLateError as exc:

@@ -26,7 +26,7 @@ from abbe.drivers.serial.config import SerialConfig
 from abbe.drivers.serial.conversation import Conversation, LateAnswerError
 from abbe.drivers.serial.fields import FieldError
 from abbe.drivers.serial.patterns import Match
-from abbe.drivers.serial.question import Message, Question, RefusedError, framed
+from abbe.drivers.serial.question import DeviceRefusedError, SerialMessage, SerialQuestion, framed
 
 logger = logging.getLogger("abbe.drivers.serial")
 
@@ -51,18 +51,18 @@ class AskedLine:
     def __init__(self, label: str, config: SerialConfig, status: LinkStatus) -> None:
         self._config = config
         self._status = status
-        self._messages = {name: Message(name, config) for name in config.messages}
+        self._messages = {name: SerialMessage(name, config) for name in config.messages}
         self._of = {
             channel: message for message in self._messages.values() for channel in message.readers
         }
         self._commands = {
-            name: Question(
+            name: SerialQuestion(
                 f"command {name}", part.acknowledge or "", 1, part.checksum, part.refused
             )
             for name, part in config.channels.items()
             if part.writable
         }
-        questions: tuple[Question, ...] = (*self._messages.values(), *self._commands.values())
+        questions: tuple[SerialQuestion, ...] = (*self._messages.values(), *self._commands.values())
         self.keeper = Keeper(
             label,
             config,
@@ -77,7 +77,7 @@ class AskedLine:
         self._roster = Roster(questions, config, self.keeper, logger, "query")
         self._epoch = 0
         self._last: dict[str, Sample] = {}
-        self._always: dict[tuple[str, ...], Sequence[Message]] = {}
+        self._always: dict[tuple[str, ...], Sequence[SerialMessage]] = {}
 
     async def close(self) -> None:
         """End everything and free the port."""
@@ -133,13 +133,13 @@ class AskedLine:
             if why := question.refusal(time.monotonic()):
                 raise LateAnswerError(why)
             await self._exchange(question, data, until)
-        except (LateAnswerError, TooLateError, RefusedError) as error:
+        except (LateAnswerError, TooLateError, DeviceRefusedError) as error:
             raise error.leaving(untouched=(name,)) from None
 
-    def _due(self, names: tuple[str, ...]) -> Sequence[Message]:
+    def _due(self, names: tuple[str, ...]) -> Sequence[SerialMessage]:
         """Messages to ask for, those in trouble last; kept where it is the same one each time."""
         now = time.monotonic()
-        messages: dict[Message, None] = {}
+        messages: dict[SerialMessage, None] = {}
         for name in names:
             message = self._of.get(name)
             if message is None:
@@ -153,7 +153,7 @@ class AskedLine:
             self._always[names] = due
         return due
 
-    def _is_due(self, message: Message, name: str, now: float) -> bool:
+    def _is_due(self, message: SerialMessage, name: str, now: float) -> bool:
         last = self._last.get(name)
         return (
             last is None
@@ -162,7 +162,7 @@ class AskedLine:
             or message.pace.is_due(now)
         )
 
-    async def _ask_all(self, messages: Sequence[Message]) -> None:
+    async def _ask_all(self, messages: Sequence[SerialMessage]) -> None:
         silences = 0
         for message in messages:
             if message.failures and (why := message.refusal(time.monotonic())):
@@ -184,7 +184,9 @@ class AskedLine:
         if not self.keeper.up:
             raise self.keeper.down_error()
 
-    async def _exchange(self, question: Question, data: bytes, until: float = math.inf) -> Match:
+    async def _exchange(
+        self, question: SerialQuestion, data: bytes, until: float = math.inf
+    ) -> Match:
         status, talk = self._status, self._talk
         status.requests += 1
         question.asked = True
@@ -210,7 +212,7 @@ class AskedLine:
             self._roster.answered(question)
         return found
 
-    def _keep(self, message: Message, found: Match) -> None:
+    def _keep(self, message: SerialMessage, found: Match) -> None:
         at, last, good = self._talk.asked_at, self._last, True
         for channel, text, reader in message.texts(found):
             try:
@@ -220,7 +222,7 @@ class AskedLine:
                 good = False
         message.pace.asked(at, good=good)
 
-    def _mark(self, message: Message, quality: Quality, why: str) -> None:
+    def _mark(self, message: SerialMessage, quality: Quality, why: str) -> None:
         now = time.monotonic()
         message.pace.asked(now, good=False)
         self._last |= dict.fromkeys(message.readers, Sample(_NAN, now, quality, why))

@@ -29,7 +29,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from abbe.drivers.quarantine import QuarantineConfig
 from abbe.drivers.serial.checksum import ChecksumConfig
-from abbe.drivers.serial.patterns import Pattern, checked
+from abbe.drivers.serial.patterns import LinePattern, checked
 from abbe.drivers.serial.port.settings import PortSettings
 
 _STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
@@ -52,7 +52,7 @@ def _check(key: str, pattern: str | None) -> None:
         raise ValueError(f"{key}: {error}") from None
 
 
-class MessageConfig(BaseModel):
+class SerialMessageConfig(BaseModel):
     """One kind of message: how it is asked for, and what it looks like."""
 
     model_config = _STRICT
@@ -75,10 +75,10 @@ class MessageConfig(BaseModel):
     @property
     def fields(self) -> tuple[str, ...]:
         """Names of the pattern's fields."""
-        return Pattern(self.pattern).fields
+        return LinePattern(self.pattern).fields
 
     @model_validator(mode="after")
-    def _consistent(self) -> MessageConfig:
+    def _consistent(self) -> SerialMessageConfig:
         pattern = checked(self.pattern)
         _check("refused", self.refused)
         if not pattern.fields:
@@ -102,7 +102,7 @@ class MessageConfig(BaseModel):
         return self
 
 
-class ChannelConfig(BaseModel):
+class SerialChannelConfig(BaseModel):
     """One value: a field of a message, or a command that sets something."""
 
     model_config = _STRICT
@@ -180,7 +180,7 @@ class ChannelConfig(BaseModel):
         return self.command
 
     @model_validator(mode="after")
-    def _consistent(self) -> ChannelConfig:
+    def _consistent(self) -> SerialChannelConfig:
         if (self.message is None) == (self.command is None):
             raise ValueError("needs either message (it is read) or command (it is written)")
         if self.scale == 0.0:
@@ -248,8 +248,8 @@ class LineConfig(QuarantineConfig, PortSettings):
 class SerialConfig(LineConfig):
     """One serial line and what is said on it."""
 
-    messages: dict[str, MessageConfig] = Field(default_factory=dict)
-    channels: Annotated[dict[str, ChannelConfig], Field(min_length=1)]
+    messages: dict[str, SerialMessageConfig] = Field(default_factory=dict)
+    channels: Annotated[dict[str, SerialChannelConfig], Field(min_length=1)]
 
     @property
     def streaming(self) -> bool:

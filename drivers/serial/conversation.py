@@ -23,7 +23,7 @@ from abbe.drivers.serial.port.lines import Splitter
 from abbe.drivers.serial.port.opening import open_port
 from abbe.drivers.serial.port.port import Port
 from abbe.drivers.serial.port.sending import see_sent, withdrawn
-from abbe.drivers.serial.question import Question, RefusedError
+from abbe.drivers.serial.question import DeviceRefusedError, SerialQuestion
 
 
 class LateAnswerError(LinkTimeoutError):
@@ -55,7 +55,7 @@ class Conversation:
     def __init__(
         self,
         config: LineConfig,
-        questions: Collection[Question],
+        questions: Collection[SerialQuestion],
         on_lost: Callable[[str], None],
     ) -> None:
         self._config = config
@@ -65,7 +65,7 @@ class Conversation:
         self._on_lost = on_lost
         self._port: Port | None = None
         self._splitter = Splitter(config.terminator.encode("ascii"), config.max_line)
-        self._current: Question | None = None
+        self._current: SerialQuestion | None = None
         self._answer: Awaited[Match] = Awaited(self._wait)
         self._lines: list[bytes] = []
         self._unfit: LinkProtocolError | None = None
@@ -98,14 +98,14 @@ class Conversation:
         if port is not None:
             await port.closed()
 
-    def _pending(self) -> Sequence[Question]:
+    def _pending(self) -> Sequence[SerialQuestion]:
         """Questions to which an answer may still come late."""
         for question in self._questions:
             if question.asked_at is not None:
                 return [question for question in self._questions if question.asked_at is not None]
         return ()
 
-    def _refuse(self, question: Question, pending: Sequence[Question]) -> None:
+    def _refuse(self, question: SerialQuestion, pending: Sequence[SerialQuestion]) -> None:
         """Refuse to ask now because of an answer that may still come."""
         now = time.monotonic()
         for other in pending:
@@ -148,7 +148,7 @@ class Conversation:
         """
         await see_sent(self._open_port(), data, until, self._limit(len(data)), self._lose)
 
-    async def ask(self, question: Question, data: bytes, until: float = math.inf) -> Match:
+    async def ask(self, question: SerialQuestion, data: bytes, until: float = math.inf) -> Match:
         """Send a query and wait for its answer; only one caller at a time.
 
         What comes and does not fit (noise, our own echo) is passed over; when nothing better comes
@@ -220,7 +220,7 @@ class Conversation:
         """Time in s for so many characters there and back."""
         return self._config.timeout + self._character_time * characters
 
-    def _silence(self, question: Question, limit: float) -> str:
+    def _silence(self, question: SerialQuestion, limit: float) -> str:
         got = b" ".join([*self._lines, self._splitter.held])
         more = f" ({shown(got)} came, and no end)" if got else ""
         return f"{question.name}: no answer in {limit:.3g} s{more}"
@@ -258,7 +258,7 @@ class Conversation:
             return
         try:
             answer.give(question.match(self._lines))
-        except RefusedError as error:
+        except DeviceRefusedError as error:
             answer.fail(error)
         except LinkProtocolError as error:
             self._unfit = error

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from abbe.drivers.serial.config import ChannelConfig
+from abbe.drivers.serial.config import SerialChannelConfig
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _HEX = re.compile(r"[0-9A-Fa-f]+", re.ASCII)
@@ -15,12 +15,12 @@ class FieldError(ValueError):
     """A field's text is not what its channel expects."""
 
 
-def compile_reader(channel: ChannelConfig) -> Callable[[str | None], float]:
+def compile_reader(channel: SerialChannelConfig) -> Callable[[str | None], float]:
     """How a field's text (None where the pattern left it out) becomes the channel's value.
 
     Blanks do not count, so that ``+ 12.345`` is a number. The function raises `FieldError`.
 
-    >>> read = compile_reader(ChannelConfig(message="m", scale=0.001))
+    >>> read = compile_reader(SerialChannelConfig(message="m", scale=0.001))
     >>> read("- 1234")
     -1.234
     """

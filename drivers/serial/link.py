@@ -13,8 +13,8 @@ from abbe.drivers.link import (
     LinkConfig,
     LinkConfigError,
     LinkError,
-    Place,
     Sample,
+    WirePlace,
 )
 from abbe.drivers.serial.asking import AskedLine
 from abbe.drivers.serial.checksum import shown
@@ -56,7 +56,7 @@ class SerialLink(Link):
         low, high, step = section.range
         return ChannelInfo(section.unit, section.writable, every, low, high, step)
 
-    def places(self, channel: str) -> tuple[Place, ...]:
+    def places(self, channel: str) -> tuple[WirePlace, ...]:
         """The field of the answer, or the command: two commands that read alike are one place.
 
         Whether a query asks for what a command sets, no text says.
@@ -69,7 +69,7 @@ class SerialLink(Link):
             said = f"message {section.message}" if query is None else f"answer to {query}"
             space = (said, self._config.field_of(channel))
         devices = self.owns or (self._config.port,)
-        return tuple(Place(device, space=space, apart=(True, True)) for device in devices)
+        return tuple(WirePlace(device, space=space, apart=(True, True)) for device in devices)
 
     @property
     def owns(self) -> tuple[str, ...]:

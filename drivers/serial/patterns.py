@@ -38,7 +38,7 @@ class SlowPatternError(LinkProtocolError):
     """A pattern took too long over a line."""
 
 
-class Pattern:
+class LinePattern:
     """A regular expression for a whole text.
 
     Parameters
@@ -140,8 +140,8 @@ def simple_up_to(pattern: str) -> int:
     return low
 
 
-def checked(text: str) -> Pattern:
+def checked(text: str) -> LinePattern:
     """A pattern from a configuration; raises ValueError when it cannot be used."""
-    pattern = Pattern(text)
+    pattern = LinePattern(text)
     pattern.check()
     return pattern

@@ -10,16 +10,16 @@ from abbe.drivers.quarantine import Member
 from abbe.drivers.serial.checksum import ChecksumConfig, ChecksumError, shown
 from abbe.drivers.serial.config import LineConfig, SerialConfig
 from abbe.drivers.serial.fields import FieldError, compile_reader
-from abbe.drivers.serial.patterns import Match, Pattern
+from abbe.drivers.serial.patterns import LinePattern, Match
 
 Reader = Callable[[str | None], float]
 
 
-class RefusedError(LinkProtocolError):
+class DeviceRefusedError(LinkProtocolError):
     """The device answered that it cannot."""
 
 
-class Question(Member):
+class SerialQuestion(Member):
     """What is known of one message or command: how to ask, what answers, what may still come.
 
     Parameters
@@ -54,8 +54,8 @@ class Question(Member):
         refused: str | None = None,
     ) -> None:
         super().__init__(name)
-        self.pattern = Pattern(pattern)
-        self._refused = None if refused is None else Pattern(refused)
+        self.pattern = LinePattern(pattern)
+        self._refused = None if refused is None else LinePattern(refused)
         self.lines = lines
         self.asked_at: float | None = None
         self.last_text: str | None = None
@@ -82,7 +82,7 @@ class Question(Member):
 
         Raises
         ------
-        RefusedError
+        DeviceRefusedError
             When the device says that it cannot.
         LinkProtocolError
             When a checksum is wrong or the text does not fit the pattern.
@@ -91,7 +91,7 @@ class Question(Member):
         found = self.pattern.fullmatch(text)
         if found is None:
             if self._refused is not None and self._refused.fullmatch(text):
-                raise RefusedError(f"{self.name}: the device answers {text!r}")
+                raise DeviceRefusedError(f"{self.name}: the device answers {text!r}")
             raise LinkProtocolError(
                 f"{self.name}: {shown(text.encode('latin-1'))} came, "
                 f"which does not fit {self.pattern.text!r}"
@@ -106,7 +106,7 @@ class Question(Member):
         except LinkProtocolError:
             return False
 
-    def confusable(self, other: Question) -> bool:
+    def confusable(self, other: SerialQuestion) -> bool:
         """Whether an answer to `other` that comes late could pass for an answer to this."""
         if self is other or self.lines != 1 or other.lines != 1:
             return True
@@ -118,7 +118,7 @@ class Question(Member):
         )
 
 
-class Message(Question):
+class SerialMessage(SerialQuestion):
     """One message of the configuration.
 
     Attributes

@@ -28,7 +28,7 @@ from abbe.drivers.serial.port.lines import Splitter
 from abbe.drivers.serial.port.opening import open_port
 from abbe.drivers.serial.port.port import Port
 from abbe.drivers.serial.port.sending import see_sent
-from abbe.drivers.serial.question import Message, framed
+from abbe.drivers.serial.question import SerialMessage, framed
 
 logger = logging.getLogger("abbe.drivers.serial")
 
@@ -56,7 +56,7 @@ class StreamingLine:
     def __init__(self, label: str, config: SerialConfig, status: LinkStatus) -> None:
         self._config = config
         self._status = status
-        self._messages = tuple(Message(name, config) for name in config.messages)
+        self._messages = tuple(SerialMessage(name, config) for name in config.messages)
         self._of = {channel: message for message in self._messages for channel in message.readers}
         self.keeper = Keeper(
             label,
@@ -71,7 +71,7 @@ class StreamingLine:
         self._roster = Roster(self._messages, config, self.keeper, logger, "message")
         self._splitter = Splitter(config.terminator.encode("ascii"), config.max_line)
         self._port: Port | None = None
-        self._arrived: dict[Message, float] = {}
+        self._arrived: dict[SerialMessage, float] = {}
         self._opened_at = 0.0
         self._last: dict[str, Sample] = {}
         self._stray = ""
@@ -141,7 +141,7 @@ class StreamingLine:
             return Sample(_NAN, now, Quality.UNAVAILABLE, self._silence(message, now))
         return last
 
-    def _silence(self, message: Message, now: float) -> str:
+    def _silence(self, message: SerialMessage, now: float) -> str:
         came = self._arrived.get(message)
         since = "since the port was opened" if came is None else f"for {now - came:.1f} s"
         stray = f"; last came {self._stray}" if self._stray else ""
@@ -205,7 +205,7 @@ class StreamingLine:
             self._roster.set_apart(message, message.why)
         self._watch_on()
 
-    def _came(self, message: Message) -> float:
+    def _came(self, message: SerialMessage) -> float:
         """When a message came last (monotonic, s), or since when it could have come."""
         return self._arrived.get(message, self._opened_at)
 

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 
 from abbe.drivers.link import LinkDownError, LinkProtocolError
 from abbe.drivers.serial.checksum import ALGORITHMS, shown
-from abbe.drivers.serial.patterns import Pattern
+from abbe.drivers.serial.patterns import LinePattern
 from abbe.drivers.serial.tape import CONTROL, TapeLine, TapeSettings, check_blocks
 
 
@@ -191,7 +191,7 @@ async def _compare_checksum(line: TapeLine, settings: TapeSettings, blocks: Sequ
     sent = (end + "".join(block + end for block in blocks)).encode("ascii")
     computed = ALGORITHMS[settings.checksum](sent)
     reply = await line.next_line(settings.stall_timeout, "the checksum")
-    found = Pattern(settings.checksum_reply).fullmatch(reply.decode("latin-1").strip())
+    found = LinePattern(settings.checksum_reply).fullmatch(reply.decode("latin-1").strip())
     if found is None:
         raise LinkProtocolError(f"{shown(reply)} came in place of the checksum")
     if int(found["checksum"], 16) != computed:

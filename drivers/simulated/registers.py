@@ -74,7 +74,7 @@ class Register:
 
 
 @dataclass(frozen=True)
-class Block:
+class RegisterBlock:
     """Registers that follow each other without gaps.
 
     Attributes

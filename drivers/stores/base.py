@@ -77,7 +77,7 @@ class Readiness:
 
 
 @dataclass(frozen=True, slots=True)
-class Effect:
+class ShownCorrection:
     """What the controller's active table does at one place, as the controller itself shows it.
 
     Attributes
@@ -189,7 +189,7 @@ class Store(ABC):
         raise RefusedError(f"{self.name}: the controller has to be restarted by hand")
 
     @abstractmethod
-    async def effects(self) -> Sequence[Effect]:
+    async def effects(self) -> Sequence[ShownCorrection]:
         """What the active table does now, as the controller shows it; empty where it shows none."""
 
 

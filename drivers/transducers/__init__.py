@@ -11,7 +11,12 @@ from typing import Annotated, assert_never
 
 from pydantic import Field, TypeAdapter
 
-from abbe.drivers.transducers.base import Fault, SensorFaultError, Transducer, TransducerConfig
+from abbe.drivers.transducers.base import (
+    SensorFaultError,
+    Transducer,
+    TransducerConfig,
+    TransducerFault,
+)
 from abbe.drivers.transducers.encoder import Encoder, EncoderConfig
 from abbe.drivers.transducers.linear import CurrentLoop, CurrentLoopConfig, Linear, LinearConfig
 from abbe.drivers.transducers.rtd import Platinum, PtConfig
@@ -67,7 +72,6 @@ __all__ = [
     "CurrentLoopConfig",
     "Encoder",
     "EncoderConfig",
-    "Fault",
     "Linear",
     "LinearConfig",
     "NtcRatioConfig",
@@ -80,5 +84,6 @@ __all__ = [
     "Thermistor",
     "Transducer",
     "TransducerConfig",
+    "TransducerFault",
     "make_transducer",
 ]

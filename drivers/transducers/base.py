@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict
 from abbe.drivers.link import Quality, Sample
 
 
-class Fault(enum.Enum):
+class TransducerFault(enum.Enum):
     """Why a raw number is no measurement; the value is the wording that people see."""
 
     BROKEN_WIRE = "broken wire"
@@ -41,7 +41,7 @@ class SensorFaultError(ValueError):
         What was found and where the limit lies, e.g. ``4.2 MΩ, above 1 MΩ``.
     """
 
-    def __init__(self, fault: Fault, detail: str) -> None:
+    def __init__(self, fault: TransducerFault, detail: str) -> None:
         super().__init__(f"{fault.value}: {detail}")
         self.fault = fault
         self.detail = detail
@@ -100,4 +100,4 @@ class Transducer(ABC):
 def require_number(raw: float) -> None:
     """Refuse NaN and infinities, which a device may send as float registers."""
     if not math.isfinite(raw):
-        raise SensorFaultError(Fault.NOT_A_NUMBER, f"the device sent {raw}")
+        raise SensorFaultError(TransducerFault.NOT_A_NUMBER, f"the device sent {raw}")

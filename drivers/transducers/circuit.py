@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from abbe.drivers.transducers.base import Fault, SensorFaultError, TransducerConfig
+from abbe.drivers.transducers.base import SensorFaultError, TransducerConfig, TransducerFault
 
 
 class OhmCircuit(TransducerConfig):
@@ -101,7 +101,7 @@ class DividerCircuit(TransducerConfig):
         ratio = raw / self.full_scale + self.bridge_ratio
         if not -0.02 <= ratio <= 1.02:
             raise SensorFaultError(
-                Fault.OUT_OF_RANGE, f"raw {raw:g} is {ratio:.2f} of the divider's supply"
+                TransducerFault.OUT_OF_RANGE, f"raw {raw:g} is {ratio:.2f} of the divider's supply"
             )
         share = min(max(ratio if self.sensor == "low" else 1.0 - ratio, 0.0), 1.0)
         return math.inf if share >= 1.0 else self.series * share / (1.0 - share)

@@ -26,10 +26,10 @@ from pydantic import Field, model_validator
 
 from abbe.drivers.link import Quality, Sample
 from abbe.drivers.transducers.base import (
-    Fault,
     SensorFaultError,
     Transducer,
     TransducerConfig,
+    TransducerFault,
     require_number,
 )
 
@@ -197,7 +197,7 @@ class Encoder(Transducer):
         if not self._low <= position <= self._high:
             low, high = self._c.travel or (self._low, self._high)
             raise SensorFaultError(
-                Fault.OUT_OF_RANGE,
+                TransducerFault.OUT_OF_RANGE,
                 f"{position:.4f} {self.unit}, outside the travel {low:g} to {high:g} {self.unit}",
             )
         return position
@@ -234,7 +234,7 @@ class Encoder(Transducer):
         low, high = (-half, half - 1) if c.signed else (0, 2 * half - 1)
         if not low <= count <= high:
             raise SensorFaultError(
-                Fault.OUT_OF_RANGE,
+                TransducerFault.OUT_OF_RANGE,
                 f"{value:g} {self.unit} is count {count}, outside {low} to {high}",
             )
         return float(count)
@@ -244,19 +244,19 @@ class Encoder(Transducer):
         require_number(raw)
         if raw != math.floor(raw):
             raise SensorFaultError(
-                Fault.OUT_OF_RANGE,
+                TransducerFault.OUT_OF_RANGE,
                 f"{raw!r} is not a whole count: is it scaled twice?",
             )
         if self._c.bits == 64:
-            raise SensorFaultError(Fault.OUT_OF_RANGE, f"count {raw:.0f} is beyond 2^53")
+            raise SensorFaultError(TransducerFault.OUT_OF_RANGE, f"count {raw:.0f} is beyond 2^53")
         raise SensorFaultError(
-            Fault.OUT_OF_RANGE, f"count {raw:.0f} does not fit {self._c.bits} bits"
+            TransducerFault.OUT_OF_RANGE, f"count {raw:.0f} does not fit {self._c.bits} bits"
         )
 
     def _follow(self, raw: float) -> float:
         """Unwrapped count after a raw one, by the shorter way round."""
         if self._lost:
-            raise SensorFaultError(Fault.NOT_REFERENCED, self._lost)
+            raise SensorFaultError(TransducerFault.NOT_REFERENCED, self._lost)
         if self._count is None:
             turns = 0
             if self._wanted is not None:
@@ -271,6 +271,6 @@ class Encoder(Transducer):
                 f"the count jumped by {step:+.0f}, more than {self._c.max_jump:g} of the "
                 f"{self._c.bits}-bit range: the way it went is not known"
             )
-            raise SensorFaultError(Fault.COUNT_JUMP, self._lost)
+            raise SensorFaultError(TransducerFault.COUNT_JUMP, self._lost)
         self._count += step
         return self._count

@@ -7,10 +7,10 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from abbe.drivers.transducers.base import (
-    Fault,
     SensorFaultError,
     Transducer,
     TransducerConfig,
+    TransducerFault,
     require_number,
 )
 
@@ -80,25 +80,27 @@ class CurrentLoop(Transducer):
         if current < c.measure_low:
             if current < NO_CURRENT:
                 raise SensorFaultError(
-                    Fault.BROKEN_WIRE, f"{current:.2f} mA, below {NO_CURRENT:g} mA"
+                    TransducerFault.BROKEN_WIRE, f"{current:.2f} mA, below {NO_CURRENT:g} mA"
                 )
             if current <= c.alarm_low:
                 raise SensorFaultError(
-                    Fault.TRANSMITTER_ALARM,
+                    TransducerFault.TRANSMITTER_ALARM,
                     f"{current:.2f} mA, at or below {c.alarm_low:g} mA (NE 43)",
                 )
             raise SensorFaultError(
-                Fault.OUT_OF_RANGE, f"{current:.2f} mA, below {c.measure_low:g} mA (NE 43)"
+                TransducerFault.OUT_OF_RANGE,
+                f"{current:.2f} mA, below {c.measure_low:g} mA (NE 43)",
             )
         if current > c.measure_high:
             if current >= c.alarm_high:
                 raise SensorFaultError(
-                    Fault.TRANSMITTER_ALARM,
+                    TransducerFault.TRANSMITTER_ALARM,
                     f"{current:.2f} mA, at or above {c.alarm_high:g} mA (NE 43); "
                     "or a short circuit",
                 )
             raise SensorFaultError(
-                Fault.OUT_OF_RANGE, f"{current:.2f} mA, above {c.measure_high:g} mA (NE 43)"
+                TransducerFault.OUT_OF_RANGE,
+                f"{current:.2f} mA, above {c.measure_high:g} mA (NE 43)",
             )
         return c.at_4mA + (c.at_20mA - c.at_4mA) * (current - 4.0) / 16.0
 
@@ -109,7 +111,7 @@ class CurrentLoop(Transducer):
         current = 4.0 + 16.0 * (value - c.at_4mA) / (c.at_20mA - c.at_4mA)
         if not c.measure_low <= current <= c.measure_high:
             raise SensorFaultError(
-                Fault.OUT_OF_RANGE,
+                TransducerFault.OUT_OF_RANGE,
                 f"{value:g} {c.unit} needs {current:.2f} mA, outside {c.measure_low:g} to "
                 f"{c.measure_high:g} mA",
             )
@@ -171,9 +173,9 @@ class Linear(Transducer):
         c = self._c
         if c.min is not None and value < c.min:
             raise SensorFaultError(
-                Fault.OUT_OF_RANGE, f"{value:g} {c.unit}, below {c.min:g} {c.unit}"
+                TransducerFault.OUT_OF_RANGE, f"{value:g} {c.unit}, below {c.min:g} {c.unit}"
             )
         if c.max is not None and value > c.max:
             raise SensorFaultError(
-                Fault.OUT_OF_RANGE, f"{value:g} {c.unit}, above {c.max:g} {c.unit}"
+                TransducerFault.OUT_OF_RANGE, f"{value:g} {c.unit}, above {c.max:g} {c.unit}"
             )

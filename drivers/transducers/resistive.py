@@ -9,10 +9,10 @@ from typing import Self
 from pydantic import Field, model_validator
 
 from abbe.drivers.transducers.base import (
-    Fault,
     SensorFaultError,
     Transducer,
     TransducerConfig,
+    TransducerFault,
     require_number,
 )
 from abbe.drivers.transducers.circuit import Circuit, OhmCircuit
@@ -98,22 +98,24 @@ class ResistiveTransducer(Transducer):
             ohms = math.inf if ohms >= c.parallel else ohms * c.parallel / (c.parallel - ohms)
         if ohms > c.open_above:
             raise SensorFaultError(
-                Fault.BROKEN_WIRE, f"{format_ohms(ohms)}, above {format_ohms(c.open_above)}"
+                TransducerFault.BROKEN_WIRE,
+                f"{format_ohms(ohms)}, above {format_ohms(c.open_above)}",
             )
         if ohms < c.short_below:
             raise SensorFaultError(
-                Fault.SHORT_CIRCUIT, f"{format_ohms(ohms)}, below {format_ohms(c.short_below)}"
+                TransducerFault.SHORT_CIRCUIT,
+                f"{format_ohms(ohms)}, below {format_ohms(c.short_below)}",
             )
         t = self.temperature(ohms) + c.temperature_offset
         # The value itself stays out of the message: it is not a temperature.
         if t < c.min_temperature:
             raise SensorFaultError(
-                Fault.OUT_OF_RANGE,
+                TransducerFault.OUT_OF_RANGE,
                 f"{format_ohms(ohms)} would be colder than {c.min_temperature:g} °C",
             )
         if t > c.max_temperature:
             raise SensorFaultError(
-                Fault.OUT_OF_RANGE,
+                TransducerFault.OUT_OF_RANGE,
                 f"{format_ohms(ohms)} would be hotter than {c.max_temperature:g} °C",
             )
         return t
@@ -124,7 +126,7 @@ class ResistiveTransducer(Transducer):
         c = self._c
         if not c.min_temperature <= value <= c.max_temperature:
             raise SensorFaultError(
-                Fault.OUT_OF_RANGE,
+                TransducerFault.OUT_OF_RANGE,
                 f"{value:g} °C, outside {c.min_temperature:g} to {c.max_temperature:g} °C",
             )
         ohms = self.resistance(value - c.temperature_offset)

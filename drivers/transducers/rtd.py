@@ -12,7 +12,7 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from abbe.drivers.transducers.base import Fault, SensorFaultError
+from abbe.drivers.transducers.base import SensorFaultError, TransducerFault
 from abbe.drivers.transducers.resistive import ResistiveConfig, ResistiveTransducer, format_ohms
 
 
@@ -68,7 +68,7 @@ class Platinum(ResistiveTransducer):
         discriminant = a * a - 4.0 * b * (1.0 - ratio)
         if discriminant < 0.0:
             raise SensorFaultError(
-                Fault.OUT_OF_RANGE, f"{format_ohms(ohms)}, above any platinum sensor's"
+                TransducerFault.OUT_OF_RANGE, f"{format_ohms(ohms)}, above any platinum sensor's"
             )
         # This form of the root does not cancel near 0 °C, and holds for b = 0.
         t = 2.0 * (ratio - 1.0) / (a + math.sqrt(discriminant))

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from abbe.drivers.transducers.base import Fault, SensorFaultError
+from abbe.drivers.transducers.base import SensorFaultError, TransducerFault
 from abbe.drivers.transducers.resistive import (
     ZERO_CELSIUS,
     ResistiveConfig,
@@ -99,7 +99,7 @@ class RTTable(ResistiveTransducer):
         """Temperature (°C) at a resistance (Ω); out of range beyond the table's ends."""
         if not self._low <= ohms <= self._high:
             raise SensorFaultError(
-                Fault.OUT_OF_RANGE,
+                TransducerFault.OUT_OF_RANGE,
                 f"{format_ohms(ohms)}, outside the table's {format_ohms(self._low)} to "
                 f"{format_ohms(self._high)}",
             )

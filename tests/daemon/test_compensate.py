@@ -11,7 +11,7 @@ from abbe.compcore.machine.machine import Axis, Machine, Signal
 from abbe.compcore.machine.structure import Structure
 from abbe.compcore.model.model import Model, Term, Value
 from abbe.daemon.guard import ALL
-from abbe.daemon.pipeline.compensate import Compensation, affected_directions
+from abbe.daemon.pipeline.compensate import LiveCompensator, affected_directions
 from abbe.daemon.pipeline.reading.convert import SignalReading
 
 X, Y, Z = 1, 2, 4
@@ -61,7 +61,7 @@ def test_behind_a_rotary_axis_all_directions_count() -> None:
 
 
 def test_a_lost_signal_marks_its_directions_and_its_last_value_stays_in_use() -> None:
-    stage = Compensation(model(growth("X", "T1"), growth("Y", "T2")))
+    stage = LiveCompensator(model(growth("X", "T1"), growth("Y", "T2")))
     stage.update(0.0, good(T1=21.0, T2=22.0))
     before = stage.step([100.0, 200.0, 0.0], [0.0, 0.0, 0.0])
     assert before == pytest.approx((200.0 * 1e-5 * 1.0, 100.0 * 1e-5 * 2.0, 0.0))
@@ -73,7 +73,7 @@ def test_a_lost_signal_marks_its_directions_and_its_last_value_stays_in_use() ->
 
 
 def test_a_signal_that_never_came_does_not_keep_the_others_waiting() -> None:
-    stage = Compensation(model(growth("X", "T1"), growth("Y", "T2")))
+    stage = LiveCompensator(model(growth("X", "T1"), growth("Y", "T2")))
     assert stage.step([100.0, 200.0, 0.0], [0.0] * 3) is None
     stage.update(0.0, {"T1": SignalReading(math.nan, "not read"), **good(T2=22.0)})
     assert stage.faulty == X
@@ -84,7 +84,7 @@ def test_a_signal_that_never_came_does_not_keep_the_others_waiting() -> None:
 
 def test_a_lag_begins_with_the_first_value_not_with_what_stood_in_for_it() -> None:
     effect = ScaleExpansion(axis="X", signals=("T1",), tau=1000.0)
-    stage = Compensation(model(Term(effect, {"alpha": Value(1e-5)})))
+    stage = LiveCompensator(model(Term(effect, {"alpha": Value(1e-5)})))
     stage.update(0.0, {"T1": SignalReading(math.nan, "not read")})
     stage.step([0.0, 100.0, 0.0], [0.0] * 3)
     stage.update(1.0, good(T1=30.0))
@@ -96,7 +96,7 @@ def test_a_lag_begins_with_the_first_value_not_with_what_stood_in_for_it() -> No
 def test_a_compensator_that_fails_is_a_named_fault_and_recovers(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    stage = Compensation(model(growth("X", "T1")))
+    stage = LiveCompensator(model(growth("X", "T1")))
     stage.update(0.0, good(T1=21.0))
     fine = stage.step([0.0, 100.0, 0.0], [0.0] * 3)
     compensator = stage._compensator

@@ -6,14 +6,19 @@ import math
 
 import pytest
 
-from abbe.daemon.pipeline.reading.convert import PositionConverter, SignalConverter, Source, Watch
+from abbe.daemon.pipeline.reading.convert import (
+    ChannelSource,
+    PositionConverter,
+    SignalConverter,
+    Watch,
+)
 from abbe.daemon.pipeline.reading.poll import Batch, by_link
 from abbe.drivers.link import Quality, Sample
 from abbe.drivers.transducers import EncoderConfig, SteinhartHartConfig, make_transducer
 
 ENCODER = make_transducer(EncoderConfig(counts_per_mm=1000.0, travel=(0.0, 500.0)))
 THERMISTOR = make_transducer(SteinhartHartConfig(a=1.032e-3, b=2.387e-4, c=1.580e-7))
-SOURCES = [Source("X", ("cmm", "x"), ENCODER), Source("Y", ("cmm", "y"))]
+SOURCES = [ChannelSource("X", ("cmm", "x"), ENCODER), ChannelSource("Y", ("cmm", "y"))]
 
 
 def batch(**values: float | Sample) -> Batch:
@@ -94,7 +99,7 @@ def test_the_controllers_status_word_is_obeyed() -> None:
 
 
 def test_signals_keep_their_last_good_value() -> None:
-    convert = SignalConverter([Source("T", ("cmm", "r"), THERMISTOR)], stale_after=5.0)
+    convert = SignalConverter([ChannelSource("T", ("cmm", "r"), THERMISTOR)], stale_after=5.0)
 
     def reading(r: float | Sample, now: float) -> tuple[float, str]:
         found = convert(batch(r=r), now)["T"]
@@ -116,7 +121,7 @@ def test_signals_keep_their_last_good_value() -> None:
 
 
 def test_a_device_that_is_silent_for_a_moment_is_no_fault_of_a_signal() -> None:
-    convert = SignalConverter([Source("T", ("cmm", "r"))], stale_after=5.0)
+    convert = SignalConverter([ChannelSource("T", ("cmm", "r"))], stale_after=5.0)
     convert(batch(r=Sample(20.5, 10.0)), 10.0)
     silent = Sample(math.nan, 14.0, Quality.UNAVAILABLE, "no answer")
     assert convert(batch(r=silent), 14.0)["T"].fault == ""

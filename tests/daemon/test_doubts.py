@@ -20,11 +20,11 @@ from abbe.daemon.config.sections import SignalSection
 from abbe.daemon.guard import GuardState
 from abbe.daemon.pipeline.reading.controller_watch import Beat, DeviceClock
 from abbe.daemon.pipeline.reading.expected import bounds_of, expected_of
-from abbe.daemon.pipeline.reading.motion import Motion
-from abbe.daemon.pipeline.reading.plausible import Bounds, Likes, Plausible
+from abbe.daemon.pipeline.reading.motion import SampleSpeeds
+from abbe.daemon.pipeline.reading.plausible import Likes, Plausible, PlausibleBounds
 from abbe.daemon.pipeline.writing.own_writes import Follow
 from abbe.daemon.status_word import Status
-from abbe.drivers.link import ChannelInfo, LinkError, Place, Sample
+from abbe.drivers.link import ChannelInfo, LinkError, Sample, WirePlace
 from abbe.drivers.transducers import SteinhartHartConfig, make_transducer
 from tests.support.daemon.memory_link import MemoryLink
 
@@ -195,7 +195,7 @@ async def test_a_tool_longer_than_the_machine_is_not_believed(
 
 
 def test_a_jump_is_believed_when_it_is_back_or_became_likely() -> None:
-    plausible = Plausible({"T": Bounds(-30.0, 100.0, 0.5, "degC")})
+    plausible = Plausible({"T": PlausibleBounds(-30.0, 100.0, 0.5, "degC")})
     assert plausible.doubt("T", 20.0, 0.0) == ""
     assert plausible.doubt("T", 20.9, 0.25) == ""
     assert "jumped from 20.9 to 60" in plausible.doubt("T", 60.0, 0.5)
@@ -207,7 +207,7 @@ def test_a_jump_is_believed_when_it_is_back_or_became_likely() -> None:
 
 
 def test_a_long_silence_is_no_jump() -> None:
-    plausible = Plausible({"T": Bounds(-30.0, 100.0, 0.5, "degC")})
+    plausible = Plausible({"T": PlausibleBounds(-30.0, 100.0, 0.5, "degC")})
     plausible.doubt("T", 20.0, 0.0)
     assert plausible.doubt("T", 28.0, 3600.0) == ""
 
@@ -248,7 +248,7 @@ def test_an_axis_that_moves_by_its_correction_is_not_taken_for_our_own(
 
 
 def test_speeds_are_told_from_positions_and_their_times() -> None:
-    motion = Motion(2)
+    motion = SampleSpeeds(2)
     for k in range(5):
         motion.step([20.0 * k, 1.0], 1.0 * k)
     assert motion.speeds == (20.0, 0.0)
@@ -349,8 +349,8 @@ def test_what_cannot_be_written_safely_is_refused(case: str, tmp_path: Path) -> 
 
 
 def test_places_overlap_across_tables_and_units_unless_apart() -> None:
-    def place(unit: str, table: str, apart: tuple[bool, bool]) -> Place:
-        return Place("tcp 10.0.0.1:502 registers", 4, 6, (unit, table), apart)
+    def place(unit: str, table: str, apart: tuple[bool, bool]) -> WirePlace:
+        return WirePlace("tcp 10.0.0.1:502 registers", 4, 6, (unit, table), apart)
 
     both = (False, False)
     here = place("unit 1", "holding", both)
@@ -362,7 +362,7 @@ def test_places_overlap_across_tables_and_units_unless_apart() -> None:
     assert here.overlaps(place("unit 2", "holding", tables))
     assert here.overlaps(place("unit 1", "input", both))
     assert not here.overlaps(
-        Place("tcp 10.0.0.1:502 registers", 6, 8, ("unit 1", "holding"), tables)
+        WirePlace("tcp 10.0.0.1:502 registers", 6, 8, ("unit 1", "holding"), tables)
     )
 
 

@@ -19,7 +19,7 @@ from abbe.compcore.tables.volume import Volume
 from abbe.daemon.config import load_config
 from abbe.daemon.demo.configuration import demo_configuration
 from abbe.daemon.demo.simulator import simulated_bridge
-from abbe.daemon.table_watch import Follower, Target, follow, lags_of, words
+from abbe.daemon.table_watch import Follower, TableTarget, follow, lags_of, words
 from abbe.drivers.controllers import make_controller
 from tests.support.compcore.table_models import rigid, thermal
 from tests.support.daemon.memory_link import MemoryLink
@@ -117,7 +117,7 @@ def configured(tmp_path: Path):
 
 async def test_tables_are_made_when_due_and_an_upload_proposed_when_idle(configured, tmp_path):
     link = MemoryLink("m", {"X": 1.0, "Y": 2.0, "Z": 3.0, "T_x": None, "T_y": 20.0})
-    target = Target(
+    target = TableTarget(
         make_controller("linuxcnc", MODEL.machine), {}, VOLUME, None, tmp_path / "out", "me"
     )
     events: asyncio.Queue[dict] = asyncio.Queue()

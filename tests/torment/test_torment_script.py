@@ -10,7 +10,7 @@ import pytest
 
 from abbe.drivers.simulated.torment.__main__ import main
 from abbe.drivers.simulated.torment.kinds import KINDS
-from abbe.drivers.simulated.torment.motion import FASTEST, TRAVEL, Motion
+from abbe.drivers.simulated.torment.motion import FASTEST, TRAVEL, RandomMotion
 from abbe.drivers.simulated.torment.script import Script
 from abbe.drivers.simulated.torment.wires import WIRES, wire_class
 
@@ -36,7 +36,7 @@ def test_what_is_active_is_what_the_script_says() -> None:
 
 
 def test_the_machine_stays_in_its_travel_and_never_jumps() -> None:
-    motion = Motion(random.Random(5), 0.0)
+    motion = RandomMotion(random.Random(5), 0.0)
     places = [motion.at(0.01 * k) for k in range(20_000)]
     for before, after in pairwise(places):
         for a, b, (low, high) in zip(before, after, TRAVEL, strict=True):
@@ -45,7 +45,7 @@ def test_the_machine_stays_in_its_travel_and_never_jumps() -> None:
 
 
 def test_the_machine_stands_when_it_is_told_to() -> None:
-    motion = Motion(random.Random(5), 0.0)
+    motion = RandomMotion(random.Random(5), 0.0)
     motion.at(7.0)
     motion.halt(7.0, 2.0)
     assert motion.at(7.0) == pytest.approx(motion.at(8.99))

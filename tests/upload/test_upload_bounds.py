@@ -24,7 +24,7 @@ from abbe.daemon.upload.bounds import (
     largest_correction,
 )
 from abbe.daemon.upload.shown_correction import Expectation
-from abbe.drivers.stores.base import Effect
+from abbe.drivers.stores.base import ShownCorrection
 from tests.support.daemon.upload_cases import TRAVELS
 from tests.support.daemon.upload_cases import model as mill
 
@@ -62,8 +62,8 @@ def test_a_product_counts_with_the_end_of_its_lever():
     shifted = replace(product, lever=("Z", -200.0))
     assert largest_change([product], [shifted], MODEL, NO_TOOL) == pytest.approx(20e-6 * 100.0)
     expected = Expectation([product], MODEL, NO_TOOL)
-    assert not expected.comparable(Effect({"Y": 400.0}, {"X": 0.0}))
-    there = Effect({"Y": 400.0, "Z": -300.0}, {"X": 0.004})
+    assert not expected.comparable(ShownCorrection({"Y": 400.0}, {"X": 0.0}))
+    there = ShownCorrection({"Y": 400.0, "Z": -300.0}, {"X": 0.004})
     assert expected.comparable(there)
     assert expected.at(there)["X"] == pytest.approx((0.004, 0.004))
 
@@ -124,10 +124,12 @@ def test_a_setpoint_is_shifted_against_the_error_and_a_reading_with_it():
     at = {"X": 250.0, "Y": 0.0, "Z": 0.0}
     shown = dict.fromkeys("XYZ", 0.0)
     expected = Expectation([x], MODEL, NO_TOOL)
-    assert expected.at(Effect(at, shown, {"X": 1}))["X"] == pytest.approx((-0.005, -0.005))
-    assert expected.at(Effect(at, shown, {"X": -1}))["X"] == pytest.approx((-0.009, -0.009))
+    assert expected.at(ShownCorrection(at, shown, {"X": 1}))["X"] == pytest.approx((-0.005, -0.005))
+    assert expected.at(ShownCorrection(at, shown, {"X": -1}))["X"] == pytest.approx(
+        (-0.009, -0.009)
+    )
     # the direction is not known: either way
-    assert expected.at(Effect(at, shown, {}))["X"] == pytest.approx((-0.009, -0.005))
+    assert expected.at(ShownCorrection(at, shown, {}))["X"] == pytest.approx((-0.009, -0.005))
     reads = Expectation([x], MODEL, NO_TOOL, adds_error=True)
-    assert reads.at(Effect(at, shown, {"X": 1}))["X"] == pytest.approx((0.005, 0.005))
-    assert not expected.comparable(Effect({"Y": 0.0}, shown))
+    assert reads.at(ShownCorrection(at, shown, {"X": 1}))["X"] == pytest.approx((0.005, 0.005))
+    assert not expected.comparable(ShownCorrection({"Y": 0.0}, shown))

@@ -8,19 +8,19 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.compensator.folding.group import Group
+from abbe.compcore.compensator.folding.group import EffectGroup
 from abbe.compcore.compensator.folding.metric import Metric, influences
 from abbe.compcore.compensator.folding.narrow import Ranges, narrow_places, slow_keys
-from abbe.compcore.compensator.folding.plan import Plan
+from abbe.compcore.compensator.folding.plan import FoldingPlan
 from abbe.compcore.compensator.folding.slow_state import (
     SlowState,
     plausible_states,
     reference_state,
 )
-from abbe.compcore.compensator.folding.source import Source
-from abbe.compcore.compensator.folding.tables import Table, Tables
+from abbe.compcore.compensator.folding.source import FoldedEffect
+from abbe.compcore.compensator.folding.tables import FoldedTables, Table
 from abbe.compcore.compensator.folding.union import Union
-from abbe.compcore.compensator.folding.variable import Variable
+from abbe.compcore.compensator.folding.variable import FoldingVariable
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.model.model import Model
@@ -73,7 +73,7 @@ class Fold:
         named = dict.fromkeys([*machine.signals, *model.signals_needed()])
         probe = reference_state(machine, named)
         self._sources = [
-            Source(machine, term, fitted, probe)
+            FoldedEffect(machine, term, fitted, probe)
             for term in fitted
             if term.effect.scope != "instrument"
         ]
@@ -107,7 +107,7 @@ class Fold:
         narrow = self._narrow_places(states)
         given = self._machine, self._sources, self.error_motions, metric
         for _ in range(_TRIES):
-            self._take(Plan(*given, tolerance, states, extra, narrow))
+            self._take(FoldingPlan(*given, tolerance, states, extra, narrow))
             missed = self._missed(states)
             if not missed:
                 return
@@ -115,13 +115,15 @@ class Fold:
                 extra.setdefault(axis, []).extend(positions)
             tolerance *= 0.7
         # an effect that hides from samples is followed point by point
-        nothing = Plan(self._machine, (), self.error_motions, metric, tolerance, states, {}, {})
+        nothing = FoldingPlan(
+            self._machine, (), self.error_motions, metric, tolerance, states, {}, {}
+        )
         nothing.direct.extend(self._sources)
         self._take(nothing)
 
     def _narrow_places(
         self, states: Sequence[SlowState]
-    ) -> dict[Source, dict[str, list[float]] | None]:
+    ) -> dict[FoldedEffect, dict[str, list[float]] | None]:
         """What hides from samples in those effects that are expressions."""
         self._ranges = Ranges.among(states)
         told = [s for s in self._sources if s.expressions() is not None]
@@ -135,9 +137,9 @@ class Fold:
             found[source] = narrow_places(self._machine, source, per_unit, self._ranges, allowed)
         return found
 
-    def _take(self, plan: Plan) -> None:
+    def _take(self, plan: FoldingPlan) -> None:
         self.plan = plan
-        self._unions: dict[Variable, Union] = {}
+        self._unions: dict[FoldingVariable, Union] = {}
         self._tables: dict[object, tuple[Table, tuple[int, ...]]] = {}
 
     def refresh(self, state: SlowState) -> bool:
@@ -148,7 +150,7 @@ class Fold:
         state = self._amended(state)
         good = self._ranges.hold(state, self._proven)
         changed = [group for group in self.plan.groups if group.refresh(state)]
-        unions: set[Variable] = set()
+        unions: set[FoldingVariable] = set()
         for group in changed:
             for v, variable in enumerate(group.variables):
                 if variable.kind == "position":
@@ -163,7 +165,7 @@ class Fold:
         for group in self.plan.groups:
             constant[list(group.error_motions)] += group.constant
         products = (group.products() for group in self.plan.groups)
-        self.tables = Tables(
+        self.tables = FoldedTables(
             self.error_motions,
             constant,
             tuple(self._tables.values()),
@@ -177,7 +179,7 @@ class Fold:
         """Axis → positions of the nodes of its table."""
         return {variable.axis: union.nodes for variable, union in self._unions.items()}
 
-    def _union(self, variable: Variable) -> Union:
+    def _union(self, variable: FoldingVariable) -> Union:
         members = [
             (group, group.variables.index(variable))
             for group in self.plan.groups
@@ -186,7 +188,7 @@ class Fold:
         self._unions[variable] = Union(members)
         return self._unions[variable]
 
-    def _good(self, group: Group, v: int) -> bool:
+    def _good(self, group: EffectGroup, v: int) -> bool:
         """Whether interpolation along a changed line is as good as it was laid out to be."""
         if not group.slow or group.variables[v].kind == "direction":
             return True
@@ -207,7 +209,7 @@ class Fold:
 
         return at_points if direct else None
 
-    def _sum(self, sources: Sequence[Source], conditions: Conditions) -> F64:
+    def _sum(self, sources: Sequence[FoldedEffect], conditions: Conditions) -> F64:
         total = np.zeros((conditions.n, len(self.error_motions)))
         for source in sources:
             columns = [self.error_motions.index(c) for c in source.error_motions]
@@ -232,8 +234,8 @@ class Fold:
         axes = self._machine.structure.axes
         together = any(len(group.variables) > 1 for group in self.plan.groups)
         count = _POINTS_OF_PRODUCTS if together else _POINTS
-        where = {a: Variable(a).some(self._machine, count, rng) for a in axes}
-        moved = {a: Variable(a, "direction").some(self._machine, count, rng) for a in axes}
+        where = {a: FoldingVariable(a).some(self._machine, count, rng) for a in axes}
+        moved = {a: FoldingVariable(a, "direction").some(self._machine, count, rng) for a in axes}
         rows = np.stack(list(where.values()), axis=1), np.stack(list(moved.values()), axis=1)
         bad = np.zeros(count, dtype=np.bool_)
         slow = [source for source in self._sources if source.reads.slow]

@@ -15,24 +15,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.compensator.folding.cross import Cross
-from abbe.compcore.compensator.folding.line import Line
+from abbe.compcore.compensator.folding.line import NodeLine
 from abbe.compcore.compensator.folding.slow_state import SlowState
-from abbe.compcore.compensator.folding.source import Source
-from abbe.compcore.compensator.folding.tables import AxisTable, DirectionTable, Products, Table
-from abbe.compcore.compensator.folding.variable import Variable
+from abbe.compcore.compensator.folding.source import FoldedEffect
+from abbe.compcore.compensator.folding.tables import (
+    DirectionTable,
+    FoldedAxisTable,
+    Products,
+    Table,
+)
+from abbe.compcore.compensator.folding.variable import FoldingVariable
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
 
 F64 = NDArray[np.float64]
 
 
-class Rows:
+class AnchoredRows:
     """Rows of some variables' values at which effects are evaluated, all else at its anchor."""
 
-    def __init__(self, machine: Machine, variables: Sequence[Variable], rows: F64) -> None:
+    def __init__(self, machine: Machine, variables: Sequence[FoldingVariable], rows: F64) -> None:
         n = len(rows)
         axes = machine.structure.axes
-        self._positions = {a: np.full(n, Variable(a).anchor(machine)) for a in axes}
+        self._positions = {a: np.full(n, FoldingVariable(a).anchor(machine)) for a in axes}
         self._directions = {a: np.zeros(n) for a in axes}
         for variable, column in zip(variables, rows.T, strict=True):
             if variable.kind == "direction":
@@ -59,7 +64,7 @@ class Interaction:
     cross: Cross
 
 
-class Group:
+class EffectGroup:
     """Effects of the same variables.
 
     Parameters
@@ -80,8 +85,8 @@ class Group:
     def __init__(
         self,
         machine: Machine,
-        variables: tuple[Variable, ...],
-        sources: Sequence[Source],
+        variables: tuple[FoldingVariable, ...],
+        sources: Sequence[FoldedEffect],
         error_motions: Sequence[Sequence[int]],
     ) -> None:
         self._machine = machine
@@ -91,16 +96,16 @@ class Group:
         self._columns = [[self.error_motions.index(k) for k in own] for own in error_motions]
         self.slow = any(s.reads.slow for s in sources)
         self._anchor = np.array([[v.anchor(machine) for v in variables]])
-        self.lines: tuple[Line, ...] = ()
+        self.lines: tuple[NodeLine, ...] = ()
         self._interactions: tuple[Interaction, ...] = ()
         self._seen: list[tuple[object, ...] | None] = []
 
     def evaluate(self, rows: F64, state: SlowState) -> F64:
         """Error motions on rows (n, variables) → (n, motions)."""
-        conditions = Rows(self._machine, self.variables, rows).conditions(state)
+        conditions = AnchoredRows(self._machine, self.variables, rows).conditions(state)
         return self._total([s.values(conditions) for s in self.sources], len(rows))
 
-    def columns_of(self, source: Source) -> list[int]:
+    def columns_of(self, source: FoldedEffect) -> list[int]:
         """Which of the group's columns one of its effects moves."""
         return self._columns[self.sources.index(source)]
 
@@ -124,7 +129,7 @@ class Group:
             blocks[(i + 1) * n : (i + 2) * n, v] = rows[:, i]
         return blocks
 
-    def lay_out(self, lines: Sequence[Line], interactions: Sequence[Interaction]) -> None:
+    def lay_out(self, lines: Sequence[NodeLine], interactions: Sequence[Interaction]) -> None:
         """Take the lines and interactions to work with."""
         self.lines = tuple(lines)
         self._interactions = tuple(interactions)
@@ -144,7 +149,7 @@ class Group:
         if self._interactions:
             every, again = np.unique(every, axis=0, return_inverse=True)
             self._again = again.reshape(-1)
-        self._rows = Rows(self._machine, self.variables, every)
+        self._rows = AnchoredRows(self._machine, self.variables, every)
         self._count = len(every)
         self._seen = [None] * len(self.sources)
         self._own = [np.zeros((0, 0))] * len(self.sources)
@@ -202,11 +207,11 @@ class Group:
                     factors[v].append(of.get(v, one))
         used = sorted({v for part in self._interactions for v in part.active})
         tables = [self.lines[v].table(np.stack(factors[v], axis=1)) for v in used]
-        kept = tuple(t for t in tables if isinstance(t, AxisTable | DirectionTable))
+        kept = tuple(t for t in tables if isinstance(t, FoldedAxisTable | DirectionTable))
         return Products(tuple(error_motions), kept)
 
 
 def _together(values: F64, n: int, d: int) -> F64:
-    """What is g, from the blocks of rows that `Group._apart` lays out."""
+    """What is g, from the blocks of rows that `EffectGroup._apart` lays out."""
     parts = values[:-1].reshape(d + 1, n, -1)
     return np.asarray(parts[0] - parts[1:].sum(axis=0) + (d - 1) * values[-1])

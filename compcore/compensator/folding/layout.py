@@ -27,7 +27,7 @@ class TooManyNodesError(Exception):
     """The functions are too restless to be held in a table."""
 
 
-class Layout:
+class SampledFunctions:
     """Samples of some functions of one position, from which nodes are chosen.
 
     The samples stand on a dyadic grid between the breaks and inside each of its cells; a little off

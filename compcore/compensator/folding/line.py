@@ -8,8 +8,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.compensator.folding.tables import AxisTable, DirectionTable, PhaseTable, Table
-from abbe.compcore.compensator.folding.variable import DIRECTIONS, Variable
+from abbe.compcore.compensator.folding.tables import (
+    DirectionTable,
+    FoldedAxisTable,
+    PhaseTable,
+    Table,
+)
+from abbe.compcore.compensator.folding.variable import DIRECTIONS, FoldingVariable
 
 F64 = NDArray[np.float64]
 
@@ -18,7 +23,7 @@ _JUMP = 3e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class NodeLine:
     """The nodes of one variable's tables.
 
     Attributes
@@ -34,14 +39,14 @@ class Line:
         The axis's travel, mm or rad.
     """
 
-    variable: Variable
+    variable: FoldingVariable
     index: int
     nodes: F64
     beyond: float = 0.0
     travel: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
-    def of_direction(cls, variable: Variable, index: int) -> Line:
+    def of_direction(cls, variable: FoldingVariable, index: int) -> NodeLine:
         """The line of an approach direction."""
         return cls(variable, index, DIRECTIONS)
 
@@ -85,7 +90,7 @@ class Line:
             below = (values[1] - values[0]) / self.beyond
             above = (values[-1] - values[-2]) / self.beyond
             values = values[1:-1]
-        one = AxisTable.through(self.index, self.nodes, values, below, above)
+        one = FoldedAxisTable.through(self.index, self.nodes, values, below, above)
         if self.variable.kind == "phase":
             return PhaseTable(one, *self.travel, self.variable.period)
         return one

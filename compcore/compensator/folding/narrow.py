@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.compensator.folding.slow_state import SlowState
-from abbe.compcore.compensator.folding.source import Source
+from abbe.compcore.compensator.folding.source import FoldedEffect
 from abbe.compcore.effects.expressions.bounds import bounds, factors, signal_key, summands
-from abbe.compcore.effects.expressions.expression import Node
+from abbe.compcore.effects.expressions.expression import FormulaNode
 from abbe.compcore.effects.expressions.interval import Interval
 from abbe.compcore.machine.machine import Machine
 
@@ -84,7 +84,7 @@ def _values(state: SlowState) -> list[tuple[str, float]]:
     return found + [(signal_key(name), value) for (name, _), value in state.lags.items()]
 
 
-def slow_keys(source: Source) -> frozenset[str]:
+def slow_keys(source: FoldedEffect) -> frozenset[str]:
     """What of `Ranges` an effect reads."""
     names = [*source.reads.signals, *(name for name, _ in source.reads.lags)]
     time = ["t"] if "time" in source.reads.others else []
@@ -96,7 +96,7 @@ class _UnprovenError(Exception):
 
 
 def narrow_places(
-    machine: Machine, source: Source, per_unit: float, ranges: Ranges, allowed: float
+    machine: Machine, source: FoldedEffect, per_unit: float, ranges: Ranges, allowed: float
 ) -> dict[str, list[float]] | None:
     """Where a table of an effect needs nodes lest something narrow hides between samples.
 
@@ -137,7 +137,7 @@ class _Proof:
         self._machine, self._ranges, self._allowed = machine, ranges, allowed
         self._axes = machine.structure.axes
 
-    def of_summand(self, node: Node, size: float) -> dict[str, list[float]]:
+    def of_summand(self, node: FormulaNode, size: float) -> dict[str, list[float]]:
         """Axis → breaks, for an expression of which one unit is `size` mm.
 
         Raises
@@ -158,7 +158,7 @@ class _Proof:
         found = {}
         for axis in positions:
             beside = size
-            own: list[Node] = []
+            own: list[FormulaNode] = []
             for part in parts:
                 if self._moving(part) == [axis]:
                     own.append(part)
@@ -170,11 +170,11 @@ class _Proof:
             found[axis] = self._places(_product(own), axis, beside)
         return found
 
-    def _moving(self, node: Node) -> list[str]:
+    def _moving(self, node: FormulaNode) -> list[str]:
         """Positions and directions that an expression reads."""
         return [v for v in node.variables() if v not in ("t", "T0")]
 
-    def _first(self, nodes: Sequence[Node]) -> Box:
+    def _first(self, nodes: Sequence[FormulaNode]) -> Box:
         """One box with everything that some expressions read."""
         box: Box = {}
         for node in nodes:
@@ -192,7 +192,7 @@ class _Proof:
             return self._ranges.of["t"]
         return self._machine.axis(name).travel if name in self._axes else (-1.0, 1.0)
 
-    def _places(self, node: Node, axis: str, size: float) -> list[float]:
+    def _places(self, node: FormulaNode, axis: str, size: float) -> list[float]:
         """Breaks of a function of one position; first with all else as it may be, then divided."""
         for dividing in (False, True):
             try:
@@ -202,7 +202,7 @@ class _Proof:
                     raise
         raise AssertionError
 
-    def _bisected(self, node: Node, axis: str, size: float, dividing: bool) -> list[float]:
+    def _bisected(self, node: FormulaNode, axis: str, size: float, dividing: bool) -> list[float]:
         whole = boxes = self._first([node])
         others = [k for k in whole if k != axis and whole[k].width[0] > 0.0] if dividing else []
         breaks: list[float] = []
@@ -226,7 +226,7 @@ class _Proof:
             boxes = _halved(boxes, masks)
         return [float(x) for x in breaks]
 
-    def _missed(self, node: Node, axis: str, size: float, boxes: Box) -> F64:
+    def _missed(self, node: FormulaNode, axis: str, size: float, boxes: Box) -> F64:
         """What samples may miss in each box, mm."""
         found = bounds(node, boxes, frozenset([axis]))
         slope, curvature = found.along(axis)
@@ -237,7 +237,7 @@ class _Proof:
             missed = np.fmin(np.fmin(straight, bent), found.value.width) * size
         return np.where(np.isnan(missed), np.inf, np.broadcast_to(missed, step.shape))
 
-    def _changes_slowly(self, node: Node, positions: Sequence[str]) -> None:
+    def _changes_slowly(self, node: FormulaNode, positions: Sequence[str]) -> None:
         """Refuse what depends on several positions and bends between the places that are tried."""
         boxes = self._first([node])
         moving = self._moving(node)
@@ -254,10 +254,10 @@ class _Proof:
             raise _UnprovenError
 
 
-def _product(nodes: Sequence[Node]) -> Node:
+def _product(nodes: Sequence[FormulaNode]) -> FormulaNode:
     whole = nodes[0]
     for node in nodes[1:]:
-        whole = Node("Mult", whole.dimension, (whole, node))
+        whole = FormulaNode("Mult", whole.dimension, (whole, node))
     return whole
 
 

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.compensator.folding.cross import NotSeparableError, find_cross
-from abbe.compcore.compensator.folding.group import Group, Interaction
-from abbe.compcore.compensator.folding.layout import Layout, TooManyNodesError
-from abbe.compcore.compensator.folding.line import Line
+from abbe.compcore.compensator.folding.group import EffectGroup, Interaction
+from abbe.compcore.compensator.folding.layout import SampledFunctions, TooManyNodesError
+from abbe.compcore.compensator.folding.line import NodeLine
 from abbe.compcore.compensator.folding.metric import Metric
 from abbe.compcore.compensator.folding.slow_state import SlowState
-from abbe.compcore.compensator.folding.source import Source
-from abbe.compcore.compensator.folding.variable import DIRECTIONS, Variable
+from abbe.compcore.compensator.folding.source import FoldedEffect
+from abbe.compcore.compensator.folding.variable import DIRECTIONS, FoldingVariable
 from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.machine.machine import Machine
 
@@ -41,7 +41,7 @@ _MOST_PIVOTS = 100_000
 _INACTIVE = 1e-3
 
 
-class Plan:
+class FoldingPlan:
     """Lines and products for a model's effects, good for `states` and all between them.
 
     Parameters
@@ -68,13 +68,13 @@ class Plan:
     def __init__(
         self,
         machine: Machine,
-        sources: Sequence[Source],
+        sources: Sequence[FoldedEffect],
         error_motions: Sequence[ErrorMotion],
         metric: Metric,
         tolerance: float,
         states: Sequence[SlowState],
         extra: dict[str, list[float]],
-        narrow: Mapping[Source, dict[str, list[float]] | None],
+        narrow: Mapping[FoldedEffect, dict[str, list[float]] | None],
     ) -> None:
         self._machine, self._metric = machine, metric
         self._states, self._extra = tuple(states), extra
@@ -83,7 +83,7 @@ class Plan:
             s for s in sources if s.effect.kinks_move(machine) or narrow.get(s, {}) is None
         ]
         self.share = tolerance
-        self.groups: tuple[Group, ...] = ()
+        self.groups: tuple[EffectGroup, ...] = ()
         index = {error_motion: k for k, error_motion in enumerate(error_motions)}
         left = [s for s in sources if s not in self.direct]
         while True:
@@ -96,16 +96,16 @@ class Plan:
             left.remove(unfit)
 
     def _grouped(
-        self, sources: Iterable[Source], index: dict[ErrorMotion, int]
-    ) -> tuple[Group, ...]:
+        self, sources: Iterable[FoldedEffect], index: dict[ErrorMotion, int]
+    ) -> tuple[EffectGroup, ...]:
         """Effects of one variable together, slow ones apart; others each for itself."""
-        together: dict[object, list[Source]] = {}
+        together: dict[object, list[FoldedEffect]] = {}
         for source in sources:
             alone = len(source.variables) > 1
             key = source if alone else (source.variables, source.reads.slow)
             together.setdefault(key, []).append(source)
         return tuple(
-            Group(
+            EffectGroup(
                 self._machine,
                 own[0].variables,
                 own,
@@ -114,7 +114,7 @@ class Plan:
             for own in together.values()
         )
 
-    def _lay_out(self, groups: Sequence[Group], tolerance: float) -> Source | None:
+    def _lay_out(self, groups: Sequence[EffectGroup], tolerance: float) -> FoldedEffect | None:
         """Lay all groups out; where one cannot be, the effect to blame."""
         interactions = {}
         several = sum(len(group.variables) > 1 for group in groups)
@@ -142,14 +142,14 @@ class Plan:
                     nodes = DIRECTIONS if layout is None else self._nodes(layout)
                 except TooManyNodesError:
                     return self._most_restless(group, variable)
-                lines.append(Line(variable, where, nodes, beyond, travel))
+                lines.append(NodeLine(variable, where, nodes, beyond, travel))
             group.lay_out(lines, interactions[group])
         return None
 
-    def _nodes(self, layout: Layout) -> F64:
+    def _nodes(self, layout: SampledFunctions) -> F64:
         return layout.nodes(_MARGIN * self.share, _MOST_NODES)
 
-    def _states_of(self, group: Group) -> tuple[SlowState, ...]:
+    def _states_of(self, group: EffectGroup) -> tuple[SlowState, ...]:
         """Those states that differ to a group's effects."""
         seen = {
             tuple(state.seen_by(source.reads) for source in group.sources): state
@@ -157,7 +157,7 @@ class Plan:
         }
         return tuple(seen.values())
 
-    def _interactions(self, group: Group, tolerance: float) -> list[Interaction]:
+    def _interactions(self, group: EffectGroup, tolerance: float) -> list[Interaction]:
         count = len(group.variables)
         if count < 2:
             return []
@@ -188,12 +188,12 @@ class Plan:
                 found.append(Interaction(column, tuple(active), cross))
         return found
 
-    def _active(self, group: Group, column: int, tolerance: float) -> list[int]:
+    def _active(self, group: EffectGroup, column: int, tolerance: float) -> list[int]:
         """The variables that take part in what is not a sum of functions of one variable each."""
         rng = np.random.default_rng(3)
         every = range(len(group.variables))
 
-        def some(v: Variable) -> F64:
+        def some(v: FoldingVariable) -> F64:
             values = v.some(self._machine, 64, rng)
             told = self._told(group, v)
             if len(told):
@@ -212,7 +212,7 @@ class Plan:
                     break
         return active
 
-    def _told(self, group: Group, variable: Variable) -> F64:
+    def _told(self, group: EffectGroup, variable: FoldingVariable) -> F64:
         """Where a group's effects are narrow along a position."""
         found = [
             (self._narrow.get(source) or {}).get(variable.axis, ())
@@ -221,7 +221,9 @@ class Plan:
         ]
         return np.array(sorted({x for places in found for x in places}))
 
-    def _layout(self, group: Group, variable: Variable) -> tuple[Layout | None, float]:
+    def _layout(
+        self, group: EffectGroup, variable: FoldingVariable
+    ) -> tuple[SampledFunctions | None, float]:
         """Samples along a variable, and how far outside the travel its slope is measured."""
         if variable.kind == "direction":
             return None, 0.0
@@ -233,7 +235,7 @@ class Plan:
             return self._metric.project(self._along(group, variable, x), group.error_motions)
 
         if variable.kind == "phase":
-            return Layout(profile, self._metric.size, sorted(breaks)), 0.0
+            return SampledFunctions(profile, self._metric.size, sorted(breaks)), 0.0
         breaks.update(self._extra.get(variable.axis, ()), self._told(group, variable).tolist())
         for source in group.sources:
             breaks.update(source.kinks.get(variable.axis, ()))
@@ -247,10 +249,10 @@ class Plan:
             straight = straight and bool(off <= 1e-9 + 1e-12 * np.abs(side).max())
         if not straight:
             breaks |= {ends[0] - _OVERTRAVEL * length, ends[1] + _OVERTRAVEL * length}
-        layout = Layout(profile, self._metric.size, sorted(breaks))
+        layout = SampledFunctions(profile, self._metric.size, sorted(breaks))
         return layout, _OVERTRAVEL * length if straight else 0.0
 
-    def _along(self, group: Group, variable: Variable, x: F64) -> F64:
+    def _along(self, group: EffectGroup, variable: FoldingVariable, x: F64) -> F64:
         """Error motions along a variable in several states, and beside several values of others.
 
         Shape (x, states and others, motions).
@@ -263,7 +265,7 @@ class Plan:
             found += [group.evaluate(rows, state) for state in self._states_of(group)]
         return np.stack(found, axis=1)
 
-    def _beside(self, group: Group, v: int) -> F64:
+    def _beside(self, group: EffectGroup, v: int) -> F64:
         """Values of a group's variables other than v: corners of their ranges and some more."""
         if len(group.variables) == 1:
             return np.zeros((1, 1))
@@ -276,12 +278,12 @@ class Plan:
         some = [variable.some(self._machine, _OTHERS, rng) for variable in group.variables]
         return np.concatenate([corners, np.stack(some, axis=1)])
 
-    def _most_restless(self, group: Group, variable: Variable) -> Source:
+    def _most_restless(self, group: EffectGroup, variable: FoldingVariable) -> FoldedEffect:
         """The effect of a group that needs the most nodes along a variable."""
 
-        def count(source: Source) -> float:
+        def count(source: FoldedEffect) -> float:
             columns = [group.error_motions[k] for k in group.columns_of(source)]
-            alone = Group(self._machine, group.variables, [source], [columns])
+            alone = EffectGroup(self._machine, group.variables, [source], [columns])
             layout, _ = self._layout(alone, variable)
             try:
                 return 0 if layout is None else len(self._nodes(layout))

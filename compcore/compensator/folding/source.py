@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.compensator.folding.slow_state import SlowState
-from abbe.compcore.compensator.folding.variable import Variable
-from abbe.compcore.effects.expressions.expression import Node
+from abbe.compcore.compensator.folding.variable import FoldingVariable
+from abbe.compcore.effects.expressions.expression import FormulaNode
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.error_motion import INSTRUMENT, ErrorMotion
 from abbe.compcore.machine.machine import Machine
@@ -23,7 +23,7 @@ _ENOUGH = 1.5
 """Periods in half the travel from which on one period's table is worth its look-up."""
 
 
-class Source:
+class FoldedEffect:
     """One fitted effect of a model.
 
     Attributes
@@ -60,17 +60,17 @@ class Source:
         self.error_motions = tuple(found)
         self._column = {error_motion: i for i, error_motion in enumerate(self.error_motions)}
         positions = [self._coordinate(a) for a in axes if a in self.reads.positions]
-        directions = [Variable(a, "direction") for a in axes if a in self.reads.directions]
+        directions = [FoldingVariable(a, "direction") for a in axes if a in self.reads.directions]
         self.variables = (*positions, *directions)
         self.kinks = self.effect.kinks(machine)
 
-    def _coordinate(self, name: str) -> Variable:
+    def _coordinate(self, name: str) -> FoldingVariable:
         """The position of an axis, or its phase where the effect repeats along it often enough."""
         axis = self._machine.axis(name)
         period = self.effect.repeats(self._machine, self._nonlinear).get(name, 0.0)
         if len(self.reads.positions) > 1 or not 0.0 < period < axis.half_travel / _ENOUGH:
-            return Variable(name)
-        return Variable(name, "phase", period)
+            return FoldingVariable(name)
+        return FoldingVariable(name, "phase", period)
 
     def values(self, conditions: Conditions) -> F64:
         """The error motions on n rows, shape (n, number of error motions), mm or rad."""
@@ -79,7 +79,7 @@ class Source:
             total[:, self._column[error_motion]] += value
         return total
 
-    def expressions(self) -> tuple[tuple[float, Node], ...] | None:
+    def expressions(self) -> tuple[tuple[float, FormulaNode], ...] | None:
         """Its error motion as numbers times expressions; None where it is none."""
         return self.effect.expressions(self._machine, self._coefficients)
 

@@ -17,7 +17,7 @@ _STEP = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
-class AxisTable:
+class FoldedAxisTable:
     """Piecewise linear functions of one axis's position.
 
     Attributes
@@ -37,7 +37,7 @@ class AxisTable:
     slope: F64
 
     @classmethod
-    def through(cls, axis: int, nodes: F64, values: F64, below: F64, above: F64) -> AxisTable:
+    def through(cls, axis: int, nodes: F64, values: F64, below: F64, above: F64) -> FoldedAxisTable:
         """The table with `values` (n, k) at the nodes and slopes `below` and `above` (k,) them."""
         widths = nodes[1:] - nodes[:-1]
         inner = (values[1:] - values[:-1]) / widths[:, None]
@@ -71,7 +71,7 @@ class PhaseTable:
         mm or rad.
     """
 
-    one: AxisTable
+    one: FoldedAxisTable
     low: float
     high: float
     period: float
@@ -102,7 +102,7 @@ class DirectionTable:
         return np.asarray(self.values[np.sign(directions[:, self.axis]).astype(np.int64)])
 
 
-Table = AxisTable | PhaseTable | DirectionTable
+Table = FoldedAxisTable | PhaseTable | DirectionTable
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ class Products:
     """
 
     error_motions: tuple[int, ...]
-    factors: tuple[AxisTable | DirectionTable, ...]
+    factors: tuple[FoldedAxisTable | DirectionTable, ...]
 
     def at(self, positions: F64, directions: F64) -> F64:
         """The products at n points, both arguments (n, axes) → (n, products)."""
@@ -129,7 +129,7 @@ class Products:
 
 
 @dataclass(frozen=True, eq=False)
-class Tables:
+class FoldedTables:
     """All error motions of a machine in one slow state.
 
     ``motion_k = constant_k + Σ tables_k + Σ products_k + direct_k``

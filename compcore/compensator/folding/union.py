@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.compensator.folding.distinct import increasing
-from abbe.compcore.compensator.folding.group import Group
-from abbe.compcore.compensator.folding.tables import AxisTable
+from abbe.compcore.compensator.folding.group import EffectGroup
+from abbe.compcore.compensator.folding.tables import FoldedAxisTable
 
 F64 = NDArray[np.float64]
 
@@ -34,24 +34,24 @@ class Union:
         Positions, mm or rad, increasing.
     """
 
-    def __init__(self, members: Sequence[tuple[Group, int]]) -> None:
+    def __init__(self, members: Sequence[tuple[EffectGroup, int]]) -> None:
         self.columns = tuple(sorted({k for group, _ in members for k in group.error_motions}))
         self.nodes = increasing(np.concatenate([group.lines[v].nodes for group, v in members]))
         self._axis = members[0][0].lines[members[0][1]].index
         parts = [_Part.of(group, v, self) for group, v in members]
         self._slow = [part for part in parts if part.group.slow]
         empty = np.zeros((len(self.nodes) + 1, len(self.columns)))
-        self._still = AxisTable(self._axis, self.nodes, empty, empty.copy())
+        self._still = FoldedAxisTable(self._axis, self.nodes, empty, empty.copy())
         for part in parts:
             if not part.group.slow:
                 part.add_to(self._still)
 
-    def table(self) -> AxisTable:
+    def table(self) -> FoldedAxisTable:
         """The table as the groups stand now."""
         still = self._still
         if not self._slow:
             return still
-        found = AxisTable(self._axis, self.nodes, still.intercept.copy(), still.slope.copy())
+        found = FoldedAxisTable(self._axis, self.nodes, still.intercept.copy(), still.slope.copy())
         for part in self._slow:
             part.add_to(found)
         return found
@@ -69,20 +69,20 @@ class _Part:
         Which of the union's columns the group's are.
     """
 
-    group: Group
+    group: EffectGroup
     v: int
     rows: NDArray[np.intp]
     columns: list[int]
 
     @classmethod
-    def of(cls, group: Group, v: int, union: Union) -> _Part:
+    def of(cls, group: EffectGroup, v: int, union: Union) -> _Part:
         own = group.lines[v].nodes.searchsorted(union.nodes, side="right")
         columns = [union.columns.index(k) for k in group.error_motions]
         return cls(group, v, np.append(0, own), columns)
 
-    def add_to(self, total: AxisTable) -> None:
+    def add_to(self, total: FoldedAxisTable) -> None:
         """Add the group's table, as it stands now, to one with the union's nodes and columns."""
         own = self.group.table(self.v)
-        if isinstance(own, AxisTable):
+        if isinstance(own, FoldedAxisTable):
             total.intercept[:, self.columns] += own.intercept[self.rows]
             total.slope[:, self.columns] += own.slope[self.rows]

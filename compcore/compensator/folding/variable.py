@@ -17,7 +17,7 @@ DIRECTIONS = np.array([0.0, 1.0, -1.0])
 
 
 @dataclass(frozen=True, slots=True)
-class Variable:
+class FoldingVariable:
     """A coordinate on which error motions depend.
 
     Attributes

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.screening.candidates import Candidate
 from abbe.compcore.diagnosis.screening.parameters import Estimate, neighbours, with_slopes
-from abbe.compcore.diagnosis.screening.pool import Found, Pool
+from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.screening import Basis
 from abbe.compcore.fitting.design.design_matrix import Beside
 from abbe.compcore.fitting.design.nuisance import Eliminator
@@ -42,11 +42,13 @@ class Measured:
         Its parameters.
     """
 
-    found: Found
+    found: WeighedCandidate
     estimates: tuple[Estimate, ...]
 
 
-def measured(whole: FitResult, found: Sequence[Found], tests: int) -> tuple[list[Measured], float]:
+def measured(
+    whole: FitResult, found: Sequence[WeighedCandidate], tests: int
+) -> tuple[list[Measured], float]:
     """Causes as all rows of a campaign show them, and χ² per degree of freedom with all of them.
 
     Parameters
@@ -71,7 +73,7 @@ def measured(whole: FitResult, found: Sequence[Found], tests: int) -> tuple[list
 class _Factor:
     """The triangular factor of a model's columns, of causes' columns and of the residual."""
 
-    def __init__(self, whole: FitResult, found: Sequence[Found]) -> None:
+    def __init__(self, whole: FitResult, found: Sequence[WeighedCandidate]) -> None:
         self._whole = whole
         self._found = found
         self._machine = whole.problem.model.machine
@@ -111,7 +113,7 @@ class _Factor:
                 basis = basis.extended(self.columns(j, other.screened.nonlinear))
         return basis
 
-    def moved(self, i: int) -> Found | None:
+    def moved(self, i: int) -> WeighedCandidate | None:
         """A cause with its non-linear parameters a step nearer the best; None where they are."""
         found = self._found[i]
         effect, chosen = found.candidate.effect, found.screened.nonlinear
@@ -158,7 +160,7 @@ class _Factor:
             (own,) = pool.weighed(beside, [replace(f, screened=replace(f.screened, key=i))])
             again = replace(own.screened, key=f.key)
             estimates = pool.estimates(beside, own, variance)
-            out.append(Measured(Found(f.candidate, again, own.evidence), estimates))
+            out.append(Measured(WeighedCandidate(f.candidate, again, own.evidence), estimates))
         return out, variance
 
 

@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import fdtrc
 
-from abbe.compcore.diagnosis.screening.screening import Basis, Screened
+from abbe.compcore.diagnosis.screening.screening import Basis, ScreenedCandidate
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.machine.machine import Machine, Signal
 
@@ -80,7 +80,7 @@ class Evidence:
 
 
 def weigh(
-    basis: Basis, screened: Screened, tests: int, cost: float, nonlinear_count: int
+    basis: Basis, screened: ScreenedCandidate, tests: int, cost: float, nonlinear_count: int
 ) -> Evidence:
     """Weigh one screened candidate.
 

@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 from abbe.compcore.diagnosis.screening.candidates import Candidate
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING, IMPLAUSIBLE, Evidence, weigh
 from abbe.compcore.diagnosis.screening.parameters import Estimate, estimates
-from abbe.compcore.diagnosis.screening.screening import Bank, Basis, Screened, Trial, screen
+from abbe.compcore.diagnosis.screening.screening import (
+    Bank,
+    Basis,
+    ScreenedCandidate,
+    Trial,
+    screen,
+)
 from abbe.compcore.machine.machine import Machine
 
 F64 = NDArray[np.float64]
@@ -29,7 +35,7 @@ _INTERVALS = 61
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class WeighedCandidate:
     """A candidate as the data see it at one stage of the search.
 
     Attributes
@@ -39,7 +45,7 @@ class Found:
     """
 
     candidate: Candidate
-    screened: Screened
+    screened: ScreenedCandidate
     evidence: Evidence
 
     @property
@@ -105,30 +111,30 @@ class Pool:
         beside = basis.with_residual(signature)
         return {s.key: s.drop for s in self._bank.screen(beside) if s.rank}
 
-    def ranked(self, basis: Basis, without: frozenset[int] = frozenset()) -> list[Found]:
+    def ranked(self, basis: Basis, without: frozenset[int] = frozenset()) -> list[WeighedCandidate]:
         """All candidates that the campaign can see, strongest evidence first."""
         found = [
-            Found(self.candidates[s.key], s, self._weigh(basis, s))
+            WeighedCandidate(self.candidates[s.key], s, self._weigh(basis, s))
             for s in self._bank.screen(basis, without)
             if s.rank
         ]
         found.sort(key=lambda f: -f.evidence.value)
         return found
 
-    def weighed(self, basis: Basis, found: Sequence[Found]) -> list[Found]:
+    def weighed(self, basis: Basis, found: Sequence[WeighedCandidate]) -> list[WeighedCandidate]:
         """The same candidates, at the non-linear parameters they have, against another basis."""
         out = []
         by_key = {f.key: f for f in found}
         trials = ((f.key, f.screened.nonlinear, partial(self.found_columns, f)) for f in found)
         for s in screen(basis, trials):
             f = by_key[s.key]
-            again = Screened(s.key, s.nonlinear, s.drop, s.rank, f.screened.tried)
+            again = ScreenedCandidate(s.key, s.nonlinear, s.drop, s.rank, f.screened.tried)
             if again.rank or len(found) == 1:
-                weighed = Found(f.candidate, again, self._weigh(basis, again))
+                weighed = WeighedCandidate(f.candidate, again, self._weigh(basis, again))
                 out.append(self._doubted(basis, weighed))
         return out
 
-    def _weigh(self, basis: Basis, screened: Screened, cost: float = 0.0) -> Evidence:
+    def _weigh(self, basis: Basis, screened: ScreenedCandidate, cost: float = 0.0) -> Evidence:
         candidate = self.candidates[screened.key]
         return weigh(
             basis,
@@ -138,7 +144,9 @@ class Pool:
             candidate.nonlinear_count,
         )
 
-    def estimates(self, basis: Basis, found: Found, variance: float) -> tuple[Estimate, ...]:
+    def estimates(
+        self, basis: Basis, found: WeighedCandidate, variance: float
+    ) -> tuple[Estimate, ...]:
         """A found candidate's parameters as they would be fitted."""
         return estimates(
             partial(self.columns, found.key),
@@ -149,7 +157,7 @@ class Pool:
             variance,
         )
 
-    def _doubted(self, basis: Basis, found: Found) -> Found:
+    def _doubted(self, basis: Basis, found: WeighedCandidate) -> WeighedCandidate:
         """The same with less evidence where a parameter would be implausible."""
         if not found.established(basis.n):
             return found
@@ -157,11 +165,11 @@ class Pool:
         variance = left / max(1, basis.dof - found.screened.rank)
         if all(e.plausible for e in self.estimates(basis, found, variance)):
             return found
-        return Found(
+        return WeighedCandidate(
             found.candidate, found.screened, self._weigh(basis, found.screened, IMPLAUSIBLE)
         )
 
-    def refined(self, basis: Basis, found: Found) -> Found:
+    def refined(self, basis: Basis, found: WeighedCandidate) -> WeighedCandidate:
         """The same candidate with its non-linear parameters moved to the best place nearby."""
         candidate = found.candidate
         if not candidate.nonlinear_count:
@@ -205,10 +213,10 @@ class Pool:
         if drop <= found.screened.drop:
             return self._doubted(basis, found)
         nonlinear = dict(zip(names, map(float, values), strict=True))
-        s = Screened(found.key, nonlinear, drop, found.screened.rank, found.screened.tried)
-        return self._doubted(basis, Found(candidate, s, self._weigh(basis, s)))
+        s = ScreenedCandidate(found.key, nonlinear, drop, found.screened.rank, found.screened.tried)
+        return self._doubted(basis, WeighedCandidate(candidate, s, self._weigh(basis, s)))
 
-    def found_columns(self, found: Found) -> F64:
+    def found_columns(self, found: WeighedCandidate) -> F64:
         """Columns of a found candidate, those of its non-linear parameters' slopes not included."""
         return self.columns(found.key, found.screened.nonlinear)
 

@@ -129,7 +129,7 @@ def orthonormal(projected: F64, original: F64) -> F64:
 
 
 @dataclass(frozen=True, eq=False)
-class Screened:
+class ScreenedCandidate:
     """One candidate at one choice of its non-linear parameters.
 
     Attributes
@@ -202,7 +202,9 @@ class Bank:
         if columns:
             yield _Batch.of(self._fitted, trials, columns)
 
-    def screen(self, basis: Basis, without: frozenset[int] = frozenset()) -> list[Screened]:
+    def screen(
+        self, basis: Basis, without: frozenset[int] = frozenset()
+    ) -> list[ScreenedCandidate]:
         """Test all candidates against what a basis leaves; of one key's choices the best is kept.
 
         Parameters
@@ -216,7 +218,7 @@ class Bank:
         -------
         One entry for each key, in ascending order.
         """
-        best: dict[int, Screened] = {}
+        best: dict[int, ScreenedCandidate] = {}
         tried: dict[int, int] = {}
         for batch in self._batches() if self._held is None else self._held:
             for (key, nonlinear), drop, rank in batch.drops(basis):
@@ -224,13 +226,14 @@ class Bank:
                     continue
                 tried[key] = tried.get(key, 0) + 1
                 if key not in best or drop > best[key].drop:
-                    best[key] = Screened(key, nonlinear, drop, rank)
+                    best[key] = ScreenedCandidate(key, nonlinear, drop, rank)
         return [
-            Screened(s.key, s.nonlinear, s.drop, s.rank, tried[k]) for k, s in sorted(best.items())
+            ScreenedCandidate(s.key, s.nonlinear, s.drop, s.rank, tried[k])
+            for k, s in sorted(best.items())
         ]
 
 
-def screen(basis: Basis, trials: Iterable[Trial]) -> list[Screened]:
+def screen(basis: Basis, trials: Iterable[Trial]) -> list[ScreenedCandidate]:
     """Test a few candidates once; see `Bank.screen`."""
     listed = list(trials)
     return Bank(basis, lambda: listed).screen(basis)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.screening.candidates import RIGID
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING, INDISTINCT, log_chance
-from abbe.compcore.diagnosis.screening.pool import SIGNIFICANT, Found, Pool
+from abbe.compcore.diagnosis.screening.pool import SIGNIFICANT, Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.screening import Basis, orthonormal
 from abbe.compcore.model.revise import identity
 
@@ -28,7 +28,7 @@ _CLEARLY = 4.0
 _LEADERS = 6
 
 
-def search(pool: Pool, basis: Basis) -> tuple[list[Found], list[Found]]:
+def search(pool: Pool, basis: Basis) -> tuple[list[WeighedCandidate], list[WeighedCandidate]]:
     """Find the causes that together explain what the model leaves.
 
     Returns
@@ -41,7 +41,7 @@ def search(pool: Pool, basis: Basis) -> tuple[list[Found], list[Found]]:
     ranked = pool.ranked(basis)
     if basis.chi2 <= 0.0:
         return [], ranked  # the model explains every digit: nothing is left to be explained
-    established: list[Found] = []
+    established: list[WeighedCandidate] = []
     current, first = basis, ranked
     while len(established) < _MOST:
         leader = _simplest(pool, current, [pool.refined(current, f) for f in first[:_LEADERS]])
@@ -66,7 +66,9 @@ def search(pool: Pool, basis: Basis) -> tuple[list[Found], list[Found]]:
     return _settled(pool, basis, established), ranked
 
 
-def _settled(pool: Pool, basis: Basis, established: Sequence[Found]) -> list[Found]:
+def _settled(
+    pool: Pool, basis: Basis, established: Sequence[WeighedCandidate]
+) -> list[WeighedCandidate]:
     """The same causes after each was weighed again beside all others.
 
     What was found first was found while the others were still unknown: a candidate that now
@@ -95,7 +97,9 @@ def _settled(pool: Pool, basis: Basis, established: Sequence[Found]) -> list[Fou
     return sorted(out, key=lambda f: -f.evidence.value)
 
 
-def _simplest(pool: Pool, basis: Basis, leaders: Sequence[Found]) -> Found | None:
+def _simplest(
+    pool: Pool, basis: Basis, leaders: Sequence[WeighedCandidate]
+) -> WeighedCandidate | None:
     """The strongest; where a plainer one says the same, that one, unless it is clearly worse.
 
     Plainer is one cause in less detail, and a cause that is a special case of the strongest: a
@@ -119,7 +123,9 @@ def _simplest(pool: Pool, basis: Basis, leaders: Sequence[Found]) -> Found | Non
     )
 
 
-def _special_case(pool: Pool, basis: Basis, plain: Found, wide: Found) -> bool:
+def _special_case(
+    pool: Pool, basis: Basis, plain: WeighedCandidate, wide: WeighedCandidate
+) -> bool:
     """Whether one candidate is a special case of an error motion that says nothing beyond it.
 
     What the plain one explains the error motion must be able to imitate within the noise; what
@@ -146,15 +152,17 @@ def _special_case(pool: Pool, basis: Basis, plain: Found, wide: Found) -> bool:
     return bool(missed @ missed < variance)
 
 
-def _span(pool: Pool, basis: Basis, found: Found) -> F64:
+def _span(pool: Pool, basis: Basis, found: WeighedCandidate) -> F64:
     """Orthonormal basis of what a candidate can explain beside a model, shape (n, rank)."""
     columns = pool.found_columns(found)
     return orthonormal(basis.project(columns), np.linalg.norm(columns, axis=0))
 
 
-def _after_pair(pool: Pool, basis: Basis, found: Sequence[Found]) -> list[Found]:
+def _after_pair(
+    pool: Pool, basis: Basis, found: Sequence[WeighedCandidate]
+) -> list[WeighedCandidate]:
     """A pair in the model, and whatever comes after it; each weighed beside the others."""
-    out: list[Found] = []
+    out: list[WeighedCandidate] = []
     current = basis
     for f in found:
         current = current.extended(pool.found_columns(f))
@@ -177,7 +185,7 @@ def _after_pair(pool: Pool, basis: Basis, found: Sequence[Found]) -> list[Found]
     return out
 
 
-def joint_value(before: Basis, after: Basis, found: Sequence[Found]) -> float:
+def joint_value(before: Basis, after: Basis, found: Sequence[WeighedCandidate]) -> float:
     """Evidence for several causes together, in the units of `Evidence.value`."""
     price = sum(
         (f.screened.rank + f.candidate.nonlinear_count) * math.log(before.n) + f.candidate.cost
@@ -187,8 +195,8 @@ def joint_value(before: Basis, after: Basis, found: Sequence[Found]) -> float:
 
 
 def _best_pair(
-    pool: Pool, basis: Basis, ranked: Sequence[Found]
-) -> tuple[list[Found], float] | None:
+    pool: Pool, basis: Basis, ranked: Sequence[WeighedCandidate]
+) -> tuple[list[WeighedCandidate], float] | None:
     """The pair of leading candidates with the strongest joint evidence, and that evidence."""
     leading = sorted(ranked, key=lambda f: -f.screened.drop / f.screened.rank)[:_PAIRS_OF]
     by_value = [f for f in ranked[:_PAIRS_OF] if f not in leading]

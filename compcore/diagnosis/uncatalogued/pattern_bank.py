@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.diagnosis.screening.screening import Basis, Screened, drops_of, grams
-from abbe.compcore.diagnosis.uncatalogued.patterns import Pattern, oscillating
+from abbe.compcore.diagnosis.screening.screening import Basis, ScreenedCandidate, drops_of, grams
+from abbe.compcore.diagnosis.uncatalogued.patterns import CandidatePattern, oscillating
 from abbe.compcore.machine.error_motion import ErrorMotion
 
 F64 = NDArray[np.float64]
@@ -38,7 +38,7 @@ class PatternBank:
     """
 
     def __init__(
-        self, fitted: Basis, patterns: Sequence[Pattern], seen: Mapping[ErrorMotion, F64]
+        self, fitted: Basis, patterns: Sequence[CandidatePattern], seen: Mapping[ErrorMotion, F64]
     ) -> None:
         self._patterns = patterns
         # an error motion that no row sees has no columns, and no part
@@ -47,7 +47,7 @@ class PatternBank:
         self._batches = [batch for part in self._parts for batch in _batches(part, patterns)]
         self._grams: dict[int, F64] = {}
 
-    def screen(self, basis: Basis) -> list[Screened]:
+    def screen(self, basis: Basis) -> list[ScreenedCandidate]:
         """Test all patterns against the fitted model, perhaps extended; those that are seen."""
         targets = {
             part.error_motion: np.column_stack([basis.residual, basis.extra])[part.rows]
@@ -69,7 +69,7 @@ class PatternBank:
                 self._grams[number], inner[:, 0], np.ascontiguousarray(inner[:, 1:])
             )
             found += [
-                Screened(key, {}, float(d), int(r))
+                ScreenedCandidate(key, {}, float(d), int(r))
                 for key, d, r in zip(batch.keys, drop, rank, strict=True)
                 if r
             ]
@@ -119,7 +119,7 @@ class _Batch:
     keys: tuple[int, ...]
     width: int
 
-    def columns(self, patterns: Sequence[Pattern]) -> F64:
+    def columns(self, patterns: Sequence[CandidatePattern]) -> F64:
         """Weighted columns as rows, (patterns · width, rows that see them)."""
         mine = [patterns[key] for key in self.keys]
         out = oscillating(mine, self.part.rows)
@@ -129,7 +129,7 @@ class _Batch:
         return out
 
 
-def _batches(part: _Part, patterns: Sequence[Pattern]) -> Iterator[_Batch]:
+def _batches(part: _Part, patterns: Sequence[CandidatePattern]) -> Iterator[_Batch]:
     by_kind: dict[object, list[int]] = {}
     for key, pattern in enumerate(patterns):
         if pattern.error_motion == part.error_motion:

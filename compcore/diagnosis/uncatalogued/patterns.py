@@ -38,7 +38,7 @@ _FINE, _COARSE = 0.25, 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Variable:
+class PatternVariable:
     """A recorded quantity as patterns use it.
 
     Attributes
@@ -78,14 +78,14 @@ Values = Callable[[Rows], F64]
 class Wave(NamedTuple):
     """An oscillation in `v`, growing along an axis or not, with so many harmonics."""
 
-    v: Variable
+    v: PatternVariable
     period: float
-    along: Variable | None
+    along: PatternVariable | None
     harmonics: int
 
 
 @dataclass(frozen=True, eq=False)
-class Pattern:
+class CandidatePattern:
     """One candidate description of structure.
 
     Attributes
@@ -126,19 +126,21 @@ class Pattern:
         return self.values(slice(None))
 
 
-def variables(machine: Machine, conditions: Conditions) -> list[Variable]:
+def variables(machine: Machine, conditions: Conditions) -> list[PatternVariable]:
     """The recorded quantities that varied: positions, signals, time, approach directions.
 
     Beside them the differences of temperatures of one role: two sensors on a column tell what bends
     it.
     """
-    found: list[Variable] = []
+    found: list[PatternVariable] = []
 
     def add(name: str, value: F64, unit: str, family: str, of: tuple[str, ...] = ()) -> None:
         low, high = float(value.min()), float(value.max())
         if high > low:
             centre, scale = 0.5 * (low + high), 0.5 * (high - low)
-            found.append(Variable(name, (value - centre) / scale, centre, scale, unit, family, of))
+            found.append(
+                PatternVariable(name, (value - centre) / scale, centre, scale, unit, family, of)
+            )
 
     for axis in machine.structure.axes:
         unit = "rad" if machine.axis(axis).rotary else "mm"
@@ -155,7 +157,7 @@ def variables(machine: Machine, conditions: Conditions) -> list[Variable]:
     for axis in machine.structure.axes:
         direction = conditions.direction(axis)
         if (direction > 0).any() and (direction < 0).any():
-            found.append(Variable(f"{axis}_dir", direction, 0.0, 1.0, "", "direction"))
+            found.append(PatternVariable(f"{axis}_dir", direction, 0.0, 1.0, "", "direction"))
     return found
 
 
@@ -179,8 +181,8 @@ def lever_axes(machine: Machine, error_motion: ErrorMotion) -> tuple[str, ...]:
 
 
 def products(
-    quantities: Sequence[Variable], on: Sequence[ErrorMotion], order: int = 3
-) -> Iterator[Pattern]:
+    quantities: Sequence[PatternVariable], on: Sequence[ErrorMotion], order: int = 3
+) -> Iterator[CandidatePattern]:
     """Products of up to `order` recorded quantities, each pair or triple of different families.
 
     A position may be squared, a signal or the time only where it stands alone; two signals make a
@@ -205,12 +207,14 @@ def products(
             depends = tuple(dict.fromkeys(n for v in chosen for n in v.recorded))
             form = _product_form(tuple(dict.fromkeys(names)), squared)
             for error_motion in on:
-                yield Pattern(depends, form, error_motion, len(parts), values, terms, tuple(names))
+                yield CandidatePattern(
+                    depends, form, error_motion, len(parts), values, terms, tuple(names)
+                )
 
 
 def surfaces(
-    quantities: Sequence[Variable], on: Sequence[ErrorMotion], degree: int = SURFACE_DEGREE
-) -> Iterator[Pattern]:
+    quantities: Sequence[PatternVariable], on: Sequence[ErrorMotion], degree: int = SURFACE_DEGREE
+) -> Iterator[CandidatePattern]:
     """Smooth functions of one quantity, and of each pair with a position in it.
 
     A function of one position alone is an error motion of that axis: the catalogue has it, as such
@@ -221,7 +225,9 @@ def surfaces(
             values = partial(_smooth, v, most)
             for error_motion in on:
                 form = f"smooth function of {v.name}"
-                yield Pattern(v.recorded, form, error_motion, most, values, made_of=(v.name,))
+                yield CandidatePattern(
+                    v.recorded, form, error_motion, most, values, made_of=(v.name,)
+                )
     smooth = [v for v in quantities if v.family not in ("direction", "difference")]
     for a, b in combinations(smooth, 2):
         if a.family != "position":
@@ -229,7 +235,7 @@ def surfaces(
         values = partial(_surface, a, b, degree)
         form = f"smooth function of {a.name} and {b.name}"
         for error_motion in on:
-            yield Pattern((a.name, b.name), form, error_motion, degree**2, values)
+            yield CandidatePattern((a.name, b.name), form, error_motion, degree**2, values)
     for a in (q for q in quantities if q.family == "position"):
         for b in (q for q in quantities if q.family in ("signal", "difference")):
             values = partial(_times_smooth, b, a, degree)
@@ -237,18 +243,20 @@ def surfaces(
             for error_motion in on:
                 depends = (a.name, *b.recorded)
                 made_of = (a.name, b.name)
-                yield Pattern(depends, form, error_motion, degree + 1, values, made_of=made_of)
+                yield CandidatePattern(
+                    depends, form, error_motion, degree + 1, values, made_of=made_of
+                )
     for v in (q for q in quantities if q.family == "direction"):
         for w in (q for q in smooth if q.family in ("position", "signal")):
             values = partial(_times_smooth, v, w, degree)
             form = f"smooth function of {w.name}, of opposite sign in the two directions"
             for error_motion in on:
-                yield Pattern((w.name, v.name), form, error_motion, degree + 1, values)
+                yield CandidatePattern((w.name, v.name), form, error_motion, degree + 1, values)
 
 
 def oscillations(
-    quantities: Sequence[Variable], on: Sequence[ErrorMotion], shortest: Mapping[str, float]
-) -> Iterator[Pattern]:
+    quantities: Sequence[PatternVariable], on: Sequence[ErrorMotion], shortest: Mapping[str, float]
+) -> Iterator[CandidatePattern]:
     """Sine and cosine in time and along each axis, over a grid of periods.
 
     `shortest` gives, for each quantity by name, the shortest period worth trying, in its unit.
@@ -263,8 +271,8 @@ def oscillations(
 
 
 def swings(
-    quantities: Sequence[Variable], on: Sequence[ErrorMotion], shortest: Mapping[str, float]
-) -> Iterator[Pattern]:
+    quantities: Sequence[PatternVariable], on: Sequence[ErrorMotion], shortest: Mapping[str, float]
+) -> Iterator[CandidatePattern]:
     """Oscillations in time that grow along an axis from its middle: what tilts or stretches.
 
     Periods from twice `shortest` on, on a coarser grid.
@@ -281,13 +289,13 @@ def swings(
 
 
 def oscillation(
-    v: Variable,
+    v: PatternVariable,
     period: float,
     error_motion: ErrorMotion,
-    along: Variable | None = None,
+    along: PatternVariable | None = None,
     *,
     harmonics: int = 1,
-) -> Pattern:
+) -> CandidatePattern:
     """One oscillation of a period (in the unit of the quantity), perhaps growing along an axis.
 
     With `harmonics` above 1 it repeats, but is not a sine.
@@ -300,7 +308,7 @@ def oscillation(
         form += f", growing along {along.name}"
     if harmonics > 1:
         form += ", not a sine"
-    return Pattern(
+    return CandidatePattern(
         (v.name,) if along is None else (along.name, v.name),
         form,
         error_motion,
@@ -311,7 +319,7 @@ def oscillation(
     )
 
 
-def _waves(v: Variable, periods: F64, rows: Rows) -> F64:
+def _waves(v: PatternVariable, periods: F64, rows: Rows) -> F64:
     """Cosine and sine of several periods, shape (2 · periods, rows)."""
     angle = 2.0 * np.pi * (v.value[rows] * v.scale + v.centre)
     phase = angle / periods[:, None]
@@ -327,7 +335,7 @@ def _repeating(wave: Wave, rows: Rows) -> F64:
     return (basis if wave.along is None else basis * wave.along.value[rows]).T
 
 
-def oscillating(patterns: Sequence[Pattern], rows: Rows) -> F64 | None:
+def oscillating(patterns: Sequence[CandidatePattern], rows: Rows) -> F64 | None:
     """Basis functions of oscillations, (patterns · 2, rows).
 
     Their quantity and what they grow along are those of the first; None for any other patterns.
@@ -341,7 +349,7 @@ def oscillating(patterns: Sequence[Pattern], rows: Rows) -> F64 | None:
     return basis
 
 
-def with_product(pattern: Pattern, factors: Sequence[Variable]) -> Pattern:
+def with_product(pattern: CandidatePattern, factors: Sequence[PatternVariable]) -> CandidatePattern:
     """A pattern with one more column, a product of quantities."""
 
     def values(rows: Rows) -> F64:
@@ -351,22 +359,22 @@ def with_product(pattern: Pattern, factors: Sequence[Variable]) -> Pattern:
     return replace(pattern, width=pattern.width + 1, values=values, terms=terms)
 
 
-def _products(parts: Sequence[Sequence[Variable]], rows: Rows) -> F64:
+def _products(parts: Sequence[Sequence[PatternVariable]], rows: Rows) -> F64:
     columns = [reduce(np.multiply, (v.value[rows] for v in part)) for part in parts]
     return columns[0][:, None] if len(columns) == 1 else np.stack(columns, axis=1)
 
 
-def _smooth(v: Variable, degree: int, rows: Rows) -> F64:
+def _smooth(v: PatternVariable, degree: int, rows: Rows) -> F64:
     return _f64(chebyshev.chebvander(v.value[rows], degree)[:, 1:])
 
 
-def _surface(a: Variable, b: Variable, degree: int, rows: Rows) -> F64:
+def _surface(a: PatternVariable, b: PatternVariable, degree: int, rows: Rows) -> F64:
     one = chebyshev.chebvander(a.value[rows], degree)[:, 1:, None]
     two = chebyshev.chebvander(b.value[rows], degree)[:, None, 1:]
     return _f64(one * two).reshape(len(one), -1)
 
 
-def _times_smooth(v: Variable, w: Variable, degree: int, rows: Rows) -> F64:
+def _times_smooth(v: PatternVariable, w: PatternVariable, degree: int, rows: Rows) -> F64:
     return _f64(chebyshev.chebvander(w.value[rows], degree) * v.value[rows, None])
 
 
@@ -387,7 +395,7 @@ def _f64(values: ArrayLike) -> F64:
     return np.asarray(values, dtype=np.float64)
 
 
-def term_of(factors: Sequence[Variable]) -> str:
+def term_of(factors: Sequence[PatternVariable]) -> str:
     """A product of quantities as a formula has it: each counted from its middle, by half its range.
 
     Equal factors become a power; no factors give 1.
@@ -401,7 +409,7 @@ def term_of(factors: Sequence[Variable]) -> str:
     return "*".join(parts) or "1"
 
 
-def _scaled(v: Variable) -> str:
+def _scaled(v: PatternVariable) -> str:
     if v.family == "direction":
         return v.name
     if v.centre == 0.0:

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING, Evidence, weigh
 from abbe.compcore.diagnosis.screening.pool import MATERIAL, SIGNIFICANT
-from abbe.compcore.diagnosis.screening.screening import Basis, Screened
+from abbe.compcore.diagnosis.screening.screening import Basis, ScreenedCandidate
 from abbe.compcore.diagnosis.uncatalogued.pattern_bank import PatternBank
 from abbe.compcore.diagnosis.uncatalogued.patterns import (
-    Pattern,
-    Variable,
+    CandidatePattern,
+    PatternVariable,
     error_motions,
     lever_axes,
     oscillation,
@@ -54,7 +54,7 @@ _HARMONICS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Structure:
+class ResidualPattern:
     """A pattern that the residuals show.
 
     Attributes
@@ -71,7 +71,7 @@ class Structure:
         Recorded quantities, those of the levers of a tilt included.
     """
 
-    pattern: Pattern
+    pattern: CandidatePattern
     made: Callable[[], F64] = field(repr=False)
     evidence: Evidence
     drop: float
@@ -117,13 +117,13 @@ class Patterns:
         self._fitted = fitted
         self._banks = [PatternBank(fitted, family, self._seen) for family in self._families]
 
-    def columns(self, pattern: Pattern) -> F64:
+    def columns(self, pattern: CandidatePattern) -> F64:
         """Weighted columns of a pattern, shape (n, k)."""
         return np.asarray(self._seen[pattern.error_motion][:, None] * pattern.basis)
 
-    def strongest(self, basis: Basis, most: int = 5) -> list[Structure]:
+    def strongest(self, basis: Basis, most: int = 5) -> list[ResidualPattern]:
         """The strongest patterns in the residuals, strongest first, no two nearly the same."""
-        found: list[Structure] = []
+        found: list[ResidualPattern] = []
         for family, bank in zip(self._families, self._banks, strict=True):
             screened = bank.screen(basis)
             screened.sort(key=lambda s: -_value(basis, s.drop, s.rank))
@@ -133,12 +133,12 @@ class Patterns:
         found.sort(key=lambda s: -s.evidence.value)
         return self._distinct(basis, found, most)
 
-    def established(self, basis: Basis) -> list[Structure]:
+    def established(self, basis: Basis) -> list[ResidualPattern]:
         """The strongest patterns that the data establish; with a formula where a short one does."""
         found = [s for s in self.strongest(basis) if s.established(basis.n)]
         return [self._told(basis, s) for s in found]
 
-    def _told(self, basis: Basis, structure: Structure) -> Structure:
+    def _told(self, basis: Basis, structure: ResidualPattern) -> ResidualPattern:
         pattern = structure.pattern
         if pattern.terms and len(pattern.factors) < 2:
             return structure
@@ -148,7 +148,7 @@ class Patterns:
             pattern=shortened(basis, pattern, self._quantities, seen, structure.drop),
         )
 
-    def with_lower_orders(self, structure: Structure) -> F64:
+    def with_lower_orders(self, structure: ResidualPattern) -> F64:
         """Columns of a pattern and, of a product of three quantities, of its products of two.
 
         The quantities are counted from the middle of what was recorded, nature counts from
@@ -161,10 +161,12 @@ class Patterns:
         lower = [(seen * value[a] * value[b])[:, None] for a, b in pairs]
         return np.hstack([structure.columns, *lower])
 
-    def _weighed(self, basis: Basis, patterns: Sequence[Pattern], tests: int) -> list[Structure]:
+    def _weighed(
+        self, basis: Basis, patterns: Sequence[CandidatePattern], tests: int
+    ) -> list[ResidualPattern]:
         """Each pattern in the form that says most."""
         refined = iter(self._refined_periods(basis, [p for p in patterns if p.wave is not None]))
-        forms: list[tuple[int, Pattern, int]] = []
+        forms: list[tuple[int, CandidatePattern, int]] = []
         for i, pattern in enumerate(patterns):
             if pattern.wave is None:
                 forms += [(i, p, 0) for p in (pattern, *self._counted_from_elsewhere(pattern))]
@@ -175,14 +177,14 @@ class Patterns:
             forms += [(i, best, 1), (i, repeated, 1)]
         bank = PatternBank(self._fitted, [form for _, form, _ in forms], self._seen)
         seen = {s.key: s for s in bank.screen(basis)}
-        strongest: dict[int, Structure] = {}
+        strongest: dict[int, ResidualPattern] = {}
         for key, (i, form, chosen) in enumerate(forms):
-            one = self._structure(basis, form, seen.get(key, Screened(key)), tests, chosen)
+            one = self._structure(basis, form, seen.get(key, ScreenedCandidate(key)), tests, chosen)
             if i not in strongest or one.evidence.value > strongest[i].evidence.value:
                 strongest[i] = one
         return list(strongest.values())
 
-    def _counted_from_elsewhere(self, pattern: Pattern) -> Iterator[Pattern]:
+    def _counted_from_elsewhere(self, pattern: CandidatePattern) -> Iterator[CandidatePattern]:
         """A product of three quantities with one of its products of two beside it.
 
         (X − x₀)·(Y − y₀)·(T − T₀) has a part in X·Y alone for any T₀ but the middle of what was
@@ -196,17 +198,24 @@ class Patterns:
             yield with_product(pattern, pair)
 
     def _structure(
-        self, basis: Basis, pattern: Pattern, s: Screened, tests: int, refined: int
-    ) -> Structure:
+        self,
+        basis: Basis,
+        pattern: CandidatePattern,
+        s: ScreenedCandidate,
+        tests: int,
+        refined: int,
+    ) -> ResidualPattern:
         cost = EMPIRICAL + (TILT if pattern.error_motion.rotation else 0.0)
         evidence = weigh(basis, s, tests, cost, refined)
         levers = lever_axes(self._machine, pattern.error_motion)
         depends = tuple(dict.fromkeys((*pattern.depends_on, *levers)))
-        return Structure(pattern, partial(self.columns, pattern), evidence, s.drop, depends)
+        return ResidualPattern(pattern, partial(self.columns, pattern), evidence, s.drop, depends)
 
-    def _refined_periods(self, basis: Basis, patterns: Sequence[Pattern]) -> list[Pattern]:
+    def _refined_periods(
+        self, basis: Basis, patterns: Sequence[CandidatePattern]
+    ) -> list[CandidatePattern]:
         """The same oscillations with their periods moved to the best places nearby."""
-        trials: list[Pattern] = []
+        trials: list[CandidatePattern] = []
         for pattern in patterns:
             if pattern.wave is not None:
                 v, period, along, _ = pattern.wave
@@ -221,11 +230,13 @@ class Patterns:
         best = drop.reshape(len(patterns), _NEARBY).argmax(axis=1) if len(patterns) else ()
         return [trials[i * _NEARBY + int(k)] for i, k in enumerate(best)]
 
-    def _distinct(self, basis: Basis, found: Sequence[Structure], most: int) -> list[Structure]:
+    def _distinct(
+        self, basis: Basis, found: Sequence[ResidualPattern], most: int
+    ) -> list[ResidualPattern]:
         """The strongest first; one that says little beyond those already taken is left out."""
         bank = PatternBank(self._fitted, [s.pattern for s in found], self._seen)
         left: dict[int, float] = {}
-        taken: list[Structure] = []
+        taken: list[ResidualPattern] = []
         current = basis
         for key, s in enumerate(found):
             if taken and left.get(key, 0.0) < 0.3 * s.drop:
@@ -245,7 +256,7 @@ def _value(basis: Basis, drop: float, rank: int) -> float:
     return basis.dof * math.log(basis.chi2 / left) - rank * math.log(basis.n)
 
 
-def _shortest(quantities: Sequence[Variable]) -> dict[str, float]:
+def _shortest(quantities: Sequence[PatternVariable]) -> dict[str, float]:
     """Shortest periods worth trying: a few rows long in time, two steps in position."""
     out: dict[str, float] = {}
     for v in quantities:

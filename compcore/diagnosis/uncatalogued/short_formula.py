@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.screening.screening import Basis, Trial, screen
-from abbe.compcore.diagnosis.uncatalogued.patterns import Pattern, Variable, term_of
+from abbe.compcore.diagnosis.uncatalogued.patterns import CandidatePattern, PatternVariable, term_of
 
 F64 = NDArray[np.float64]
 
@@ -33,8 +33,12 @@ _WORTH = 6.0
 
 
 def shortened(
-    basis: Basis, pattern: Pattern, quantities: Sequence[Variable], seen: F64, drop: float
-) -> Pattern:
+    basis: Basis,
+    pattern: CandidatePattern,
+    quantities: Sequence[PatternVariable],
+    seen: F64,
+    drop: float,
+) -> CandidatePattern:
     """The pattern with the formula terms that say it, where few do; else as it is.
 
     Parameters
@@ -74,7 +78,7 @@ def shortened(
     return replace(pattern, terms=tuple(chosen))
 
 
-def _monomials(pattern: Pattern, quantities: Sequence[Variable]) -> dict[str, F64]:
+def _monomials(pattern: CandidatePattern, quantities: Sequence[PatternVariable]) -> dict[str, F64]:
     """Term → column, shape (n,), of products of powers; a direction stands in each of them."""
     names = pattern.made_of or pattern.depends_on
     own = [q for q in quantities if q.name in names]
@@ -89,7 +93,7 @@ def _monomials(pattern: Pattern, quantities: Sequence[Variable]) -> dict[str, F6
     return found
 
 
-def _lower(pattern: Pattern, quantities: Sequence[Variable]) -> dict[str, F64]:
+def _lower(pattern: CandidatePattern, quantities: Sequence[PatternVariable]) -> dict[str, F64]:
     """Term → column, shape (n,), of all products of some of a product's factors."""
     by_name = {q.name: q for q in quantities}
     factors = [by_name[name] for name in pattern.factors]

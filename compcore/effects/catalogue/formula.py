@@ -20,7 +20,7 @@ from abbe.compcore.effects.base import (
     Parameter,
 )
 from abbe.compcore.effects.expressions.dimensions import Dimension
-from abbe.compcore.effects.expressions.expression import AnyName, Node, parse_expression
+from abbe.compcore.effects.expressions.expression import AnyName, FormulaNode, parse_expression
 from abbe.compcore.effects.registry import register
 from abbe.compcore.effects.signals import span
 from abbe.compcore.errors import InputError
@@ -64,7 +64,7 @@ def _parsed(
     text: str,
     variables: tuple[tuple[str, Dimension], ...],
     signals: tuple[tuple[str, Dimension], ...],
-) -> Node:
+) -> FormulaNode:
     return parse_expression(text, dict(variables), dict(signals))
 
 
@@ -141,7 +141,7 @@ class Formula(Effect):
                 raise error.at(field="terms") from None
         super().check(machine)
 
-    def _node(self, machine: Machine, text: str) -> Node:
+    def _node(self, machine: Machine, text: str) -> FormulaNode:
         variables = {a: Dimension.of(_unit(machine, a)) for a in machine.structure.axes}
         variables |= {f"{a}_dir": Dimension() for a in machine.structure.axes}
         variables |= {"t": Dimension.of("s"), "T0": Dimension.of("K")}
@@ -196,7 +196,9 @@ class Formula(Effect):
                 raise InputError(f"formula {text!r} has no value at {at}", field="terms")
         return (Motion(self.target(), columns),)
 
-    def expressions(self, machine: Machine, coefficients: F64) -> tuple[tuple[float, Node], ...]:
+    def expressions(
+        self, machine: Machine, coefficients: F64
+    ) -> tuple[tuple[float, FormulaNode], ...]:
         """Its terms."""
         nodes = [self._node(machine, text) for text in self.terms]
         return tuple(zip(map(float, coefficients), nodes, strict=True))
@@ -229,7 +231,7 @@ def _unit(machine: Machine, axis: str) -> str:
     return "rad" if machine.axis(axis).rotary else "mm"
 
 
-def _free(text: str) -> Node:
+def _free(text: str) -> FormulaNode:
     """A formula read before the machine is known: grammar and functions are checked."""
     variables = AnyName(lambda name: not _is_variable(name))
     return parse_expression(text, variables, AnyName(_is_variable))
@@ -284,7 +286,7 @@ class _Sample:
         return self.signal(name)
 
 
-def _size(node: Node, machine: Machine) -> float:
+def _size(node: FormulaNode, machine: Machine) -> float:
     """How large a term typically gets."""
     with np.errstate(all="ignore"):
         value = np.abs(np.atleast_1d(node.evaluate(_Sample(machine))))
@@ -293,7 +295,7 @@ def _size(node: Node, machine: Machine) -> float:
     return largest if largest > 0.0 else 1.0
 
 
-def _turning(node: Node) -> Iterator[tuple[str, Callable[[_Sample], F64], bool]]:
+def _turning(node: FormulaNode) -> Iterator[tuple[str, Callable[[_Sample], F64], bool]]:
     """Each bend that one position alone makes: axis, what changes its sign there, a jump or not."""
     for piece in node.walk():
         if piece.what not in _BENT or piece.signals() or len(piece.variables()) != 1:
@@ -307,7 +309,7 @@ def _turning(node: Node) -> Iterator[tuple[str, Callable[[_Sample], F64], bool]]
                 yield axis, _difference(one, two), False
 
 
-def _difference(one: Node, two: Node) -> Callable[[_Sample], F64]:
+def _difference(one: FormulaNode, two: FormulaNode) -> Callable[[_Sample], F64]:
     return lambda sample: one.evaluate(sample) - two.evaluate(sample)
 
 

@@ -14,7 +14,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.effects.expressions.expression import Node
+from abbe.compcore.effects.expressions.expression import FormulaNode
 from abbe.compcore.effects.expressions.interval import (
     EVERYTHING,
     ZERO,
@@ -31,7 +31,7 @@ F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Bounds:
+class ExpressionBounds:
     """An expression over many boxes.
 
     Attributes
@@ -46,37 +46,37 @@ class Bounds:
     slope: Mapping[str, Interval] = field(default_factory=dict)
     curvature: Mapping[str, Interval] = field(default_factory=dict)
 
-    def __add__(self, other: Bounds) -> Bounds:
-        return Bounds(
+    def __add__(self, other: ExpressionBounds) -> ExpressionBounds:
+        return ExpressionBounds(
             self.value + other.value,
             {k: self.along(k)[0] + other.along(k)[0] for k in self._with(other)},
             {k: self.along(k)[1] + other.along(k)[1] for k in self._with(other)},
         )
 
-    def __mul__(self, other: Bounds) -> Bounds:
+    def __mul__(self, other: ExpressionBounds) -> ExpressionBounds:
         slope, curvature = {}, {}
         for k in self._with(other):
             (a, aa), (b, bb) = self.along(k), other.along(k)
             slope[k] = a * other.value + self.value * b
             curvature[k] = aa * other.value + (a * b).scaled(2.0) + self.value * bb
-        return Bounds(self.value * other.value, slope, curvature)
+        return ExpressionBounds(self.value * other.value, slope, curvature)
 
-    def __neg__(self) -> Bounds:
-        return self * Bounds(Interval.of(-1.0))
+    def __neg__(self) -> ExpressionBounds:
+        return self * ExpressionBounds(Interval.of(-1.0))
 
     def along(self, name: str) -> tuple[Interval, Interval]:
         """First and second derivative along a variable."""
         return self.slope.get(name, ZERO), self.curvature.get(name, ZERO)
 
-    def of(self, value: Interval, first: Interval, second: Interval) -> Bounds:
+    def of(self, value: Interval, first: Interval, second: Interval) -> ExpressionBounds:
         """A function of this expression, given its value and its two derivatives here."""
         slope = {k: first * own for k, own in self.slope.items()}
         curvature = {
             k: second * power(own, 2.0) + first * self.along(k)[1] for k, own in self.slope.items()
         }
-        return Bounds(value, slope, curvature)
+        return ExpressionBounds(value, slope, curvature)
 
-    def _with(self, other: Bounds) -> dict[str, None]:
+    def _with(self, other: ExpressionBounds) -> dict[str, None]:
         return dict.fromkeys((*self.slope, *other.slope))
 
 
@@ -89,17 +89,17 @@ def signal_key(name: str) -> str:
     return f"signal {name}"
 
 
-def bounds(node: Node, box: Box, along: frozenset[str]) -> Bounds:
+def bounds(node: FormulaNode, box: Box, along: frozenset[str]) -> ExpressionBounds:
     """Bounds of a formula over boxes, with derivatives along some of its variables."""
     if node.what == "number":
-        return Bounds(Interval.of(node.number))
+        return ExpressionBounds(Interval.of(node.number))
     if node.what == "variable":
         value = box[node.name]
         if node.name not in along:
-            return Bounds(value)
-        return Bounds(value, {node.name: Interval.of(1.0)}, {node.name: ZERO})
+            return ExpressionBounds(value)
+        return ExpressionBounds(value, {node.name: Interval.of(1.0)}, {node.name: ZERO})
     if node.what in ("signal", "lag"):
-        return Bounds(box[signal_key(node.name)])
+        return ExpressionBounds(box[signal_key(node.name)])
     parts = [bounds(part, box, along) for part in node.parts]
     if node.what == "negative":
         return -parts[0]
@@ -121,7 +121,7 @@ def bounds(node: Node, box: Box, along: frozenset[str]) -> Bounds:
     return _function(node.what, parts[0])
 
 
-def summands(node: Node) -> Iterator[Node]:
+def summands(node: FormulaNode) -> Iterator[FormulaNode]:
     """Expressions of which it is the sum, each perhaps of the other sign."""
     if node.what in ("Add", "Sub"):
         for part in node.parts:
@@ -132,7 +132,7 @@ def summands(node: Node) -> Iterator[Node]:
         yield node
 
 
-def factors(node: Node) -> list[Node]:
+def factors(node: FormulaNode) -> list[FormulaNode]:
     """Expressions of which it is the product, each perhaps of the other sign."""
     if node.what == "negative":
         return factors(node.parts[0])
@@ -140,14 +140,14 @@ def factors(node: Node) -> list[Node]:
         return [*factors(node.parts[0]), *factors(node.parts[1])]
     if node.what == "Div":
         below = [
-            Node("power", part.dimension.to_the(Fraction(-1)), (part,), number=-1.0)
+            FormulaNode("power", part.dimension.to_the(Fraction(-1)), (part,), number=-1.0)
             for part in factors(node.parts[1])
         ]
         return [*factors(node.parts[0]), *below]
     return [node]
 
 
-def _to_the(x: Bounds, exponent: float) -> Bounds:
+def _to_the(x: ExpressionBounds, exponent: float) -> ExpressionBounds:
     v = x.value
     first = power(v, exponent - 1.0).scaled(exponent) if exponent else ZERO
     factor = exponent * (exponent - 1.0)
@@ -155,7 +155,7 @@ def _to_the(x: Bounds, exponent: float) -> Bounds:
     return x.of(power(v, exponent), first, second)
 
 
-def _function(name: str, x: Bounds) -> Bounds:
+def _function(name: str, x: ExpressionBounds) -> ExpressionBounds:
     v = x.value
     if name == "sin":
         return x.of(sine(v), cosine(v), -sine(v))
@@ -183,7 +183,7 @@ def _function(name: str, x: Bounds) -> Bounds:
     return x.of(size, sign, bent)
 
 
-def _one_of(a: Bounds, b: Bounds, greater: bool) -> Bounds:
+def _one_of(a: ExpressionBounds, b: ExpressionBounds, greater: bool) -> ExpressionBounds:
     """The lesser or the greater of two."""
     first = a.value.low >= b.value.high if greater else a.value.high <= b.value.low
     second = b.value.low >= a.value.high if greater else b.value.high <= a.value.low
@@ -198,4 +198,4 @@ def _one_of(a: Bounds, b: Bounds, greater: bool) -> Bounds:
         (one, one_bent), (two, two_bent) = a.along(k), b.along(k)
         slope[k] = pick(one, two, one.hull(two))
         curvature[k] = pick(one_bent, two_bent, EVERYTHING)
-    return Bounds(value, slope, curvature)
+    return ExpressionBounds(value, slope, curvature)

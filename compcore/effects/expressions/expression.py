@@ -81,7 +81,7 @@ class Values(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Node:
+class FormulaNode:
     """A checked piece of a formula.
 
     Attributes
@@ -101,7 +101,7 @@ class Node:
 
     what: str
     dimension: Dimension
-    parts: tuple[Node, ...] = ()
+    parts: tuple[FormulaNode, ...] = ()
     name: str = ""
     number: float = 0.0
 
@@ -130,7 +130,7 @@ class Node:
             return result
         return _ARITHMETIC[self.what](parts[0], parts[1])
 
-    def walk(self) -> Iterator[Node]:
+    def walk(self) -> Iterator[FormulaNode]:
         """This piece and all those inside it."""
         yield self
         for part in self.parts:
@@ -151,7 +151,7 @@ _ARITHMETIC = {kind.__name__: function for kind, function in _OPERATORS.items()}
 
 def parse_expression(
     text: str, variables: Mapping[str, Dimension], signals: Mapping[str, Dimension]
-) -> Node:
+) -> FormulaNode:
     """Read and check a formula.
 
     Parameters
@@ -203,7 +203,7 @@ class _Reader:
         found = self.text if node is None else ast.get_source_segment(self.text, node) or self.text
         return InputError(f"formula {self.text!r}: {problem}", found=found, expected=expected)
 
-    def read(self) -> Node:
+    def read(self) -> FormulaNode:
         if len(self.text) > _LONGEST:
             raise InputError("formula too long", found=f"{len(self.text)} characters")
         try:
@@ -215,7 +215,7 @@ class _Reader:
         self.text = self.text.strip()
         return self.node(tree.body, 0)
 
-    def node(self, node: ast.expr, depth: int) -> Node:
+    def node(self, node: ast.expr, depth: int) -> FormulaNode:
         if depth > _DEEPEST:
             raise self.wrong("too deeply nested", None)
         if isinstance(node, ast.Constant):
@@ -226,7 +226,7 @@ class _Reader:
             inner = self.node(node.operand, depth + 1)
             if isinstance(node.op, ast.UAdd):
                 return inner
-            return Node("negative", inner.dimension, (inner,))
+            return FormulaNode("negative", inner.dimension, (inner,))
         if isinstance(node, ast.BinOp):
             return self.binary(node, depth)
         if isinstance(node, ast.Call):
@@ -235,7 +235,7 @@ class _Reader:
             "not allowed here", node, "numbers, names, + - * / **, parentheses and functions"
         )
 
-    def number(self, node: ast.Constant) -> Node:
+    def number(self, node: ast.Constant) -> FormulaNode:
         value = node.value
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise self.wrong("not a number", node)
@@ -245,15 +245,15 @@ class _Reader:
             number = math.inf
         if not math.isfinite(number):
             raise self.wrong("not a finite number", node)
-        return Node("number", BARE, number=number)
+        return FormulaNode("number", BARE, number=number)
 
-    def variable(self, name: str, node: ast.expr) -> Node:
+    def variable(self, name: str, node: ast.expr) -> FormulaNode:
         if name == "pi":
-            return Node("number", NUMBER, number=math.pi)
+            return FormulaNode("number", NUMBER, number=math.pi)
         if name in self.variables:
-            return Node("variable", self.variables[name], name=name)
+            return FormulaNode("variable", self.variables[name], name=name)
         if name in self.signals:
-            return Node("signal", self.signals[name], name=name)
+            return FormulaNode("signal", self.signals[name], name=name)
         raise self.wrong("unknown name", node, self.known())
 
     def known(self) -> str:
@@ -267,7 +267,7 @@ class _Reader:
             return None
         return "one of " + (", ".join(self.signals) or "(none declared)")
 
-    def binary(self, node: ast.BinOp, depth: int) -> Node:
+    def binary(self, node: ast.BinOp, depth: int) -> FormulaNode:
         left = self.node(node.left, depth + 1)
         if isinstance(node.op, ast.Pow):
             return self.power(node, left, depth)
@@ -279,16 +279,16 @@ class _Reader:
             dimension = self.same((left, right), node)
         else:
             dimension = left.dimension.times(right.dimension, 1 if what == "Mult" else -1)
-        return Node(what, dimension, (left, right))
+        return FormulaNode(what, dimension, (left, right))
 
-    def power(self, node: ast.BinOp, base: Node, depth: int) -> Node:
+    def power(self, node: ast.BinOp, base: FormulaNode, depth: int) -> FormulaNode:
         exponent = self.constant(node.right, depth)
         if exponent is None or abs(exponent) > _GREATEST_POWER:
             raise self.wrong(
                 "an exponent must be a number", node, f"a number within ±{_GREATEST_POWER}"
             )
         raised = base.dimension.to_the(Fraction(exponent).limit_denominator(12))
-        return Node("power", raised, (base,), number=exponent)
+        return FormulaNode("power", raised, (base,), number=exponent)
 
     def constant(self, node: ast.expr, depth: int) -> float | None:
         """The value of a piece without variables, else None."""
@@ -299,7 +299,7 @@ class _Reader:
             value = float(piece.evaluate(_NOTHING))
         return value if math.isfinite(value) else None
 
-    def same(self, parts: tuple[Node, ...], node: ast.expr) -> Dimension:
+    def same(self, parts: tuple[FormulaNode, ...], node: ast.expr) -> Dimension:
         total = parts[0].dimension
         for part in parts[1:]:
             joined = total.joined(part.dimension)
@@ -314,7 +314,7 @@ class _Reader:
         known = {**self.signals, **self.variables}
         return "quantities of one unit; " + ", ".join(f"{k} [{d}]" for k, d in known.items())
 
-    def call(self, node: ast.Call, depth: int) -> Node:
+    def call(self, node: ast.Call, depth: int) -> FormulaNode:
         name = node.func.id if isinstance(node.func, ast.Name) else ""
         if name not in FUNCTIONS or node.keywords:
             raise self.wrong("unknown function", node, "one of " + ", ".join(FUNCTIONS))
@@ -326,11 +326,11 @@ class _Reader:
             return self.of_signal(name, node, depth)
         parts = tuple(self.node(argument, depth + 1) for argument in node.args)
         if name in ("min", "max"):
-            return Node(name, self.same(parts, node), parts)
+            return FormulaNode(name, self.same(parts, node), parts)
         inner = parts[0].dimension
         if name in ("abs", "sign", "sqrt"):
             half = inner.to_the(Fraction(1, 2))
-            return Node(name, {"abs": inner, "sign": NUMBER, "sqrt": half}[name], parts)
+            return FormulaNode(name, {"abs": inner, "sign": NUMBER, "sqrt": half}[name], parts)
         angle = name in ("sin", "cos", "tan")
         if not inner.pure and not (angle and inner.powers == ANGLE.powers):
             raise self.wrong(
@@ -340,9 +340,9 @@ class _Reader:
                 if angle
                 else "a number: divide by one, as in exp(-t/600)",
             )
-        return Node(name, NUMBER, parts)
+        return FormulaNode(name, NUMBER, parts)
 
-    def of_signal(self, name: str, node: ast.Call, depth: int) -> Node:
+    def of_signal(self, name: str, node: ast.Call, depth: int) -> FormulaNode:
         first = node.args[0]
         which = ""
         if isinstance(first, ast.Name):
@@ -356,11 +356,11 @@ class _Reader:
                 self.known_signals(),
             )
         if name == "signal":
-            return Node("signal", self.signals[which], name=which)
+            return FormulaNode("signal", self.signals[which], name=which)
         tau = self.constant(node.args[1], depth)
         if tau is None or not tau > 0.0:
             raise self.wrong("the time constant of a lag is a number above 0, in s", node.args[1])
-        return Node("lag", self.signals[which], name=which, number=tau)
+        return FormulaNode("lag", self.signals[which], name=which, number=tau)
 
 
 class _Nothing:

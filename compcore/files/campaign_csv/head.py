@@ -51,7 +51,7 @@ class _File(BaseModel):
 
 
 @dataclass(frozen=True)
-class Head:
+class CampaignHead:
     """What stands at the top of a file.
 
     Attributes
@@ -107,7 +107,7 @@ def add_metadata(top: list[str], text: str, file: str) -> None:
     top.append(text)
 
 
-def read_head(lines: list[str], file: str) -> Head:
+def read_head(lines: list[str], file: str) -> CampaignHead:
     """Read the metadata lines, ``# `` already taken off.
 
     Raises
@@ -139,7 +139,7 @@ def read_head(lines: list[str], file: str) -> Head:
             if not allowed.holds(component):
                 raise source.error("not believable", path, found=component, expected=str(allowed))
     kept = {k: v for k, v in source.data.items() if k not in ("setups", "bases", "tools")}
-    return Head(
+    return CampaignHead(
         {name: s.free for name, s in parsed.setups.items()},
         {name: b.position for name, b in parsed.bases.items()},
         {name: Tool(name, t.offset, t.free) for name, t in parsed.tools.items()},

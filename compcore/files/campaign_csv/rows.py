@@ -9,9 +9,9 @@ from abbe.compcore.campaign.campaign import Campaign, Kind, Setup
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_csv.believable import Believable
 from abbe.compcore.files.campaign_csv.columns import TOOL, UNIT_VECTOR, Columns
-from abbe.compcore.files.campaign_csv.head import Head
+from abbe.compcore.files.campaign_csv.head import CampaignHead
 from abbe.compcore.files.campaign_csv.store import Growing, GrowingNames
-from abbe.compcore.files.campaign_csv.table import Block, cell
+from abbe.compcore.files.campaign_csv.table import RowBlock, cell
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
 
@@ -34,10 +34,10 @@ _LENGTH_TOLERANCE = 1e-3
 """Three decimals of a unit vector's components are enough; its length is made 1 exactly."""
 
 
-class Rows:
+class CampaignRows:
     """The rows of one file, checked and gathered."""
 
-    def __init__(self, machine: Machine, head: Head, columns: Columns) -> None:
+    def __init__(self, machine: Machine, head: CampaignHead, columns: Columns) -> None:
         self._machine = machine
         self._head = head
         self.columns = columns
@@ -46,9 +46,9 @@ class Rows:
         self._names = {name: GrowingNames() for name in ("setup", "base", "base2", "tool")}
         self._kind: list[NDArray[np.int8]] = []
         self._line: list[NDArray[np.int64]] = []
-        self._block: Block
+        self._block: RowBlock
 
-    def add(self, block: Block) -> None:
+    def add(self, block: RowBlock) -> None:
         """Check some rows and keep them.
 
         Raises

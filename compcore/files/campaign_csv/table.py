@@ -30,7 +30,7 @@ _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 
 
 @dataclass(frozen=True)
-class Block:
+class RowBlock:
     """Some rows of a file.
 
     Attributes
@@ -51,7 +51,7 @@ class Block:
     names: dict[str, Names]
 
 
-def parse_rows(first: int, lines: list[str], columns: Columns) -> Block:
+def parse_rows(first: int, lines: list[str], columns: Columns) -> RowBlock:
     """Parse whole lines; blank lines are passed over.
 
     Parameters
@@ -70,7 +70,7 @@ def parse_rows(first: int, lines: list[str], columns: Columns) -> Block:
         kept = [i for i, text in enumerate(lines) if text and not text.isspace()]
         lines, line = [lines[i] for i in kept], line[kept]
         parsed = _slow(lines, line, columns)
-    return Block(lines, line, *parsed)
+    return RowBlock(lines, line, *parsed)
 
 
 def cell(text: str, columns: Columns, name: str) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.importers.placing import I64, Placing, Readings, place
+from abbe.compcore.files.importers.placing import I64, ForeignPlacing, Readings, place
 from abbe.compcore.files.importers.words import (
     Sheet,
     as_number,
@@ -41,7 +41,7 @@ _STANDS = 1e-9
 
 def import_ballbar(
     path: str | Path,
-    placing: Placing | None = None,
+    placing: ForeignPlacing | None = None,
     *,
     plane: str | None = None,
     centre: tuple[float, float] | None = None,
@@ -68,7 +68,7 @@ def import_ballbar(
         Naming file, line, what was found and what was expected.
     """
     source = Path(path)
-    placing = placing or Placing()
+    placing = placing or ForeignPlacing()
     sheet = read_sheet(source)
     first, second = _plane(plane or sheet.comments.get("plane"), sheet)
     middle = centre or _centre(sheet)

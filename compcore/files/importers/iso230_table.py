@@ -18,7 +18,7 @@ import numpy as np
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.importers.placing import Placing, along_line, component_of, place
+from abbe.compcore.files.importers.placing import ForeignPlacing, along_line, component_of, place
 from abbe.compcore.files.importers.words import (
     Sheet,
     as_direction,
@@ -46,7 +46,7 @@ Reading = tuple[float, int, int, float, int]
 def import_iso230_table(
     path: str | Path,
     axis: str,
-    placing: Placing | None = None,
+    placing: ForeignPlacing | None = None,
     *,
     component: str | None = None,
     unit: str | None = None,
@@ -87,7 +87,7 @@ def import_iso230_table(
         f"deviations in {unit}",
         "the file has no times: order of the standard test cycle assumed",
     ]
-    return place(source, sheet.data, [rows], placing or Placing(), notes, None, machine)
+    return place(source, sheet.data, [rows], placing or ForeignPlacing(), notes, None, machine)
 
 
 def _readings(sheet: Sheet) -> tuple[list[Reading], str, str | None]:

@@ -13,7 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
-from abbe.compcore.files.importers.placing import COMPONENTS, Placing, Readings, place, read_bytes
+from abbe.compcore.files.importers.placing import (
+    COMPONENTS,
+    ForeignPlacing,
+    Readings,
+    place,
+    read_bytes,
+)
 from abbe.compcore.files.map_file import load_map
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.structure import Structure
@@ -24,7 +30,7 @@ from abbe.compcore.maps.to_model import import_map
 def import_map_rows(
     path: str | Path,
     structure: Structure,
-    placing: Placing | None = None,
+    placing: ForeignPlacing | None = None,
     convention: Convention | None = None,
 ) -> Campaign:
     """Read a compensation map as measured rows.
@@ -47,7 +53,7 @@ def import_map_rows(
         For a bad map, or one that does not fit the structure.
     """
     source = Path(path)
-    placing = placing or Placing()
+    placing = placing or ForeignPlacing()
     compensation = load_map(source)
     model = import_map(compensation, structure, convention)
     readings = []

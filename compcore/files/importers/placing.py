@@ -33,7 +33,7 @@ COMPONENTS = "XYZABC"
 
 
 @dataclass(frozen=True)
-class Placing:
+class ForeignPlacing:
     """What the foreign file does not say.
 
     Attributes
@@ -118,7 +118,7 @@ def place(
     source: Path,
     data: bytes,
     readings: Sequence[Readings],
-    placing: Placing,
+    placing: ForeignPlacing,
     notes: Sequence[str],
     metadata: Mapping[str, str] | None = None,
     machine: Machine | None = None,

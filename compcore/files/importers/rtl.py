@@ -18,7 +18,7 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_csv.columns import AXIS
 from abbe.compcore.files.importers.placing import (
-    Placing,
+    ForeignPlacing,
     along_line,
     component_of,
     place,
@@ -46,7 +46,7 @@ class _File:
 
 def import_rtl(
     path: str | Path,
-    placing: Placing | None = None,
+    placing: ForeignPlacing | None = None,
     *,
     axis: str | None = None,
     component: str | None = None,
@@ -96,7 +96,7 @@ def import_rtl(
         metadata["machine"] = machine_name
     if date := file.texts.get("date"):
         metadata["date"] = date
-    return place(source, data, [readings], placing or Placing(), notes, metadata, machine)
+    return place(source, data, [readings], placing or ForeignPlacing(), notes, metadata, machine)
 
 
 def _decoded(data: bytes) -> str:

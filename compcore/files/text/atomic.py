@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.text.write_target import Target
+from abbe.compcore.files.text.write_target import WriteTarget
 
 _LONGEST_NAME = 200
 """Bytes of a file's name that go into the name of its temporary file."""
@@ -49,7 +49,7 @@ def write_together(contents: Mapping[Path, str | bytes | Iterable[str]]) -> None
     streams = []
     try:
         for path, content in contents.items():
-            target = Target.of(path)
+            target = WriteTarget.of(path)
             target.require_writable(path)
             pieces = (content,) if isinstance(content, str | bytes) else content
             if not target.replaced:
@@ -92,7 +92,7 @@ def encoded(text: str) -> bytes:
         return raw.decode("utf-8", "replace").encode("utf-8")
 
 
-def _prepared(target: Target, pieces: Iterable[str | bytes]) -> Path:
+def _prepared(target: WriteTarget, pieces: Iterable[str | bytes]) -> Path:
     """The content in a file beside the target, on the disk, with the target's rights."""
     start = os.fsdecode(os.fsencode(target.path.name)[:_LONGEST_NAME])
     temporary = target.path.with_name(f".{start}.{secrets.token_hex(4)}")
@@ -113,7 +113,7 @@ def _prepared(target: Target, pieces: Iterable[str | bytes]) -> Path:
     return temporary
 
 
-def _write_through(target: Target, pieces: Iterable[str | bytes]) -> None:
+def _write_through(target: WriteTarget, pieces: Iterable[str | bytes]) -> None:
     with tempfile.TemporaryFile() as whole:
         _pour(pieces, cast(BinaryIO, whole))
         whole.seek(0)

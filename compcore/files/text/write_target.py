@@ -16,7 +16,7 @@ _MOST_LINKS = 40
 
 
 @dataclass(frozen=True)
-class Target:
+class WriteTarget:
     """Where writing to a path ends up.
 
     Attributes
@@ -35,7 +35,7 @@ class Target:
     status: os.stat_result | None = None
 
     @classmethod
-    def of(cls, path: str | Path) -> Target:
+    def of(cls, path: str | Path) -> WriteTarget:
         """Follow a path.
 
         Raises
@@ -56,7 +56,7 @@ class Target:
             raise InputError("not the name of a file", file=path, found=text) from None
 
     @classmethod
-    def _followed(cls, path: Path) -> Target:
+    def _followed(cls, path: Path) -> WriteTarget:
         own = Path(f"/proc/{os.getpid()}/fd")
         for _ in range(_MOST_LINKS):
             path = path.parent.resolve() / path.name

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.effects.base import Effect, ErrorMotion, Motion
-from abbe.compcore.fitting.design.nuisance import Block, Eliminator, setup_blocks
+from abbe.compcore.fitting.design.nuisance import Eliminator, SetupNuisances, setup_blocks
 from abbe.compcore.fitting.design.observation import Observation, with_tools
 from abbe.compcore.fitting.design.row_blocks import Piece, in_pieces, rows_at_once
-from abbe.compcore.fitting.design.unknowns import Layout
+from abbe.compcore.fitting.design.unknowns import UnknownLayout
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.model.model import Model, Term
 
@@ -34,7 +34,7 @@ class Problem:
     Parameters
     ----------
     model, campaign
-        The model (values are not used; see `Layout.of_model`) and the measurements.
+        The model (values are not used; see `UnknownLayout.of_model`) and the measurements.
     sd
         Standard uncertainty of each row, (n,), mm or rad; default the campaign's own. Every entry
         must be positive (`abbe.compcore.fitting.design.weights` fills gaps); infinity takes a row
@@ -49,7 +49,7 @@ class Problem:
     def __init__(self, model: Model, campaign: Campaign, *, sd: F64 | None = None) -> None:
         self.model = model
         self.campaign = campaign
-        self.layout = Layout.of(model, campaign)
+        self.layout = UnknownLayout.of(model, campaign)
         self.sd = campaign.sd if sd is None else sd
         self.weight = 1.0 / self.sd
         self._amending = [i for i, e in enumerate(model.effects) if e.reads_model]
@@ -59,8 +59,8 @@ class Problem:
         self._tool_directions: dict[int, F64] = {}
         self._conditions: tuple[bytes, Conditions] | None = None
         self._observation: tuple[bytes, Observation] | None = None
-        self._blocks: tuple[Observation | None, list[Block]] | None = None
-        self._eliminator: tuple[list[Block], Eliminator] | None = None
+        self._blocks: tuple[Observation | None, list[SetupNuisances]] | None = None
+        self._eliminator: tuple[list[SetupNuisances], Eliminator] | None = None
 
     def with_sd(self, sd: F64) -> Problem:
         """The same problem with other uncertainties of the rows, (n,); shares what is prepared."""
@@ -174,7 +174,7 @@ class Problem:
         parts += [theta[where] for where, _ in self.layout.tools.values()]
         return np.concatenate(parts).tobytes() if parts else b""
 
-    def setups(self, theta: F64) -> list[Block]:
+    def setups(self, theta: F64) -> list[SetupNuisances]:
         """The nuisance columns of each set-up, unweighted."""
         framed = any("frame" in setup.free for setup in self.campaign.setups.values())
         observation = self.observation(theta) if framed else None

@@ -27,7 +27,7 @@ _RANK = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class SetupNuisances:
     """The nuisances of one set-up.
 
     Attributes
@@ -51,14 +51,14 @@ class Block:
     columns: F64
 
 
-def setup_blocks(campaign: Campaign, observation: Observation | None) -> list[Block]:
+def setup_blocks(campaign: Campaign, observation: Observation | None) -> list[SetupNuisances]:
     """One block for each set-up of a campaign, also those that leave nothing unknown.
 
     `observation` (all rows) is needed where a set-up leaves its frame unknown.
     """
     setup = campaign.conditions.setup
     if setup is None:
-        return [Block("", np.arange(campaign.n), (), (), np.zeros((campaign.n, 0)))]
+        return [SetupNuisances("", np.arange(campaign.n), (), (), np.zeros((campaign.n, 0)))]
     names, first, inverse = np.unique(setup, return_index=True, return_inverse=True)
     order = np.argsort(inverse.reshape(-1), kind="stable")
     ends = np.cumsum(np.bincount(inverse.reshape(-1), minlength=len(names)))
@@ -69,7 +69,9 @@ def setup_blocks(campaign: Campaign, observation: Observation | None) -> list[Bl
     return blocks
 
 
-def _block(campaign: Campaign, observation: Observation | None, name: str, rows: Index) -> Block:
+def _block(
+    campaign: Campaign, observation: Observation | None, name: str, rows: Index
+) -> SetupNuisances:
     free = campaign.setups[name].free if name in campaign.setups else ()
     kinds = campaign.kind[rows]
     columns: list[F64] = []
@@ -101,7 +103,7 @@ def _block(campaign: Campaign, observation: Observation | None, name: str, rows:
         names += [f"frame {k}" for k in "xyzabc"]
         units += ["mm"] * 3 + ["rad"] * 3
     stacked = np.stack(columns, axis=1) if columns else np.zeros((len(rows), 0))
-    return Block(name, rows, tuple(names), tuple(units), stacked)
+    return SetupNuisances(name, rows, tuple(names), tuple(units), stacked)
 
 
 class Eliminator:
@@ -115,7 +117,7 @@ class Eliminator:
         Shape (n,): 1/sd of each row.
     """
 
-    def __init__(self, blocks: Sequence[Block], weight: F64) -> None:
+    def __init__(self, blocks: Sequence[SetupNuisances], weight: F64) -> None:
         self.blocks = tuple(blocks)
         self._basis: list[F64] = []
         self._solve: list[F64] = []

@@ -51,7 +51,7 @@ def plausible_scale(parameter: Parameter | NonlinearParameter) -> float:
 
 
 @dataclass(frozen=True)
-class Layout:
+class UnknownLayout:
     """Which unknown stands where in the vector θ.
 
     Term by term (linear parameters, then non-linear ones), then base points (x, y, z each), then
@@ -78,7 +78,7 @@ class Layout:
     tools: Mapping[str, tuple[slice, tuple[int, ...]]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, model: Model, campaign: Campaign) -> Layout:
+    def of(cls, model: Model, campaign: Campaign) -> UnknownLayout:
         """The layout for a model and a campaign; base points that no row uses are left out."""
         unknowns: list[Unknown] = []
         terms, counts = [], []

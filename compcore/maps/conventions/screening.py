@@ -40,7 +40,7 @@ _CLEAR = 12.0
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class ConventionFrame:
     """One choice of chain order, own travel and forms of squareness, with its columns.
 
     Attributes
@@ -71,7 +71,7 @@ class Frame:
 
 def frames(
     subject: Subject, points: SwitchedPoints, stated: Structure, any_order: bool
-) -> Iterator[Frame]:
+) -> Iterator[ConventionFrame]:
     """Every frame worth trying."""
     for structure in structures(stated, any_order):
         bare = subject.machine(structure)
@@ -83,7 +83,7 @@ def frames(
 
 def frame(
     subject: Subject, points: SwitchedPoints, structure: Structure, convention: Convention
-) -> Frame:
+) -> ConventionFrame:
     """The columns of one frame; the convention's signs and rotation point are left open."""
     open_ = replace(convention, reversed=frozenset(), rotation_point={})
     machine = open_.on(subject.machine(structure))
@@ -102,24 +102,28 @@ def frame(
                 # the rotation point is subtracted from the lever
                 moves[axis][:, :, j] -= np.cross(turned, along) * part.values[:, None]
     flat = {a: m.reshape(-1, len(sources)) for a, m in moves.items()}
-    return Frame(structure, open_, machine, sources, columns.reshape(-1, len(sources)), flat)
+    return ConventionFrame(
+        structure, open_, machine, sources, columns.reshape(-1, len(sources)), flat
+    )
 
 
 @dataclass(frozen=True)
-class Screened:
+class ScreenedHypothesis:
     """A hypothesis with its first-order sum of squared residuals, mm²."""
 
     hypothesis: Hypothesis
     rss: float
 
 
-def screen(found: Frame, points: SwitchedPoints, *, declared: bool) -> list[Screened]:
+def screen(
+    found: ConventionFrame, points: SwitchedPoints, *, declared: bool
+) -> list[ScreenedHypothesis]:
     """The best hypotheses of a frame: with named rotation points, and with an estimated one."""
     unseen = unseen_columns(found, points)
     choices = _distinct(sign_choices(found.machine.structure.linear), found.sources, unseen)
     measured = points.difference.reshape(-1)
     artefact = (False,) if points.both_read else (False, True)
-    results: list[Screened] = []
+    results: list[ScreenedHypothesis] = []
     for point in named_points(found.machine, declared):
         columns = found.at_point(point)
         gains = _gain_signs(columns, measured, found.sources)
@@ -131,7 +135,7 @@ def screen(found: Frame, points: SwitchedPoints, *, declared: bool) -> list[Scre
             sign = -1.0 if opposite else 1.0
             rss = measured @ measured - 2.0 * sign * agreement + size
             results += [
-                Screened(_hypothesis(found, more[i], point, opposite), float(rss[i]))
+                ScreenedHypothesis(_hypothesis(found, more[i], point, opposite), float(rss[i]))
                 for i in np.argsort(rss, kind="stable")[:_KEPT]
             ]
     every = np.hstack([found.columns, *found.moves.values()])
@@ -140,13 +144,13 @@ def screen(found: Frame, points: SwitchedPoints, *, declared: bool) -> list[Scre
         value = -measured if opposite else measured
         free = _free_point(found, value, _distinct(more, found.sources, unseen))
         results += [
-            Screened(replace(_hypothesis(found, s, p, opposite), fitted_point=True), rss)
+            ScreenedHypothesis(replace(_hypothesis(found, s, p, opposite), fitted_point=True), rss)
             for s, p, rss in free[:_KEPT_FREE]
         ]
     return results
 
 
-def unseen_columns(found: Frame, points: SwitchedPoints) -> set[Source]:
+def unseen_columns(found: ConventionFrame, points: SwitchedPoints) -> set[Source]:
     """Columns so small at these points that their sign cannot be seen."""
     noise = max(points.sigma, 1e-6)
     size = (2.0 * found.columns) ** 2
@@ -154,7 +158,7 @@ def unseen_columns(found: Frame, points: SwitchedPoints) -> set[Source]:
     return {s for s, is_small in zip(found.sources, small, strict=True) if is_small}
 
 
-def _hypothesis(found: Frame, chosen: Signs, point: Point, artefact: bool) -> Hypothesis:
+def _hypothesis(found: ConventionFrame, chosen: Signs, point: Point, artefact: bool) -> Hypothesis:
     convention = replace(found.convention, reversed=chosen, rotation_point=point)
     return Hypothesis(found.structure, convention, artefact)
 
@@ -178,7 +182,7 @@ def _gain_signs(columns: F64, measured: F64, sources: list[Source]) -> Signs:
 
 
 def _free_point(
-    found: Frame, measured: F64, choices: list[Signs]
+    found: ConventionFrame, measured: F64, choices: list[Signs]
 ) -> list[tuple[Signs, dict[str, float], float]]:
     """For every choice of signs the rotation point that fits best and what is left; best first."""
     axes = list(found.moves)

@@ -41,7 +41,7 @@ Source = tuple[str, str]
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class MotionPart:
     """What one source contributes to one error motion at n points, values (n,) mm or rad."""
 
     source: Source
@@ -63,7 +63,7 @@ class Subject(ABC):
         """Forms of squareness worth trying; the first is as written, what is stated as an angle."""
 
     @abstractmethod
-    def parts(self, machine: Machine, forms: Forms, at: Conditions) -> list[Part]:
+    def parts(self, machine: Machine, forms: Forms, at: Conditions) -> list[MotionPart]:
         """All sources' contributions at n points; `machine` carries the convention's levers."""
 
     def at(self, conditions: Conditions) -> Predictor:
@@ -76,7 +76,7 @@ class Predictor:
 
     def __init__(self, subject: Subject, conditions: Conditions) -> None:
         self._subject, self._conditions = subject, conditions
-        self._parts: dict[tuple[Structure, OwnTravel, Forms], list[Part]] = {}
+        self._parts: dict[tuple[Structure, OwnTravel, Forms], list[MotionPart]] = {}
 
     def correction(self, structure: Structure, convention: Convention) -> F64:
         """The correction under a convention, shape (n, 3), mm: reading on minus off."""
@@ -117,7 +117,7 @@ class MapSubject(Subject):
         own: tuple[SquarenessForm, ...] = ("as written", "angle", "gradient")
         return tuple((form, beside) for beside in stated for form in own)
 
-    def parts(self, machine: Machine, forms: Forms, at: Conditions) -> list[Part]:
+    def parts(self, machine: Machine, forms: Forms, at: Conditions) -> list[MotionPart]:
         """One source a column; moving squareness is linear, so columns can be moved singly."""
         form, stated = forms
         parts = []
@@ -177,7 +177,7 @@ class ModelSubject(Subject):
         angle: tuple[Forms, ...] = (("as written", "angle"),)
         return (*angle, ("as written", "gradient")) if has else angle
 
-    def parts(self, machine: Machine, forms: Forms, at: Conditions) -> list[Part]:
+    def parts(self, machine: Machine, forms: Forms, at: Conditions) -> list[MotionPart]:
         """One source an error motion of an axis; everything else keeps its sign."""
         sloped = {
             i: (t.effect.axes, t.values["angle"].value)
@@ -188,30 +188,30 @@ class ModelSubject(Subject):
         motions = replace(self._model, machine=machine, terms=terms).error_motions(at)
         linear = machine.structure.linear
         parts = [
-            Part((c.place, c.component) if c.place in linear else ("", ""), c, value)
+            MotionPart((c.place, c.component) if c.place in linear else ("", ""), c, value)
             for c, value in motions.items()
         ]
         parts += [_gradient(axes, angle, at) for axes, angle in sloped.values()]
         return parts
 
 
-def _tabled(source: Source, tables: CompensationMap, at: Conditions) -> list[Part]:
+def _tabled(source: Source, tables: CompensationMap, at: Conditions) -> list[MotionPart]:
     parts = []
     for axis, table in tables.tables.items():
         if not table.array().any():
             continue
         values = table.at(at.position(axis))
         parts += [
-            Part(source, ErrorMotion(axis, component), values[:, k])  # type: ignore[arg-type]
+            MotionPart(source, ErrorMotion(axis, component), values[:, k])  # type: ignore[arg-type]
             for k, component in enumerate(COMPONENTS)
             if values[:, k].any()
         ]
     return parts
 
 
-def _gradient(pair: tuple[str, str], angle: float, at: Conditions) -> Part:
+def _gradient(pair: tuple[str, str], angle: float, at: Conditions) -> MotionPart:
     """A squareness as a slope of the second axis's straightness along the first."""
     third, slope = third_direction(pair)
     source = (pair[0], "ABC"["XYZ".index(third)])
     error_motion = ErrorMotion(pair[1], own_component(pair[0]))  # type: ignore[arg-type]
-    return Part(source, error_motion, angle * slope * at.position(pair[1]))
+    return MotionPart(source, error_motion, angle * slope * at.position(pair[1]))

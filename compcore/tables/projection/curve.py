@@ -12,7 +12,7 @@ from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.tables.capability import Capability, Holds
 from abbe.compcore.tables.projection.hats import deviation, operator
 from abbe.compcore.tables.projection.nodes import place
-from abbe.compcore.tables.projection.quantise import Steps, quantise
+from abbe.compcore.tables.projection.quantise import QuantisedValues, quantise
 from abbe.compcore.tables.table import Table
 
 F64 = NDArray[np.float64]
@@ -183,14 +183,16 @@ def _table(
     return table, notes
 
 
-def _steps(curve: Curve, nodes: F64, wanted: Sequence[F64], zero: int | None) -> list[Steps]:
+def _steps(
+    curve: Curve, nodes: F64, wanted: Sequence[F64], zero: int | None
+) -> list[QuantisedValues]:
     """Every direction's values in whole steps; of several magnifications the best for all."""
     holds = curve.holds
     step = holds.step(curve.output.rotation)
     if curve.lever is not None and step:
         step /= curve.reach
     increment = holds.increment
-    best: list[Steps] = []
+    best: list[QuantisedValues] = []
     worst = np.inf
     for magnification in (1,) if increment is None else increment.magnifications:
         found = [

@@ -69,7 +69,7 @@ def slope_limited(values: I64, limit: int) -> I64:
 
 
 @dataclass(frozen=True)
-class Steps:
+class QuantisedValues:
     """Quantised values.
 
     Attributes
@@ -95,7 +95,7 @@ def quantise(
     value_range: tuple[float, float] | None = None,
     increment_limit: int | None = None,
     zero: int | None = None,
-) -> Steps:
+) -> QuantisedValues:
     """Values at nodes as a controller can store them.
 
     Parameters
@@ -118,7 +118,7 @@ def quantise(
     kept = values if value_range is None else np.clip(values, *value_range)
     limited = float(np.abs(kept - values).max())
     if step <= 0.0:
-        return Steps(kept, step, limited)
+        return QuantisedValues(kept, step, limited)
     whole = rounded(kept, step, node_weights(nodes), fixed)
     if value_range is not None:
         low, high = np.ceil(value_range[0] / step - 1e-9), np.floor(value_range[1] / step + 1e-9)
@@ -132,4 +132,4 @@ def quantise(
         if (within != whole).any():
             limited = max(limited, float(np.abs(within * step - values).max()))
         whole = within
-    return Steps(np.asarray(whole * step, dtype=np.float64), step, limited)
+    return QuantisedValues(np.asarray(whole * step, dtype=np.float64), step, limited)

@@ -21,7 +21,7 @@ _MISSING = Sample(math.nan, -math.inf, Quality.UNAVAILABLE, "not read")
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class ChannelSource:
     """One channel and what it becomes.
 
     Attributes
@@ -76,7 +76,7 @@ class PositionConverter:
 
     def __init__(
         self,
-        sources: Sequence[Source],
+        sources: Sequence[ChannelSource],
         stale_after: float,
         watch: Watch,
         ranges: Sequence[tuple[float, float]] = (),
@@ -172,7 +172,7 @@ class SignalConverter:
 
     def __init__(
         self,
-        sources: Sequence[Source],
+        sources: Sequence[ChannelSource],
         stale_after: float,
         plausible: Plausible | None = None,
     ) -> None:

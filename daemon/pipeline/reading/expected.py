@@ -11,7 +11,7 @@ from abbe.compcore.machine.plausible import position_range, signal_range
 from abbe.daemon.config import Configuration
 from abbe.daemon.config.channels import split
 from abbe.daemon.config.sections import SignalSection
-from abbe.daemon.pipeline.reading.plausible import Bounds, Likes
+from abbe.daemon.pipeline.reading.plausible import Likes, PlausibleBounds
 from abbe.daemon.pipeline.reading.poll import Channel
 from abbe.daemon.status_word import LARGEST
 from abbe.drivers.link import Link, Sample
@@ -55,7 +55,7 @@ class Expected:
     """
 
     positions: tuple[tuple[float, float], ...]
-    signals: Mapping[str, Bounds]
+    signals: Mapping[str, PlausibleBounds]
     likes: tuple[Likes, ...]
     tool: tuple[tuple[float, float], ...]
     steps: tuple[float, ...]
@@ -86,7 +86,7 @@ def expected_of(
 
 def bounds_of(
     signal: Signal, section: SignalSection, measured: tuple[float, float] | None = None
-) -> Bounds:
+) -> PlausibleBounds:
     """What is believed of a signal.
 
     That is what the configuration says; else what its role allows and, for temperatures, is not far
@@ -106,7 +106,7 @@ def bounds_of(
             f" ({measured[0]:g} to {measured[1]:g} when the machine was measured; if it can be "
             "more, give the signal a range)"
         )
-    return Bounds(low, high, rate, signal.unit, why)
+    return PlausibleBounds(low, high, rate, signal.unit, why)
 
 
 def beats_of(links: Mapping[str, Link], heartbeat: str | None) -> int:

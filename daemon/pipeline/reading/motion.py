@@ -9,7 +9,7 @@ _APART = 0.05
 """s between two samples that a speed is told from: less makes steps of the encoder into speeds."""
 
 
-class Motion:
+class SampleSpeeds:
     """Speeds from one sample to a later one.
 
     Parameters

@@ -35,7 +35,7 @@ class Reading(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class PlausibleBounds:
     """What is believed of one signal, in its unit.
 
     Attributes
@@ -88,7 +88,7 @@ class Plausible:
         Sensors that are compared with one another.
     """
 
-    bounds: Mapping[str, Bounds]
+    bounds: Mapping[str, PlausibleBounds]
     likes: tuple[Likes, ...] = ()
     _courses: dict[str, _Course] = field(default_factory=dict, init=False)
 

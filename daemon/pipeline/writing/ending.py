@@ -9,7 +9,7 @@ from datetime import datetime, timedelta
 
 from abbe.compcore.errors import AbbeError
 from abbe.daemon.pipeline.reading.poll import Channel
-from abbe.daemon.pipeline.writing.write_back import Held, Target, WriteBack
+from abbe.daemon.pipeline.writing.write_back import AxisTarget, Held, WriteBack
 from abbe.daemon.status_word import STOPPED, describe
 from abbe.drivers.link import Link, LinkError, LinkState
 
@@ -44,7 +44,7 @@ class Ending:
         links: Mapping[str, Link],
         write_back: WriteBack,
         status: Channel | None,
-        targets: Sequence[Target],
+        targets: Sequence[AxisTarget],
         fresh: float,
     ) -> None:
         self._links = links

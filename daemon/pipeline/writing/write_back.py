@@ -22,7 +22,7 @@ _HEARTBEATS = 1 << 16
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class AxisTarget:
     """Where one axis's corrected position goes.
 
     Attributes
@@ -58,7 +58,7 @@ class Held(NamedTuple):
     sure: bool
 
 
-class Outcome(NamedTuple):
+class WriteOutcome(NamedTuple):
     """What became of one cycle's answer.
 
     Attributes
@@ -78,7 +78,7 @@ class Outcome(NamedTuple):
     unknown: int = 0
 
 
-_DONE = Outcome(True)
+_DONE = WriteOutcome(True)
 
 
 class WriteBack:
@@ -101,7 +101,7 @@ class WriteBack:
     def __init__(
         self,
         links: Mapping[str, Link],
-        targets: Sequence[Target],
+        targets: Sequence[AxisTarget],
         echo: Sequence[tuple[Channel, Channel]] = (),
         status: Channel | None = None,
         heartbeat: Channel | None = None,
@@ -134,7 +134,7 @@ class WriteBack:
 
     async def __call__(
         self, corrected: Sequence[float], batch: Batch, status: int, until: float = math.inf
-    ) -> Outcome:
+    ) -> WriteOutcome:
         """Write what is known.
 
         Parameters
@@ -160,7 +160,9 @@ class WriteBack:
             return _DONE
         return self._outcome(missing, problem, failures)
 
-    def _outcome(self, missing: int, problem: str, failures: Iterable[LinkError | None]) -> Outcome:
+    def _outcome(
+        self, missing: int, problem: str, failures: Iterable[LinkError | None]
+    ) -> WriteOutcome:
         untouched, unknown = missing, 0
         said = []
         for link, failure in zip(self._order, failures, strict=True):
@@ -174,7 +176,7 @@ class WriteBack:
                     untouched |= 1 << i
                 else:
                     unknown |= 1 << i
-        return Outcome(False, "; ".join(said) or problem, untouched, unknown)
+        return WriteOutcome(False, "; ".join(said) or problem, untouched, unknown)
 
     def _values(
         self, corrected: Sequence[float], batch: Batch, status: int

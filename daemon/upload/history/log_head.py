@@ -24,7 +24,7 @@ class _Shape(BaseModel):
 
 
 @dataclass(frozen=True)
-class Head:
+class UploadLogHead:
     """What a journal must at least hold.
 
     Attributes
@@ -44,7 +44,7 @@ def path_of(journal: Path) -> Path:
     return journal.with_name(journal.name + ".head")
 
 
-def read_head(journal: Path) -> Head | None:
+def read_head(journal: Path) -> UploadLogHead | None:
     """The head of a journal; None where there is none.
 
     Raises
@@ -56,10 +56,10 @@ def read_head(journal: Path) -> Head | None:
     if not path.exists():
         return None
     found = shaped(read_json(path), _Shape, path)
-    return Head(found.lines, found.last)
+    return UploadLogHead(found.lines, found.last)
 
 
-def write_head(journal: Path, head: Head) -> None:
+def write_head(journal: Path, head: UploadLogHead) -> None:
     """Write it, whole or not at all.
 
     Raises

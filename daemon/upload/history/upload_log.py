@@ -22,7 +22,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.files.text.atomic import encoded
 from abbe.compcore.files.text.json_source import shaped
 from abbe.daemon.upload.history.entry import EntryShape
-from abbe.daemon.upload.history.log_head import Head, path_of, read_head, write_head
+from abbe.daemon.upload.history.log_head import UploadLogHead, path_of, read_head, write_head
 
 FORMAT = "abbe-uploads/1"
 FIRST = "0" * 64
@@ -38,7 +38,7 @@ Entry = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Found:
+class UploadRecords:
     """What a journal holds.
 
     Attributes
@@ -74,7 +74,7 @@ class Found:
         return [] if mine[-1]["step"] == END else mine
 
 
-def read_journal(path: Path) -> Found:
+def read_journal(path: Path) -> UploadRecords:
     """Read a journal and check its seals; one that does not exist is empty.
 
     Raises
@@ -118,7 +118,7 @@ def read_journal(path: Path) -> Found:
             file=path, line=None if lost else head.lines,
             expected=f"what {path_of(path)} says; to begin anew, put both files aside",
         )  # fmt: skip
-    return Found(tuple(entries), seal, b"\n".join(torn), not rest)
+    return UploadRecords(tuple(entries), seal, b"\n".join(torn), not rest)
 
 
 def _content(path: Path) -> bytes:
@@ -228,7 +228,7 @@ class Journal:
             ) from None
         self._seal, self._torn, self._ended = _seal(line), b"", True
         self._lines += 1
-        write_head(self._path, Head(self._lines, self._seal))
+        write_head(self._path, UploadLogHead(self._lines, self._seal))
 
 
 def _write_all(descriptor: int, data: bytes) -> None:

@@ -26,7 +26,7 @@ import canopen
 from abbe.drivers.can.bus import CanBus
 from abbe.drivers.can.canopen.expedited import Ask, Expedited
 from abbe.drivers.can.canopen.sdo_blocks import Done, receive_block, send_block
-from abbe.drivers.can.canopen.sdo_errors import RefusedError, TooLongError
+from abbe.drivers.can.canopen.sdo_errors import SdoAbortError, TooLongError
 from abbe.drivers.can.frames import frame
 from abbe.drivers.link import LinkDownError, LinkError, LinkTimeoutError, TooLateError
 
@@ -124,7 +124,7 @@ class Network:
 
         Returns
         -------
-        What was read (or written), or why it was not: `TooLongError`, `RefusedError`,
+        What was read (or written), or why it was not: `TooLongError`, `SdoAbortError`,
         `LinkTimeoutError`, `TooLateError`.
 
         Raises
@@ -167,7 +167,7 @@ class Network:
             return TooLongError(f"{what}: longer than four bytes")
         if one.aborted is not None:
             error = canopen.SdoAbortedError(one.aborted)
-            return RefusedError(f"{what}: refused, {error}", one.aborted)
+            return SdoAbortError(f"{what}: refused, {error}", one.aborted)
         return LinkTimeoutError(f"{what}: no answer in {self._timeout:g} s")
 
     # From threads, one at a time for each node
@@ -177,7 +177,7 @@ class Network:
 
         Raises
         ------
-        RefusedError
+        SdoAbortError
             When the node refuses.
         LinkTimeoutError
             When it does not answer.
@@ -216,7 +216,7 @@ class Network:
 
         Raises
         ------
-        RefusedError, LinkTimeoutError, LinkDownError
+        SdoAbortError, LinkTimeoutError, LinkDownError
             As `upload`; the node was told to abort.
         """
         with self._errors(number, index, subindex):
@@ -253,7 +253,7 @@ class Network:
 
         Raises
         ------
-        RefusedError, LinkTimeoutError, LinkDownError
+        SdoAbortError, LinkTimeoutError, LinkDownError
             As `upload`; the node was told to abort.
         """
         with self._errors(number, index, subindex):
@@ -291,7 +291,7 @@ class Network:
         try:
             yield
         except canopen.SdoAbortedError as error:
-            raise RefusedError(f"{what}: refused, {error}", error.code) from error
+            raise SdoAbortError(f"{what}: refused, {error}", error.code) from error
         except canopen.SdoCommunicationError as error:
             self._doubtful.add(number)
             if "No SDO response" in str(error):

@@ -52,7 +52,7 @@ class NodeConfig(BaseModel):
     """What an emergency of the node does: make its values bad, or be told only."""
 
 
-class ChannelConfig(BaseModel):
+class CanopenChannelConfig(BaseModel):
     """One value: an object of a node."""
 
     model_config = _STRICT
@@ -99,7 +99,7 @@ class ChannelConfig(BaseModel):
         return self.index or 0, self.subindex
 
     @model_validator(mode="after")
-    def _consistent(self) -> ChannelConfig:
+    def _consistent(self) -> CanopenChannelConfig:
         if (self.profile is None) == (self.index is None):
             raise ValueError("needs either profile or index")
         if self.profile is None and self.type is None:
@@ -136,7 +136,7 @@ class CanopenConfig(InterfaceConfig):
     max_waiting: Annotated[int, Field(ge=1)] = 16
     """Calls that may wait for the bus; one more is turned away at once."""
     nodes: Annotated[dict[str, NodeConfig], Field(min_length=1)]
-    channels: dict[str, ChannelConfig] = Field(default_factory=dict)
+    channels: dict[str, CanopenChannelConfig] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _nodes_exist(self) -> CanopenConfig:

@@ -11,8 +11,8 @@ from abbe.drivers import resources
 from abbe.drivers.can.canopen.bus import NodeBus
 from abbe.drivers.can.canopen.config import CanopenConfig
 from abbe.drivers.can.canopen.objects import range_of
-from abbe.drivers.can.canopen.reading import Reader
-from abbe.drivers.can.canopen.writing import Writer
+from abbe.drivers.can.canopen.reading import CanopenReader
+from abbe.drivers.can.canopen.writing import CanopenWriter
 from abbe.drivers.can.interface import check_interface, device_of
 from abbe.drivers.link import (
     ChannelInfo,
@@ -20,9 +20,9 @@ from abbe.drivers.link import (
     LinkConfig,
     LinkConfigError,
     LinkError,
-    Place,
     Quality,
     Sample,
+    WirePlace,
 )
 
 if TYPE_CHECKING:
@@ -55,8 +55,8 @@ class CanopenLink(Link):
         check_interface(config, "canopen")
         self._config = config
         self._bus = NodeBus(name, config, self.status)
-        self._reader = Reader(config, self._bus)
-        self._writer = Writer(f"link {name}", config, self._bus)
+        self._reader = CanopenReader(config, self._bus)
+        self._writer = CanopenWriter(f"link {name}", config, self._bus)
 
     @property
     def channels(self) -> Mapping[str, str]:
@@ -83,13 +83,13 @@ class CanopenLink(Link):
             read_back=section.writable,
         )
 
-    def places(self, channel: str) -> tuple[Place, ...]:
+    def places(self, channel: str) -> tuple[WirePlace, ...]:
         """Its object in the node's dictionary, whether it comes by PDO or by SDO."""
         section = self._config.channels[channel]
         index, subindex = section.object
         first = index << 8 | subindex
         node = f"node {self._config.nodes[section.node].id}"
-        return (Place(device_of(self._config), first, first + 1, (node,), (True,)),)
+        return (WirePlace(device_of(self._config), first, first + 1, (node,), (True,)),)
 
     @property
     def owns(self) -> tuple[str, ...]:

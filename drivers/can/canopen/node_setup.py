@@ -7,10 +7,10 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
 from abbe.drivers.can.canopen.adapter import DEVICE_TYPE, Network
-from abbe.drivers.can.canopen.config import CanopenConfig, ChannelConfig, NodeConfig
+from abbe.drivers.can.canopen.config import CanopenChannelConfig, CanopenConfig, NodeConfig
 from abbe.drivers.can.canopen.pdo import Pdo, choose_pdo, read_pdos
 from abbe.drivers.can.canopen.profiles import check_profile, scale_of
-from abbe.drivers.can.canopen.sdo_errors import RefusedError
+from abbe.drivers.can.canopen.sdo_errors import SdoAbortError
 from abbe.drivers.link import LinkDownError, LinkError
 
 _PRODUCER_HEARTBEAT = 0x1017
@@ -38,7 +38,7 @@ class NodeSetup:
 def set_up(
     network: Network,
     section: NodeConfig,
-    channels: Mapping[str, ChannelConfig],
+    channels: Mapping[str, CanopenChannelConfig],
     sync: CanopenConfig,
     known: Collection[Pdo] = (),
 ) -> NodeSetup:
@@ -73,7 +73,7 @@ def set_up(
         period = struct.pack("<H", round(section.produce_heartbeat * 1e3))
         try:
             network.download(number, _PRODUCER_HEARTBEAT, 0, period)
-        except RefusedError as error:
+        except SdoAbortError as error:
             found.refused[""] = f"its heartbeat cannot be set: {error}"
     by_pdo = any(channel.by == "pdo" for channel in channels.values())
     there = [
@@ -103,5 +103,5 @@ def _device_type(network: Network, number: int) -> int:
     """Object 1000h; 0 (no profile) from a node that refuses even that."""
     try:
         return int.from_bytes(network.upload(number, DEVICE_TYPE, 0), "little")
-    except RefusedError:
+    except SdoAbortError:
         return 0

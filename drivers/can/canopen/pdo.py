@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from abbe.drivers.can.canopen.objects import Type, decode, size_of
-from abbe.drivers.can.canopen.sdo_errors import RefusedError
+from abbe.drivers.can.canopen.sdo_errors import SdoAbortError
 from abbe.drivers.link import LinkProtocolError, Sample
 
 _COMMUNICATION, _MAPPING = 0x1800, 0x1A00
@@ -175,7 +175,7 @@ def read_pdos(upload: Upload) -> list[Pdo]:
             cob_id = int.from_bytes(upload(_COMMUNICATION + i, 1), "little")
             kind = upload(_COMMUNICATION + i, 2)[0]
             count = upload(_MAPPING + i, 0)[0]
-        except RefusedError:
+        except SdoAbortError:
             continue
         if cob_id & (_INVALID | _EXTENDED):
             continue

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abbe.drivers.can.canopen.config import ChannelConfig
+from abbe.drivers.can.canopen.config import CanopenChannelConfig
 from abbe.drivers.can.canopen.pdo import Upload
 from abbe.drivers.link import LinkProtocolError
 
@@ -15,7 +15,7 @@ _UNITS = {0x002D0000: "degC", 0x00280000: "ohm"}
 """Physical unit of a process value (CiA 303-2), those that matter here."""
 
 
-def check_profile(channel: ChannelConfig, device_type: int) -> None:
+def check_profile(channel: CanopenChannelConfig, device_type: int) -> None:
     """Refuse a node that is something else than the channel says.
 
     Raises
@@ -30,7 +30,7 @@ def check_profile(channel: ChannelConfig, device_type: int) -> None:
         raise LinkProtocolError(f"it is not {what}: its device type (1000h) is {device_type:08X}h")
 
 
-def scale_of(channel: ChannelConfig, upload: Upload) -> float:
+def scale_of(channel: CanopenChannelConfig, upload: Upload) -> float:
     """By what a number of the device is to be multiplied: its decimals (CiA 404), else 1.
 
     Raises

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from abbe.drivers.can.canopen.bus import NodeBus
-from abbe.drivers.can.canopen.config import CanopenConfig, ChannelConfig
+from abbe.drivers.can.canopen.config import CanopenChannelConfig, CanopenConfig
 from abbe.drivers.can.canopen.expedited import Ask
 from abbe.drivers.can.canopen.sdo_errors import TooLongError
 from abbe.drivers.link import LinkError, LinkProtocolError, Quality, Sample
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _NAN = float("nan")
 
 
-class Reader:
+class CanopenReader:
     """Reads the channels of one link and keeps their last samples.
 
     Parameters
@@ -36,7 +36,7 @@ class Reader:
         self._bus = bus
         self._last: dict[str, Sample] = {}
         self._paces = {name: Pace(section.every) for name, section in config.channels.items()}
-        self._known: dict[tuple[str, ...], list[tuple[str, Node, ChannelConfig]]] = {}
+        self._known: dict[tuple[str, ...], list[tuple[str, Node, CanopenChannelConfig]]] = {}
         self._epoch = 0
 
     async def read(self, names: Sequence[str]) -> dict[str, Sample]:
@@ -73,7 +73,7 @@ class Reader:
         last = self._last
         return {name: last[name] for name in names}
 
-    def _find(self, names: tuple[str, ...]) -> list[tuple[str, Node, ChannelConfig]]:
+    def _find(self, names: tuple[str, ...]) -> list[tuple[str, Node, CanopenChannelConfig]]:
         """Each channel once, with its node; kept for the next time."""
         channels, nodes = self._config.channels, self._bus.nodes
         sections = {name: channels[name] for name in names}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abbe.drivers.link import LinkProtocolError
 
 
-class RefusedError(LinkProtocolError):
+class SdoAbortError(LinkProtocolError):
     """The node aborted a transfer, e.g. there is no such object.
 
     Attributes

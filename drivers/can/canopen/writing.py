@@ -10,7 +10,7 @@ from abbe.drivers.can.canopen.bus import BusyError, NodeBus
 from abbe.drivers.can.canopen.config import CanopenConfig
 from abbe.drivers.can.canopen.expedited import Ask
 from abbe.drivers.can.canopen.objects import encode
-from abbe.drivers.can.canopen.sdo_errors import RefusedError
+from abbe.drivers.can.canopen.sdo_errors import SdoAbortError
 from abbe.drivers.link import LinkError, LinkTimeoutError, TooLateError, WriteNotVerifiedError
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ _PERHAPS_TAKEN = (0x05040000, 0x06060000, 0x08000000)
 """Abort codes after which nobody knows what the node holds: timed out, hardware, general error."""
 
 
-class Writer:
+class CanopenWriter:
     """Writes the channels of one link.
 
     Parameters
@@ -76,7 +76,7 @@ class Writer:
             found = await self._exchanged(name, node, content, until)
         except (TooLateError, BusyError) as error:
             raise error.leaving(untouched=(name,)) from None
-        except RefusedError as error:
+        except SdoAbortError as error:
             raise error.leaving(() if error.code in _PERHAPS_TAKEN else (name,)) from None
         if found != content:
             raise WriteNotVerifiedError(

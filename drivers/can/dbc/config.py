@@ -49,7 +49,7 @@ class RequestConfig(BaseModel):
         return digits
 
 
-class MessageConfig(BaseModel):
+class DbcMessageConfig(BaseModel):
     """What the DBC file does not say of a message."""
 
     model_config = _STRICT
@@ -63,7 +63,7 @@ class MessageConfig(BaseModel):
     """With a request: s between two; 0 asks at every call."""
 
 
-class ChannelConfig(BaseModel):
+class DbcChannelConfig(BaseModel):
     """One value: a signal of a message."""
 
     model_config = _STRICT
@@ -99,8 +99,8 @@ class DbcConfig(InterfaceConfig):
     """s after a request beyond which its answer cannot come any more."""
     max_waiting: Annotated[int, Field(ge=1)] = 16
     """Calls that may wait for the bus; one more is turned away at once."""
-    messages: dict[str, MessageConfig] = Field(default_factory=dict)
-    channels: Annotated[dict[str, ChannelConfig], Field(min_length=1)]
+    messages: dict[str, DbcMessageConfig] = Field(default_factory=dict)
+    channels: Annotated[dict[str, DbcChannelConfig], Field(min_length=1)]
 
     @field_validator("dbc")
     @classmethod

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from abbe.drivers.can.dbc.config import ChannelConfig, DbcConfig
+from abbe.drivers.can.dbc.config import DbcChannelConfig, DbcConfig
 from abbe.drivers.link import LinkConfigError
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def has_fast_data(message: Message) -> bool:
     return "CANFD_BRS" in attributes and bool(attributes["CANFD_BRS"].value)
 
 
-def signal_of(message: Message, name: str, channel: ChannelConfig) -> Signal:
+def signal_of(message: Message, name: str, channel: DbcChannelConfig) -> Signal:
     """A channel's signal.
 
     Raises

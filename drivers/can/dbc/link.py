@@ -20,10 +20,10 @@ from abbe.drivers.link import (
     LinkConfig,
     LinkConfigError,
     LinkError,
-    Place,
     Quality,
     Sample,
     TooLateError,
+    WirePlace,
 )
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ class DbcLink(Link):
         low, high = sorted(end * section.scale + section.offset for end in (low, high))
         return ChannelInfo(unit, section.writable, every, low, high, step * abs(section.scale))
 
-    def places(self, channel: str) -> tuple[Place, ...]:
+    def places(self, channel: str) -> tuple[WirePlace, ...]:
         """Its bits in the frames of that id, byte by byte."""
         section = self._config.channels[channel]
         message = self._messages[section.message]
@@ -84,7 +84,7 @@ class DbcLink(Link):
         if (page := page_of(message, signal.name)) is not None:
             space.append("page {} {}".format(*page))
         return tuple(
-            Place(device_of(self._config), first, end, tuple(space), (True,) * len(space))
+            WirePlace(device_of(self._config), first, end, tuple(space), (True,) * len(space))
             for first, end in bits_of(signal)
         )
 

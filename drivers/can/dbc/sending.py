@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from cantools.database.can import Message
 
 
-class Frame(NamedTuple):
+class OutgoingFrame(NamedTuple):
     """A frame to send.
 
     Attributes
@@ -66,7 +66,7 @@ class Sending:
         """Channels that go out in one frame with `channel`."""
         return frozenset(self._together[self._channels[channel].message])
 
-    def frames(self, values: Mapping[str, float]) -> list[Frame]:
+    def frames(self, values: Mapping[str, float]) -> list[OutgoingFrame]:
         """One frame for each message of which signals are named.
 
         Raises
@@ -92,7 +92,7 @@ class Sending:
                 for channel, signal in together.items()
             }
             try:
-                frames.append(Frame(tuple(together), self._frame(name, signals)))
+                frames.append(OutgoingFrame(tuple(together), self._frame(name, signals)))
             except ValueError as error:
                 raise self._refused(str(error), values) from None
         return frames

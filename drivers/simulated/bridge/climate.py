@@ -27,7 +27,7 @@ class Ramp:
 
 
 @dataclass(frozen=True)
-class Place:
+class SensorPlace:
     """A place with a temperature sensor.
 
     Attributes
@@ -61,7 +61,7 @@ class Climate:
         Amplitude (K) and period (s) of the air conditioning's cycle, long settled at time 0.
     """
 
-    places: tuple[Place, ...]
+    places: tuple[SensorPlace, ...]
     base: float
     ramps: Sequence[Ramp] = ()
     swing: float = 0.0

@@ -25,7 +25,7 @@ import numpy as np
 
 from abbe.drivers.simulated.bridge.climate import Climate, Ramp
 from abbe.drivers.simulated.bridge.machine import AXES, PLACES, BridgeMachine, make_bridge
-from abbe.drivers.simulated.bridge.placings import Placing, fit_sessions, random_lines
+from abbe.drivers.simulated.bridge.placings import InstrumentPlacing, fit_sessions, random_lines
 from abbe.drivers.simulated.bridge.plant import SENSOR_NOISE, shop_climate
 
 CampaignKind: TypeAlias = Literal["fit", "check"]
@@ -93,7 +93,7 @@ def campaign(seed: int = 1, kind: CampaignKind = "fit") -> str:
 def _read(
     machine: BridgeMachine,
     climate: Climate,
-    placing: Placing,
+    placing: InstrumentPlacing,
     start: float,
     rng: np.random.Generator,
 ) -> Iterator[str]:
@@ -135,8 +135,8 @@ def _read(
 
 
 def _schedule(
-    shop: Climate, sessions: Sequence[tuple[float, list[Placing]]]
-) -> tuple[Climate, list[Placing], list[float]]:
+    shop: Climate, sessions: Sequence[tuple[float, list[InstrumentPlacing]]]
+) -> tuple[Climate, list[InstrumentPlacing], list[float]]:
     """Put the sessions one after the other: the air's ramps, the placings, when each starts."""
     base = sessions[0][0]
     ramps, placings, times = [], [], []

@@ -44,7 +44,7 @@ class Rest:
 
 
 @dataclass(frozen=True)
-class Line:
+class StraightMove:
     """A straight move with peak speed `speed` (mm/s), at rest at both ends."""
 
     start: Point
@@ -159,7 +159,7 @@ def _visit(points: Sequence[Point]) -> list[Segment]:
     """Straight moves through points, with a short rest at each."""
     segments: list[Segment] = []
     for start, end in pairwise(points):
-        segments += [Line(start, end), Rest(end, 0.3)]
+        segments += [StraightMove(start, end), Rest(end, 0.3)]
     return segments
 
 

@@ -33,7 +33,7 @@ PROBES: Final = (TOOL, (0.0, 0.0, -60.0), (120.0, 0.0, -100.0), (0.0, -120.0, -1
 
 
 @dataclass(frozen=True)
-class Placing:
+class InstrumentPlacing:
     """One placing of an instrument and what is read with it.
 
     Attributes
@@ -63,7 +63,7 @@ class Placing:
     tools: Array | tuple[float, float, float] = TOOL
 
 
-def fit_sessions() -> list[tuple[float, list[Placing]]]:
+def fit_sessions() -> list[tuple[float, list[InstrumentPlacing]]]:
     """What is measured for a fit at which ambient temperature (°C)."""
     return [
         (20.0, [*_frame(), *_geometry(), *_diagonals()]),
@@ -72,20 +72,20 @@ def fit_sessions() -> list[tuple[float, list[Placing]]]:
     ]
 
 
-def _frame() -> Iterator[Placing]:
+def _frame() -> Iterator[InstrumentPlacing]:
     """The workpiece's frame: what defines it is read absolutely."""
     home = np.zeros((5, 3))
     for number, probe in enumerate(PROBES):
         for axis in AXES:
             name = f"datum_{number}_{axis.lower()}"
-            yield Placing(name, "displacement", home, UNIT[axis], LASER, (), probe)
+            yield InstrumentPlacing(name, "displacement", home, UNIT[axis], LASER, (), probe)
     for axis, across in (("Y", "X"), ("Y", "Z"), ("X", "Z")):
         name = f"edge_{axis.lower()}_{across.lower()}"
         along = _sweep(axis, np.zeros(3))
-        yield Placing(name, "displacement", along, UNIT[across], STRAIGHT, ())
+        yield InstrumentPlacing(name, "displacement", along, UNIT[across], STRAIGHT, ())
 
 
-def _geometry() -> Iterator[Placing]:
+def _geometry() -> Iterator[InstrumentPlacing]:
     """Displacement, straightness and angles of every axis along two lines each."""
     others = {"X": (0.0, 300.0, 120.0), "Y": (250.0, 0.0, -130.0), "Z": (-230.0, 280.0, 0.0)}
     probes = {"X": PROBES[3], "Y": PROBES[2], "Z": PROBES[1]}
@@ -94,10 +94,10 @@ def _geometry() -> Iterator[Placing]:
         for number, (through, probe) in enumerate(lines, start=1):
             along, own = _sweep(axis, through), axis.lower()
             name = f"{own}_pos_{number}"
-            yield Placing(name, "displacement", along, UNIT[axis], LASER, tools=probe)
+            yield InstrumentPlacing(name, "displacement", along, UNIT[axis], LASER, tools=probe)
             for across in AXES:
                 if across != axis:
-                    yield Placing(
+                    yield InstrumentPlacing(
                         f"{own}_straight_{across.lower()}_{number}",
                         "displacement",
                         along,
@@ -109,25 +109,27 @@ def _geometry() -> Iterator[Placing]:
     yield from _angles("first", MIDDLE)
 
 
-def _angles(label: str, through: Array) -> Iterator[Placing]:
+def _angles(label: str, through: Array) -> Iterator[InstrumentPlacing]:
     """All nine angles, along lines through a place."""
     for axis in AXES:
         along = _sweep(axis, through)
         for about in AXES:
             sd = PLATE if axis == about == "Z" else LEVEL
             name = f"{axis.lower()}_rot_{about.lower()}_{label}"
-            yield Placing(name, "rotation", along, UNIT[about], sd)
+            yield InstrumentPlacing(name, "rotation", along, UNIT[about], sd)
 
 
-def _scales(label: str) -> Iterator[Placing]:
+def _scales(label: str) -> Iterator[InstrumentPlacing]:
     """Displacement of every axis along its middle line."""
     label = label.replace(".", "_")
     for axis in AXES:
         along = _sweep(axis, MIDDLE)
-        yield Placing(f"{axis.lower()}_pos_{label}", "displacement", along, UNIT[axis], LASER)
+        yield InstrumentPlacing(
+            f"{axis.lower()}_pos_{label}", "displacement", along, UNIT[axis], LASER
+        )
 
 
-def _diagonals() -> Iterator[Placing]:
+def _diagonals() -> Iterator[InstrumentPlacing]:
     """Both diagonals of two faces in each direction, and the four body diagonals."""
     low, high = (np.array([TRAVELS[a][i] for a in AXES]) for i in (0, 1))
     for fixed in range(3):
@@ -144,7 +146,7 @@ def _diagonals() -> Iterator[Placing]:
     yield from _body("20_0", 4)
 
 
-def _body(label: str, count: int) -> Iterator[Placing]:
+def _body(label: str, count: int) -> Iterator[InstrumentPlacing]:
     """The first so many body diagonals."""
     label = label.replace(".", "_")
     starts = ((0, 0, 0), (0, 0, 1), (0, 1, 0), (1, 0, 0))
@@ -153,7 +155,7 @@ def _body(label: str, count: int) -> Iterator[Placing]:
         yield _along_line(f"body_{number}_{label}", _corner(start), _corner(end), 15, TOOL)
 
 
-def random_lines(rng: np.random.Generator) -> Iterator[Placing]:
+def random_lines(rng: np.random.Generator) -> Iterator[InstrumentPlacing]:
     """50 lines of at least 300 mm along arbitrary directions, with other probes."""
     low, high = _corner((0, 0, 0)), _corner((1, 1, 1))
     number = 0
@@ -173,13 +175,13 @@ def _corner(which: tuple[int, int, int]) -> Array:
 
 def _along_line(
     name: str, start: Array, end: Array, points: int, tool: tuple[float, float, float]
-) -> Placing:
+) -> InstrumentPlacing:
     """Displacement along a straight line, there and back."""
     there = start + np.linspace(0.0, 1.0, points)[:, None] * (end - start)
     # As a controller would be told: whole tenths of a µm.
     positions = np.round(np.concatenate([there, there[::-1]]), 4)
     u = (end - start) / math.dist(start, end)
-    return Placing(name, "displacement", positions, u, LASER, tools=tool)
+    return InstrumentPlacing(name, "displacement", positions, u, LASER, tools=tool)
 
 
 def _sweep(axis: str, through: Array) -> Array:

@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.drivers.simulated.bridge.climate import Climate, Place, Ramp
+from abbe.drivers.simulated.bridge.climate import Climate, Ramp, SensorPlace
 from abbe.drivers.simulated.bridge.machine import AXES, PLACES, TOOL, TRAVELS, BridgeMachine
-from abbe.drivers.simulated.bridge.path import Line, Path, Point, bridge_path
+from abbe.drivers.simulated.bridge.path import Path, Point, StraightMove, bridge_path
 from abbe.drivers.simulated.bridge.registers import ENCODERS, OHMS_PER_COUNT, THERMISTOR
 
 Array = NDArray[np.float64]
@@ -145,7 +145,7 @@ class Plant:
         self._shop_time = 0.0
         self._path_time = 0.0
         self._place: Point = self.path.position(0.0)
-        self._detour: Line | None = None
+        self._detour: StraightMove | None = None
         self._detour_time = 0.0
         self._step = 0.0
         self._latches: OrderedDict[int, Latch] = OrderedDict()
@@ -236,7 +236,7 @@ class Plant:
     def _travel(self, target: Point, elapsed: float) -> bool:
         """Go on straight to a place off the path; True on arrival."""
         if self._detour is None or self._detour.end != target:
-            self._detour, self._detour_time = Line(self._place, target), 0.0
+            self._detour, self._detour_time = StraightMove(self._place, target), 0.0
         self._detour_time += elapsed
         self._place = self._detour.position(self._detour_time)
         return self._detour_time >= self._detour.duration
@@ -283,10 +283,10 @@ def shop_climate(seed: int) -> Climate:
     """
     rng = np.random.default_rng(np.random.SeedSequence([seed, 20]))
     places = tuple(
-        Place(name, float(rng.uniform(300.0, 1200.0)), float(rng.uniform(-0.15, 0.15)))
+        SensorPlace(name, float(rng.uniform(300.0, 1200.0)), float(rng.uniform(-0.15, 0.15)))
         for name in PLACES[:-1]
     )
-    air = Place(PLACES[-1], 60.0, 0.0)
+    air = SensorPlace(PLACES[-1], 60.0, 0.0)
     ramps = (Ramp(0.0, 3600.0, 1.8), Ramp(3 * 3600.0, 2 * 3600.0, -1.2))
     return Climate((*places, air), 19.2, ramps, swing=0.12, period=2820.0)
 

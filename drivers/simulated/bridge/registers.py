@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from abbe.drivers.simulated.bridge.machine import AXES, PLACES, TRAVELS
-from abbe.drivers.simulated.registers import Block, Register
+from abbe.drivers.simulated.registers import Register, RegisterBlock
 
 UNIT_ID: Final = 1
 
@@ -36,7 +36,7 @@ OHMS_PER_COUNT: Final = 0.1
 STATUS_BITS: Final = ("idle", "moving", "referenced", "fault", "compensated")
 """Bits of the status word, from bit 0; also the discrete inputs."""
 
-CONTROLLER: Final = Block(
+CONTROLLER: Final = RegisterBlock(
     "controller",
     "input",
     0,
@@ -65,7 +65,7 @@ CONTROLLER: Final = Block(
     ),
 )
 
-TRUTH: Final = Block(
+TRUTH: Final = RegisterBlock(
     "truth",
     "input",
     40,
@@ -82,7 +82,7 @@ TRUTH: Final = Block(
     ),
 )
 
-WRITE_BACK: Final = Block(
+WRITE_BACK: Final = RegisterBlock(
     "write-back",
     "holding",
     0,
@@ -99,7 +99,7 @@ WRITE_BACK: Final = Block(
     writable=True,
 )
 
-MATCHED: Final = Block(
+MATCHED: Final = RegisterBlock(
     "matched",
     "holding",
     10,
@@ -131,7 +131,7 @@ MATCHED: Final = Block(
     ),
 )
 
-FAULT: Final = Block(
+FAULT: Final = RegisterBlock(
     "fault",
     "holding",
     100,
@@ -154,7 +154,7 @@ FAULT: Final = Block(
     writable=True,
 )
 
-COILS: Final = Block(
+COILS: Final = RegisterBlock(
     "switches",
     "coil",
     0,
@@ -169,7 +169,7 @@ COILS: Final = Block(
     writable=True,
 )
 
-DISCRETES: Final = Block(
+DISCRETES: Final = RegisterBlock(
     "status bits",
     "discrete",
     0,

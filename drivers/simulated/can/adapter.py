@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Literal
 
 from abbe.drivers.simulated.can.fault_confinement import FaultConfinement
-from abbe.drivers.simulated.can.wire import Frame, Wire
+from abbe.drivers.simulated.can.wire import CanFrame, CanWire
 from abbe.drivers.simulated.pseudo_terminals.pty_port import PtyPort
 
 Reports = Literal["nothing", "flags", "lines"]
@@ -48,7 +48,7 @@ class LawicelAdapter:
 
     def __init__(
         self,
-        wire: Wire,
+        wire: CanWire,
         make_port: Callable[[Callable[[bytes], None]], PtyPort],
         reports: Reports = "nothing",
     ) -> None:
@@ -58,7 +58,7 @@ class LawicelAdapter:
         self._reports = reports
         self._told = "active"
         self._held = b""
-        self._unsent: list[Frame] = []
+        self._unsent: list[CanFrame] = []
         self.faults = FaultConfinement()
         self.open = False
         self.deaf = False
@@ -72,7 +72,7 @@ class LawicelAdapter:
 
     # The bus's side
 
-    def _hear(self, frame: Frame) -> None:
+    def _hear(self, frame: CanFrame) -> None:
         if self.open and not frame.error and self.faults.state != "off":
             self.faults.heard()
             self._say(_text(frame))
@@ -90,7 +90,7 @@ class LawicelAdapter:
             self._transmit(frame)
         self._tell_changes()
 
-    def _transmit(self, frame: Frame) -> None:
+    def _transmit(self, frame: CanFrame) -> None:
         """Put a frame on the bus; the controller repeats what fails by itself."""
         wire = self._wire
         if wire.shorted or wire.lonely:
@@ -156,14 +156,14 @@ class LawicelAdapter:
         return b"z\r" if kind in ("t", "r") else b"Z\r"
 
 
-def _text(frame: Frame) -> bytes:
+def _text(frame: CanFrame) -> bytes:
     letter = ("R" if frame.extended else "r") if frame.remote else ("T" if frame.extended else "t")
     number = f"{frame.id:08X}" if frame.extended else f"{frame.id:03X}"
     length = frame.length if frame.remote else len(frame.data)
     return f"{letter}{number}{length:d}{frame.data.hex().upper()}\r".encode()
 
 
-def _frame(kind: str, rest: str) -> Frame | None:
+def _frame(kind: str, rest: str) -> CanFrame | None:
     extended = kind in ("T", "R")
     digits = 8 if extended else 3
     try:
@@ -172,5 +172,5 @@ def _frame(kind: str, rest: str) -> Frame | None:
     except (ValueError, IndexError):
         return None
     if kind in ("r", "R"):
-        return Frame(number, b"", extended, True, False, length)
-    return Frame(number, data, extended) if len(data) == length else None
+        return CanFrame(number, b"", extended, True, False, length)
+    return CanFrame(number, data, extended) if len(data) == length else None

@@ -7,8 +7,8 @@ import struct
 import time
 from collections import deque
 
-from abbe.drivers.simulated.can.sdo_server import READ_ONLY, Entry, Key, RefusedError, SdoServer
-from abbe.drivers.simulated.can.wire import Frame, Wire
+from abbe.drivers.simulated.can.sdo_server import READ_ONLY, AbortCodeError, Entry, Key, SdoServer
+from abbe.drivers.simulated.can.wire import CanFrame, CanWire
 
 INITIALISING, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0, 4, 5, 127
 _NMT = {1: OPERATIONAL, 2: STOPPED, 128: PRE_OPERATIONAL}
@@ -50,7 +50,7 @@ class CanopenNode:
 
     def __init__(
         self,
-        wire: Wire,
+        wire: CanWire,
         number: int,
         device_type: int,
         objects: dict[Key, Entry],
@@ -73,7 +73,7 @@ class CanopenNode:
         self._add_communication(device_type)
         self.sdo = SdoServer(self.objects)
         self._free_at = 0.0
-        self._owed: deque[Frame] = deque()
+        self._owed: deque[CanFrame] = deque()
 
     def _add_communication(self, device_type: int) -> None:
         def u32(value: int) -> Entry:
@@ -84,7 +84,7 @@ class CanopenNode:
 
         def take_heartbeat(data: bytes) -> None:
             if self.heartbeat_fixed:
-                raise RefusedError(READ_ONLY)
+                raise AbortCodeError(READ_ONLY)
             self.heartbeat_every = int.from_bytes(data, "little") * 1e-3
 
         objects, number = self.objects, self.number
@@ -111,15 +111,15 @@ class CanopenNode:
         self.heartbeat_every = 0.0
         self._error = (0, 0)
         self.state = PRE_OPERATIONAL
-        self.speak(Frame(0x700 + self.number, b"\0"))
+        self.speak(CanFrame(0x700 + self.number, b"\0"))
 
     def emergency(self, code: int, register: int, more: bytes = b"") -> None:
         """Report an error; code 0: it is gone."""
         self._error = (code, register)
         data = struct.pack("<HB", code, register) + more.ljust(5, b"\0")
-        self.speak(Frame(0x80 + self.number, data))
+        self.speak(CanFrame(0x80 + self.number, data))
 
-    def speak(self, frame: Frame) -> None:
+    def speak(self, frame: CanFrame) -> None:
         """Send a frame, unless switched off."""
         if not self.silent:
             self._wire_speak(frame)
@@ -132,12 +132,12 @@ class CanopenNode:
             now = time.monotonic()
             if self.heartbeat_every and now >= beat_due and not self.heart_stopped:
                 beat_due = max(beat_due + self.heartbeat_every, now)
-                self.speak(Frame(0x700 + self.number, bytes((self.state,))))
+                self.speak(CanFrame(0x700 + self.number, bytes((self.state,))))
             if self._event_every and self.state == OPERATIONAL and now >= event_due:
                 event_due = max(event_due + self._event_every, now)
                 self._send_pdo(0x180)
 
-    def _hear(self, frame: Frame) -> None:
+    def _hear(self, frame: CanFrame) -> None:
         if self.deaf or self.silent or frame.extended or frame.error or frame.remote:
             return
         if frame.id == 0x600 + self.number and self.state != STOPPED:
@@ -160,7 +160,7 @@ class CanopenNode:
         """Send an SDO answer after some s, never before one that is owed from earlier."""
         loop = asyncio.get_running_loop()
         self._free_at = due = max(loop.time() + late, self._free_at)
-        frame = Frame(0x580 + self.number, answer)
+        frame = CanFrame(0x580 + self.number, answer)
         if due > loop.time() or self._owed:
             # timers for one and the same moment ring in any order
             self._owed.append(frame)
@@ -170,4 +170,4 @@ class CanopenNode:
 
     def _send_pdo(self, cob: int) -> None:
         data = b"".join(self.objects[index, sub].get() for index, sub, _ in self._mapped)
-        self.speak(Frame(cob + self.number, data))
+        self.speak(CanFrame(cob + self.number, data))

@@ -13,8 +13,8 @@ import zlib
 from collections.abc import Callable
 
 from abbe.drivers.simulated.can.canopen_node import CanopenNode
-from abbe.drivers.simulated.can.sdo_server import WRONG_LENGTH, Entry, Key, RefusedError
-from abbe.drivers.simulated.can.wire import Frame, Wire
+from abbe.drivers.simulated.can.sdo_server import WRONG_LENGTH, AbortCodeError, Entry, Key
+from abbe.drivers.simulated.can.wire import CanFrame, CanWire
 
 ENCODERS = {3: "X", 4: "Y", 5: "Z"}
 THERMOMETER, CONTROLLER = 6, 16
@@ -29,7 +29,7 @@ def counts(axis: str, now: float) -> int:
     return 1_000_000 * ("XYZ".index(axis) + 1) + int(now * SPEED) % 500_000
 
 
-def encoder(wire: Wire, number: int, event_every: float) -> CanopenNode:
+def encoder(wire: CanWire, number: int, event_every: float) -> CanopenNode:
     """An absolute encoder, CiA 406: position value 6004h, in TPDO1 and TPDO2."""
     axis = ENCODERS[number]
     objects: dict[Key, Entry] = {
@@ -41,7 +41,7 @@ def encoder(wire: Wire, number: int, event_every: float) -> CanopenNode:
     return CanopenNode(wire, number, 0x00020196, objects, mapped, event_every)
 
 
-def thermometer(wire: Wire, temperatures: list[float], event_every: float) -> CanopenNode:
+def thermometer(wire: CanWire, temperatures: list[float], event_every: float) -> CanopenNode:
     """Temperature inputs, CiA 404: hundredths of a degree in 7130h and 9130h, degrees in 6130h.
 
     The 16-bit values are in TPDO1 and TPDO2.
@@ -63,7 +63,7 @@ def thermometer(wire: Wire, temperatures: list[float], event_every: float) -> Ca
     return CanopenNode(wire, THERMOMETER, 0x00020194, objects, mapped, event_every)
 
 
-class Controller:
+class CanopenController:
     """A controller that holds a compensation table and switches it on.
 
     Attributes
@@ -74,20 +74,20 @@ class Controller:
         Checksum (CRC-32) that was written to 2103h; it must be the table's.
     """
 
-    def __init__(self, wire: Wire) -> None:
+    def __init__(self, wire: CanWire) -> None:
         self.table = b""
         self.active = 0
         self.offset = 0
 
         def take(data: bytes) -> None:
             if len(data) % 4:
-                raise RefusedError(WRONG_LENGTH)
+                raise AbortCodeError(WRONG_LENGTH)
             self.table = data
 
         def activate(data: bytes) -> None:
             told = int.from_bytes(data, "little")
             if told != zlib.crc32(self.table):
-                raise RefusedError(0x06090030)
+                raise AbortCodeError(0x06090030)
             self.active = told
 
         def take_offset(data: bytes) -> None:
@@ -120,9 +120,9 @@ class FrameSender:
         Data of the CORRECTION frames that came.
     """
 
-    def __init__(self, wire: Wire) -> None:
+    def __init__(self, wire: CanWire) -> None:
         self._wire = wire
-        self.speak: Callable[[Frame], None] = wire.join(self._hear)
+        self.speak: Callable[[CanFrame], None] = wire.join(self._hear)
         self.muted = False
         self.only_page: int | None = None
         self.setpoints: list[bytes] = []
@@ -134,15 +134,15 @@ class FrameSender:
             return
         now = self._wire.time
         x, y = counts("X", now), counts("Y", now)
-        self.speak(Frame(_POSITION, struct.pack("<ll", x, y)))
-        self.speak(Frame(_TEMPERATURES, struct.pack(">hhH", 2150, -325, 0)))
+        self.speak(CanFrame(_POSITION, struct.pack("<ll", x, y)))
+        self.speak(CanFrame(_TEMPERATURES, struct.pack(">hhH", 2150, -325, 0)))
         page = self._cycles % 2 if self.only_page is None else self.only_page
         self._cycles += 1
         content = struct.pack("<BL", 1, 12345) if page else struct.pack("<BH", 0, 2410)
-        self.speak(Frame(_DIAGNOSIS, content.ljust(8, b"\0"), extended=True))
+        self.speak(CanFrame(_DIAGNOSIS, content.ljust(8, b"\0"), extended=True))
 
-    def _hear(self, frame: Frame) -> None:
+    def _hear(self, frame: CanFrame) -> None:
         if frame.id == _ON_DEMAND and frame.remote and not self.muted:
-            self.speak(Frame(_ON_DEMAND, struct.pack("<l", counts("Z", self._wire.time))))
+            self.speak(CanFrame(_ON_DEMAND, struct.pack("<l", counts("Z", self._wire.time))))
         elif frame.id == _SETPOINT:
             self.setpoints.append(frame.data)

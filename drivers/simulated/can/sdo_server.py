@@ -21,7 +21,7 @@ GENERAL = 0x08000000
 Key = tuple[int, int]
 
 
-class RefusedError(Exception):
+class AbortCodeError(Exception):
     """A value is not taken; carries the abort code."""
 
     def __init__(self, code: int) -> None:
@@ -123,7 +123,7 @@ class SdoServer:
             return None
         try:
             return self._answer(request)
-        except RefusedError as error:
+        except AbortCodeError as error:
             self._state = "idle"
             return struct.pack("<BHBL", 0x80, *self._key, error.code)
 
@@ -149,20 +149,20 @@ class SdoServer:
             return self._end_block(request) if request[0] & 1 else self._begin_block(request)
         if command == 5:
             return self._block_upload(request)
-        raise RefusedError(UNKNOWN_COMMAND)
+        raise AbortCodeError(UNKNOWN_COMMAND)
 
     def _block_upload(self, request: bytes) -> bytes | None:
         """Initiate, start, confirmation of a block, end (CiA 301, 7.2.4.3.9 to 7.2.4.3.11)."""
         what = request[0] & 3
         if what == 0:
             if self.faults.refused:
-                raise RefusedError(UNKNOWN_COMMAND)
+                raise AbortCodeError(UNKNOWN_COMMAND)
             self._data = bytearray(self._entry().get())
             self._taken, self._upload_size = 0, request[4]
             self._state = "block upload"
             return struct.pack("<BHBL", 0xC6, *self._key, len(self._data))
         if self._state != "block upload":
-            raise RefusedError(UNKNOWN_COMMAND)
+            raise AbortCodeError(UNKNOWN_COMMAND)
         if what == 1:
             self._state = "idle"
             return None
@@ -182,7 +182,7 @@ class SdoServer:
     def _entry(self) -> Entry:
         entry = self._objects.get(self._key)
         if entry is None:
-            raise RefusedError(NO_OBJECT)
+            raise AbortCodeError(NO_OBJECT)
         return entry
 
     def _begin_upload(self) -> bytes:
@@ -195,9 +195,9 @@ class SdoServer:
 
     def _upload_segment(self, command: int) -> bytes:
         if self._state != "upload":
-            raise RefusedError(UNKNOWN_COMMAND)
+            raise AbortCodeError(UNKNOWN_COMMAND)
         if command & 0x10 != self._toggle:
-            raise RefusedError(TOGGLE_NOT_ALTERNATED)
+            raise AbortCodeError(TOGGLE_NOT_ALTERNATED)
         piece = bytes(self._data[:7])
         del self._data[:7]
         head = self._toggle | (7 - len(piece)) << 1 | (not self._data)
@@ -209,7 +209,7 @@ class SdoServer:
     def _writable(self) -> Callable[[bytes], None]:
         put = self._entry().put
         if put is None:
-            raise RefusedError(READ_ONLY)
+            raise AbortCodeError(READ_ONLY)
         return put
 
     def _begin_download(self, request: bytes) -> bytes:
@@ -223,9 +223,9 @@ class SdoServer:
 
     def _download_segment(self, request: bytes) -> bytes:
         if self._state != "download":
-            raise RefusedError(UNKNOWN_COMMAND)
+            raise AbortCodeError(UNKNOWN_COMMAND)
         if request[0] & 0x10 != self._toggle:
-            raise RefusedError(TOGGLE_NOT_ALTERNATED)
+            raise AbortCodeError(TOGGLE_NOT_ALTERNATED)
         self._data += request[1 : 8 - (request[0] >> 1 & 7)]
         answer = 0x20 | self._toggle
         self._toggle ^= 0x10
@@ -236,7 +236,7 @@ class SdoServer:
 
     def _begin_block(self, request: bytes) -> bytes:
         if self.faults.refused:
-            raise RefusedError(UNKNOWN_COMMAND)
+            raise AbortCodeError(UNKNOWN_COMMAND)
         self._writable()
         self._data, self._state = bytearray(), "block"
         self._segments = self._sequence = 0
@@ -268,14 +268,14 @@ class SdoServer:
 
     def _end_block(self, request: bytes) -> bytes:
         if self._state != "ending":
-            raise RefusedError(UNKNOWN_COMMAND)
+            raise AbortCodeError(UNKNOWN_COMMAND)
         unused = request[0] >> 2 & 7
         data = bytes(self._data[: len(self._data) - unused])
         if self.faults.spoil:
             data = bytes((data[0] ^ 1,)) + data[1:]
         (told,) = struct.unpack_from("<H", request, 1)
         if crc16(data) != told:
-            raise RefusedError(CRC_ERROR)
+            raise AbortCodeError(CRC_ERROR)
         self._state = "idle"
         self._writable()(data)
         return bytes((0xA1,)) + bytes(7)

@@ -16,7 +16,7 @@ EXTENDED = 0x20000000
 _LARGEST_STANDARD = 0x7FF
 
 
-class Frame(NamedTuple):
+class CanFrame(NamedTuple):
     """One CAN frame; an error frame is not on the wire, the adapter makes it up."""
 
     id: int
@@ -28,14 +28,14 @@ class Frame(NamedTuple):
     """Of a remote frame's answer."""
 
 
-Hearer = Callable[[Frame], None]
+Hearer = Callable[[CanFrame], None]
 
 
 def _unmoved() -> None:
     """Devices take no notice of their controllers' troubles."""
 
 
-class Wire:
+class CanWire:
     """A bus in this process.
 
     Attributes
@@ -78,7 +78,7 @@ class Wire:
         hear: Hearer,
         spoilt: Callable[[], None] = _unmoved,
         mended: Callable[[], None] = _unmoved,
-    ) -> Callable[[Frame], None]:
+    ) -> Callable[[CanFrame], None]:
         """Add an end; hands back the function by which it speaks.
 
         Parameters
@@ -92,7 +92,7 @@ class Wire:
         """
         self._ends.append((hear, spoilt, mended))
 
-        def speak(frame: Frame) -> None:
+        def speak(frame: CanFrame) -> None:
             if self.broken or self._lonely:
                 return
             self._began = self.time
@@ -122,7 +122,7 @@ class MulticastEnd:
         Multicast address and UDP port; nothing leaves this computer.
     """
 
-    def __init__(self, wire: Wire, group: str, port: int) -> None:
+    def __init__(self, wire: CanWire, group: str, port: int) -> None:
         import can
 
         self._message = can.Message
@@ -142,7 +142,7 @@ class MulticastEnd:
         asyncio.get_running_loop().remove_reader(self._bus.fileno())
         self._bus.shutdown()
 
-    def _hear(self, frame: Frame) -> None:
+    def _hear(self, frame: CanFrame) -> None:
         self._bus.send(
             self._message(
                 arbitration_id=frame.id,
@@ -158,7 +158,7 @@ class MulticastEnd:
         message = self._bus.recv(0)
         if message is not None:
             self._speak(
-                Frame(
+                CanFrame(
                     message.arbitration_id,
                     bytes(message.data),
                     message.is_extended_id,

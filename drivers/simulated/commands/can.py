@@ -16,13 +16,13 @@ from typing import Any, get_args
 from abbe.drivers.simulated.can.adapter import LawicelAdapter, Reports
 from abbe.drivers.simulated.can.devices import (
     ENCODERS,
-    Controller,
+    CanopenController,
     FrameSender,
     encoder,
     thermometer,
 )
 from abbe.drivers.simulated.can.sdo_server import BlockFaults
-from abbe.drivers.simulated.can.wire import Frame, MulticastEnd, Wire
+from abbe.drivers.simulated.can.wire import CanFrame, CanWire, MulticastEnd
 from abbe.drivers.simulated.pseudo_terminals.pty_port import PtyPort
 from abbe.drivers.simulated.remote_control import Orders, announce, serve_orders
 
@@ -69,9 +69,9 @@ def _parser() -> argparse.ArgumentParser:
 
 
 async def _serve(options: argparse.Namespace) -> None:
-    wire = Wire()
+    wire = CanWire()
     temperatures = [20.0, 21.25, 22.5, -3.75]
-    controller = Controller(wire)
+    controller = CanopenController(wire)
     nodes = [encoder(wire, number, options.event) for number in ENCODERS]
     nodes += [thermometer(wire, temperatures, options.event), controller.node]
     frames = FrameSender(wire)
@@ -93,7 +93,7 @@ async def _serve(options: argparse.Namespace) -> None:
 
     def error_frame(id: int, data: str) -> None:
         # an adapter makes them up; only udp_multicast carries them
-        frames.speak(Frame(id, bytes.fromhex(data), error=True))
+        frames.speak(CanFrame(id, bytes.fromhex(data), error=True))
 
     def block(
         lose: Sequence[int] = (),
@@ -156,7 +156,7 @@ async def _serve(options: argparse.Namespace) -> None:
 
 
 def _open(
-    options: argparse.Namespace, wire: Wire, stack: contextlib.ExitStack, orders: dict[str, Any]
+    options: argparse.Namespace, wire: CanWire, stack: contextlib.ExitStack, orders: dict[str, Any]
 ) -> dict[str, Any]:
     """The way out of this process; hands back python-can's settings to get in there."""
     if options.udp:

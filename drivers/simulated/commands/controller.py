@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from abbe.drivers.simulated.controller.table_faults import Fault, Faults
+from abbe.drivers.simulated.controller.table_faults import Faults, TableFault
 from abbe.drivers.simulated.controller.table_memory import TableMemory
 from abbe.drivers.simulated.remote_control import Orders, announce, serve_orders
 
@@ -108,7 +108,7 @@ async def _serial(options: argparse.Namespace) -> None:
 
 async def _canopen(options: argparse.Namespace) -> None:
     from abbe.drivers.simulated.can.adapter import LawicelAdapter
-    from abbe.drivers.simulated.can.wire import Wire
+    from abbe.drivers.simulated.can.wire import CanWire
     from abbe.drivers.simulated.controller.canopen_tables import NODE, TableNode
     from abbe.drivers.simulated.pseudo_terminals.pty_port import PtyPort
 
@@ -118,7 +118,7 @@ async def _canopen(options: argparse.Namespace) -> None:
         if link is None:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="abbe-control-"))
             link = Path(folder) / "slcan"
-        wire = Wire()
+        wire = CanWire()
         node = TableNode(wire, _memory(options), faults)
         adapter = LawicelAdapter(wire, lambda receive: PtyPort(link, receive))
         adapter.port.plug()
@@ -175,7 +175,7 @@ def _orders(control: TableDevice | TableLines | TableNode, faults: Faults) -> Or
         memory.load(files)
 
     return {
-        "fault": lambda **what: faults.arm(Fault(**what)),
+        "fault": lambda **what: faults.arm(TableFault(**what)),
         "clear": faults.clear,
         "wake": control.wake,
         "machine": machine,

@@ -34,9 +34,9 @@ import zlib
 from collections.abc import Callable
 
 from abbe.drivers.simulated.can.canopen_node import INITIALISING, CanopenNode
-from abbe.drivers.simulated.can.sdo_server import Entry, Key, RefusedError
-from abbe.drivers.simulated.can.wire import Wire
-from abbe.drivers.simulated.controller.table_faults import Fault, Faults
+from abbe.drivers.simulated.can.sdo_server import AbortCodeError, Entry, Key
+from abbe.drivers.simulated.can.wire import CanWire
+from abbe.drivers.simulated.controller.table_faults import Faults, TableFault
 from abbe.drivers.simulated.controller.table_memory import (
     CHECKSUM,
     CONTENT,
@@ -93,7 +93,7 @@ class TableNode(CanopenNode):
         Nothing can be made active.
     """
 
-    def __init__(self, wire: Wire, memory: TableMemory, faults: Faults) -> None:
+    def __init__(self, wire: CanWire, memory: TableMemory, faults: Faults) -> None:
         self.memory, self.faults = memory, faults
         self.protected = False
         self._lies = self._alters = False
@@ -173,7 +173,7 @@ class TableNode(CanopenNode):
         try:
             do(data)
         except ControlRefusesError as error:
-            raise RefusedError(_ABORTS[error.code]) from None
+            raise AbortCodeError(_ABORTS[error.code]) from None
 
     def _stage(self, image: bytes) -> None:
         if self._alters:
@@ -241,7 +241,7 @@ class TableNode(CanopenNode):
                 told = answer[:spoil] + bytes((answer[spoil] ^ 0x21,)) + answer[spoil + 1 :]
             self.send_answer(told, late)
 
-    def _do_badly(self, request: bytes, fault: Fault) -> None:
+    def _do_badly(self, request: bytes, fault: TableFault) -> None:
         kind, operation = fault.kind, fault.at
         if kind == "lost_request":
             return

@@ -28,7 +28,7 @@ class NotATableError(ValueError):
 
 
 @dataclass(frozen=True)
-class Curve:
+class AppliedCurve:
     """What is added to one axis as a function of another's position, mm."""
 
     adds_to: str
@@ -50,7 +50,7 @@ class Curve:
         return values[left] + part * (values[right] - values[left])
 
 
-class Compensation:
+class AppliedCompensation:
     """Everything that a set of files adds.
 
     Parameters
@@ -65,7 +65,7 @@ class Compensation:
     """
 
     def __init__(self, files: Mapping[str, str]) -> None:
-        self.curves: dict[str, list[Curve]] = {}
+        self.curves: dict[str, list[AppliedCurve]] = {}
         for name, text in sorted(files.items()):
             axis, curves = _read(name, text)
             if axis in self.curves:
@@ -83,7 +83,7 @@ class Compensation:
         return total
 
 
-def _read(name: str, text: str) -> tuple[str, list[Curve]]:
+def _read(name: str, text: str) -> tuple[str, list[AppliedCurve]]:
     told: dict[str, str] = {}
     titles: list[str] = []
     rows: list[list[float]] = []
@@ -115,6 +115,6 @@ def _read(name: str, text: str) -> tuple[str, list[Curve]]:
             raise NotATableError(f"{name}: column {title!r}")
         columns.setdefault(match[1], {})[match[3] or "+"] = tuple(turn * row[k] for row in rows)
     return axis, [
-        Curve(adds_to, places, ways["+"], ways.get("-", ways["+"]))
+        AppliedCurve(adds_to, places, ways["+"], ways.get("-", ways["+"]))
         for adds_to, ways in columns.items()
     ]

@@ -3,7 +3,7 @@
 =================  ================================================================================
 ``lost_request``   nothing is done, nothing is answered
 ``lost_answer``    it is done, and not answered
-``late_answer``    it is done, and answered after `Fault.seconds`
+``late_answer``    it is done, and answered after `TableFault.seconds`
 ``twice``          the frame comes twice: it is done twice and answered twice
 ``bad_request``    the frame arrives altered
 ``bad_answer``     the answer arrives altered
@@ -53,7 +53,7 @@ OPERATIONS = (
 
 
 @dataclass
-class Fault:
+class TableFault:
     """One thing that will go wrong.
 
     Attributes
@@ -94,11 +94,11 @@ class Faults:
     """
 
     def __init__(self) -> None:
-        self._armed: list[tuple[Fault, int]] = []
+        self._armed: list[tuple[TableFault, int]] = []
         self.happened: list[tuple[str, str]] = []
         self.asked: list[str] = []
 
-    def arm(self, fault: Fault) -> None:
+    def arm(self, fault: TableFault) -> None:
         """Have it happen."""
         self._armed.append((fault, len(self.asked)))
 
@@ -108,7 +108,7 @@ class Faults:
         self.happened.clear()
         self.asked.clear()
 
-    def take(self, operation: str) -> Fault | None:
+    def take(self, operation: str) -> TableFault | None:
         """Note that an operation is asked for; the fault that happens to it, if one does."""
         found = None
         for fault, since in self._armed:

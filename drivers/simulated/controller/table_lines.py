@@ -14,7 +14,7 @@ import zlib
 from collections.abc import Callable
 from pathlib import Path
 
-from abbe.drivers.simulated.controller.table_faults import Fault, Faults
+from abbe.drivers.simulated.controller.table_faults import Faults, TableFault
 from abbe.drivers.simulated.controller.table_memory import (
     NO,
     ControlRefusesError,
@@ -79,7 +79,7 @@ class TableLines:
         self._reader.on_block = self._block
         self._offset = 0
         self._reading = False
-        self._spoilt: Fault | None = None
+        self._spoilt: TableFault | None = None
 
     def restart(self) -> None:
         """Off and on again."""
@@ -129,7 +129,7 @@ class TableLines:
         if not self._silent:
             self.port.send(data)
 
-    def _answer(self, text: str, fault: Fault | None) -> None:
+    def _answer(self, text: str, fault: TableFault | None) -> None:
         body = text.encode("ascii")
         line = body + b"*%02X\r\n" % _xor(body)
         kind = "" if fault is None else fault.kind
@@ -164,7 +164,7 @@ class TableLines:
         if fault is not None and kind in ("restart_after", "restart_amid"):
             self._fail(fault)
 
-    def _do(self, name: str, rest: str, fault: Fault | None) -> None:
+    def _do(self, name: str, rest: str, fault: TableFault | None) -> None:
         memory, lies = self.memory, fault is not None and fault.kind == "lies"
         if name == "begin":
             self._begin(rest, fault)
@@ -197,7 +197,7 @@ class TableLines:
         else:
             self._change(name, rest, fault)
 
-    def _change(self, name: str, rest: str, fault: Fault | None) -> None:
+    def _change(self, name: str, rest: str, fault: TableFault | None) -> None:
         """Commands that change what is active, or empty the staging area."""
         memory, kind = self.memory, "" if fault is None else fault.kind
         said = {"commit": "ACTIVATED", "discard": "DISCARDED", "deactivate": "DEACTIVATED"}[name]
@@ -224,7 +224,7 @@ class TableLines:
 
     # tapes
 
-    def _begin(self, rest: str, fault: Fault | None) -> None:
+    def _begin(self, rest: str, fault: TableFault | None) -> None:
         length, crc = rest.split()
         try:
             self.memory.begin(self.memory.session % 99 + 1, int(length), int(crc, 16))
@@ -270,7 +270,7 @@ class TableLines:
             self._reader._tape += b"?"
         return block
 
-    def _send(self, image: bytes, fault: Fault | None) -> None:
+    def _send(self, image: bytes, fault: TableFault | None) -> None:
         kind = "" if fault is None else fault.kind
         if kind in _SILENT and kind != "hang_after":
             return
@@ -291,7 +291,7 @@ class TableLines:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _punch(self, fault: Fault | None) -> None:
+    async def _punch(self, fault: TableFault | None) -> None:
         if fault is not None and fault.kind == "late_answer":
             await asyncio.sleep(fault.seconds)
         tape = b"%\n" + b"".join(b.encode() + b"\n" for b in self._reader.stored) + b"%"
@@ -299,7 +299,7 @@ class TableLines:
             self._say(tape[at : at + 256])
             await asyncio.sleep(0.0)
 
-    def _fail(self, fault: Fault) -> None:
+    def _fail(self, fault: TableFault) -> None:
         self.port.unplug()
         self.restart()
         asyncio.get_running_loop().call_later(fault.seconds, self.port.plug)

@@ -13,7 +13,7 @@ import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
-from abbe.drivers.simulated.controller.compensating import Compensation, NotATableError
+from abbe.drivers.simulated.controller.compensating import AppliedCompensation, NotATableError
 
 NOT_READY, NOTHING_STAGED, CHECKSUM, TOO_LARGE, CONTENT, SESSION, NO = range(2, 9)
 """Reasons of a `ControlRefusesError`."""
@@ -86,7 +86,7 @@ class TableMemory:
         self._filled: set[int] = set()
         self._wanted = (0, 0)
         self.active = b""
-        self._compensation = Compensation({})
+        self._compensation = AppliedCompensation({})
         self._load()
 
     # the staging area
@@ -135,7 +135,7 @@ class TableMemory:
             raise ControlRefusesError(CHECKSUM)
         image = self.staged
         try:
-            Compensation(_files(image))
+            AppliedCompensation(_files(image))
         except (NotATableError, zipfile.BadZipFile, ValueError) as error:
             raise ControlRefusesError(CONTENT, str(error)) from None
         self._replace(image)
@@ -171,7 +171,7 @@ class TableMemory:
                 self.fail_amid = False
                 raise PowerFailsError
             new.replace(self._file)
-        compensation = Compensation(_files(image))
+        compensation = AppliedCompensation(_files(image))
         self.active = image
         if not self._acts_late:
             self._compensation = compensation
@@ -189,7 +189,7 @@ class TableMemory:
         if self._file is not None:
             self._file.with_name(self._file.name + ".new").unlink(missing_ok=True)
             self.active = self._file.read_bytes() if self._file.exists() else b""
-        self._compensation = Compensation(_files(self.active))
+        self._compensation = AppliedCompensation(_files(self.active))
 
     # what it does
 

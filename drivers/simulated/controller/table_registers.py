@@ -39,7 +39,7 @@ from abbe.drivers.simulated.bridge.device import (
     RefusedRequestError,
     WireFaults,
 )
-from abbe.drivers.simulated.controller.table_faults import Fault, Faults
+from abbe.drivers.simulated.controller.table_faults import Faults, TableFault
 from abbe.drivers.simulated.controller.table_memory import (
     CHECKSUM,
     NO,
@@ -180,7 +180,7 @@ class TableDevice:
             do(data)
         self._after(fault)
 
-    def _before(self, fault: Fault) -> None:
+    def _before(self, fault: TableFault) -> None:
         if fault.kind == "refuses":
             raise RefusedRequestError(_DEVICE_FAILURE)
         if fault.kind in ("lost_request", "hang"):
@@ -190,7 +190,7 @@ class TableDevice:
         if fault.kind == "restart":
             self._fail(fault)
 
-    def _after(self, fault: Fault) -> None:
+    def _after(self, fault: TableFault) -> None:
         kind, seconds = fault.kind, fault.seconds
         if kind in ("lost_answer", "hang_after"):
             self.wire.answer = lambda _: ()
@@ -205,7 +205,7 @@ class TableDevice:
         if kind in ("restart_after", "restart_amid"):
             self._fail(fault)
 
-    def _fail(self, fault: Fault) -> None:
+    def _fail(self, fault: TableFault) -> None:
         self.restart()
         self.wire.answer = lambda _: ()
         # the port stays taken: a gateway takes connections while the control behind it boots

@@ -16,8 +16,8 @@ from collections.abc import Callable, Sequence
 
 from abbe.drivers.simulated.ipp.machine import IppMachine, UnknownError
 from abbe.drivers.simulated.ipp.wire import (
+    IppCommandError,
     IppFaults,
-    RefusedError,
     error_line,
     named_arguments,
     shown,
@@ -104,7 +104,7 @@ class IppConnection(asyncio.Protocol):
                 faults.bare -= 1
             else:
                 answer += [f"{tag} # {text}" for text in data]
-        except RefusedError as error:
+        except IppCommandError as error:
             self._stopped = self._stopped or error.severity >= 2
             answer.append(error_line(tag, error.severity, error.number, method, error.text))
         if faults.incomplete > 0:
@@ -123,23 +123,23 @@ class IppConnection(asyncio.Protocol):
         faults = self._server.faults
         handler: Callable[[str, str], list[str]] | None = getattr(self, f"_do_{method}", None)
         if handler is None:
-            raise RefusedError(3, 501, "Unsupported command")
+            raise IppCommandError(3, 501, "Unsupported command")
         if method in ("StartSession", "EndSession", "ClearAllErrors"):
             return handler(tag, arguments)
         if not self._session:
-            raise RefusedError(3, 8, "Protocol error")
+            raise IppCommandError(3, 8, "Protocol error")
         if self._stopped and not method.endswith("E"):
-            raise RefusedError(2, 514, "Use ClearAllErrors to continue")
+            raise IppCommandError(2, 514, "Use ClearAllErrors to continue")
         if faults.errors:
             severity, number, text = faults.errors.pop(0)
             if severity >= 2:
-                raise RefusedError(severity, number, text)
+                raise IppCommandError(severity, number, text)
             self.say(error_line(tag, severity, number, method, text) + "\r\n")
         return handler(tag, arguments)
 
     def _do_StartSession(self, tag: str, arguments: str) -> list[str]:
         if self._session:
-            raise RefusedError(3, 8, "Protocol error")
+            raise IppCommandError(3, 8, "Protocol error")
         self._session, self._stopped = True, False
         return []
 
@@ -169,7 +169,7 @@ class IppConnection(asyncio.Protocol):
         try:
             values = {name: self._server.machine.property(name) for name in names}
         except UnknownError:
-            raise RefusedError(3, 510, "Bad property") from None
+            raise IppCommandError(3, 510, "Bad property") from None
         return [", ".join(f"{name}({', '.join(map(shown, v))})" for name, v in values.items())]
 
     def _do_GetScaleTemperatures(self, tag: str, arguments: str) -> list[str]:
@@ -177,21 +177,21 @@ class IppConnection(asyncio.Protocol):
         try:
             values = self._server.machine.scale_temperatures(names)
         except UnknownError:
-            raise RefusedError(9, 1002, "Axis does not exist") from None
+            raise IppCommandError(9, 1002, "Axis does not exist") from None
         return [", ".join(f"{name}({value})" for name, value in values.items())]
 
     def _do_OnMoveReportE(self, tag: str, arguments: str) -> list[str]:
         if not tag.startswith("E") or tag == "E0000":
-            raise RefusedError(3, 502, "Incorrect arguments")
+            raise IppCommandError(3, 502, "Incorrect arguments")
         if self._reports:
-            raise RefusedError(2, 515, "Daemon already exists")
+            raise IppCommandError(2, 515, "Daemon already exists")
         given = dict(named_arguments(arguments))
         try:
             pause, distance = float(given.pop("Time")), float(given.pop("Dis"))
         except (KeyError, ValueError):
-            raise RefusedError(3, 509, "Bad argument") from None
+            raise IppCommandError(3, 509, "Bad argument") from None
         if pause < _LEAST_TIME or distance <= 0.0:
-            raise RefusedError(3, 509, "Bad argument")
+            raise IppCommandError(3, 509, "Bad argument")
         self._positions(list(given))
         self._reports[tag] = asyncio.ensure_future(self._report(tag, pause, distance, list(given)))
         return []
@@ -199,7 +199,7 @@ class IppConnection(asyncio.Protocol):
     def _do_StopDaemon(self, tag: str, arguments: str) -> list[str]:
         report = self._reports.pop(arguments.strip(), None)
         if report is None:
-            raise RefusedError(2, 513, "Daemon does not exist")
+            raise IppCommandError(2, 513, "Daemon does not exist")
         report.cancel()
         return []
 
@@ -222,7 +222,7 @@ class IppConnection(asyncio.Protocol):
         try:
             values = self._server.machine.axes(names)
         except UnknownError:
-            raise RefusedError(9, 1002, "Axis does not exist") from None
+            raise IppCommandError(9, 1002, "Axis does not exist") from None
         return ", ".join(f"{name}({value})" for name, value in values.items())
 
     def _end_reports(self) -> None:

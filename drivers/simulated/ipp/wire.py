@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 _ARGUMENT = re.compile(r"\s*([A-Za-z][\w.]*)\(\s*([^()]*?)\s*\)\s*(?:,|$)")
 
 
-class RefusedError(Exception):
+class IppCommandError(Exception):
     """A command is answered by an error."""
 
     def __init__(self, severity: int, number: int, text: str) -> None:
@@ -60,18 +60,18 @@ def named_arguments(text: str) -> list[tuple[str, str]]:
 
     Raises
     ------
-    RefusedError
+    IppCommandError
         When they are not of this form.
     """
     found, at = [], 0
     while at < len(text):
         match = _ARGUMENT.match(text, at)
         if match is None:
-            raise RefusedError(3, 502, "Incorrect arguments")
+            raise IppCommandError(3, 502, "Incorrect arguments")
         found.append((match[1], match[2]))
         at = match.end()
     if not found:
-        raise RefusedError(3, 502, "Incorrect arguments")
+        raise IppCommandError(3, 502, "Incorrect arguments")
     return found
 
 

@@ -36,7 +36,7 @@ _REPLY_FIRST = 0.02
 """Time (s) for the answer to the request that asked for its own connection to be cut."""
 
 
-class Device(Protocol):
+class RegisterDevice(Protocol):
     """What a simulated device must offer."""
 
     wire: WireFaults
@@ -63,7 +63,7 @@ class SimulatedServer:
         Modbus unit id; requests for any other are not answered.
     """
 
-    def __init__(self, device: Device, unit: int) -> None:
+    def __init__(self, device: RegisterDevice, unit: int) -> None:
         self._device = device
         self._unit = unit
         self._server: ModbusTcpServer | ModbusSerialServer | None = None

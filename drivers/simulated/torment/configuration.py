@@ -7,10 +7,10 @@ from pathlib import Path
 from abbe.drivers.simulated.torment.judge.evidence import AXES
 from abbe.drivers.simulated.torment.judge.promises import Promises
 from abbe.drivers.simulated.torment.motion import TRAVEL
-from abbe.drivers.simulated.torment.wires.base import Wire
+from abbe.drivers.simulated.torment.wires.base import TormentWire
 
 
-def write_configuration(folder: Path, wire: Wire, promises: Promises) -> Path:
+def write_configuration(folder: Path, wire: TormentWire, promises: Promises) -> Path:
     """Write ``model.toml`` and ``config.toml``; hands back the latter's path."""
     (folder / "model.toml").write_text(_model(promises), encoding="utf-8")
     path = folder / "config.toml"
@@ -61,7 +61,7 @@ unit = "1/K"
 """
 
 
-def _config(wire: Wire, p: Promises) -> str:
+def _config(wire: TormentWire, p: Promises) -> str:
     out = wire.write_link
     axes = "".join(f'[axes.{a}]\nsource = "m.{a}"\n' for a in AXES)
     targets = "".join(f'[output.axes.{a}]\ntarget = "{out}.out_{a}"\n' for a in AXES)

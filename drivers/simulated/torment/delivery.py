@@ -10,7 +10,7 @@ from functools import partial
 
 from abbe.drivers.simulated.torment.judge.evidence import Shown, WireLog
 from abbe.drivers.simulated.torment.loop import Loop
-from abbe.drivers.simulated.torment.machine import Machine
+from abbe.drivers.simulated.torment.machine import TormentMachine
 
 Send = Callable[[bytes], bool]
 """Puts bytes on the wire; False when there is none any more."""
@@ -42,7 +42,7 @@ class Delivery:
     """
 
     def __init__(
-        self, loop: Loop, machine: Machine, log: WireLog, *, whole_only: bool = False
+        self, loop: Loop, machine: TormentMachine, log: WireLog, *, whole_only: bool = False
     ) -> None:
         self._whole_only = whole_only
         self._loop = loop

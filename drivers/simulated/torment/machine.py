@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 from abbe.drivers.simulated.torment.judge.evidence import AXES, Judge, Shown, Taken
 from abbe.drivers.simulated.torment.loop import Moment
-from abbe.drivers.simulated.torment.motion import Motion, Place
+from abbe.drivers.simulated.torment.motion import Place, RandomMotion
 from abbe.drivers.simulated.torment.script import Script
 
 RESOLUTION = 1e-5
@@ -24,7 +24,7 @@ POISON = 7.0
 """mm by which positions in foreign answers are off: nowhere near anything true."""
 
 
-class Machine:
+class TormentMachine:
     """The one machine behind all wires.
 
     Parameters
@@ -42,7 +42,7 @@ class Machine:
         What it has of Abbe: X, Y, Z (mm), status, heartbeat, echo.
     """
 
-    def __init__(self, motion: Motion, script: Script, judge: Judge) -> None:
+    def __init__(self, motion: RandomMotion, script: Script, judge: Judge) -> None:
         self.motion = motion
         self.script = script
         self.judge = judge

@@ -26,7 +26,7 @@ class _Leg(NamedTuple):
         return x, y, z
 
 
-class Motion:
+class RandomMotion:
     """Random legs between points of the travel, some fast, some slow, some standing.
 
     Parameters

@@ -19,8 +19,8 @@ from abbe.drivers.simulated.torment.judge.promises import Promises, Tally, Viola
 from abbe.drivers.simulated.torment.judge.words import COMPENSATING
 from abbe.drivers.simulated.torment.kinds import LAST
 from abbe.drivers.simulated.torment.loop import Loop
-from abbe.drivers.simulated.torment.machine import Machine
-from abbe.drivers.simulated.torment.motion import Motion
+from abbe.drivers.simulated.torment.machine import TormentMachine
+from abbe.drivers.simulated.torment.motion import RandomMotion
 from abbe.drivers.simulated.torment.script import Script
 from abbe.drivers.simulated.torment.wires import wire_class
 from abbe.drivers.simulated.torment.wires.pty import PtyProbe
@@ -30,7 +30,7 @@ PATIENCE = 60.0
 
 
 @dataclass(frozen=True)
-class Outcome:
+class TrialOutcome:
     """What a trial has shown.
 
     Attributes
@@ -86,8 +86,8 @@ class Trial:
         self._abbe: subprocess.Popen[bytes] | None = None
         promises = Promises(blind=made.BLIND)
         self._checker = Checker(promises, self._stalled, self._waited)
-        motion = Motion(random.Random(name), time.monotonic())
-        self._machine = Machine(motion, self.script, self._checker)
+        motion = RandomMotion(random.Random(name), time.monotonic())
+        self._machine = TormentMachine(motion, self.script, self._checker)
         self._wire = made(self._loop, self._machine, self._log, folder, variant)
         self._promises = promises
         self._seen = 0
@@ -95,7 +95,7 @@ class Trial:
         self._told: dict[str, float] = {}
         self._lines: list[str] = []
 
-    def run(self) -> Outcome:
+    def run(self) -> TrialOutcome:
         """Start Abbe, torment it, end it, judge."""
         self._log.open()
         self._wire.start()
@@ -119,7 +119,7 @@ class Trial:
                 self._wire.close()
                 self._loop.close()
                 self._log.close()
-        return Outcome(
+        return TrialOutcome(
             self._checker.violations,
             self._checker.tally,
             self.script,

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from abbe.drivers.link import LinkProtocolError
-from abbe.drivers.stores.base import Effect
+from abbe.drivers.stores.base import ShownCorrection
 
 _WRITTEN = re.compile(r"([0-9A-Fa-f]{4}):([0-9A-Fa-f]{2})")
 
@@ -95,7 +95,7 @@ def number(data: bytes) -> int:
     return int.from_bytes(data, "little")
 
 
-def shown(at: ObjectMap, data: Mapping[Object, bytes]) -> Effect:
+def shown(at: ObjectMap, data: Mapping[Object, bytes]) -> ShownCorrection:
     """What the node shows.
 
     Parameters
@@ -120,7 +120,7 @@ def shown(at: ObjectMap, data: Mapping[Object, bytes]) -> Effect:
                 direction[axis] = (way > 0) - (way < 0)
     except struct.error as error:
         raise LinkProtocolError(f"positions or corrections of another size: {error}") from None
-    return Effect(position, correction, direction)
+    return ShownCorrection(position, correction, direction)
 
 
 def shown_objects(at: ObjectMap) -> list[Object]:

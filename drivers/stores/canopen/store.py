@@ -16,7 +16,7 @@ from typing import ClassVar, TypeVar
 from abbe.drivers import resources
 from abbe.drivers.can.canopen.adapter import Network
 from abbe.drivers.can.canopen.bus import NodeBus
-from abbe.drivers.can.canopen.sdo_errors import RefusedError as SdoRefusedError
+from abbe.drivers.can.canopen.sdo_errors import SdoAbortError as SdoRefusedError
 from abbe.drivers.link import (
     LinkDownError,
     LinkError,
@@ -25,12 +25,12 @@ from abbe.drivers.link import (
     LinkTimeoutError,
 )
 from abbe.drivers.stores.base import (
-    Effect,
     Files,
     Identity,
     Progress,
     Readiness,
     RefusedError,
+    ShownCorrection,
     Store,
     StoreConfig,
 )
@@ -157,13 +157,13 @@ class CanopenStore(Store):
         """Have no table active, and see that it is so."""
         await self._command(self.config.objects.deactivate, b"\x01", (0, None))
 
-    async def effects(self) -> Sequence[Effect]:
+    async def effects(self) -> Sequence[ShownCorrection]:
         """Positions and corrections of one moment."""
         at = self.config.objects
         if not at.axes:
             return ()
 
-        async def look() -> Effect:
+        async def look() -> ShownCorrection:
             if at.hold is not None:
                 await self._write(at.hold, b"\x01")
             objects = shown_objects(at)

@@ -20,7 +20,7 @@ NEUTRAL = "0 0 0\n"
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class IniLayout:
     """What an INI file says.
 
     Attributes
@@ -67,7 +67,7 @@ def is_rotary(axis: str) -> bool:
     return axis in _ROTARY
 
 
-async def read_layout(python: str, ini: Path) -> Layout:
+async def read_layout(python: str, ini: Path) -> IniLayout:
     """Read an INI file with LinuxCNC's own parser.
 
     Raises
@@ -104,7 +104,7 @@ async def read_layout(python: str, ini: Path) -> Layout:
     return _layout(ini, facts)
 
 
-def _layout(ini: Path, facts: dict[str, Any]) -> Layout:
+def _layout(ini: Path, facts: dict[str, Any]) -> IniLayout:
     letters = facts["coordinates"].replace(" ", "").upper() or "XYZABCUVW"
     joints: dict[str, int] = {}
     kinds: dict[str, int] = {}
@@ -132,7 +132,7 @@ def _layout(ini: Path, facts: dict[str, Any]) -> Layout:
             "the COMP_FILEs are not in one folder named current, so that LinuxCNC could start "
             "with files of two tables",
         )
-    return Layout(
+    return IniLayout(
         ini,
         facts["version"],
         facts["machine"],

@@ -18,7 +18,7 @@ from typing import Any
 import abbe.drivers.linuxcnc
 from abbe.drivers.link import LinkTimeoutError
 from abbe.drivers.linuxcnc.process import BridgeProcess
-from abbe.drivers.stores.base import Effect, RefusedError
+from abbe.drivers.stores.base import RefusedError, ShownCorrection
 from abbe.drivers.stores.linuxcnc.ini import is_rotary
 
 _BRIDGE = Path(abbe.drivers.linuxcnc.__file__).with_name("table_bridge.py")
@@ -67,7 +67,7 @@ class Running:
         """How many mm or rad are each of LinuxCNC's units."""
         return math.radians(1.0) if is_rotary(axis) else 1.0 / self._units
 
-    async def look(self) -> Effect | None:
+    async def look(self) -> ShownCorrection | None:
         """What the tables do where it stands; None while something moves.
 
         A direction is known where the axis was seen to go that way and to end there. LinuxCNC goes
@@ -98,9 +98,9 @@ class Running:
                 agree = abs(way) > _A_WAY and way * (speed or way) > 0.0
                 self._directions[axis] = (1 if way > 0.0 else -1) if agree else 0
         self._stood = position
-        return Effect(position, correction, dict(self._directions))
+        return ShownCorrection(position, correction, dict(self._directions))
 
-    async def watch(self, seconds: float) -> list[Effect]:
+    async def watch(self, seconds: float) -> list[ShownCorrection]:
         """What the tables do wherever it stands still within some time, at least once.
 
         Raises
@@ -109,7 +109,7 @@ class Running:
             When it never stands still.
         """
         began = time.monotonic()
-        found: list[Effect] = []
+        found: list[ShownCorrection] = []
         while True:
             seen = await self.look()
             if seen is not None and (not found or seen != found[-1]):
@@ -122,7 +122,7 @@ class Running:
             raise LinkTimeoutError("the machine does not stand still: no compensation can be seen")
         return found
 
-    async def move(self, step: float, points: int, feed: float) -> list[Effect]:
+    async def move(self, step: float, points: int, feed: float) -> list[ShownCorrection]:
         """Move each axis up by some steps and down again; what the tables do on the way.
 
         Parameters
@@ -142,7 +142,7 @@ class Running:
             When the machine is off, busy or not homed.
         """
         state = await self.state()
-        found: list[Effect] = []
+        found: list[ShownCorrection] = []
         try:
             for axis in self._joints:
                 if axis in state["position"]:
@@ -153,7 +153,7 @@ class Running:
 
     async def _up_and_down(
         self, axis: str, state: Mapping[str, Any], step: float, points: int, feed: float
-    ) -> list[Effect]:
+    ) -> list[ShownCorrection]:
         unit = 1.0 if is_rotary(axis) else 1.0 / self._units
         start = state["position"][axis] * unit
         low, high = (limit * unit for limit in state["limits"][axis])
@@ -173,7 +173,7 @@ class Running:
             at = to
         return found
 
-    async def _arrival(self, axis: str, to: float, limit: float) -> Effect:
+    async def _arrival(self, axis: str, to: float, limit: float) -> ShownCorrection:
         began = time.monotonic()
         while True:
             state = await self.state()

@@ -20,17 +20,17 @@ from abbe.drivers.link import LinkConfigError, LinkDownError, LinkError, LinkTim
 from abbe.drivers.linuxcnc.restarting import run_command
 from abbe.drivers.linuxcnc.running import Task, find_task
 from abbe.drivers.stores.base import (
-    Effect,
     Files,
     Identity,
     Progress,
     Readiness,
     RefusedError,
+    ShownCorrection,
     Store,
     StoreConfig,
 )
 from abbe.drivers.stores.linuxcnc.config import LinuxCncStoreConfig
-from abbe.drivers.stores.linuxcnc.ini import NEUTRAL, Layout, read_layout
+from abbe.drivers.stores.linuxcnc.ini import NEUTRAL, IniLayout, read_layout
 from abbe.drivers.stores.linuxcnc.loaded import loaded, note_switch, restart_needed
 from abbe.drivers.stores.linuxcnc.running import Running, attached, largest_trim
 from abbe.drivers.stores.set_folders import SetFolders
@@ -56,7 +56,7 @@ class LinuxCncStore(Store):
         super().__init__(name, config)
         self._config = config
         self._ini = Path(config.ini)
-        self._opened: tuple[Layout, SetFolders] | None = None
+        self._opened: tuple[IniLayout, SetFolders] | None = None
         self._moved = False
 
     @property
@@ -250,7 +250,7 @@ class LinuxCncStore(Store):
             f"{' '.join(command)}"
         )
 
-    async def effects(self) -> Sequence[Effect]:
+    async def effects(self) -> Sequence[ShownCorrection]:
         """What the running LinuxCNC adds to each axis where it stands, or on small moves.
 
         Empty when it does not run or is not homed.
@@ -277,7 +277,7 @@ class LinuxCncStore(Store):
 
     # What is under it
 
-    def _there(self) -> tuple[Layout, SetFolders]:
+    def _there(self) -> tuple[IniLayout, SetFolders]:
         if self._opened is None:
             raise LinkDownError(f"{self.name} is closed")
         return self._opened

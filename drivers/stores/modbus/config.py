@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from abbe.drivers.modbus.config import ChannelConfig, ModbusConfig
+from abbe.drivers.modbus.config import ModbusChannelConfig, ModbusConfig
 from abbe.drivers.stores.base import StoreConfig
 from abbe.drivers.stores.modbus.registers import RegisterMap
 
@@ -49,7 +49,7 @@ class ModbusStoreConfig(StoreConfig):
             for key in _RTU
             if self.transport == "rtu" or key in self.model_fields_set
         }
-        state = ChannelConfig(table="holding", address=self.registers.state, type="uint16")
+        state = ModbusChannelConfig(table="holding", address=self.registers.state, type="uint16")
         return ModbusConfig.model_validate(
             {
                 "transport": self.transport,

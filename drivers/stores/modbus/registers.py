@@ -13,7 +13,7 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from abbe.drivers.link import LinkProtocolError
-from abbe.drivers.stores.base import Effect, StoreConfig
+from abbe.drivers.stores.base import ShownCorrection, StoreConfig
 
 Address = Annotated[int, Field(ge=0, le=65535)]
 Bit = Annotated[int, Field(ge=0, le=15)]
@@ -65,7 +65,7 @@ class RegisterMap(StoreConfig):
     """How many axes are shown."""
 
 
-class Status(NamedTuple):
+class MemoryStatus(NamedTuple):
     """What the memory holds.
 
     Attributes
@@ -108,9 +108,9 @@ def words_of(data: bytes) -> tuple[int, ...]:
     return struct.unpack(f">{len(even) // 2}H", even)
 
 
-def status_of(data: bytes) -> Status:
+def status_of(data: bytes) -> MemoryStatus:
     """The status registers."""
-    return Status(*_STATUS.unpack(data))
+    return MemoryStatus(*_STATUS.unpack(data))
 
 
 def text_of(data: bytes) -> str:
@@ -178,7 +178,7 @@ def shown_words(axes: int) -> int:
     return 1 + axes * _AXIS.size // 2 + 2
 
 
-def shown(data: bytes) -> Effect:
+def shown(data: bytes) -> ShownCorrection:
     """Positions and corrections of all axes at one moment.
 
     Raises
@@ -195,4 +195,4 @@ def shown(data: bytes) -> Effect:
         if place != place or added != added or not axis.isalpha():
             raise LinkProtocolError(f"axis {axis!r}: position {place}, correction {added}")
         position[axis], direction[axis], correction[axis] = place, way, added
-    return Effect(position, correction, direction)
+    return ShownCorrection(position, correction, direction)

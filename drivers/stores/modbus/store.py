@@ -26,21 +26,21 @@ from abbe.drivers.link import (
 )
 from abbe.drivers.modbus.bus import Bus
 from abbe.drivers.modbus.plan import Span
-from abbe.drivers.modbus.refusals import RefusedError as ModbusRefusedError
+from abbe.drivers.modbus.refusals import ModbusExceptionError as ModbusRefusedError
 from abbe.drivers.stores.base import (
-    Effect,
     Files,
     Identity,
     Progress,
     Readiness,
     RefusedError,
+    ShownCorrection,
     Store,
     StoreConfig,
 )
 from abbe.drivers.stores.image import crc32, pack, unpack
 from abbe.drivers.stores.modbus import registers as registers
 from abbe.drivers.stores.modbus.config import ModbusStoreConfig
-from abbe.drivers.stores.modbus.registers import Status
+from abbe.drivers.stores.modbus.registers import MemoryStatus
 
 T = TypeVar("T")
 
@@ -148,21 +148,21 @@ class ModbusStore(Store):
         """Have no table active."""
         await self._command(registers.DEACTIVATE)
 
-    async def effects(self) -> Sequence[Effect]:
+    async def effects(self) -> Sequence[ShownCorrection]:
         """Positions and corrections of one moment."""
         at = self.config.registers
         if at.shown is None:
             return ()
         place, count = at.shown, registers.shown_words(at.axes)
 
-        async def look() -> Effect:
+        async def look() -> ShownCorrection:
             return registers.shown(await self._read(place, count))
 
         return (await self._again(look),)
 
     # pieces
 
-    async def _status(self) -> Status:
+    async def _status(self) -> MemoryStatus:
         at = self.config.registers.status
         return registers.status_of(await self._steady(at, registers.STATUS_WORDS))
 

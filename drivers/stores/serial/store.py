@@ -17,16 +17,16 @@ from abbe.drivers import resources
 from abbe.drivers.link import LinkDownError, LinkError, LinkProtocolError, LinkTimeoutError
 from abbe.drivers.serial.conversation import Conversation
 from abbe.drivers.serial.patterns import Match
-from abbe.drivers.serial.question import Question, framed
-from abbe.drivers.serial.question import RefusedError as LineRefusedError
+from abbe.drivers.serial.question import DeviceRefusedError as LineRefusedError
+from abbe.drivers.serial.question import SerialQuestion, framed
 from abbe.drivers.serial.transfer import receive_tape, send_tape
 from abbe.drivers.stores.base import (
-    Effect,
     Files,
     Identity,
     Progress,
     Readiness,
     RefusedError,
+    ShownCorrection,
     Store,
     StoreConfig,
 )
@@ -49,7 +49,7 @@ class SerialStore(Store):
         super().__init__(name, config)
         texts = self.config.texts
         self._questions = {
-            key: Question(
+            key: SerialQuestion(
                 f"{name} {key}", getattr(texts, f"{key}_answer"), 1, self.config.checksum,
                 texts.refused,
             )
@@ -136,7 +136,7 @@ class SerialStore(Store):
         """Have no table active."""
         await self._command("deactivate", self._framed(self.config.texts.deactivate))
 
-    async def effects(self) -> Sequence[Effect]:
+    async def effects(self) -> Sequence[ShownCorrection]:
         """Positions and corrections of one moment."""
         query = self.config.texts.shown
         if query is None:
@@ -246,7 +246,7 @@ class SerialStore(Store):
             await self.close()
 
 
-def _effect(text: str) -> Effect:
+def _effect(text: str) -> ShownCorrection:
     """``X,1,123.4,-0.0012;Y,…`` as an effect.
 
     Raises
@@ -261,4 +261,4 @@ def _effect(text: str) -> Effect:
             raise LinkProtocolError(f"{part!r} is not axis, direction, position, correction")
         position[match[1]], correction[match[1]] = float(match[3]), float(match[4])
         direction[match[1]] = int(match[2])
-    return Effect(position, correction, direction)
+    return ShownCorrection(position, correction, direction)

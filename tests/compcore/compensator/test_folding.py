@@ -10,10 +10,10 @@ from hypothesis.extra.numpy import arrays
 
 from abbe.compcore.compensator.batch import Finder
 from abbe.compcore.compensator.folding.cross import NotSeparableError, find_cross
-from abbe.compcore.compensator.folding.layout import Layout, TooManyNodesError
+from abbe.compcore.compensator.folding.layout import SampledFunctions, TooManyNodesError
 from abbe.compcore.compensator.folding.metric import Metric
 from abbe.compcore.compensator.folding.slow_state import SlowState, plausible_states
-from abbe.compcore.compensator.folding.tables import AxisTable
+from abbe.compcore.compensator.folding.tables import FoldedAxisTable
 from abbe.compcore.compensator.rotation import about, apply, product, solved, transposed
 from abbe.compcore.effects import ErrorMotion
 from abbe.compcore.machine.conditions import Conditions
@@ -23,9 +23,11 @@ from tests.support.compcore.machines import machine
 from tests.support.compcore.random_models import random_machine
 
 
-def layout(function, breaks) -> Layout:
+def layout(function, breaks) -> SampledFunctions:
     """Of one function in mm, one component."""
-    return Layout(lambda x: function(x)[:, None, None], lambda e: np.abs(e[..., 0, :]), breaks)
+    return SampledFunctions(
+        lambda x: function(x)[:, None, None], lambda e: np.abs(e[..., 0, :]), breaks
+    )
 
 
 def interpolation_error(function, nodes) -> float:
@@ -168,11 +170,11 @@ def test_the_segment_of_many_positions(nodes: np.ndarray, seed: int) -> None:
 
 def test_tables_hold_or_continue_outside_their_nodes() -> None:
     nodes, values = np.array([0.0, 10.0, 20.0]), np.array([[0.0], [1.0], [5.0]])
-    flat = AxisTable.through(0, nodes, values, np.zeros(1), np.zeros(1))
+    flat = FoldedAxisTable.through(0, nodes, values, np.zeros(1), np.zeros(1))
     assert flat.look_up(np.array([-5.0, 5.0, 10.0, 15.0, 99.0]))[:, 0] == pytest.approx(
         [0.0, 0.5, 1.0, 3.0, 5.0]
     )
-    going = AxisTable.through(0, nodes, values, np.array([0.1]), np.array([-1.0]))
+    going = FoldedAxisTable.through(0, nodes, values, np.array([0.1]), np.array([-1.0]))
     assert going.look_up(np.array([-5.0, 25.0]))[:, 0] == pytest.approx([-0.5, 0.0])
 
 

@@ -14,7 +14,7 @@ from abbe.compcore.files.campaign_file import read_campaign, write_campaign
 from abbe.compcore.files.importers.ballbar import import_ballbar
 from abbe.compcore.files.importers.iso230_table import import_iso230_table
 from abbe.compcore.files.importers.map_rows import import_map_rows
-from abbe.compcore.files.importers.placing import Placing
+from abbe.compcore.files.importers.placing import ForeignPlacing
 from abbe.compcore.files.importers.rtl import import_rtl
 from abbe.compcore.files.map_file import load_map
 from abbe.compcore.iso230.positioning import evaluate_positioning, positioning_runs
@@ -22,7 +22,7 @@ from abbe.compcore.machine.structure import Structure
 from abbe.compcore.maps.to_model import import_map
 from tests.support.compcore.campaign_texts import CMM, MILL
 
-AT = Placing(at={"Y": 450.0, "Z": -180.0}, tool=(0.0, 0.0, -120.0))
+AT = ForeignPlacing(at={"Y": 450.0, "Z": -180.0}, tool=(0.0, 0.0, -120.0))
 UP = [[0, 1, 2], [3, 4, 5], [6, 6, 6]]
 DOWN = [[4, 4, 4], [5, 6, 7], [1, 3, 5]]
 """µm; evaluated by hand in test_iso230: A = 9, R = 8, E = 5, M = 2.5, B = 3."""
@@ -107,7 +107,7 @@ def test_rtl_encodings_and_line_ends(tmp_path, encoding, ends):
 
 def test_rtl_the_other_way_round(tmp_path):
     plain = import_rtl(write(tmp_path, "x.rtl", RTL), AT)
-    reversed_ = import_rtl(tmp_path / "x.rtl", Placing(sign=-1))
+    reversed_ = import_rtl(tmp_path / "x.rtl", ForeignPlacing(sign=-1))
     np.testing.assert_array_equal(reversed_.value, -plain.value)
     assert "−(laser − target" in notes(reversed_)
 
@@ -279,7 +279,7 @@ def test_tables_in_another_encoding(tmp_path):
 def test_the_other_axes_must_be_stated(tmp_path):
     path = write(tmp_path, "x.csv", LONG)
     with pytest.raises(InputError, match="position of axis Z is not stated"):
-        import_iso230_table(path, "X", Placing(at={"Y": 1.0}), machine=CMM)
+        import_iso230_table(path, "X", ForeignPlacing(at={"Y": 1.0}), machine=CMM)
     with pytest.raises(InputError, match="no such axis"):
         import_iso230_table(path, "A", AT, machine=CMM)
     with pytest.raises(InputError, match="not the name of an axis"):
@@ -289,7 +289,7 @@ def test_the_other_axes_must_be_stated(tmp_path):
 
 
 def test_what_the_placing_says(tmp_path):
-    placing = Placing({"Y": 1.0}, setup="day 2", sd=3e-4, signals={"T_x": 21.5})
+    placing = ForeignPlacing({"Y": 1.0}, setup="day 2", sd=3e-4, signals={"T_x": 21.5})
     campaign = import_iso230_table(write(tmp_path, "x.csv", LONG), "X", placing)
     assert set(campaign.setups) == {"day 2"}
     assert campaign.sd.tolist() == [3e-4] * 18
@@ -313,7 +313,9 @@ def test_ballbar(tmp_path):
     """Squareness c of Y to X: the error at (x, y) is (−c·y, 0); along the radius −c·R·sin·cos."""
     c = 50e-6
     text = circle(lambda x, y, _s: float(-c * 100 * x * y * 1e3))
-    campaign = import_ballbar(write(tmp_path, "c.csv", text), Placing({"Z": -180.0}), machine=CMM)
+    campaign = import_ballbar(
+        write(tmp_path, "c.csv", text), ForeignPlacing({"Z": -180.0}), machine=CMM
+    )
     q = campaign.conditions
     np.testing.assert_allclose(np.hypot(q.position("X") - 350, q.position("Y") - 450), 100)
     assert q.u is not None
@@ -379,7 +381,7 @@ def test_a_map_as_measured_rows(tmp_path):
 def test_a_map_measured_with_a_tool_shows_its_angles(tmp_path):
     path = write(tmp_path, "map.txt", MAP)
     structure = Structure.parse("w b Y X Z t")
-    campaign = import_map_rows(path, structure, Placing(tool=(0.0, 0.0, -100.0)))
+    campaign = import_map_rows(path, structure, ForeignPlacing(tool=(0.0, 0.0, -100.0)))
     rows = campaign.conditions.setup == "map Y E_XY"
     # Ry of Y, 8 µrad at 200 mm, on a lever of −100 mm: 3 − 0.8 µm
     np.testing.assert_allclose(campaign.value[rows][1], 0.003 - 8e-6 * 100, atol=1e-9)
@@ -410,7 +412,7 @@ Position	Lx	Ly	Lz	Rx	Ry	Rz
 
 
 def test_a_rotary_axis_stands_in_degrees_in_the_file(tmp_path):
-    placing = Placing(at={"Y": 1.0, "Z": 2.0, "B": np.deg2rad(30.0)})
+    placing = ForeignPlacing(at={"Y": 1.0, "Z": 2.0, "B": np.deg2rad(30.0)})
     campaign = import_iso230_table(write(tmp_path, "x.csv", LONG), "X", placing, machine=MILL)
     write_campaign(campaign, tmp_path / "out.csv")
     assert ",30," in (tmp_path / "out.csv").read_text()

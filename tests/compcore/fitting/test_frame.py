@@ -5,7 +5,7 @@ import pytest
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.fitting.fit import fit
-from abbe.compcore.fitting.frame import Frame
+from abbe.compcore.fitting.frame import ReferenceFrame
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.model.sensitivity import prediction_sd
 from benchmarks.sources.campaigns import Rows
@@ -39,7 +39,7 @@ def errors(result, *points: tuple[float, float]) -> np.ndarray:
 )
 def test_the_primary_axis_runs_straight_through_the_middle(frame: str, ends) -> None:
     wanted, campaign = measured()
-    result = fit(wanted, campaign, frame=Frame.parse(frame))
+    result = fit(wanted, campaign, frame=ReferenceFrame.parse(frame))
     across = 1 if frame == "X,Y" else 0
     middle, low, high = errors(result, (350, 450), *ends)
     assert middle == pytest.approx(np.zeros(3), abs=1e-9)
@@ -48,7 +48,7 @@ def test_the_primary_axis_runs_straight_through_the_middle(frame: str, ends) -> 
 
 def test_frames_differ_by_a_rigid_displacement_only() -> None:
     wanted, campaign = measured()
-    free, axes = fit(wanted, campaign), fit(wanted, campaign, frame=Frame("X", "Y"))
+    free, axes = fit(wanted, campaign), fit(wanted, campaign, frame=ReferenceFrame("X", "Y"))
     assert axes.chi2 == pytest.approx(free.chi2, rel=1e-6)
     rng = np.random.default_rng(0)
     points = [tuple(p) for p in rng.uniform((0, 0), (700, 900), (30, 2))]
@@ -67,7 +67,7 @@ def test_least_errors_is_what_it_says() -> None:
     rng = np.random.default_rng(0)
     points = [tuple(p) for p in rng.uniform((0, 0), (700, 900), (2000, 2))]
     free = errors(fit(wanted, campaign), *points)
-    for frame in (Frame("X", "Y"), Frame("Y", "X")):
+    for frame in (ReferenceFrame("X", "Y"), ReferenceFrame("Y", "X")):
         axes = errors(fit(wanted, campaign, frame=frame), *points)
         assert (free**2).mean() < (axes**2).mean()
 
@@ -75,13 +75,13 @@ def test_least_errors_is_what_it_says() -> None:
 def test_the_frame_adds_no_uncertainty() -> None:
     wanted, campaign = measured()
     places = Conditions({"X": np.array([100.0]), "Y": np.array([100.0]), "Z": np.array([-180.0])})
-    sd, _ = prediction_sd(fit(wanted, campaign, frame=Frame("X", "Y")).model, places)
+    sd, _ = prediction_sd(fit(wanted, campaign, frame=ReferenceFrame("X", "Y")).model, places)
     assert sd[:, :2].max() < 5e-3
 
 
 def test_frames_that_make_no_sense_are_refused() -> None:
     wanted, campaign = measured()
     with pytest.raises(InputError, match=r"reference frame.*least-squares"):
-        Frame.parse("X")
+        ReferenceFrame.parse("X")
     with pytest.raises(InputError, match="no such axis"):
-        fit(wanted, campaign, frame=Frame("X", "W"))
+        fit(wanted, campaign, frame=ReferenceFrame("X", "W"))

@@ -13,7 +13,7 @@ from abbe.compcore.tables.change import predicted_change
 from abbe.compcore.tables.field import ErrorField, table_state
 from abbe.compcore.tables.grid import spatial_grid
 from abbe.compcore.tables.projection.marginal import marginal
-from abbe.compcore.tables.remainder import Trial
+from abbe.compcore.tables.remainder import TrialPoints
 from abbe.compcore.tables.volume import Volume
 from tests.support.compcore.table_models import (
     five_axes,
@@ -156,7 +156,7 @@ def test_means_and_slopes_are_those_of_many_samples():
 def test_what_remains_is_counted_without_a_shift_and_the_shift_told():
     model = rigid()
     field = ErrorField(model, state())
-    trial = Trial.over(field, Volume.of(model.machine))
+    trial = TrialPoints.over(field, Volume.of(model.machine))
     left = trial.remainder()
     there = random_rows(model, 20_000)
     error = field(there)
@@ -170,4 +170,7 @@ def test_what_remains_is_counted_without_a_shift_and_the_shift_told():
 
 def test_an_unfitted_model_leaves_nothing_to_compensate():
     empty = Model(machine())
-    assert Trial.over(ErrorField(empty, state()), Volume.of(empty.machine)).remainder().rms == 0.0
+    assert (
+        TrialPoints.over(ErrorField(empty, state()), Volume.of(empty.machine)).remainder().rms
+        == 0.0
+    )

@@ -15,7 +15,7 @@ from abbe.compcore.tables.capability import RIGID, Capability, Holds, Increment,
 from abbe.compcore.tables.field import ErrorField
 from abbe.compcore.tables.projection.curve import Curve, fit_tables
 from abbe.compcore.tables.projection.project import project
-from abbe.compcore.tables.remainder import Trial
+from abbe.compcore.tables.remainder import TrialPoints
 from abbe.compcore.tables.table import Sign, Table, move
 from abbe.compcore.tables.volume import Volume
 from tests.support.compcore.table_models import (
@@ -109,7 +109,7 @@ def test_the_error_on_one_line_would_be_a_worse_table():
     """What a laser along one edge would put into the controller leaves more of the volume."""
     field = ErrorField(rigid(seed=2), state())
     volume = Volume.of(field.model.machine)
-    trial = Trial.over(field, volume)
+    trial = TrialPoints.over(field, volume)
     best = trial.remainder(project(field, volume, BOTH).tables)
     edge = []
     for axis in "XYZ":
@@ -124,7 +124,7 @@ def test_the_error_on_one_line_would_be_a_worse_table():
 def test_products_hold_the_levers_of_a_rigid_machine():
     field = ErrorField(rigid(seed=6), state())
     volume = Volume.of(field.model.machine)
-    trial = Trial.over(field, volume)
+    trial = TrialPoints.over(field, volume)
     without = trial.remainder(project(field, volume, BOTH).tables)
     found = project(field, volume, replace(BOTH, holds=(POS, STR, ANG)))
     assert any(t.lever for t in found.tables)
@@ -139,7 +139,7 @@ def test_error_motions_hold_all_of_a_rigid_machine(code):
     field = ErrorField(with_backlash(rigid(code)), state())
     volume = Volume.of(field.model.machine)
     tables = project(field, volume, RIGID, tolerance=1e-5).tables
-    left = Trial.over(field, volume).remainder(tables)
+    left = TrialPoints.over(field, volume).remainder(tables)
     assert left.largest < 1.5e-4
     assert np.abs(left.shift).max() < 1e-5
 
@@ -150,7 +150,7 @@ def test_error_motions_at_another_tool_still_hold_a_rigid_machine():
     volume = Volume.of(model.machine)
     made = project(ErrorField(model, state((0.0, 0.0, 0.0))), volume, RIGID, tolerance=1e-5)
     other = ErrorField(model, state((80.0, -50.0, -250.0)))
-    assert Trial.over(other, volume).remainder(made.tables).largest < 3e-4
+    assert TrialPoints.over(other, volume).remainder(made.tables).largest < 3e-4
 
 
 def test_what_is_not_rigid_is_spread_so_that_least_remains():
@@ -158,7 +158,7 @@ def test_what_is_not_rigid_is_spread_so_that_least_remains():
     model = not_rigid(rigid(seed=3))
     field = ErrorField(model, state())
     volume = Volume.of(model.machine)
-    trial = Trial.over(field, volume)
+    trial = TrialPoints.over(field, volume)
     spread = trial.remainder(project(field, volume, RIGID).tables)
     rigid_only = ErrorField(rigid(seed=3), state())
     ignored = trial.remainder(project(rigid_only, volume, RIGID).tables)
@@ -179,7 +179,7 @@ def test_rotary_axes_have_tables_of_their_own():
     tables = project(field, volume, rotary).tables
     names = {t.name for t in tables}
     assert {"E_CC", "E_BB", "E_XC", "E_ZB", "E_YX"} <= names
-    trial = Trial.over(field, volume)
+    trial = TrialPoints.over(field, volume)
     only_linear = [t for t in tables if t.inputs[0] in "XYZ"]
     assert trial.remainder(tables).rms < 0.8 * trial.remainder(only_linear).rms
     volumetric = project(field, volume, RIGID).tables
@@ -231,7 +231,7 @@ def test_tables_hold_at_stated_temperatures():
     warm = ErrorField(model, state(T_x=26.0, T_y=22.0))
     cold = project(ErrorField(model, state()), volume, BOTH).tables
     tables = project(warm, volume, BOTH).tables
-    trial = Trial.over(warm, volume)
+    trial = TrialPoints.over(warm, volume)
     assert trial.remainder(cold).rms > trial.remainder(tables).rms + 5e-3
     # the growth of the spindle is a shift of the whole: told apart, and in the table
     assert trial.remainder(cold).shift[2] == pytest.approx(2e-3 * 2.0, abs=1e-4)
@@ -320,7 +320,7 @@ def test_where_one_axis_has_one_table_the_one_that_does_most_is_chosen():
     found = project(FIELD, VOLUME, capability)
     outputs = [t.output for t in found.tables]
     assert len(outputs) == len(set(outputs)) == 3
-    trial = Trial.over(FIELD, VOLUME)
+    trial = TrialPoints.over(FIELD, VOLUME)
     chosen = trial.remainder(found.tables).rms
     assert any("has no table for" in note for note in found.notes)
     everything = {t.name: t for t in project(FIELD, VOLUME, BOTH).tables}

@@ -12,7 +12,7 @@ import pytest
 from abbe.drivers.can.canopen import config as canopen_config
 from abbe.drivers.can.canopen.config import CanopenConfig, NodeConfig
 from abbe.drivers.can.dbc import config as dbc_config
-from abbe.drivers.can.dbc.config import DbcConfig, MessageConfig, RequestConfig
+from abbe.drivers.can.dbc.config import DbcConfig, DbcMessageConfig, RequestConfig
 from abbe.drivers.can.error_frames import LEFT_THE_BUS
 from abbe.drivers.link import available_links, link_class
 from abbe.drivers.simulated.commands.can import _parser
@@ -52,12 +52,12 @@ def test_there_are_examples() -> None:
     "config",
     [
         DbcConfig,
-        MessageConfig,
+        DbcMessageConfig,
         RequestConfig,
-        dbc_config.ChannelConfig,
+        dbc_config.DbcChannelConfig,
         CanopenConfig,
         NodeConfig,
-        canopen_config.ChannelConfig,
+        canopen_config.CanopenChannelConfig,
     ],
 )
 def test_every_key_is_told(config: Any) -> None:
@@ -81,7 +81,7 @@ def test_the_defaults_are_as_told() -> None:
         row = next(line for line in DOC.splitlines() if line.startswith(f"| `{key}`"))
         assert f"| {getattr(dbc, key):g}" in row
         assert getattr(dbc, key) == getattr(nodes, key)
-    channel = canopen_config.ChannelConfig(node="x", profile="cia406")
+    channel = canopen_config.CanopenChannelConfig(node="x", profile="cia406")
     assert (channel.within, channel.every, channel.by, channel.number_type) == (
         1.0,
         0.0,

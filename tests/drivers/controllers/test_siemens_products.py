@@ -12,7 +12,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.model.model import Model, Term, Value
 from abbe.compcore.tables.field import ErrorField
 from abbe.compcore.tables.projection.project import project
-from abbe.compcore.tables.remainder import Trial
+from abbe.compcore.tables.remainder import TrialPoints
 from abbe.compcore.tables.volume import Volume
 from abbe.drivers.controllers import make_controller
 from tests.support.compcore.table_models import TRAVELS, machine, rigid, state, with_backlash
@@ -100,7 +100,7 @@ def test_a_rigid_machine_on_the_control(code, reading):
     left = error + moved_by(files, where, reading)
     before = error + moved_by(single, where, reading)
     rms, without = (np.sqrt(((e - e.mean(axis=0)) ** 2).sum(axis=1).mean()) for e in (left, before))
-    told = Trial.over(field, Volume.of(model.machine)).remainder(tables)
+    told = TrialPoints.over(field, Volume.of(model.machine)).remainder(tables)
     assert rms == pytest.approx(told.rms, rel=0.05)
     assert rms < 0.15 * without
     # a factor that is forgotten must not move the axis by millimetres
@@ -138,7 +138,7 @@ def test_a_control_with_few_tables_gets_those_that_do_most():
         options = MIRRORED | {"cec_tables": str(count)}
         files, tables, notes, field = files_of(model, options)
         assert files["nc_cec.ini"].count("$AN_CEC_STEP") <= count
-        trial = Trial.over(field, Volume.of(model.machine)) if trial is None else trial
+        trial = TrialPoints.over(field, Volume.of(model.machine)) if trial is None else trial
         left.append(trial.remainder(tables).rms)
         assert any("no table for" in n for n in notes) == (count < 30)
     assert left == sorted(left, reverse=True)

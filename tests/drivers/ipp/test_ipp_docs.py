@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 import pytest
 
-from abbe.drivers.ipp.config import Axis, ChannelConfig, Coordinates, IppConfig, MoveReportConfig
+from abbe.drivers.ipp.config import Axis, Coordinates, IppChannelConfig, IppConfig, MoveReportConfig
 from abbe.drivers.ipp.link import IppLink
 from abbe.drivers.link import available_links, link_class
 from abbe.drivers.simulated.commands.ipp import _orders, _parser
@@ -40,7 +40,7 @@ def test_there_are_examples() -> None:
     assert "docs/ipp.md" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("config", [IppConfig, ChannelConfig, MoveReportConfig])
+@pytest.mark.parametrize("config", [IppConfig, IppChannelConfig, MoveReportConfig])
 def test_every_key_is_told(config: Any) -> None:
     for key, field in config.model_fields.items():
         if key != "channels":

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from abbe.drivers.ipp.errors import Severity, server_error
 from abbe.drivers.ipp.grammar import Named, by_name, parse
 from abbe.drivers.ipp.question import coordinate_system
-from abbe.drivers.ipp.wire import LONGEST, Cutter, Kind, Message, parsed
+from abbe.drivers.ipp.wire import LONGEST, Cutter, ResponseKind, ResponseLine, parsed
 from abbe.drivers.link import LinkProtocolError
 
 # from the NIST test suite for I++ DME (numbersResOK.res, numbersErrorRes.res, Get.res, GetProp.res)
@@ -119,15 +119,15 @@ def test_errors(text: str, severity: int, number: int, stops: bool, own: bool) -
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        (b"00001 &", Message("00001", Kind.TAKEN, "")),
-        (b"00019 # X(99.93)", Message("00019", Kind.DATA, "X(99.93)")),
-        (b"00019 #X(99.93)", Message("00019", Kind.DATA, "X(99.93)")),
-        (b'E0000 # KeyPress("F1")', Message("E0000", Kind.DATA, 'KeyPress("F1")')),
-        (b"99999 %", Message("99999", Kind.DONE, "")),
-        (b"00003 ! Error(3, 2500)", Message("00003", Kind.ERROR, "Error(3, 2500)")),
+        (b"00001 &", ResponseLine("00001", ResponseKind.TAKEN, "")),
+        (b"00019 # X(99.93)", ResponseLine("00019", ResponseKind.DATA, "X(99.93)")),
+        (b"00019 #X(99.93)", ResponseLine("00019", ResponseKind.DATA, "X(99.93)")),
+        (b'E0000 # KeyPress("F1")', ResponseLine("E0000", ResponseKind.DATA, 'KeyPress("F1")')),
+        (b"99999 %", ResponseLine("99999", ResponseKind.DONE, "")),
+        (b"00003 ! Error(3, 2500)", ResponseLine("00003", ResponseKind.ERROR, "Error(3, 2500)")),
     ],
 )
-def test_responses(line: bytes, message: Message) -> None:
+def test_responses(line: bytes, message: ResponseLine) -> None:
     assert parsed(line) == message
 
 
@@ -142,13 +142,13 @@ def test_what_is_no_response(line: bytes) -> None:
 _TAGS = st.integers(1, 99999).map("{:05d}".format) | st.integers(0, 9999).map("E{:04d}".format)
 _NUMBERS = st.floats(-1e4, 1e4).map("{:.5f}".format)
 _MESSAGES = st.one_of(
-    st.tuples(_TAGS, st.sampled_from([Kind.TAKEN, Kind.DONE]), st.just("")),
-    st.tuples(_TAGS, st.just(Kind.DATA), _NUMBERS.map("X({})".format)),
-    st.tuples(_TAGS, st.just(Kind.ERROR), st.just('Error(2, 0514, "a", "b")')),
-).map(lambda parts: Message(*parts))
+    st.tuples(_TAGS, st.sampled_from([ResponseKind.TAKEN, ResponseKind.DONE]), st.just("")),
+    st.tuples(_TAGS, st.just(ResponseKind.DATA), _NUMBERS.map("X({})".format)),
+    st.tuples(_TAGS, st.just(ResponseKind.ERROR), st.just('Error(2, 0514, "a", "b")')),
+).map(lambda parts: ResponseLine(*parts))
 
 
-def written(message: Message, end: bytes) -> bytes:
+def written(message: ResponseLine, end: bytes) -> bytes:
     text = f" {message.text}" if message.text else ""
     return f"{message.tag} {message.kind.value}{text}".encode() + end
 
@@ -158,7 +158,7 @@ def written(message: Message, end: bytes) -> bytes:
     st.data(),
 )
 def test_any_split_of_the_stream_gives_the_same_messages(
-    lines: list[tuple[Message, bytes]], data: st.DataObject
+    lines: list[tuple[ResponseLine, bytes]], data: st.DataObject
 ) -> None:
     stream = b"".join(written(message, end) for message, end in lines)
     cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=12)))
@@ -171,12 +171,12 @@ def test_any_split_of_the_stream_gives_the_same_messages(
 
 @given(st.binary(max_size=200), st.lists(_MESSAGES, max_size=3))
 def test_garbage_hides_nothing_that_follows_on_a_line_of_its_own(
-    garbage: bytes, messages: list[Message]
+    garbage: bytes, messages: list[ResponseLine]
 ) -> None:
     cutter = Cutter()
     before = list(cutter.feed(garbage + b"\r\n"))
     assert list(cutter.feed(b"".join(written(m, b"\r\n") for m in messages))) == messages
-    assert all(isinstance(message.kind, Kind) for message in before)
+    assert all(isinstance(message.kind, ResponseKind) for message in before)
 
 
 @given(st.text(st.sampled_from('XYZ.a_(),"-+19eE \tä'), max_size=40))
@@ -192,5 +192,5 @@ def test_a_line_without_end_is_thrown_away() -> None:
     cutter = Cutter()
     for _ in range(LONGEST // 1000 + 2):
         assert list(cutter.feed(b"x" * 1000)) == []
-    assert list(cutter.feed(b"\r\n00001 %\r\n")) == [Message("00001", Kind.DONE, "")]
+    assert list(cutter.feed(b"\r\n00001 %\r\n")) == [ResponseLine("00001", ResponseKind.DONE, "")]
     assert cutter.strays == 1

@@ -11,7 +11,7 @@ import pytest
 from pydantic import ValidationError
 
 from abbe.drivers.link import available_links, link_class
-from abbe.drivers.linuxcnc.config import STATE_BITS, ChannelConfig, LinuxCncConfig
+from abbe.drivers.linuxcnc.config import STATE_BITS, LinuxCncChannelConfig, LinuxCncConfig
 from abbe.drivers.linuxcnc.link import LinuxCncLink
 from abbe.drivers.stores.linuxcnc.config import LinuxCncStoreConfig
 
@@ -33,7 +33,7 @@ def test_examples_work() -> None:
     assert available_links()["linuxcnc"] == "abbe.drivers.linuxcnc.link:LinuxCncLink"
 
 
-@pytest.mark.parametrize("config", [LinuxCncConfig, ChannelConfig, LinuxCncStoreConfig])
+@pytest.mark.parametrize("config", [LinuxCncConfig, LinuxCncChannelConfig, LinuxCncStoreConfig])
 def test_every_key_is_told(config: Any) -> None:
     for key in config.model_fields:
         if key != "channels":

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from abbe.drivers.link import LinkConfigError, LinkDownError, LinkError, LinkTimeoutError
-from abbe.drivers.stores.base import Effect, Readiness, RefusedError
+from abbe.drivers.stores.base import Readiness, RefusedError, ShownCorrection
 from abbe.drivers.stores.linuxcnc.config import LinuxCncStoreConfig
 from abbe.drivers.stores.linuxcnc.store import LinuxCncStore
 from tests.support.drivers.linuxcnc_machine import EXAMPLE, PATIENCE, PYTHON
@@ -103,7 +103,7 @@ def check(effects: Any, size: float) -> set[tuple[str, int]]:
     """Compare what LinuxCNC adds with what it has to; axes and directions that were seen."""
     seen = set()
     for effect in effects:
-        assert isinstance(effect, Effect)
+        assert isinstance(effect, ShownCorrection)
         for axis, at in effect.position.items():
             direction = effect.direction.get(axis, 0)
             if direction:

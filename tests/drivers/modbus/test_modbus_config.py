@@ -11,7 +11,7 @@ import pytest
 from pydantic import BaseModel, ValidationError
 
 from abbe.drivers.link import available_links, link_class
-from abbe.drivers.modbus.config import BlockConfig, ChannelConfig, ModbusConfig
+from abbe.drivers.modbus.config import BlockConfig, ModbusChannelConfig, ModbusConfig
 from abbe.drivers.modbus.link import ModbusLink
 
 DOCUMENTED = """
@@ -198,7 +198,7 @@ def test_overlaps_that_cannot_hurt_are_allowed() -> None:
 PAGE = (Path(__file__).parents[3] / "docs" / "modbus.md").read_text("utf-8")
 
 
-@pytest.mark.parametrize("model", [ModbusConfig, BlockConfig, ChannelConfig])
+@pytest.mark.parametrize("model", [ModbusConfig, BlockConfig, ModbusChannelConfig])
 def test_every_key_is_on_the_users_page(model: type[BaseModel]) -> None:
     missing = [
         k for k in model.model_fields if not re.search(rf"[`\[.]{k}[`.\]]|^{k} = ", PAGE, re.M)

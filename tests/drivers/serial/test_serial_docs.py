@@ -11,7 +11,7 @@ import pytest
 
 from abbe.drivers.link import available_links, link_class
 from abbe.drivers.serial.checksum import ALGORITHMS, ChecksumConfig
-from abbe.drivers.serial.config import ChannelConfig, MessageConfig, SerialConfig
+from abbe.drivers.serial.config import SerialChannelConfig, SerialConfig, SerialMessageConfig
 from abbe.drivers.serial.link import SerialLink
 from abbe.drivers.serial.tape import TapeSettings
 from abbe.drivers.simulated.commands.serial import KINDS, _parser
@@ -42,7 +42,7 @@ def test_there_are_examples() -> None:
 
 
 @pytest.mark.parametrize(
-    "config", [SerialConfig, MessageConfig, ChannelConfig, ChecksumConfig, TapeSettings]
+    "config", [SerialConfig, SerialMessageConfig, SerialChannelConfig, ChecksumConfig, TapeSettings]
 )
 def test_every_key_is_told(config: Any) -> None:
     for key in config.model_fields:

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from abbe.drivers.serial.checksum import ALGORITHMS, ChecksumConfig, ChecksumError, Kind
-from abbe.drivers.serial.config import ChannelConfig, SerialConfig
+from abbe.drivers.serial.config import SerialChannelConfig, SerialConfig
 from abbe.drivers.serial.fields import FieldError, compile_reader
 from abbe.drivers.serial.port.lines import Splitter
-from abbe.drivers.serial.question import Question
+from abbe.drivers.serial.question import SerialQuestion
 
 # Checksums
 
@@ -130,7 +130,7 @@ def test_what_is_too_long_is_thrown_away_and_the_next_line_is_found(size: int, p
 
 
 def reader(**section: Any) -> Any:
-    return compile_reader(ChannelConfig(message="m", **section))
+    return compile_reader(SerialChannelConfig(message="m", **section))
 
 
 @given(st.floats(-1e6, 1e6))
@@ -179,9 +179,9 @@ def test_texts_that_stand_for_values() -> None:
 
 @given(st.floats(allow_nan=False, allow_infinity=False, min_value=-1e9, max_value=1e9))
 def test_commands_carry_the_value(value: float) -> None:
-    channel = ChannelConfig(command="SX{value:+.6f};", scale=2.0, offset=1.0)
+    channel = SerialChannelConfig(command="SX{value:+.6f};", scale=2.0, offset=1.0)
     assert float(channel.text_of(value)[2:-1]) == pytest.approx((value - 1.0) / 2.0, abs=1e-6)
-    counts = ChannelConfig(command="{value:08d}", scale=0.5)
+    counts = SerialChannelConfig(command="{value:08d}", scale=0.5)
     assert int(counts.text_of(round(value))) == round(round(value) / 0.5)
 
 
@@ -189,9 +189,8 @@ def test_commands_carry_the_value(value: float) -> None:
 
 
 def test_confusable_questions() -> None:
-    number, other, words = Question("a", r"(?P<a>\d+)"), Question("b", r"(?P<b>\d+)"), Question(
-        "c", "T=(?P<c>.*)"
-    )  # fmt: skip
+    number = SerialQuestion("a", r"(?P<a>\d+)")
+    other, words = SerialQuestion("b", r"(?P<b>\d+)"), SerialQuestion("c", "T=(?P<c>.*)")
     assert number.confusable(number)
     assert not number.confusable(words)
     assert not number.confusable(other)  # nothing is known of them yet
@@ -199,8 +198,8 @@ def test_confusable_questions() -> None:
     assert number.confusable(other)
     assert other.confusable(number)
     assert not words.confusable(number)
-    assert Question("d", r"(?P<a>\d+)").confusable(number)
-    assert Question("e", "(?P<e>.*)", lines=2).confusable(words)
+    assert SerialQuestion("d", r"(?P<a>\d+)").confusable(number)
+    assert SerialQuestion("e", "(?P<e>.*)", lines=2).confusable(words)
 
 
 # Configurations

@@ -8,8 +8,8 @@ import pytest
 from pydantic import ValidationError
 
 from abbe.drivers.serial.config import SerialConfig
-from abbe.drivers.serial.patterns import LIMIT, Pattern, SlowPatternError, checked, simple_up_to
-from abbe.drivers.serial.question import Question
+from abbe.drivers.serial.patterns import LIMIT, LinePattern, SlowPatternError, checked, simple_up_to
+from abbe.drivers.serial.question import SerialQuestion
 from tests.support.drivers.serial_links import section
 
 ROOM = 0.5
@@ -22,7 +22,7 @@ def config(**keys: str) -> SerialConfig:
 
 
 def test_a_nested_repetition_is_read_at_once() -> None:
-    question = Question("m", r"(?P<x>(\d+)+)")
+    question = SerialQuestion("m", r"(?P<x>(\d+)+)")
     began = time.monotonic()
     assert question.match([b"1" * 128])["x"] == "1" * 128
     assert not question.fits(b"1" * 60 + b"x")
@@ -30,13 +30,13 @@ def test_a_nested_repetition_is_read_at_once() -> None:
 
 
 def test_a_line_that_takes_too_long_is_given_up() -> None:
-    pattern = Pattern(r"(?P<x>(q|qq)+)")
+    pattern = LinePattern(r"(?P<x>(q|qq)+)")
     began = time.process_time()
     with pytest.raises(SlowPatternError, match="takes more than"):
         pattern.fullmatch("q" * 60 + "w")
     assert time.process_time() - began < 20 * LIMIT + ROOM
     # and, as the answer to a query, is one that does not fit
-    assert not Question("m", pattern.text).fits(b"q" * 60 + b"w")
+    assert not SerialQuestion("m", pattern.text).fits(b"q" * 60 + b"w")
 
 
 @pytest.mark.parametrize("bad", [r"(?P<x>(\d|\d\d)+)", r"(?P<x>(\S|\S\S)+)"])
@@ -82,7 +82,7 @@ def test_up_to_which_length_a_pattern_is_certainly_fast(pattern: str, longest: i
     "pattern", [r"\d*\d*\d*x", r"\d*\d*x", r"(\d+)(\d+)(\d+)\D", r"\d?" * 9 + "x"]
 )
 def test_no_line_of_that_length_takes_long(pattern: str) -> None:
-    made, line = Pattern(pattern), "1" * min(simple_up_to(pattern), 4096)
+    made, line = LinePattern(pattern), "1" * min(simple_up_to(pattern), 4096)
     began = time.process_time()
     assert made.fullmatch(line) is None
     assert made.fullmatch(line + "1") is None  # and one more is given to the other one

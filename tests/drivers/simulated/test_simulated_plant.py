@@ -14,7 +14,7 @@ from abbe.drivers.simulated.bridge.device import BridgeDevice, NotWritableError
 from abbe.drivers.simulated.bridge.machine import AXES, PLACES, TRAVELS, make_bridge
 from abbe.drivers.simulated.bridge.plant import KEPT, Plant, shop_climate, thermistor_ohms
 from abbe.drivers.simulated.bridge.registers import BLOCKS, ENCODERS, transducer_configs
-from abbe.drivers.simulated.registers import Block, Register
+from abbe.drivers.simulated.registers import Register, RegisterBlock
 from abbe.drivers.transducers import TRANSDUCER_CONFIG, Transducer, make_transducer
 
 MACHINE = make_bridge(1)
@@ -223,7 +223,7 @@ def test_blocks_do_not_overlap_and_fit_one_request() -> None:
 
 @given(st.integers(0, 65535), st.integers(-(2**31), 2**31 - 1), st.floats(-1e9, 1e9))
 def test_blocks_pack_big_endian_and_unpack(small: int, wide: int, real: float) -> None:
-    block = Block(
+    block = RegisterBlock(
         "b",
         "holding",
         5,

@@ -14,8 +14,8 @@ from abbe.drivers.link import Quality, Sample
 from abbe.drivers.transducers import (
     TRANSDUCER_CONFIG,
     Encoder,
-    Fault,
     SensorFaultError,
+    TransducerFault,
     make_transducer,
 )
 
@@ -144,7 +144,7 @@ def test_write_back_never_overflows(config: dict[str, Any], last: float, beyond:
     encoder.inverse(last)
     with pytest.raises(SensorFaultError, match="outside") as caught:
         encoder.inverse(beyond)
-    assert caught.value.fault is Fault.OUT_OF_RANGE
+    assert caught.value.fault is TransducerFault.OUT_OF_RANGE
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,9 @@ from pydantic import ValidationError
 
 from abbe.drivers.transducers import (
     TRANSDUCER_CONFIG,
-    Fault,
     SensorFaultError,
     Transducer,
+    TransducerFault,
     make_transducer,
 )
 
@@ -36,20 +36,20 @@ def test_the_line_holds_up_to_the_limits_of_measurement(current: float, value: f
 @pytest.mark.parametrize(
     ("current", "fault"),
     [
-        (0.0, Fault.BROKEN_WIRE),
-        (0.99, Fault.BROKEN_WIRE),
-        (3.5, Fault.TRANSMITTER_ALARM),
-        (3.6, Fault.TRANSMITTER_ALARM),
-        (3.7, Fault.OUT_OF_RANGE),
-        (3.7999, Fault.OUT_OF_RANGE),
-        (20.5001, Fault.OUT_OF_RANGE),
-        (20.9, Fault.OUT_OF_RANGE),
-        (21.0, Fault.TRANSMITTER_ALARM),
-        (24.0, Fault.TRANSMITTER_ALARM),
-        (float("nan"), Fault.NOT_A_NUMBER),
+        (0.0, TransducerFault.BROKEN_WIRE),
+        (0.99, TransducerFault.BROKEN_WIRE),
+        (3.5, TransducerFault.TRANSMITTER_ALARM),
+        (3.6, TransducerFault.TRANSMITTER_ALARM),
+        (3.7, TransducerFault.OUT_OF_RANGE),
+        (3.7999, TransducerFault.OUT_OF_RANGE),
+        (20.5001, TransducerFault.OUT_OF_RANGE),
+        (20.9, TransducerFault.OUT_OF_RANGE),
+        (21.0, TransducerFault.TRANSMITTER_ALARM),
+        (24.0, TransducerFault.TRANSMITTER_ALARM),
+        (float("nan"), TransducerFault.NOT_A_NUMBER),
     ],
 )
-def test_namur_limits(current: float, fault: Fault) -> None:
+def test_namur_limits(current: float, fault: TransducerFault) -> None:
     with pytest.raises(SensorFaultError) as caught:
         make(**LOOP).value(current)
     assert caught.value.fault is fault

@@ -13,9 +13,9 @@ from pydantic import ValidationError
 from abbe.drivers.link import Quality, Sample
 from abbe.drivers.transducers import (
     TRANSDUCER_CONFIG,
-    Fault,
     SensorFaultError,
     Transducer,
+    TransducerFault,
     make_transducer,
 )
 
@@ -127,45 +127,65 @@ def test_a_divider_is_the_circuit_that_it_says() -> None:
 @pytest.mark.parametrize(
     ("config", "raw", "fault", "said"),
     [
-        (YSI, 4.2e6, Fault.BROKEN_WIRE, "broken wire: 4.2 MΩ, above 1 MΩ"),
-        (YSI, 3.1, Fault.SHORT_CIRCUIT, "short circuit: 3.1 Ω, below 10 Ω"),
-        (YSI, 0.0, Fault.SHORT_CIRCUIT, "short circuit: 0 Ω, below 10 Ω"),
-        (YSI, 150.0, Fault.OUT_OF_RANGE, "out of range: 150 Ω would be hotter than 150 °C"),
-        (YSI, 9e5, Fault.OUT_OF_RANGE, "out of range: 900 kΩ would be colder than -50 °C"),
-        (YSI, math.nan, Fault.NOT_A_NUMBER, "not a number: the device sent nan"),
-        (YSI, math.inf, Fault.NOT_A_NUMBER, "not a number: the device sent inf"),
+        (YSI, 4.2e6, TransducerFault.BROKEN_WIRE, "broken wire: 4.2 MΩ, above 1 MΩ"),
+        (YSI, 3.1, TransducerFault.SHORT_CIRCUIT, "short circuit: 3.1 Ω, below 10 Ω"),
+        (YSI, 0.0, TransducerFault.SHORT_CIRCUIT, "short circuit: 0 Ω, below 10 Ω"),
+        (
+            YSI,
+            150.0,
+            TransducerFault.OUT_OF_RANGE,
+            "out of range: 150 Ω would be hotter than 150 °C",
+        ),
+        (
+            YSI,
+            9e5,
+            TransducerFault.OUT_OF_RANGE,
+            "out of range: 900 kΩ would be colder than -50 °C",
+        ),
+        (YSI, math.nan, TransducerFault.NOT_A_NUMBER, "not a number: the device sent nan"),
+        (YSI, math.inf, TransducerFault.NOT_A_NUMBER, "not a number: the device sent inf"),
         (
             YSI | {"circuit": {"kind": "ohm", "scale": 0.1}},
             0xFFFFFFFF,
-            Fault.BROKEN_WIRE,
+            TransducerFault.BROKEN_WIRE,
             "broken wire: 429.5 MΩ, above 1 MΩ",
         ),
         (
             YSI | {"circuit": {"kind": "divider", "series": 1e4, "full_scale": 4095}},
             4095,
-            Fault.BROKEN_WIRE,
+            TransducerFault.BROKEN_WIRE,
             "broken wire: infinite resistance, above 1 MΩ",
         ),
         (
             YSI | {"circuit": {"kind": "divider", "series": 1e4, "full_scale": 4095}},
             9000,
-            Fault.OUT_OF_RANGE,
+            TransducerFault.OUT_OF_RANGE,
             "out of range: raw 9000 is 2.20 of the divider's supply",
         ),
-        (YSI | {"parallel": 1e4}, 1e4, Fault.BROKEN_WIRE, "broken wire: infinite resistance, "),
-        (PT100, 501.0, Fault.BROKEN_WIRE, "broken wire: 501 Ω, above 500 Ω"),
-        (PT100, 1.0, Fault.SHORT_CIRCUIT, "short circuit: 1 Ω, below 10 Ω"),
-        (PT100, 400.0, Fault.OUT_OF_RANGE, "out of range: 400 Ω would be hotter than 850 °C"),
+        (
+            YSI | {"parallel": 1e4},
+            1e4,
+            TransducerFault.BROKEN_WIRE,
+            "broken wire: infinite resistance, ",
+        ),
+        (PT100, 501.0, TransducerFault.BROKEN_WIRE, "broken wire: 501 Ω, above 500 Ω"),
+        (PT100, 1.0, TransducerFault.SHORT_CIRCUIT, "short circuit: 1 Ω, below 10 Ω"),
+        (
+            PT100,
+            400.0,
+            TransducerFault.OUT_OF_RANGE,
+            "out of range: 400 Ω would be hotter than 850 °C",
+        ),
         (
             {"type": "rt-table", "table": RT_ROWS},
             900e3,
-            Fault.OUT_OF_RANGE,
+            TransducerFault.OUT_OF_RANGE,
             "out of range: 900 kΩ, outside the table's",
         ),
     ],
 )
 def test_faults_are_named_and_never_a_temperature(
-    config: dict[str, Any], raw: float, fault: Fault, said: str
+    config: dict[str, Any], raw: float, fault: TransducerFault, said: str
 ) -> None:
     transducer = make(**config)
     with pytest.raises(SensorFaultError) as caught:

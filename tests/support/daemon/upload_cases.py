@@ -19,7 +19,7 @@ from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.machine.structure import Structure
 from abbe.compcore.model.model import Model, Term, Value
 from abbe.compcore.tables.volume import Volume
-from abbe.daemon.answers.table import Order as TableOrder
+from abbe.daemon.answers.table import TableRequest as TableOrder
 from abbe.daemon.answers.table import make
 from abbe.daemon.config import load_config
 from abbe.daemon.upload.history.upload_log import read_journal

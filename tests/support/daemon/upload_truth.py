@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from abbe.compcore.errors import AbbeError
-from abbe.daemon.upload.outcome import Outcome
+from abbe.daemon.upload.outcome import UploadOutcome
 from tests.support.daemon.upload_cases import Place, sums, texts
 
 Sums = dict[str, str]
@@ -85,7 +85,7 @@ def active_now(place: Place, old: Sums, new: Sums) -> str:
     return "old" if active == old else "new"
 
 
-def check_told(place: Place, outcome: Outcome, old: Sums, new: Sums) -> None:
+def check_told(place: Place, outcome: UploadOutcome, old: Sums, new: Sums) -> None:
     """What Abbe says agrees with what the control has."""
     truth, active = place.truth(), active_now(place, old, new)
     words = "\n".join(outcome.lines())

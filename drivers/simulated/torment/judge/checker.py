@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 from abbe.drivers.simulated.torment.judge.evidence import AXES, Shown, Taken
 from abbe.drivers.simulated.torment.judge.promises import Promises, Tally, Violation
-from abbe.drivers.simulated.torment.judge.steps import Steps
+from abbe.drivers.simulated.torment.judge.steps import StepJudge
 from abbe.drivers.simulated.torment.judge.words import (
     COMPENSATING,
     RUNNING,
@@ -62,7 +62,7 @@ class Checker:
 
     def __post_init__(self) -> None:
         self._shown: deque[Shown] = deque()
-        self._steps = Steps(self.promises, self.tally, self._fail)
+        self._steps = StepJudge(self.promises, self.tally, self._fail)
         self._beats: dict[int, float] = {}
         self._unfit_since = math.inf
         self._good_temperature = -math.inf

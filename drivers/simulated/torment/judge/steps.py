@@ -1,4 +1,4 @@
-"""Steps: how large and how fast the corrections are that the controller has."""
+"""Judgement of steps: how large and how fast the corrections are that the controller has."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class _Step:
     high: float
 
 
-class Steps:
+class StepJudge:
     """Judges corrections, each from one message to the next.
 
     Parameters

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import import_module
 
-from abbe.drivers.simulated.torment.wires.base import Wire
+from abbe.drivers.simulated.torment.wires.base import TormentWire
 
 WIRES = {
     "modbus-tcp": "modbus_tcp:ModbusTcp",
@@ -18,11 +18,11 @@ WIRES = {
 """Protocol → where it is spoken."""
 
 
-def wire_class(protocol: str) -> type[Wire]:
+def wire_class(protocol: str) -> type[TormentWire]:
     """The class that speaks a protocol."""
     module, name = WIRES[protocol].split(":")
-    found: type[Wire] = getattr(import_module(f"{__name__}.{module}"), name)
+    found: type[TormentWire] = getattr(import_module(f"{__name__}.{module}"), name)
     return found
 
 
-__all__ = ["WIRES", "Wire", "wire_class"]
+__all__ = ["WIRES", "TormentWire", "wire_class"]

@@ -10,13 +10,13 @@ from typing import ClassVar
 from abbe.drivers.simulated.torment.delivery import Delivery
 from abbe.drivers.simulated.torment.judge.evidence import AXES, WireLog
 from abbe.drivers.simulated.torment.loop import Loop
-from abbe.drivers.simulated.torment.machine import Machine
+from abbe.drivers.simulated.torment.machine import TormentMachine
 
 TICK = 0.02
 """s between two looks at what the script wants of the connection itself."""
 
 
-class Wire(ABC):
+class TormentWire(ABC):
     """One protocol, served to ``abbe run``.
 
     Parameters
@@ -50,7 +50,7 @@ class Wire(ABC):
     write_link = "m"
 
     def __init__(
-        self, loop: Loop, machine: Machine, log: WireLog, folder: Path, variant: str
+        self, loop: Loop, machine: TormentMachine, log: WireLog, folder: Path, variant: str
     ) -> None:
         self.loop = loop
         self.machine = machine

@@ -10,9 +10,9 @@ from typing import ClassVar
 
 from abbe.drivers.simulated.torment.judge.evidence import AXES, Shown, WireLog
 from abbe.drivers.simulated.torment.loop import Loop, Moment
-from abbe.drivers.simulated.torment.machine import RESOLUTION, Machine
-from abbe.drivers.simulated.torment.wires.base import Wire
-from abbe.drivers.simulated.torment.wires.slcan import Frame, SlcanEnd
+from abbe.drivers.simulated.torment.machine import RESOLUTION, TormentMachine
+from abbe.drivers.simulated.torment.wires.base import TormentWire
+from abbe.drivers.simulated.torment.wires.slcan import SlcanEnd, SlcanFrame
 
 PLACE_XY, PLACE_Z, STATE = 0x101, 0x102, 0x103
 OUT_XY, OUT_Z, OUT_STATE = 0x201, 0x202, 0x203
@@ -60,22 +60,22 @@ _MESSAGES = {
 }
 
 
-def frames(shown: Shown) -> list[tuple[Frame, frozenset[str]]]:
+def frames(shown: Shown) -> list[tuple[SlcanFrame, frozenset[str]]]:
     """The machine in three frames, and what each tells."""
     x, y, z = (round(p / RESOLUTION) for p in shown.place)
     warm = round(100.0 * shown.temperature)
     number, beat = shown.number & 0xFFFFFFFF, shown.beat & 0xFFFF
     return [
-        (Frame(PLACE_XY, struct.pack("<ii", x, y)), frozenset("XY")),
-        (Frame(PLACE_Z, struct.pack("<iI", z, number)), frozenset(("Z", "number"))),
+        (SlcanFrame(PLACE_XY, struct.pack("<ii", x, y)), frozenset("XY")),
+        (SlcanFrame(PLACE_Z, struct.pack("<iI", z, number)), frozenset(("Z", "number"))),
         (
-            Frame(STATE, struct.pack("<HHh", beat, shown.status, warm)),
+            SlcanFrame(STATE, struct.pack("<HHh", beat, shown.status, warm)),
             frozenset(("heartbeat", "status", "T_x")),
         ),
     ]
 
 
-class CanDbc(Wire):
+class CanDbc(TormentWire):
     """Frames on an slcan adapter; nothing that is written is ever confirmed."""
 
     KINDS: ClassVar[tuple[str, ...]] = (
@@ -99,7 +99,7 @@ class CanDbc(Wire):
     WRITTEN: ClassVar[tuple[str, ...]] = (*AXES, "status", "beat")
 
     def __init__(
-        self, loop: Loop, machine: Machine, log: WireLog, folder: Path, variant: str
+        self, loop: Loop, machine: TormentMachine, log: WireLog, folder: Path, variant: str
     ) -> None:
         super().__init__(loop, machine, log, folder, variant)
         self._adapter = SlcanEnd(loop, log, folder / "slcan", self._heard, self.delivery.aside)
@@ -138,7 +138,7 @@ class CanDbc(Wire):
 
     def flood(self) -> None:
         """Others' frames, as fast as the adapter can tell them, and lines that are no frames."""
-        texts = [Frame(0x700 + k, os.urandom(8)).text() for k in range(20)]
+        texts = [SlcanFrame(0x700 + k, os.urandom(8)).text() for k in range(20)]
         texts.append(b"t10190011\r" if os.urandom(1)[0] < 60 else b"\r")
         self._adapter.send(b"".join(texts))
 
@@ -166,11 +166,11 @@ class CanDbc(Wire):
     def _foreign(shown: Shown) -> list[bytes]:
         """Frames that are none of ours: 29-bit ids with our number, too short ones."""
         return [
-            Frame(f.id, f.data, extended=True).text() + Frame(f.id, f.data[:3]).text()
+            SlcanFrame(f.id, f.data, extended=True).text() + SlcanFrame(f.id, f.data[:3]).text()
             for f, _ in frames(shown)
         ]
 
-    def _heard(self, frame: Frame, moment: Moment) -> bool:
+    def _heard(self, frame: SlcanFrame, moment: Moment) -> bool:
         if self.refuses_write(time.monotonic()):
             return False
         values: dict[str, float] = {}

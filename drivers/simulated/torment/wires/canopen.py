@@ -13,9 +13,9 @@ from typing import ClassVar
 
 from abbe.drivers.simulated.torment.judge.evidence import AXES, Shown, WireLog
 from abbe.drivers.simulated.torment.loop import Loop, Moment
-from abbe.drivers.simulated.torment.machine import RESOLUTION, Machine
-from abbe.drivers.simulated.torment.wires.base import Wire
-from abbe.drivers.simulated.torment.wires.slcan import Frame, SlcanEnd
+from abbe.drivers.simulated.torment.machine import RESOLUTION, TormentMachine
+from abbe.drivers.simulated.torment.wires.base import TormentWire
+from abbe.drivers.simulated.torment.wires.slcan import SlcanEnd, SlcanFrame
 
 ENCODERS = {"X": 3, "Y": 4, "Z": 5}
 CONTROLLER = 6
@@ -52,7 +52,7 @@ def _described(node: int) -> dict[tuple[int, int], bytes]:
     }
 
 
-class Canopen(Wire):
+class Canopen(TormentWire):
     """Positions by PDO at SYNC, everything that is written by SDO."""
 
     KINDS: ClassVar[tuple[str, ...]] = (
@@ -82,7 +82,7 @@ class Canopen(Wire):
     BLIND: ClassVar[float] = 0.06
 
     def __init__(
-        self, loop: Loop, machine: Machine, log: WireLog, folder: Path, variant: str
+        self, loop: Loop, machine: TormentMachine, log: WireLog, folder: Path, variant: str
     ) -> None:
         super().__init__(loop, machine, log, folder, variant)
         self._adapter = SlcanEnd(loop, log, folder / "slcan", self._heard, self.delivery.aside)
@@ -145,8 +145,8 @@ T_x = {{ node = "c", index = 0x2000, subindex = 4, type = "int16", scale = 0.01,
 
     def flood(self) -> None:
         """Others' frames; and PDOs of nodes that are not ours."""
-        texts = [Frame(0x480 + k, os.urandom(8)).text() for k in range(16)]
-        texts.append(Frame(0x180 + 99, os.urandom(4)).text())
+        texts = [SlcanFrame(0x480 + k, os.urandom(8)).text() for k in range(16)]
+        texts.append(SlcanFrame(0x180 + 99, os.urandom(4)).text())
         self._adapter.send(b"".join(texts))
 
     def _beat(self) -> None:
@@ -154,10 +154,12 @@ T_x = {{ node = "c", index = 0x2000, subindex = 4, type = "int16", scale = 0.01,
             return
         if not self.machine.script.active("silent", time.monotonic()):
             for node, state in self._states.items():
-                self.delivery.aside(self._adapter.send, Frame(0x700 + node, bytes((state,))).text())
+                self.delivery.aside(
+                    self._adapter.send, SlcanFrame(0x700 + node, bytes((state,))).text()
+                )
         self.loop.after(HEARTBEAT, self._beat)
 
-    def _heard(self, frame: Frame, moment: Moment) -> bool:
+    def _heard(self, frame: SlcanFrame, moment: Moment) -> bool:
         if frame.extended or frame.remote:
             return True
         if frame.id == 0 and len(frame.data) == 2:
@@ -174,7 +176,7 @@ T_x = {{ node = "c", index = 0x2000, subindex = 4, type = "int16", scale = 0.01,
             if one in self._states:
                 if command in (0x81, 0x82):
                     self._states[one] = _PRE_OPERATIONAL
-                    self.delivery.aside(self._adapter.send, Frame(0x700 + one, b"\0").text())
+                    self.delivery.aside(self._adapter.send, SlcanFrame(0x700 + one, b"\0").text())
                 else:
                     known = {1: _OPERATIONAL, 2: _STOPPED, 0x80: _PRE_OPERATIONAL}
                     self._states[one] = known.get(command, self._states[one])
@@ -188,13 +190,13 @@ T_x = {{ node = "c", index = 0x2000, subindex = 4, type = "int16", scale = 0.01,
         for k, (node, (data, covers)) in enumerate(own.items()):
             if self._states[node] != _OPERATIONAL or (part and k == int(3.99 * part.amount)):
                 continue
-            wrong = Frame(0x190 + node, foreign[node][0]).text()
-            wrong += Frame(0x180 + node, foreign[node][0], extended=True).text()
+            wrong = SlcanFrame(0x190 + node, foreign[node][0]).text()
+            wrong += SlcanFrame(0x180 + node, foreign[node][0], extended=True).text()
             late = self.machine.script.active("late", now)
             send = partial(
                 self.delivery.send_own,
                 self._adapter.send,
-                Frame(0x180 + node, data).text(),
+                SlcanFrame(0x180 + node, data).text(),
                 shown,
                 covers,
                 wrong,
@@ -260,7 +262,7 @@ T_x = {{ node = "c", index = 0x2000, subindex = 4, type = "int16", scale = 0.01,
         if lost:
             return
         if late := active("write_late", now):
-            text = Frame(0x580 + node, done).text()
+            text = SlcanFrame(0x580 + node, done).text()
             self.delivery.later(late.amount, self._adapter.send, text)
         else:
             reply(done, refused)
@@ -273,14 +275,14 @@ T_x = {{ node = "c", index = 0x2000, subindex = 4, type = "int16", scale = 0.01,
         shown: Shown | None = None,
         covers: frozenset[str] = frozenset(),
     ) -> None:
-        other = Frame(0x580 + node, answer[:1] + b"\x77\x77\x01" + os.urandom(4)).text()
+        other = SlcanFrame(0x580 + node, answer[:1] + b"\x77\x77\x01" + os.urandom(4)).text()
         told = None if shown is None else _covering(shown, covers)
         self.delivery.answer(
             self._adapter.send,
-            Frame(0x580 + node, answer).text(),
+            SlcanFrame(0x580 + node, answer).text(),
             told,
             foreign=[other],
-            refusal=Frame(0x580 + node, refused).text(),
+            refusal=SlcanFrame(0x580 + node, refused).text(),
         )
 
 

@@ -10,8 +10,8 @@ from typing import ClassVar
 
 from abbe.drivers.simulated.torment.judge.evidence import AXES, Shown, WireLog
 from abbe.drivers.simulated.torment.loop import Loop, Moment
-from abbe.drivers.simulated.torment.machine import Machine
-from abbe.drivers.simulated.torment.wires.base import Wire
+from abbe.drivers.simulated.torment.machine import TormentMachine
+from abbe.drivers.simulated.torment.wires.base import TormentWire
 from abbe.drivers.simulated.torment.wires.modbus_tcp import ModbusOutputs
 from abbe.drivers.simulated.torment.wires.tcp import Client, TcpServer
 
@@ -19,7 +19,7 @@ _PLACE = frozenset(AXES)
 _WARM = frozenset(("T_x",))
 
 
-class Ipp(Wire):
+class Ipp(TormentWire):
     """A measuring machine's server: ``Get`` and ``GetScaleTemperatures``; it only tells."""
 
     KINDS: ClassVar[tuple[str, ...]] = (
@@ -46,7 +46,7 @@ class Ipp(Wire):
     write_link = "out"
 
     def __init__(
-        self, loop: Loop, machine: Machine, log: WireLog, folder: Path, variant: str
+        self, loop: Loop, machine: TormentMachine, log: WireLog, folder: Path, variant: str
     ) -> None:
         super().__init__(loop, machine, log, folder, variant)
         self._server = TcpServer(loop, log, self._came)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from abbe.drivers.simulated.torment.judge.evidence import AXES, Shown
 from abbe.drivers.simulated.torment.loop import Moment
-from abbe.drivers.simulated.torment.machine import RESOLUTION, Machine
+from abbe.drivers.simulated.torment.machine import RESOLUTION, TormentMachine
 from abbe.drivers.simulated.torment.script import Torment
 
 SHOWN_AT = 0
@@ -24,7 +24,7 @@ _PLACES = {"status": 0, "heartbeat": 1, "number": 2, "X": 4, "Y": 6, "Z": 8, "T_
 _SIZE = 12
 
 
-class Reply(NamedTuple):
+class ModbusReply(NamedTuple):
     """What a question is answered.
 
     Attributes
@@ -70,7 +70,7 @@ def held_registers(held: dict[str, float]) -> bytes:
     )
 
 
-class Device:
+class ModbusDevice:
     """The machine as a Modbus device: answers one question at a time.
 
     Parameters
@@ -83,7 +83,7 @@ class Device:
         What it can be tormented with.
     """
 
-    def __init__(self, machine: Machine, table: int, kinds: Collection[str]) -> None:
+    def __init__(self, machine: TormentMachine, table: int, kinds: Collection[str]) -> None:
         self._machine = machine
         self._table = table
         self._kinds = frozenset(kinds)
@@ -92,7 +92,7 @@ class Device:
         """The torment of this kind that goes on at a monotonic time, when it can have it."""
         return self._machine.script.active(kind, now) if kind in self._kinds else None
 
-    def reply(self, pdu: bytes, moment: Moment) -> Reply | None:
+    def reply(self, pdu: bytes, moment: Moment) -> ModbusReply | None:
         """The answer to a question; None: no answer at all, it was lost or shall stay so."""
         now = time.monotonic()
         active = self.active
@@ -113,17 +113,17 @@ class Device:
         return self._refused(pdu, 1)
 
     @staticmethod
-    def _refused(pdu: bytes, code: int) -> Reply:
+    def _refused(pdu: bytes, code: int) -> ModbusReply:
         refusal = bytes((pdu[0] | 0x80, code))
-        return Reply(refusal, None, b"", refusal)
+        return ModbusReply(refusal, None, b"", refusal)
 
-    def _read(self, table: int, address: int, count: int, refusal: bytes) -> Reply | None:
+    def _read(self, table: int, address: int, count: int, refusal: bytes) -> ModbusReply | None:
         now = time.monotonic()
         held_end = HELD_AT + len(held_registers({})) // 2
         if table == 3 and address >= HELD_AT and address + count <= held_end:
             image = held_registers(self._machine.held)
             data = image[2 * (address - HELD_AT) :][: 2 * count]
-            return Reply(bytes((3, len(data))) + data, None, b"", refusal)
+            return ModbusReply(bytes((3, len(data))) + data, None, b"", refusal)
         if table != self._table or address < SHOWN_AT or address + count > SHOWN_AT + _SIZE:
             return None
         shown = self._machine.look(now)
@@ -134,11 +134,11 @@ class Device:
             if address - SHOWN_AT <= at and at + _words(name) <= address - SHOWN_AT + count
         )
         told = dataclasses.replace(shown, covers=covers)
-        return Reply(make(shown), told, make(self._machine.poisoned(now)), refusal)
+        return ModbusReply(make(shown), told, make(self._machine.poisoned(now)), refusal)
 
     def _write(
         self, head: bytes, address: int, data: bytes, moment: Moment, refusal: bytes
-    ) -> Reply | None:
+    ) -> ModbusReply | None:
         now = time.monotonic()
         active = self.active
         at = address - HELD_AT
@@ -146,14 +146,14 @@ class Device:
         if at < 0 or 2 * at + len(data) > len(image):
             return None
         if active("refused", now) or active("refused_long", now):
-            return Reply(refusal, None, b"", refusal)
+            return ModbusReply(refusal, None, b"", refusal)
         if active("write_refused", now):
             return self._refused(head, 4)
         lost = active("write_unanswered", now)
         if not active("silent", now) and not (lost and lost.amount >= 0.5):
             image[2 * at : 2 * at + len(data)] = data
             self._machine.take(moment, _held(bytes(image), at, len(data) // 2))
-        return None if lost else Reply(head, None, b"", refusal)
+        return None if lost else ModbusReply(head, None, b"", refusal)
 
 
 def _words(name: str) -> int:

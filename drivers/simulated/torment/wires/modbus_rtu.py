@@ -9,16 +9,20 @@ from typing import ClassVar
 
 from abbe.drivers.simulated.torment.judge.evidence import WireLog
 from abbe.drivers.simulated.torment.loop import Loop, Moment
-from abbe.drivers.simulated.torment.machine import Machine
-from abbe.drivers.simulated.torment.wires.base import Wire
-from abbe.drivers.simulated.torment.wires.modbus_pdu import Device, held_channels, shown_channels
+from abbe.drivers.simulated.torment.machine import TormentMachine
+from abbe.drivers.simulated.torment.wires.base import TormentWire
+from abbe.drivers.simulated.torment.wires.modbus_pdu import (
+    ModbusDevice,
+    held_channels,
+    shown_channels,
+)
 from abbe.drivers.simulated.torment.wires.modbus_tcp import MODBUS_KINDS
 from abbe.drivers.simulated.torment.wires.pty import PtyEnd
 
 UNIT = 1
 
 
-class ModbusRtu(Wire):
+class ModbusRtu(TormentWire):
     """Serves the machine's registers on a serial line."""
 
     KINDS: ClassVar[tuple[str, ...]] = MODBUS_KINDS
@@ -26,10 +30,10 @@ class ModbusRtu(Wire):
     BLIND: ClassVar[float] = 0.05
 
     def __init__(
-        self, loop: Loop, machine: Machine, log: WireLog, folder: Path, variant: str
+        self, loop: Loop, machine: TormentMachine, log: WireLog, folder: Path, variant: str
     ) -> None:
         super().__init__(loop, machine, log, folder, variant)
-        self._device = Device(machine, 4, self.KINDS)
+        self._device = ModbusDevice(machine, 4, self.KINDS)
         self._port = PtyEnd(loop, log, folder / "line", self._came)
 
     @property

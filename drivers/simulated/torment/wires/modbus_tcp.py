@@ -10,11 +10,11 @@ from typing import ClassVar
 from abbe.drivers.simulated.torment.delivery import FAMILIAR, Send
 from abbe.drivers.simulated.torment.judge.evidence import WireLog
 from abbe.drivers.simulated.torment.loop import Loop, Moment
-from abbe.drivers.simulated.torment.machine import Machine
-from abbe.drivers.simulated.torment.wires.base import Wire
+from abbe.drivers.simulated.torment.machine import TormentMachine
+from abbe.drivers.simulated.torment.wires.base import TormentWire
 from abbe.drivers.simulated.torment.wires.modbus_pdu import (
-    Device,
-    Reply,
+    ModbusDevice,
+    ModbusReply,
     held_channels,
     shown_channels,
 )
@@ -38,7 +38,7 @@ MODBUS_KINDS = (
 )
 
 
-class ModbusTcp(Wire):
+class ModbusTcp(TormentWire):
     """Serves the machine's registers over TCP."""
 
     KINDS: ClassVar[tuple[str, ...]] = MODBUS_KINDS
@@ -46,10 +46,10 @@ class ModbusTcp(Wire):
     NAME: ClassVar[str] = "m"
 
     def __init__(
-        self, loop: Loop, machine: Machine, log: WireLog, folder: Path, variant: str
+        self, loop: Loop, machine: TormentMachine, log: WireLog, folder: Path, variant: str
     ) -> None:
         super().__init__(loop, machine, log, folder, variant)
-        self._device = Device(machine, 3 if variant == "holding" else 4, self.KINDS)
+        self._device = ModbusDevice(machine, 3 if variant == "holding" else 4, self.KINDS)
         self._server = TcpServer(loop, log, self._came)
         self._last = 0
 
@@ -117,7 +117,7 @@ quarantine_max = 0.5
         else:
             self.send(client.send, answer, number, unit, reply)
 
-    def send(self, send: Send, answer: bytes, number: int, unit: int, reply: Reply) -> None:
+    def send(self, send: Send, answer: bytes, number: int, unit: int, reply: ModbusReply) -> None:
         """Send an answer, tormented."""
         foreign = [
             _frame(number - 1, unit, reply.foreign),
@@ -145,7 +145,7 @@ class ModbusOutputs(ModbusTcp):
         """TOML of its channels."""
         return held_channels(self.variant)
 
-    def send(self, send: Send, answer: bytes, number: int, unit: int, reply: Reply) -> None:
+    def send(self, send: Send, answer: bytes, number: int, unit: int, reply: ModbusReply) -> None:
         """Send an answer as it is."""
         self.log.say(">", answer)
         send(answer)

@@ -10,8 +10,8 @@ from typing import ClassVar
 from abbe.drivers.simulated.torment.delivery import FAMILIAR
 from abbe.drivers.simulated.torment.judge.evidence import AXES, Shown, WireLog
 from abbe.drivers.simulated.torment.loop import Loop, Moment
-from abbe.drivers.simulated.torment.machine import Machine
-from abbe.drivers.simulated.torment.wires.base import Wire
+from abbe.drivers.simulated.torment.machine import TormentMachine
+from abbe.drivers.simulated.torment.wires.base import TormentWire
 from abbe.drivers.simulated.torment.wires.pty import PtyEnd
 
 _OTHERS = (
@@ -44,7 +44,7 @@ _PATTERN = (
 )
 
 
-class SerialAsked(Wire):
+class SerialAsked(TormentWire):
     """A read-out: ``R`` is answered by all axes, commands by ``OK`` and their name."""
 
     KINDS: ClassVar[tuple[str, ...]] = (*FAMILIAR, *_OTHERS, "mirrored")
@@ -53,7 +53,7 @@ class SerialAsked(Wire):
     QUERY: ClassVar[str] = 'query = "R"\n'
 
     def __init__(
-        self, loop: Loop, machine: Machine, log: WireLog, folder: Path, variant: str
+        self, loop: Loop, machine: TormentMachine, log: WireLog, folder: Path, variant: str
     ) -> None:
         super().__init__(loop, machine, log, folder, variant)
         self._port = PtyEnd(loop, log, folder / "line", self._came)

@@ -11,7 +11,7 @@ from abbe.drivers.simulated.torment.loop import Loop, Moment
 from abbe.drivers.simulated.torment.wires.pty import PtyEnd
 
 
-class Frame(NamedTuple):
+class SlcanFrame(NamedTuple):
     """One CAN frame."""
 
     id: int
@@ -45,7 +45,7 @@ class SlcanEnd:
         loop: Loop,
         log: WireLog,
         path: Path,
-        on_frame: Callable[[Frame, Moment], bool],
+        on_frame: Callable[[SlcanFrame, Moment], bool],
         confirm: Callable[[Callable[[bytes], bool], bytes], None],
     ) -> None:
         self._confirm = confirm
@@ -74,7 +74,7 @@ class SlcanEnd:
             digits = 3 if kind in "tr" else 8
             length = int(rest[digits])
             data = bytes(length) if kind in "rR" else bytes.fromhex(rest[digits + 1 :])
-            frame = Frame(int(rest[:digits], 16), data, kind in "TR", kind in "rR")
+            frame = SlcanFrame(int(rest[:digits], 16), data, kind in "TR", kind in "rR")
             taken = self.open and self._on_frame(frame, moment)
             return (b"z\r" if kind in "tr" else b"Z\r") if taken else b"\a"
         if kind in ("O", "C"):
