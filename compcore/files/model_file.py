@@ -191,6 +191,11 @@ def save_model(model: Model, path: str | Path) -> None:
 
 def format_model(model: Model) -> str:
     """The text of a model file."""
+    return tomli_w.dumps(document_of(model))
+
+
+def document_of(model: Model) -> dict[str, Any]:
+    """What a model file holds, section by section."""
     machine = model.machine
     section: dict[str, Any] = {
         "name": machine.name,
@@ -215,7 +220,7 @@ def format_model(model: Model) -> str:
             document["fit"]["covariance"] = pack_symmetric(model.covariance)
     if model.history:
         document["history"] = [dict(record) for record in model.history]
-    return tomli_w.dumps(document)
+    return document
 
 
 def _axis_table(axis: Axis) -> dict[str, Any]:

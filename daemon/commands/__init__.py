@@ -10,6 +10,7 @@ NAMES = (
     "demo",
     "run",
     "check",
+    "new",
     "fit",
     "compare",
     "diagnose",

@@ -1,0 +1,67 @@
+"""The answer of ``abbe new``: what the start model holds and what to measure; JSON and text."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from abbe.compcore.machine.machine import Axis
+from abbe.compcore.model.model import Model
+
+
+def columns_of(model: Model) -> list[str]:
+    """The columns that a campaign for this model has."""
+    machine = model.machine
+    axes = list(machine.structure.axes)
+    directions = sorted({a for e in model.effects for a in e.directions_used()}, key=axes.index)
+    return [
+        *("time", "setup", "kind", *axes),
+        *(f"{axis}_dir" for axis in directions),
+        *("tool_x", "tool_y", "tool_z", "ux", "uy", "uz", "value", "sd"),
+        *machine.signals,
+    ]
+
+
+def as_json(model: Model, out: Path) -> dict[str, Any]:
+    """One object for ``--json``; travels in mm, rotary axes degrees."""
+    machine = model.machine
+    return {
+        "file": str(out),
+        "name": machine.name,
+        "structure": str(machine.structure),
+        "travels": {name: list(_ends(axis)) for name, axis in machine.axes.items()},
+        "signals": {s.name: {"role": s.role, "unit": s.unit} for s in machine.signals.values()},
+        "effects": [effect.spec for effect in model.effects],
+        "parameters": _parameters(model),
+        "columns": columns_of(model),
+    }
+
+
+def as_text(model: Model, out: Path) -> Iterator[str]:
+    """Lines for people."""
+    machine = model.machine
+    yield (
+        f"{machine.name}, {machine.structure}: {len(model.effects)} effects with "
+        f"{_parameters(model)} parameters, none of them fitted"
+    )
+    used = {signal for effect in model.effects for signal in effect.signals_needed()}
+    for axis in machine.axes.values():
+        low, high = _ends(axis)
+        yield f"  {axis.name}: {low:g} to {high:g} {'degrees' if axis.rotary else 'mm'}"
+    for signal in machine.signals.values():
+        use = "used" if signal.name in used else "recorded, for abbe diagnose"
+        yield f"  {signal.name}: {signal.role}, {signal.unit}, {use}"
+    yield "columns of a campaign (docs/campaigns.md): " + ",".join(columns_of(model))
+    yield f"next: measure, and  abbe fit {out} CAMPAIGN.csv -o fitted.toml"
+
+
+def _parameters(model: Model) -> int:
+    machine = model.machine
+    return sum(len(e.linear(machine)) + len(e.nonlinear(machine)) for e in model.effects)
+
+
+def _ends(axis: Axis) -> tuple[float, float]:
+    scale = math.degrees(1.0) if axis.rotary else 1.0
+    return round(axis.travel[0] * scale, 9), round(axis.travel[1] * scale, 9)
