@@ -59,7 +59,7 @@ __all__ = [
 class Motion:
     """What an effect does to one error motion.
 
-    The error motion is ``columns @ p[first : first + k]`` with p the effect's linear parameters.
+    The error motion is ``columns @ p[parameters]`` with p the effect's linear parameters.
 
     Attributes
     ----------
@@ -74,6 +74,15 @@ class Motion:
     error_motion: ErrorMotion
     columns: F64
     first: int = 0
+
+    @property
+    def parameters(self) -> slice:
+        """Which of the effect's linear parameters the columns belong to."""
+        return slice(self.first, self.first + self.columns.shape[1])
+
+    def amount(self, coefficients: F64) -> F64:
+        """How much it moves or turns, (n,) mm or rad, with the effect's linear parameters."""
+        return self.columns @ coefficients[self.parameters]
 
 
 @dataclass(frozen=True, slots=True)

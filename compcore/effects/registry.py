@@ -17,6 +17,7 @@ from pydantic import ValidationError
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.errors import InputError
 from abbe.compcore.plugins import Plugins, load_plugins
+from abbe.compcore.validation import invalid_key
 
 EFFECT_GROUP = "abbe.effects"
 
@@ -137,16 +138,4 @@ def make_effect(kind: str, keys: Mapping[str, Any]) -> Effect:
     try:
         return cls(**keys)
     except ValidationError as error:
-        first = error.errors()[0]
-        field = str(first["loc"][0]) if first["loc"] else kind
-        allowed = ", ".join(cls.model_fields)
-        if first["type"] == "extra_forbidden":
-            raise InputError(
-                f"{kind} has no such key", field=field, expected=f"one of {allowed}"
-            ) from None
-        if first["type"] == "missing":
-            raise InputError(f"{kind} needs this key", field=field) from None
-        cause = first.get("ctx", {}).get("error")
-        if isinstance(cause, InputError):
-            raise cause.at(field=field) from None
-        raise InputError(f"{kind}: {first['msg']}", field=field, found=first["input"]) from None
+        raise invalid_key(error, kind, cls.model_fields) from None

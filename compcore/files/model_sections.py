@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from abbe.compcore.effects.base import NonlinearParameter, Parameter
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.text.toml_source import TomlSource, dotted
+from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.machine.plausible import (
     POINT,
     REFERENCE_TEMPERATURE,
@@ -36,7 +36,7 @@ _NO_COVARIANCE = 1e30
 def _within(allowed: Range) -> Callable[[float], float]:
     def check(value: float) -> float:
         if not allowed.holds(value):
-            raise ValueError(str(allowed))
+            raise InputError("not believable", found=value, expected=str(allowed))
         return value
 
     return check
@@ -169,7 +169,7 @@ def shaped(
     try:
         return shape.model_validate(value)
     except ValidationError as error:
-        raise _told(source, error, tuple(prefix)) from None
+        raise source.invalid(error, prefix) from None
 
 
 def _check_travel(source: TomlSource, name: str, axis: ModelAxisSection) -> None:
@@ -233,61 +233,3 @@ def check_covariance(covariance: F64) -> None:
             found=float(variance.min()),
             expected="0 or more",
         )
-
-
-def _told(source: TomlSource, error: ValidationError, prefix: tuple[str | int, ...]) -> InputError:
-    first = error.errors()[0]
-    found = _short(first["input"])
-    path = (*prefix, *_in_file(source.data, prefix, first["loc"]))
-    if first["type"] == "extra_forbidden":
-        return source.error("unknown key", path, found=path[-1])
-    if first["type"] == "missing":
-        return source.error("missing", path, expected=f"a key {dotted(path[-1:])!r}")
-    if first["type"] == "value_error":
-        return source.error(
-            "not believable", path, found=first["input"], expected=str(first["ctx"]["error"])
-        )
-    if first["type"] in _KINDS:
-        return source.error(
-            "wrong kind of value",
-            path,
-            found=found,
-            expected=_KINDS[first["type"]],
-        )
-    words = first["msg"].removeprefix("Input should be ")
-    return source.error("not allowed", path, found=found, expected=words)
-
-
-_KINDS = {
-    "float_type": "a number",
-    "finite_number": "a finite number",
-    "int_type": "a whole number",
-    "string_type": "a text in quotes",
-    "dict_type": "a section",
-    "model_type": "a section",
-    "list_type": "a list",
-    "tuple_type": "a list",
-}
-_LONGEST = 60
-
-
-def _short(found: Any) -> Any:
-    """What was found, short enough for a line."""
-    text = repr(found)
-    return found if len(text) <= _LONGEST else text[:_LONGEST] + "…"
-
-
-def _in_file(data: Any, prefix: Sequence[str | int], path: Sequence[str | int]) -> list[str | int]:
-    """A location without the names of a union's members, which are not in the file."""
-    here = data
-    for part in prefix:
-        here = here[part]
-    found: list[str | int] = []
-    for part in path:
-        inside = isinstance(here, Mapping) or (isinstance(part, int) and isinstance(here, list))
-        if not inside:
-            break
-        found.append(part)
-        known = part in here if isinstance(here, Mapping) else int(part) < len(here)
-        here = here[part] if known else None
-    return found

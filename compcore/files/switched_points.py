@@ -81,13 +81,7 @@ class _Table:
         try:
             self._head = _Head.model_validate(toml.data)
         except ValidationError as error:
-            first = error.errors()[0]
-            raise toml.error(
-                "unknown word",
-                tuple(first["loc"]),
-                found=first["input"],
-                expected=first.get("ctx", {}).get("expected"),
-            ) from None
+            raise toml.invalid(error) from None
         if not rows:
             raise InputError(
                 "the header is missing",

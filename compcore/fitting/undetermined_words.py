@@ -193,7 +193,7 @@ def _form(problem: Problem, theta: F64, term: int, values: F64) -> str:
     at = conditions.rows(index)
     at = at.moved({axes[0]: q - at.position(axes[0])})
     motions = effect.motions(machine, at, problem.layout.nonlinear_values(term, theta))
-    curve = np.concatenate([m.columns @ values[m.first :][: m.columns.shape[1]] for m in motions])
+    curve = np.concatenate([m.amount(values) for m in motions])
     if len(motions) != 1:
         return "a part"
     size = float(np.abs(curve).max())

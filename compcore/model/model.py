@@ -251,13 +251,11 @@ def term_motions(
 ) -> list[tuple[ErrorMotion, F64]]:
     """The error motions of one fitted term on n rows: (error motion, (n,) mm or rad)."""
     coefficients = term.coefficients(machine)
-    found = []
-    for motion in term.effect.motions(machine, conditions, term.nonlinear(machine)):
-        count = motion.columns.shape[1]
-        part = motion.columns @ coefficients[motion.first : motion.first + count]
-        if motion.error_motion.place != INSTRUMENT:
-            found.append((motion.error_motion, part))
-    return found
+    return [
+        (motion.error_motion, motion.amount(coefficients))
+        for motion in term.effect.motions(machine, conditions, term.nonlinear(machine))
+        if motion.error_motion.place != INSTRUMENT
+    ]
 
 
 def _small_rotation(rotation: F64) -> F64:

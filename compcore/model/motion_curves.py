@@ -59,8 +59,7 @@ def motion_curves(model: Model, axis: str, points: int = 61) -> list[MotionCurve
             for motion in term.effect.motions(machine, conditions, term.nonlinear(machine)):
                 if motion.error_motion.place == axis:
                     whole = columns.setdefault(motion.error_motion, np.zeros((points, size)))
-                    first = at + motion.first
-                    whole[:, first : first + motion.columns.shape[1]] += motion.columns
+                    whole[:, at : at + len(own)][:, motion.parameters] += motion.columns
         at += len(term.values)
     curves = []
     for error_motion in sorted(columns, key=lambda c: "XYZABC".index(c.component)):

@@ -48,8 +48,7 @@ def _add_term(model: Model, term: Term, chain: Chain, translation: F64, rotation
     machine, effect = model.machine, term.effect
     linear = len(effect.linear(machine))
     for motion in _motions(model, term, chain.conditions):
-        k = motion.columns.shape[1]
-        _add(chain, motion, translation, rotation, slice(motion.first, motion.first + k))
+        _add(chain, motion, translation, rotation, motion.parameters)
     coefficients = term.coefficients(machine)
     for j, parameter in enumerate(effect.nonlinear(machine)):
         if not parameter.smooth:
@@ -59,8 +58,7 @@ def _add_term(model: Model, term: Term, chain: Chain, translation: F64, rotation
         for sign in (1.0, -1.0):
             moved = {**term.values, parameter.name: Value(here + sign * step)}
             for motion in _motions(model, replace(term, values=moved), chain.conditions):
-                k = motion.columns.shape[1]
-                value = motion.columns @ coefficients[motion.first : motion.first + k]
+                value = motion.amount(coefficients)
                 slope = Motion(motion.error_motion, (sign / (2.0 * step) * value)[:, None])
                 _add(chain, slope, translation, rotation, slice(linear + j, linear + j + 1))
 

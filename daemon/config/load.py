@@ -15,7 +15,6 @@ from abbe.daemon.config.configuration import Configuration, LinkSetup
 from abbe.daemon.config.files import check_files
 from abbe.daemon.config.sections import ConfigFile
 from abbe.daemon.config.upload import upload_setup
-from abbe.daemon.config.validation_errors import told
 from abbe.daemon.guard import GuardLimits
 from abbe.drivers.link import Link, LinkConfigError, link_class
 
@@ -32,7 +31,7 @@ def load_config(path: str | Path) -> Configuration:
     try:
         file = ConfigFile.model_validate(source.data)
     except ValidationError as error:
-        raise told(source, error) from None
+        raise source.invalid(error) from None
     links = {name: _link(source, name, section) for name, section in file.links.items()}
     model_path = Path(path).parent / file.model
     if not model_path.is_file():
@@ -69,7 +68,7 @@ def _link(source: TomlSource, name: str, section: Mapping[str, Any]) -> LinkSetu
         folder = {"folder": Path(source.file or ".").parent}
         return LinkSetup(driver, kind, kind.Config.model_validate(rest, context=folder))
     except ValidationError as error:
-        raise told(source, error, path) from None
+        raise source.invalid(error, path) from None
 
 
 def _made(source: TomlSource, name: str, setup: LinkSetup) -> Link:

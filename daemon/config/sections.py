@@ -6,10 +6,12 @@ Lengths are in mm and times in s. Sources and targets are channels, ``"link.chan
 from __future__ import annotations
 
 import math
+import re
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from abbe.compcore.errors import InputError
 from abbe.daemon.config.upload import UploadSection
 from abbe.drivers.transducers import AnyTransducerConfig
 
@@ -23,7 +25,15 @@ Rate = Annotated[float, Field(gt=0.0, le=1000.0, allow_inf_nan=False)]
 """mm/s"""
 Seconds = Annotated[float, Field(gt=0.0, le=3600.0, allow_inf_nan=False)]
 """s; an hour is longer than anything that is waited for"""
-ChannelName = Annotated[str, Field(pattern=r"^[^.\s]+\.\S+$")]
+
+
+def _channel(name: str) -> str:
+    if not re.fullmatch(r"[^.\s]+\.\S+", name):
+        raise InputError("not a channel", found=name, expected='"link.channel"')
+    return name
+
+
+ChannelName = Annotated[str, AfterValidator(_channel)]
 """``link.channel``"""
 Word = Annotated[int, Field(ge=0, le=0xFFFF)]
 

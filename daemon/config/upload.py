@@ -10,7 +10,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.text.toml_source import TomlSource
-from abbe.daemon.config.validation_errors import told
 from abbe.drivers.link import LinkConfigError
 from abbe.drivers.stores.base import Store, StoreConfig, store_class
 
@@ -133,7 +132,7 @@ def upload_setup(
     except LinkConfigError as error:
         raise source.error(str(error), (*path, "driver")) from None
     except ValidationError as error:
-        raise told(source, error, path) from None
+        raise source.invalid(error, path) from None
     base = Path(source.file or ".").parent
     setup = UploadSetup(
         section,

@@ -23,6 +23,7 @@ from abbe.compcore.machine.plausible import DISPLACEMENT, ROTATION, TRAVEL, TRAV
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.tables.capability import Capability
 from abbe.compcore.tables.table import Sign, Table
+from abbe.compcore.validation import invalid_key
 
 F64 = NDArray[np.float64]
 CONTROLLER_GROUP = "abbe.controllers"
@@ -264,14 +265,7 @@ def with_options(cls: type[Controller], given: Mapping[str, Any]) -> ControllerO
     try:
         return cls.Options.model_validate(dict(given))
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(p) for p in first["loc"])
-        if first["type"] == "extra_forbidden":
-            known = ", ".join(cls.Options.model_fields)
-            raise InputError(
-                f"{cls.name} has no such option", field=field, expected=f"one of {known}"
-            ) from None
-        raise InputError(f"{cls.name}: {first['msg']}", field=field, found=first["input"]) from None
+        raise invalid_key(error, cls.name, cls.Options.model_fields, "option") from None
 
 
 def _within(values: F64, allowed: Range, table: Table, what: str, file: str) -> None:

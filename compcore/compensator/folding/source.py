@@ -85,11 +85,8 @@ class FoldedEffect:
 
     def _motions(self, conditions: Conditions) -> list[tuple[ErrorMotion, F64]]:
         motions = self.effect.motions_among(self._machine, conditions, self._nonlinear, self._among)
-        parts = []
-        for motion in motions:
-            if motion.error_motion.place != INSTRUMENT:
-                last = motion.first + motion.columns.shape[1]
-                parts.append(
-                    (motion.error_motion, motion.columns @ self._coefficients[motion.first : last])
-                )
-        return parts
+        return [
+            (motion.error_motion, motion.amount(self._coefficients))
+            for motion in motions
+            if motion.error_motion.place != INSTRUMENT
+        ]

@@ -183,8 +183,7 @@ class SensorOffset(Effect):
                 for step in (half, -half)
             ]
             for high, low in zip(*ends, strict=True):
-                part = values[high.first : high.first + high.columns.shape[1]]
-                slope = (low.columns - high.columns) @ part / (2.0 * half)
+                slope = (low.columns - high.columns) @ values[high.parameters] / (2.0 * half)
                 found.append(Motion(high.error_motion, slope[:, None]))
         return tuple(found)
 

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from abbe.compcore.campaign.campaign import Tool
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.text.toml_source import TomlSource, dotted
+from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.machine.plausible import POINT, TOOL
 
 FORMAT = "abbe-campaign/1"
@@ -127,7 +127,7 @@ def read_head(lines: list[str], file: str) -> CampaignHead:
     try:
         parsed = _File.model_validate(source.data)
     except ValidationError as error:
-        raise _told(source, error) from None
+        raise source.invalid(error) from None
     for group in ("setups", "tools"):
         for name, section in getattr(parsed, group).items():
             if len(set(section.free)) < len(section.free):
@@ -145,17 +145,3 @@ def read_head(lines: list[str], file: str) -> CampaignHead:
         {name: Tool(name, t.offset, t.free) for name, t in parsed.tools.items()},
         kept,
     )
-
-
-def _told(source: TomlSource, error: ValidationError) -> InputError:
-    first = error.errors()[0]
-    path = tuple(first["loc"])
-    if first["type"] == "extra_forbidden":
-        return source.error("unknown key", path, found=path[-1])
-    if first["type"] == "missing":
-        return source.error("missing", path, expected=f"a key {dotted(path[-1:])!r}")
-    if first["type"] == "literal_error":
-        return source.error(
-            "unknown word", path, found=first["input"], expected=first["ctx"]["expected"]
-        )
-    return source.error(first["msg"], path, found=first["input"])

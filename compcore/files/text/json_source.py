@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.text.bounded_text import read_bounded
 from abbe.compcore.files.text.toml_source import dotted
+from abbe.compcore.validation import first_invalid
 
 MOST_BYTES = 8_000_000
 """Of a JSON file; parsing needs some forty times this."""
@@ -61,11 +62,8 @@ def shaped(
     try:
         return shape.model_validate(value)
     except ValidationError as error:
-        first = error.errors()[0]
-        field = dotted(first["loc"]) or None
-        if first["type"] == "missing":
-            raise InputError("missing", file=file, line=line, field=field) from None
+        first = first_invalid(error, value)
         raise InputError(
-            "wrong kind of value", file=file, line=line, field=field, found=first["input"],
-            expected=first["msg"].removeprefix("Input should be ").removeprefix("Value error, "),
+            first.problem, file=file, line=line, field=dotted(first.path) or None,
+            found=first.found, expected=first.expected,
         ) from None  # fmt: skip

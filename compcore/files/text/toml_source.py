@@ -8,9 +8,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.text.bounded_text import read_bounded
 from abbe.compcore.files.text.toml_bounds import MOST_BYTES, check_bounds
+from abbe.compcore.validation import first_invalid
 
 _HEADER = re.compile(r"^\s*(\[\[?)\s*(.+?)\s*\]\]?\s*(?:#.*)?$")
 _LONG_QUOTES = ('"""', "'''")
@@ -111,6 +114,11 @@ class TomlSource:
             found=found,
             expected=expected,
         )
+
+    def invalid(self, error: ValidationError, prefix: Sequence[str | int] = ()) -> InputError:
+        """The first error of a validation of this document, or of its section at `prefix`."""
+        first = first_invalid(error, self.data, prefix)
+        return self.error(first.problem, first.path, found=first.found, expected=first.expected)
 
     def located(self, error: InputError) -> InputError:
         """An error from below with this file, and the line of its field, filled in."""

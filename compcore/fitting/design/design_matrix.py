@@ -323,8 +323,7 @@ class Problem:
                 continue  # it acts through the amended conditions
             coefficients = theta[self.layout.linear_of(i)]
             for motion in self.motions(i, theta):
-                part = coefficients[motion.first : motion.first + motion.columns.shape[1]]
-                value = motion.columns @ part
+                value = motion.amount(coefficients)
                 old = sums.get(motion.error_motion)
                 sums[motion.error_motion] = value if old is None else old + value
         return sums

@@ -1,0 +1,162 @@
+"""What pydantic found wrong, in Abbe's words: the same for every section, key and option."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import Any, NamedTuple
+
+from pydantic import ValidationError
+
+from abbe.compcore.errors import InputError
+
+Path = tuple[str | int, ...]
+"""Keys, and places in lists, that lead to a value."""
+
+_KINDS = {
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "finite_number": "a finite number",
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "string_type": "a text in quotes",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "dict_type": "a section",
+    "model_type": "a section",
+    "list_type": "a list",
+    "tuple_type": "a list",
+}
+_LONGEST = 60
+"""Characters of what was found that fit into a line."""
+
+
+class Invalid(NamedTuple):
+    """The first thing that is wrong.
+
+    Attributes
+    ----------
+    kind
+        pydantic's name of the fault: ``missing``, ``extra_forbidden``, …
+    path
+        Where.
+    problem, found, expected
+        As `InputError` has them.
+    cause
+        The `InputError` that a class's own check raised.
+    """
+
+    kind: str
+    path: Path
+    problem: str
+    found: Any = None
+    expected: str | None = None
+    cause: InputError | None = None
+
+
+def first_invalid(
+    error: ValidationError, data: Any = None, prefix: Sequence[str | int] = ()
+) -> Invalid:
+    """The first error of a validation.
+
+    Parameters
+    ----------
+    error
+        What pydantic raised.
+    data
+        The whole that holds what was validated: names of union members and types, which are not in
+        it, are left out of the path. None: the path stays as pydantic has it.
+    prefix
+        Path, in `data`, of the part that was validated.
+    """
+    first = error.errors()[0]
+    kind: str = first["type"]
+    path = (*prefix, *first["loc"])
+    if data is not None:
+        path = _in_data(data, path)
+    context: Any = first.get("ctx", {})
+    found = _short(first["input"])
+    if kind == "extra_forbidden":
+        return Invalid(kind, path, "unknown key", path[-1])
+    if kind == "missing":
+        last = path[-1] if path else ""
+        longer = f"a key {last!r}" if isinstance(last, str) else f"{last + 1} elements or more"
+        return Invalid(kind, path, "missing", expected=longer)
+    if kind == "union_tag_not_found":
+        return Invalid(kind, (*path, "type"), "missing", expected="a key 'type'")
+    if kind == "union_tag_invalid":
+        expected = "one of " + context["expected_tags"].replace("'", "")
+        return Invalid(kind, (*path, "type"), "unknown type", context["tag"], expected)
+    if kind == "literal_error":
+        return Invalid(kind, path, "not allowed", found, context["expected"])
+    if kind == "value_error":
+        cause = context["error"]
+        if isinstance(cause, InputError):
+            return Invalid(kind, path, cause.problem, cause.found, cause.expected, cause)
+        return Invalid(kind, path, str(cause))
+    if kind in _KINDS:
+        return Invalid(kind, path, "wrong kind of value", found, _KINDS[kind])
+    words = first["msg"].removeprefix("Input should ").removeprefix("be ")
+    return Invalid(kind, path, "not allowed", found, words)
+
+
+def invalid_key(
+    error: ValidationError, what: str, known: Collection[str], noun: str = "key"
+) -> InputError:
+    """The first error of keys that a person gave by name.
+
+    Parameters
+    ----------
+    error
+        What pydantic raised.
+    what
+        What the keys are of: the error's field where it is of no single key.
+    known
+        The keys that there are.
+    noun
+        What a key is called.
+    """
+    first = first_invalid(error)
+    field = str(first.path[0]) if first.path else what
+    if first.kind == "extra_forbidden":
+        return InputError(
+            f"{what} has no such {noun}", field=field, expected="one of " + ", ".join(known)
+        )
+    if first.kind == "missing" and len(first.path) == 1:
+        return InputError(f"{what} needs this {noun}", field=field)
+    if first.cause is not None:
+        return first.cause.at(field=field)
+    return InputError(
+        f"{what}: {first.problem}", field=field, found=first.found, expected=first.expected
+    )
+
+
+def _short(found: Any) -> Any:
+    text = repr(found)
+    return found if len(text) <= _LONGEST else text[:_LONGEST] + "…"
+
+
+def _in_data(data: Any, path: Path) -> Path:
+    """A path without what is not in the data."""
+    inside: list[str | int] = []
+    here = data
+    for i, part in enumerate(path):
+        if part in (here if isinstance(here, dict) else _indices(here)):
+            here = here[part]
+        elif i == len(path) - 1 and _missing(here, part):
+            here = None
+        else:
+            continue
+        inside.append(part)
+    return tuple(inside)
+
+
+def _missing(here: Any, part: str | int) -> bool:
+    """Whether the end of a path is a key, or an element, that should be there."""
+    if isinstance(here, dict):
+        return here.get("type") != part
+    return isinstance(here, list) and isinstance(part, int)
+
+
+def _indices(value: Any) -> range:
+    return range(len(value)) if isinstance(value, list) else range(0)
