@@ -24,10 +24,13 @@ from abbe.compcore.diagnosis.screening.pool import WeighedCandidate
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.fit import FitResult
+from abbe.compcore.linalg import svd
 
 F64 = NDArray[np.float64]
 
 _RIDGE = 1e-9
+_ROUNDING = 1e-10
+"""Part of a signature's square below which what is left of it is rounding."""
 _TOLD = 14.0
 
 
@@ -83,7 +86,7 @@ def advise(
             Advice(proposal.what, spec, apart, now, 0.0)
             for proposal, apart in zip(proposals, separated, strict=True)
         ]
-    if advice:
+    if any(a.separation > a.separation_now for a in advice):
         effort = {p.what: p.effort for p in proposals}
         advice.sort(
             key=lambda a: -(min(a.separation, 10 * _TOLD) - a.separation_now) / effort[a.what]
@@ -165,14 +168,27 @@ class _Known:
         size[size == 0.0] = 1.0
         columns = np.hstack([self._model, other / size])
         information, moment = columns.T @ columns, columns.T @ self._signature
+        values, vectors = np.linalg.eigh(information)
+        keep = values > _RIDGE * values[-1]
+        seen, unseen = vectors[:, keep] / np.sqrt(values[keep]), vectors[:, ~keep]
+        imitated = seen.T @ moment
         total = float(self._signature @ self._signature)
+        nothing = _ROUNDING * total
+        now = total - float(imitated @ imitated)
         every = np.hstack([new.model, new.columns(rival) / size])
+        by_seen, by_unseen = every @ seen, every @ unseen
+        missed = new.signature - by_seen @ imitated
         found = []
         for rows in new.slices:
-            more, signature = every[rows], new.signature[rows]
-            left = _left(information + more.T @ more, moment + more.T @ signature)
-            found.append(max(0.0, total + float(signature @ signature) - left))
-        return max(0.0, total - _left(information, moment)), found
+            own, left = by_seen[rows], missed[rows]
+            if unseen.shape[1]:
+                # what the campaign cannot see at all is free to follow the new rows
+                u, s, _ = svd(by_unseen[rows])
+                free = u[:, s**2 > _RIDGE * values[-1]]
+                own, left = own - free @ (free.T @ own), left - free @ (free.T @ left)
+            further = float(left @ np.linalg.solve(np.eye(len(left)) + own @ own.T, left))
+            found.append(now + further if now + further > nothing else 0.0)
+        return (now if now > nothing else 0.0), found
 
     def falls_by(self, more: F64) -> float:
         """Part of the prediction's mean standard deviation that new rows take away."""
@@ -251,14 +267,6 @@ def _determined(information: F64) -> F64:
 def _spread(information: F64, grid: F64) -> float:
     """Mean standard deviation of predictions, determined combinations only."""
     return float(np.sqrt(np.mean(((grid @ _determined(information)) ** 2).sum(axis=1))))
-
-
-def _left(information: F64, moment: F64) -> float:
-    """What of a signature model and rival imitate together."""
-    values, vectors = np.linalg.eigh(information)
-    keep = values > _RIDGE * values[-1]
-    part = vectors[:, keep].T @ moment
-    return float((part**2 / values[keep]).sum())
 
 
 def separable(effect: Effect) -> bool:

@@ -24,8 +24,8 @@ F64 = NDArray[np.float64]
 SEEN = 1e-3
 """Least part of a candidate's column (norm) outside the model's span for it to be seen at all."""
 
-_BATCH = 4_000_000
-"""Greatest number of elements of candidate columns held at once (32 MB)."""
+_BATCH = 400_000
+"""Elements of candidate columns laid out at once: as much as a processor's cache holds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,18 +218,27 @@ class Bank:
         -------
         One entry for each key, in ascending order.
         """
-        best: dict[int, ScreenedCandidate] = {}
-        tried: dict[int, int] = {}
+        trials: list[tuple[int, Mapping[str, float]]] = []
+        drops: list[F64] = []
+        ranks: list[NDArray[np.int64]] = []
         for batch in self._batches() if self._held is None else self._held:
-            for (key, nonlinear), drop, rank in batch.drops(basis):
-                if key in without:
-                    continue
-                tried[key] = tried.get(key, 0) + 1
-                if key not in best or drop > best[key].drop:
-                    best[key] = ScreenedCandidate(key, nonlinear, drop, rank)
+            drop, rank = batch.drops(basis)
+            trials += batch.trials
+            drops.append(drop)
+            ranks.append(rank)
+        if not trials:
+            return []
+        drop, rank = np.concatenate(drops), np.concatenate(ranks)
+        keys = np.array([key for key, _ in trials])
+        # by key, of each the greatest fall first; of equal ones the first that was tried
+        order = np.lexsort((-drop, keys))
+        unique, first, tried = np.unique(keys[order], return_index=True, return_counts=True)
         return [
-            ScreenedCandidate(s.key, s.nonlinear, s.drop, s.rank, tried[k])
-            for k, s in sorted(best.items())
+            ScreenedCandidate(key, trials[i][1], float(drop[i]), int(rank[i]), count)
+            for key, i, count in zip(
+                unique.tolist(), order[first].tolist(), tried.tolist(), strict=True
+            )
+            if key not in without
         ]
 
 
@@ -288,16 +297,17 @@ class _Batch:
             first, at = first + count, at + count * width
         return cls([trials[i] for i in order], stacked, groups)
 
-    def drops(self, basis: Basis) -> Iterator[tuple[tuple[int, Mapping[str, float]], float, int]]:
-        """Fall of χ² and rank of every trial against a basis."""
-        moment = self.columns @ basis.residual
-        joined = self.columns @ basis.extra
+    def drops(self, basis: Basis) -> tuple[F64, NDArray[np.int64]]:
+        """Fall of χ² and rank of every trial against a basis, each of shape (trials,)."""
+        inner = self.columns @ np.column_stack([basis.residual, basis.extra])
+        drop, rank = np.empty(len(self.trials)), np.empty(len(self.trials), dtype=np.int64)
         for first, count, at, fitted in self.groups:
-            width = fitted.shape[1]
-            own = slice(at, at + count * width)
-            drop, rank = drops_of(fitted, moment[own], joined[own])
-            for i, d, r in zip(range(first, first + count), drop, rank, strict=True):
-                yield self.trials[i], float(d), int(r)
+            own = inner[at : at + count * fitted.shape[1]]
+            trials = slice(first, first + count)
+            drop[trials], rank[trials] = drops_of(
+                fitted, own[:, 0], np.ascontiguousarray(own[:, 1:])
+            )
+        return drop, rank
 
 
 def drops_of(left: F64, moment: F64, joined: F64) -> tuple[F64, NDArray[np.int64]]:
