@@ -77,6 +77,36 @@ def without_effect(model: Model, name: str) -> tuple[Model, Effect]:
     return _unfitted(model, [t for i, t in enumerate(model.terms) if i != found[0]]), removed
 
 
+def add_effect(model: Model, effect: Effect | str, **keys: Any) -> Model:
+    """A model with one more effect, not yet fitted; see `with_effect`.
+
+    Parameters
+    ----------
+    effect
+        An effect, or its kind with `keys` beside it (``"backlash", axis="Z"``), or a whole spec as a
+        diagnosis prints it (``"backlash axis=Z"``).
+
+    Raises
+    ------
+    InputError
+        As `with_effect`, and for a spec that is not made of KEY=VALUE.
+    """
+    if isinstance(effect, Effect):
+        return with_effect(model, effect.kind, effect.where())[0]
+    kind, *assignments = effect.split() or [effect]
+    for assignment in assignments:
+        key, equals, value = assignment.partition("=")
+        if not equals or not key or key in keys:
+            raise InputError("cannot read a spec", found=effect, expected="KIND KEY=VALUE …")
+        keys[key] = value
+    return with_effect(model, kind, keys)[0]
+
+
+def remove_effect(model: Model, name: str) -> Model:
+    """A model without one of its effects, named as `without_effect` says; raises as it does."""
+    return without_effect(model, name)[0]
+
+
 def _unfitted(model: Model, terms: list[Term]) -> Model:
     # the covariance belongs to the effects as they were
     return replace(model, terms=tuple(terms), covariance=None)

@@ -12,13 +12,9 @@ from numpy.typing import NDArray
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_file import bare_machine, read_campaign
-from abbe.compcore.iso230.diagonals import Diagonals, evaluate_diagonals
-from abbe.compcore.iso230.positioning import (
-    RESULTS,
-    PositioningResult,
-    evaluate_positioning,
-    positioning_runs,
-)
+from abbe.compcore.iso230.diagonals import Diagonals
+from abbe.compcore.iso230.evaluate import evaluate_iso230
+from abbe.compcore.iso230.positioning import RESULTS, PositioningResult
 from abbe.compcore.machine.machine import Machine
 
 SYMBOLS: Mapping[str, str] = {
@@ -53,16 +49,15 @@ def evaluate(path: Path, machine: Machine | None = None) -> Evaluation:
     """
     machine = machine or bare_machine(path)
     campaign = read_campaign(path, machine)
-    runs = positioning_runs(campaign, machine)
-    diagonals = evaluate_diagonals(campaign, machine)
-    if not runs and not diagonals.diagonals:
+    found = evaluate_iso230(campaign, machine)
+    if not found.positioning and not found.diagonals.diagonals:
         raise InputError(
             "no set-up measures the positioning of one axis, or a diagonal",
             file=path,
             found="set-ups " + ", ".join(campaign.setups),
             expected="rows along one moving axis with u along it, at more than one position",
         )
-    return Evaluation(str(path), tuple(evaluate_positioning(r) for r in runs), diagonals)
+    return Evaluation(str(path), found.positioning, found.diagonals)
 
 
 def display(result: PositioningResult) -> tuple[str, float, str, float]:

@@ -1,0 +1,37 @@
+"""Everything that ISO 230 makes of a campaign: positioning of axes (part 2), diagonals (part 6)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.iso230.diagonals import Diagonals, evaluate_diagonals
+from abbe.compcore.iso230.positioning import PositioningResult, evaluate_positioning, positioning_runs
+from abbe.compcore.machine.machine import Machine
+
+
+@dataclass(frozen=True)
+class Iso230:
+    """What ISO 230 makes of a campaign.
+
+    Attributes
+    ----------
+    positioning
+        One result for each set-up that measured the positioning of one axis; may be empty.
+    diagonals
+        The face and body diagonals, with the squareness that they hint at.
+    """
+
+    positioning: tuple[PositioningResult, ...]
+    diagonals: Diagonals
+
+
+def evaluate_iso230(campaign: Campaign, machine: Machine) -> Iso230:
+    """Evaluate a campaign's positioning tests (ISO 230-2) and diagonals (ISO 230-6).
+
+    Set-ups that are neither count for nothing.
+    """
+    runs = positioning_runs(campaign, machine)
+    return Iso230(
+        tuple(evaluate_positioning(r) for r in runs), evaluate_diagonals(campaign, machine)
+    )
