@@ -83,8 +83,8 @@ def add_effect(model: Model, effect: Effect | str, **keys: Any) -> Model:
     Parameters
     ----------
     effect
-        An effect, or its kind with `keys` beside it (``"backlash", axis="Z"``), or a whole spec as a
-        diagnosis prints it (``"backlash axis=Z"``).
+        An effect, or its kind with `keys` beside it (``"backlash", axis="Z"``), or a whole spec as
+        a diagnosis prints it (``"backlash axis=Z"``).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""From a model to tables in one call: the error at stated conditions, on what a controller holds."""
+"""Tables of a model in one call: its error at stated conditions, on what a controller holds."""
 
 from __future__ import annotations
 

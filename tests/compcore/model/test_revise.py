@@ -9,9 +9,7 @@ from abbe.compcore.machine.structure import Structure
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.revise import add_effect, remove_effect
 
-MACHINE = Machine(
-    "mill", Structure.parse("w b Y X Z t"), {a: Axis(a, (0.0, 500.0)) for a in "XYZ"}
-)
+MACHINE = Machine("mill", Structure.parse("w b Y X Z t"), {a: Axis(a, (0.0, 500.0)) for a in "XYZ"})
 BACKLASH = make_effect("backlash", {"axis": "Z"})
 
 
