@@ -27,9 +27,9 @@ The whole loop, in the order in which it is walked::
     control = abbe.make_controller("csv", model.machine)        # or as the controller's own tables
     tables = abbe.project_tables(result.model, control.capability, signals={"T_x": 20.0})
 
-Lengths are mm, angles rad, temperatures °C, time s; error = actual − indicated. What is not exported
-here stands in the rooms `abbe.compcore`, `abbe.drivers` and `abbe.daemon`. A name is imported when
-it is first used. `docs/python.md` walks the loop on a machine that is in the repository.
+Lengths are mm, angles rad, temperatures °C, time s; error = actual − indicated. A name is imported
+when it is first used; what is not exported here stands in the rooms of `abbe.compcore`,
+`abbe.drivers` and `abbe.daemon`. `docs/python.md` walks the loop on a machine of the repository.
 """
 
 from __future__ import annotations
