@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from abbe.compcore.files.fit_record import recorded
     from abbe.compcore.files.map_file import load_map
     from abbe.compcore.files.model_file import load_model, save_model
+    from abbe.compcore.files.switched_points import read_switched
     from abbe.compcore.fitting.design.superposition import uncompensated
     from abbe.compcore.fitting.fit import FitResult, fit
     from abbe.compcore.fitting.frame import Frame
@@ -61,7 +62,6 @@ if TYPE_CHECKING:
     from abbe.compcore.maps.convention import Convention
     from abbe.compcore.maps.conventions.identify import identify
     from abbe.compcore.maps.conventions.subject import MapSubject, ModelSubject
-    from abbe.compcore.maps.conventions.switched import read_switched
     from abbe.compcore.maps.to_model import import_map
     from abbe.compcore.model.error_map import error_map
     from abbe.compcore.model.model import Model, Term, Value
@@ -95,7 +95,7 @@ _ROOMS = {
     "abbe.compcore.maps.convention": ("Convention",),
     "abbe.compcore.maps.conventions.identify": ("identify",),
     "abbe.compcore.maps.conventions.subject": ("MapSubject", "ModelSubject"),
-    "abbe.compcore.maps.conventions.switched": ("read_switched",),
+    "abbe.compcore.files.switched_points": ("read_switched",),
     "abbe.compcore.maps.to_model": ("import_map",),
     "abbe.compcore.model.error_map": ("error_map",),
     "abbe.compcore.model.model": ("Model", "Term", "Value"),
