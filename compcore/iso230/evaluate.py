@@ -6,7 +6,11 @@ from dataclasses import dataclass
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.iso230.diagonals import Diagonals, evaluate_diagonals
-from abbe.compcore.iso230.positioning import PositioningResult, evaluate_positioning, positioning_runs
+from abbe.compcore.iso230.positioning import (
+    PositioningResult,
+    evaluate_positioning,
+    positioning_runs,
+)
 from abbe.compcore.machine.machine import Machine
 
 
