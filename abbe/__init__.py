@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from abbe.compcore.files.switched_points import read_switched
     from abbe.compcore.fitting.design.superposition import uncompensated
     from abbe.compcore.fitting.fit import FitResult, fit
-    from abbe.compcore.fitting.frame import Frame
+    from abbe.compcore.fitting.frame import ReferenceFrame
     from abbe.compcore.iso230.evaluate import Iso230, evaluate_iso230
     from abbe.compcore.machine.conditions import Conditions
     from abbe.compcore.machine.machine import Axis, Machine, Signal
@@ -87,7 +87,7 @@ _ROOMS = {
     "abbe.compcore.files.model_file": ("load_model", "save_model"),
     "abbe.compcore.fitting.design.superposition": ("uncompensated",),
     "abbe.compcore.fitting.fit": ("FitResult", "fit"),
-    "abbe.compcore.fitting.frame": ("Frame",),
+    "abbe.compcore.fitting.frame": ("ReferenceFrame",),
     "abbe.compcore.iso230.evaluate": ("Iso230", "evaluate_iso230"),
     "abbe.compcore.machine.conditions": ("Conditions",),
     "abbe.compcore.machine.machine": ("Axis", "Machine", "Signal"),
@@ -121,7 +121,6 @@ __all__ = [
     "Effect",
     "FitError",
     "FitResult",
-    "Frame",
     "InputError",
     "Iso230",
     "Kind",
@@ -130,6 +129,7 @@ __all__ = [
     "Model",
     "ModelSubject",
     "NoiseFloor",
+    "ReferenceFrame",
     "Signal",
     "Structure",
     "Term",
