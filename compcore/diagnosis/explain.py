@@ -12,7 +12,10 @@ from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
 from abbe.compcore.diagnosis.verdict import Diagnosis, Established
+from abbe.compcore.effects import RotaryLocation
 from abbe.compcore.effects.base import Effect
+from abbe.compcore.model.as_built import average_lines, seen_factor
+from abbe.compcore.model.model import Model, Term, Value
 from abbe.compcore.units import display
 
 F64 = NDArray[np.float64]
@@ -29,6 +32,7 @@ def explanation(established: Established, diagnosis: Diagnosis) -> str:
     if told := ", ".join(parameter(e) for e in established.estimates[:4]):
         more = len(established.estimates) - 4
         parts.append(f"Fitted: {told}{f' and {more} more' if more > 0 else ''}.")
+    parts += _as_built(established, diagnosis)
     doubtful = [e for e in established.estimates if not e.plausible]
     parts += [
         f"{e.name} lies outside what a sound machine shows "
@@ -48,6 +52,19 @@ def explanation(established: Established, diagnosis: Diagnosis) -> str:
     before, after = diagnosis.rms * 1e3, established.rms_after * 1e3
     parts.append(f"Added, it brings the residuals from {before:.2f} to {after:.2f} µm RMS.")
     return " ".join(parts)
+
+
+def _as_built(established: Established, diagnosis: Diagnosis) -> list[str]:
+    """What is physically there: of a rotary axis's line, of a table itself."""
+    effect, model = established.found.candidate.effect, diagnosis.result.problem.model
+    values = {e.name: Value(e.value, e.sd) for e in established.estimates}
+    if isinstance(effect, RotaryLocation):
+        kept = tuple(t for t in model.terms if t.effect != effect)
+        line = average_lines(Model(model.machine, (*kept, Term(effect, values))))
+        return [_sentence(w) for one in line if one.axis == effect.axis for w in one.words()]
+    if seen_factor(model.machine, effect) > 0.0:
+        return []
+    return ["On the table itself (level, indicator, R-test) it has the opposite sign."]
 
 
 def _evidence(established: Established, diagnosis: Diagnosis, campaign: Campaign) -> str:

@@ -13,6 +13,8 @@ from abbe.compcore.diagnosis.explain import description, explanation, formula, h
 from abbe.compcore.diagnosis.measure_next import Advice
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
 from abbe.compcore.diagnosis.verdict import Diagnosis, Established
+from abbe.compcore.model.model import Value
+from abbe.daemon.answers import as_built
 from abbe.daemon.answers.fit import finite, floor_of_lengths
 
 _SAID = {
@@ -75,6 +77,11 @@ def _candidate(established: Established, diagnosis: Diagnosis) -> dict[str, Any]
             e.name: {"value": e.value, "sd": e.sd, "unit": e.unit, "plausible": e.plausible}
             for e in established.estimates
         },
+        "on_the_table": as_built.seen_json(
+            diagnosis.result.problem.model.machine,
+            effect,
+            {e.name: Value(e.value, e.sd) for e in established.estimates},
+        ),
         "confusable_with": [_alias(a) for a in established.aliases],
         "explanation": explanation(established, diagnosis),
     }

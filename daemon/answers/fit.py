@@ -12,6 +12,7 @@ from abbe.compcore.comparison.compare import LENGTHS
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.fitting.rigid_body import rigid_body_test
 from abbe.compcore.units import display
+from abbe.daemon.answers import as_built
 from abbe.daemon.answers.inputs import file_of
 
 _MOST_TOLD = 20
@@ -66,9 +67,11 @@ def as_json(result: FitResult, noise: NoiseFloor) -> dict[str, Any]:
                     name: {"value": v.value, "sd": v.sd, "unit": unit}
                     for (name, v), unit in zip(term.values.items(), _units(result, i), strict=True)
                 },
+                "on_the_table": as_built.seen_json(result.model.machine, term.effect, term.values),
             }
             for i, term in enumerate(result.model.terms)
         ],
+        "rotary_axes": as_built.lines_json(result.model),
         "bases": _places(result),
         "undetermined": [
             {"text": u.text, "effects": list(u.effects), "convention": u.convention}
@@ -164,8 +167,14 @@ def parameter_lines(result: FitResult) -> Iterator[str]:
             if sd < _NOTHING * unknown.scale:
                 parts.append(f"{name} = {value.value * factor:.4g} {shown}, by convention")
                 continue
-            parts.append(f"{name} = {value.value * factor:.4g} ± {sd * factor:.2g} {shown}")
+            text = f"{name} = {value.value * factor:.4g} ± {sd * factor:.2g} {shown}"
+            if name in as_built.reversed_names(result.model.machine, term.effect):
+                text += f" (on the table itself {-value.value * factor:+.4g} {shown})"
+            parts.append(text)
         yield f"{term.effect.spec}: {', '.join(parts)}"
+    yield from as_built.lines_text(result.model)
+    if any(as_built.reversed_names(result.model.machine, e) for e in result.model.effects):
+        yield as_built.ON_THE_TABLE
 
 
 def _units(result: FitResult, term: int) -> list[str]:

@@ -10,6 +10,7 @@ from typing import Any
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
 from abbe.compcore.comparison.compare import LENGTHS, compare
+from abbe.compcore.effects import RotaryLocation
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.files.campaign_file import read_campaigns, require_signals
 from abbe.compcore.files.fit_record import recorded
@@ -17,6 +18,7 @@ from abbe.compcore.files.model_file import save_model, summary
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.model.model import Model
 from abbe.compcore.units import display
+from abbe.daemon.answers import as_built
 from abbe.daemon.answers.fit import finite, floor_of_lengths
 from abbe.daemon.answers.inputs import abbe_version, now
 
@@ -137,6 +139,10 @@ def as_json(revision: Revision, effect: Effect | None) -> dict[str, Any]:
             name: {"value": v, "sd": sd, "unit": unit}
             for name, v, sd, unit in _parameters(revision.after, effect)
         }
+        model = revision.after.model
+        values = next((t.values for t in model.terms if t.effect == effect), {})
+        out["on_the_table"] = as_built.seen_json(model.machine, effect, values)
+        out["rotary_axes"] = as_built.lines_json(model)
     return out
 
 
@@ -145,7 +151,12 @@ def as_text(revision: Revision, effect: Effect | None) -> Iterator[str]:
     if effect is not None:
         for name, value, sd, unit in _parameters(revision.after, effect):
             shown, factor = display(unit)
-            yield f"{name} = {value * factor:.4g} ± {(sd or 0.0) * factor:.2g} {shown}"
+            text = f"{name} = {value * factor:.4g} ± {(sd or 0.0) * factor:.2g} {shown}"
+            if name in as_built.reversed_names(revision.after.model.machine, effect):
+                text += f" (on the table itself {-value * factor:+.4g} {shown})"
+            yield text
+        if isinstance(effect, RotaryLocation):
+            yield from as_built.lines_text(revision.after.model)
     floor = floor_of_lengths(revision.noise)
     at_best = (
         f"; noise floor {floor.value * 1e3:.2f} µm"

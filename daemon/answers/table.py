@@ -20,6 +20,7 @@ from abbe.compcore.tables.projection.project import TOLERANCE, project
 from abbe.compcore.tables.remainder import Remainder, TrialPoints
 from abbe.compcore.tables.table import Table
 from abbe.compcore.tables.volume import Volume
+from abbe.daemon.answers import as_built
 from abbe.daemon.answers.inputs import abbe_version, now
 from abbe.drivers.controllers import Confidence, Controller
 
@@ -140,7 +141,8 @@ def make(order: TableRequest, model: Model | None = None) -> Tabled:
         remaining[IDEAL] = trial.remainder(ideal)
     if not {"L-VOL", "L-VOL+"} & set(capability.types):
         remaining[FULL] = trial.remainder(project(error, volume, RIGID).tables)
-    notes = tuple(dict.fromkeys((*([order.note] if order.note else []), *found.notes)))
+    lines = tuple(as_built.lines_text(model))
+    notes = tuple(dict.fromkeys((*([order.note] if order.note else []), *found.notes, *lines)))
     record = records.full_record(
         model=records.model_record(
             model, str(order.model_path), sha256(read_text(order.model_path))
@@ -193,6 +195,7 @@ def as_json(done: Tabled, written: Sequence[Path]) -> dict[str, Any]:
         "sign": controller.sign,
         "trust": controller.trust.as_dict(),
         "activation": list(controller.activation()),
+        "rotary_axes": as_built.lines_json(done.model),
         "written": [str(p) for p in written],
         **done.made.document(),
     }

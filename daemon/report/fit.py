@@ -15,6 +15,7 @@ from abbe.compcore.model.error_map import error_map
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.motion_curves import motion_curves
 from abbe.compcore.units import display
+from abbe.daemon.answers import as_built
 from abbe.daemon.report import residuals as pictures
 from abbe.daemon.report.compare import draw_residuals
 from abbe.daemon.report.page import Page, number
@@ -47,6 +48,7 @@ def fit_page(result: FitResult, model: Model, noise: NoiseFloor) -> Page:
     page.section("Parameters")
     page.text("Effects of one or two parameters; coefficients of shapes stand at the end.")
     _parameters(page, result, few=True)
+    page.notes(list(as_built.lines_text(result.model)))
     page.section("What this campaign does not determine")
     page.notes([u.text for u in result.undetermined if not u.convention], warning=True)
     page.notes([u.text for u in result.undetermined if u.convention])
@@ -75,6 +77,8 @@ def _motions(page: Page, model: Model) -> None:
         "actual − indicated."
     )
     for axis in model.machine.structure.axes:
+        if axis in model.machine.structure.workpiece_side:
+            page.text(f"{axis}: {as_built.ON_THE_TABLE}.")
         curves = motion_curves(model, axis)
         for rotation in (False, True):
             chosen = [
@@ -93,9 +97,15 @@ def _parameters(page: Page, result: FitResult, *, few: bool) -> None:
         for (name, value), unknown in zip(term.values.items(), layout.unknowns[where], strict=True):
             unit, factor = display(unknown.unit)
             sd = None if value.sd is None else value.sd * factor
-            rows.append([term.effect.spec, name, value.value * factor, sd, unit])
+            seen = as_built.reversed_names(result.model.machine, term.effect)
+            on_table = -value.value * factor if name in seen else None
+            rows.append([term.effect.spec, name, value.value * factor, sd, unit, on_table])
+    heads = ["Effect", "Parameter", "Value", "± standard uncertainty", "Unit"]
+    heads.append("On the table itself")
+    if rows and all(row[-1] is None for row in rows):
+        heads, rows = heads[:-1], [row[:-1] for row in rows]
     if rows:
-        page.table(["Effect", "Parameter", "Value", "± standard uncertainty", "Unit"], rows)
+        page.table(heads, rows)
 
 
 def _rigid_body(page: Page, result: FitResult) -> None:

@@ -40,8 +40,12 @@ class RotaryLocation(Effect):
 
     Formula
         Constants on the axis's error motions, in its stator's frame, with their origin at the
-        nominal line (``location`` in the model file). For a C axis: E_X0C, E_Y0C (where the line
-        crosses), E_A0C, E_B0C (how it leans), E_C0C (its zero angle); for A and B by their letters.
+        nominal line (``location`` in the model file). For a C axis: E_X0C, E_Y0C, E_A0C, E_B0C, and
+        E_C0C (where it stands when it shows 0); for A and B by their letters. They are errors of
+        the tool relative to the workpiece. On the **tool side** the line lies E_X0C, E_Y0C beside
+        its nominal place and leans by E_A0C, E_B0C. On the **workpiece side** it is the opposite: a
+        table C' whose line lies 10 µm towards −X of the nominal place has E_X0C = +10 µm. An axis
+        that is carried by another counts from where the other carries it.
     Parameters
     ----------
         E_X0C, E_Y0C in mm, within ±0.2 mm; E_A0C, E_B0C, E_C0C in rad, within ±1 mrad. After a
@@ -52,7 +56,9 @@ class RotaryLocation(Effect):
         Set-up of the table or head, an old value in the controller, collision, thermal growth of
         column or trunnion.
     Cure
-        Calibrate with a sphere and probe (R-test) and enter the centres; compensation R-POR.
+        Calibrate with a sphere and probe (R-test) and enter the place and direction that ``abbe
+        fit`` says, on either side of the bed (not the nominal place plus the parameter: on the
+        workpiece side that doubles the error); then take the effect out. Compensation R-POR.
     Source
         ISO 230-7:2015 (axis average line); ISO/TR 16907:2015, 6 and 8.2 (R-POR); ISO 10791-6.
     """
@@ -221,6 +227,8 @@ class RotaryRadial(RotaryMotion):
     Formula
         ``E_dC = Σ A_h·cos(hθ) + B_h·sin(hθ)``, h = 1 … ``harmonics`` (default 2), d a direction
         across the axis; or a ``shape`` over the travel.
+        On the workpiece side it is the tool's motion relative to the table: an indicator or R-test
+        on the table itself shows the opposite sign.
     Parameters
     ----------
         A1, B1, … in mm, within ±50 µm; rolling bearings 1 to 5 µm, hydrostatic below 0.5 µm. The
@@ -264,6 +272,7 @@ class RotaryAxial(RotaryMotion):
     Formula
         ``E_ZC = Σ A_h·cos(hθ) + B_h·sin(hθ)``, h = 1 … ``harmonics`` (default 2); or a ``shape``
         over the travel. ``direction`` may be left out; it is the axis's own.
+        On the workpiece side an indicator on the table itself shows the opposite sign.
     Parameters
     ----------
         A1, B1, … in mm, within ±50 µm; good tables 1 to 3 µm.
@@ -309,6 +318,7 @@ class RotaryTilt(RotaryMotion):
         ``E_AC`` (direction X) or ``E_BC`` (direction Y) ``= Σ A_h·cos(hθ) + B_h·sin(hθ)``, a turn
         about the ``direction``, right-handed, h = 1 … ``harmonics`` (default 2); or a ``shape``
         over the travel.
+        On the workpiece side a level on the table itself shows the opposite sign.
     Parameters
     ----------
         A1, B1, … in rad, within ±500 µrad; good tables 2 to 20 µrad. At the functional point it

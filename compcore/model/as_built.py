@@ -1,0 +1,255 @@
+"""What is physically there: where rotary axes' lines lie, what a person measures on a table.
+
+An error is of the tool relative to the workpiece (docs/conventions.md). On the tool side of the
+bed that is what an indicator on the bed shows of the axis. On the workpiece side it is the
+opposite: a table whose line lies at +10 µm has E_X0C = −10 µm. Whoever enters a centre in a
+controller, or lays a level on a table, needs what is there, and this module says it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.effects import RotaryLocation, Squareness
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import Machine, own_component
+from abbe.compcore.model.model import Model, Term
+
+F64 = NDArray[np.float64]
+Side = Literal["tool", "workpiece"]
+
+_LETTERS = "XYZABC"
+_UNSEEN = 5e-10
+"""mm and rad below which a line is not said to be elsewhere."""
+
+
+def side_of(machine: Machine, axis: str) -> Side:
+    """On which side of the bed an axis is."""
+    return "workpiece" if axis in machine.structure.workpiece_side else "tool"
+
+
+def seen_factor(machine: Machine, effect: Effect) -> float:
+    """By what an effect's linear parameters are multiplied to be what one measures on the part.
+
+    −1 where all error motions that it moves are those of axes on the workpiece side: a level,
+    an indicator or an R-test on the table itself shows the opposite of the error. 1 otherwise;
+    also for a squareness, which is the angle between two moves, whoever makes them.
+    """
+    if effect.scope != "machine" or isinstance(effect, Squareness):
+        return 1.0
+    at = Conditions.at(
+        {a: machine.axis(a).middle for a in machine.structure.axes},
+        signals=dict.fromkeys(machine.signals, machine.reference_temperature),
+    )
+    nonlinear = {p.name: p.starts[0] for p in effect.nonlinear(machine)}
+    places = {m.error_motion.place for m in effect.motions(machine, at, nonlinear)}
+    return -1.0 if places and places <= set(machine.structure.workpiece_side) else 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class AverageLine:
+    """Where the axis average line of a rotary axis lies, all axes at zero.
+
+    Attributes
+    ----------
+    axis, side
+        The axis, and on which side of the bed it is.
+    configured
+        ``location`` of the model, shape (3,), mm.
+    offset, offset_sd
+        From there to where the line is, across the axis, shape (3,), mm, machine axes; the sum over
+        the rotary axes that carry it. NaN where the uncertainty is not known.
+    lean, lean_sd
+        Rotation that turns the configured direction into the real one, shape (3,), rad.
+    zero, zero_sd
+        Where the axis stands when it shows 0, counted as the axis counts, rad.
+    direction
+        Direction of the line as it is, shape (3,), a unit vector.
+    carrier
+        The rotary axis that carries it, if any.
+    beside_carrier
+        The part of `offset` that is not the carrier's: what to enter where a controller counts from
+        the carrier's line; shape (3,), mm.
+    """
+
+    axis: str
+    side: Side
+    configured: F64
+    offset: F64
+    offset_sd: F64
+    lean: F64
+    lean_sd: F64
+    zero: float
+    zero_sd: float
+    direction: F64
+    carrier: str | None
+    beside_carrier: F64
+
+    @property
+    def across(self) -> tuple[int, int]:
+        """The two machine directions across the axis, 0 to 2."""
+        own = "ABC".index(own_component(self.axis))
+        first, second = (k for k in range(3) if k != own)
+        return first, second
+
+    @property
+    def place(self) -> F64:
+        """Where the line is: what to enter for `configured`, shape (3,), mm."""
+        return self.configured + self.offset
+
+    def words(self) -> Iterator[str]:
+        """Sentences for people: what is there, and what to enter."""
+        yield self._place_words()
+        if lean := self._lean_words():
+            yield lean
+        if abs(self.zero) > _UNSEEN:
+            stands = f"{self.axis} stands at {_amount(self.zero, self.zero_sd, 1e6, 'µrad')}"
+            turned = ""
+            if self.side == "workpiece":
+                letter = "XYZ"["ABC".index(own_component(self.axis))]
+                turned = f" (the table itself is turned by {-self.zero * 1e6:+.4g} µrad about "
+                turned += f"{letter}, right-handed)"
+            yield f"{stands} where it shows 0{turned}"
+
+    def _place_words(self) -> str:
+        parts = [
+            _towards(self.offset[k], self.offset_sd[k], k, 1e3, "µm")
+            for k in self.across
+            if abs(self.offset[k]) > _UNSEEN
+        ]
+        if not parts:
+            return f"the line of {self.axis} lies where it is configured"
+        entered = ", ".join(
+            f"{'XYZ'[k]} {self.place[k]:.4f} instead of {self.configured[k]:.4f} mm"
+            for k in self.across
+            if abs(self.offset[k]) > _UNSEEN
+        )
+        text = f"the line of {self.axis} lies {' and '.join(parts)} of the configured place: "
+        text += f"enter {entered}"
+        if self.carrier is not None:
+            apart = ", ".join(
+                f"{'XYZ'[k]} {self.beside_carrier[k] * 1e3:+.4g} µm" for k in self.across
+            )
+            text += f" (all axes at zero; from where {self.carrier} carries it: {apart})"
+        return text
+
+    def _lean_words(self) -> str:
+        tip = np.cross(self.lean, self.direction)
+        sd = np.abs(np.cross(np.eye(3), self.direction)).T @ np.nan_to_num(self.lean_sd)
+        sd = np.where(np.isnan(self.lean_sd).all(), np.nan, sd)
+        parts = [
+            _towards(tip[k], sd[k], k, 1e6, "µrad") for k in self.across if abs(tip[k]) > _UNSEEN
+        ]
+        if not parts:
+            return ""
+        vector = ", ".join(f"{v:.7f}" for v in self.direction + 0.0)
+        end = "XYZ"["ABC".index(own_component(self.axis))]
+        return (
+            f"the line of {self.axis} leans, its +{end} end {' and '.join(parts)}: its direction "
+            f"is ({vector})"
+        )
+
+
+def average_lines(model: Model) -> tuple[AverageLine, ...]:
+    """Where the lines of rotary axes lie, of those with a fitted `rotary_location`.
+
+    In the order of the structure. An axis that is carried by another lies where the other's line
+    puts it: the place is the sum over all that stand between it and the bed.
+    """
+    fitted = {
+        t.effect.axis: i
+        for i, t in enumerate(model.terms)
+        if isinstance(t.effect, RotaryLocation) and t.fitted
+    }
+    return tuple(
+        _line(model, axis, fitted) for axis in model.machine.structure.axes if axis in fitted
+    )
+
+
+def _line(model: Model, axis: str, fitted: dict[str, int]) -> AverageLine:
+    machine = model.machine
+    side = side_of(machine, axis)
+    where = np.asarray(machine.axis(axis).location, dtype=np.float64)
+    own = "ABC".index(own_component(axis))
+    carriers = [a for a in _from_the_bed(machine, axis) if a in fitted and a != axis]
+    theta = np.array([v.value for t in model.terms for v in t.values.values()])
+    place = np.zeros((6, len(theta)))
+    beside = np.zeros((6, len(theta)))
+    for other in (*carriers, axis):
+        point = np.asarray(machine.axis(other).location)
+        block = _pose(model, fitted[other], where - point, len(theta))
+        place += block
+        if other == axis:
+            beside += block
+    factor = -1.0 if side == "workpiece" else 1.0
+    value, covariance = factor * (place @ theta), model.covariance
+    sd = np.full(6, np.nan)
+    if covariance is not None:
+        sd = np.sqrt(np.maximum(np.einsum("ip,pq,iq->i", place, covariance, place), 0.0))
+    elif not carriers:
+        sd = _stated_sd(model.terms[fitted[axis]])
+    lean, offset = value[3:].copy(), value[:3].copy()
+    zero_name = f"E_{'ABC'[own]}0{axis}"
+    zero = model.terms[fitted[axis]].values[zero_name]
+    lean[own] = offset[own] = 0.0
+    nominal = np.asarray(machine.axis(axis).direction)
+    direction = nominal + np.cross(lean, nominal)
+    return AverageLine(
+        axis,
+        side,
+        where,
+        offset,
+        sd[:3],
+        lean,
+        sd[3:],
+        zero.value,
+        np.nan if zero.sd is None else zero.sd,
+        direction / np.linalg.norm(direction),
+        carriers[-1] if carriers else None,
+        factor * (beside @ theta)[:3],
+    )
+
+
+def _from_the_bed(machine: Machine, axis: str) -> list[str]:
+    """The rotary axes from the bed to an axis, itself last."""
+    structure = machine.structure
+    side = structure.workpiece_side
+    order = list(side[::-1]) if axis in side else list(structure.tool_side)
+    return [a for a in order[: order.index(axis) + 1] if machine.axis(a).rotary]
+
+
+def _pose(model: Model, term: int, reach: F64, size: int) -> F64:
+    """What a location's parameters do to a frame at `reach` from its origin, shape (6, size)."""
+    at = sum(len(t.values) for t in model.terms[:term])
+    names = list(model.terms[term].values)
+    block = np.zeros((6, size))
+    for i, name in enumerate(names):
+        k = _LETTERS.index(name[2])
+        block[k, at + i] += 1.0
+        if k >= 3:
+            block[:3, at + i] += np.cross(np.eye(3)[k - 3], reach)
+    return block
+
+
+def _stated_sd(term: Term) -> F64:
+    sd = np.full(6, np.nan)
+    for name, value in term.values.items():
+        if value.sd is not None:
+            sd[_LETTERS.index(name[2])] = value.sd
+    return sd
+
+
+def _towards(value: float, sd: float, direction: int, factor: float, unit: str) -> str:
+    sign = "+" if value > 0.0 else "−"
+    return f"{_amount(abs(value), sd, factor, unit)} towards {sign}{'XYZ'[direction]}"
+
+
+def _amount(value: float, sd: float, factor: float, unit: str) -> str:
+    more = "" if not sd > 0.0 else f" ± {sd * factor:.2g}"
+    return f"{value * factor:.4g}{more} {unit}"

@@ -1,0 +1,86 @@
+"""What is physically there, beside an answer's errors: as JSON, as sentences, as a rule of signs.
+
+Errors are of the tool relative to the workpiece. Where a rotary axis' line lies, what to enter for
+it, and what one measures on a table itself, follows from them and is said here for all commands.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.model.as_built import AverageLine, average_lines, seen_factor
+from abbe.compcore.model.model import Model, Value
+
+ON_THE_TABLE = (
+    "axes on the workpiece side: a level, an indicator or an R-test on the table itself shows the "
+    "opposite sign of these errors of the tool relative to the workpiece"
+)
+
+
+def lines_json(model: Model) -> list[dict[str, Any]]:
+    """Where the lines of rotary axes lie and what to enter for them; one entry an axis."""
+    return [_line(line) for line in average_lines(model)]
+
+
+def _line(line: AverageLine) -> dict[str, Any]:
+    across = [("XYZ"[k], k) for k in line.across]
+    return {
+        "axis": line.axis,
+        "side": line.side,
+        "unit": "mm",
+        "configured": {d: float(line.configured[k]) for d, k in across},
+        "enter": {d: float(line.place[k]) for d, k in across},
+        "offset": {d: float(line.offset[k]) for d, k in across},
+        "sd": {d: _finite(float(line.offset_sd[k])) for d, k in across},
+        "direction": [float(v) for v in line.direction],
+        "lean": {"unit": "rad", **{d: float(line.lean[k]) for d, k in across}},
+        "lean_sd": {"unit": "rad", **{d: _finite(float(line.lean_sd[k])) for d, k in across}},
+        "zero": {"unit": "rad", "value": line.zero, "sd": _finite(line.zero_sd)},
+        "carried_by": line.carrier,
+        "offset_from_carrier": {d: float(line.beside_carrier[k]) for d, k in across},
+        "text": list(line.words()),
+    }
+
+
+def lines_text(model: Model) -> Iterator[str]:
+    """Sentences about the rotary axes' lines."""
+    lines = average_lines(model)
+    for line in lines:
+        yield from line.words()
+    if lines:
+        yield (
+            "entered in the controller, a place is no error any more: take the effect out of the "
+            "model, or it is corrected twice"
+        )
+
+
+def seen_json(
+    machine: Machine, effect: Effect, values: Mapping[str, Value]
+) -> dict[str, Any] | None:
+    """What of an effect one measures on the table itself; None on the tool side."""
+    names = reversed_names(machine, effect)
+    if not names or not values:
+        return None
+    return {
+        "text": ON_THE_TABLE,
+        "parameters": {
+            p.name: {"value": -values[p.name].value, "sd": values[p.name].sd, "unit": p.unit}
+            for p in effect.linear(machine)
+            if p.name in values
+        },
+    }
+
+
+def reversed_names(machine: Machine, effect: Effect) -> frozenset[str]:
+    """The parameters of an effect that have the opposite sign when measured on the table itself."""
+    if seen_factor(machine, effect) > 0.0:
+        return frozenset()
+    return frozenset(p.name for p in effect.linear(machine))
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
