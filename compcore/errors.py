@@ -62,12 +62,12 @@ class InputError(AbbeError, ValueError):
         if self.field is not None:
             where.append(f"field {_shortened(self.field)!r}")
         text = f"{', '.join(where)}: {self.problem}" if where else self.problem
-        told = []
+        details = []
         if self.found is not None:
-            told.append(f"found {_shortened(repr(self.found))}")
+            details.append(f"found {_shortened(repr(self.found))}")
         if self.expected is not None:
-            told.append(f"expected {self.expected}")
-        return f"{text}: {', '.join(told)}" if told else text
+            details.append(f"expected {self.expected}")
+        return f"{text}: {', '.join(details)}" if details else text
 
     def at(
         self,

@@ -39,7 +39,7 @@ def _run() -> int:
     from abbe.daemon.standard_output import finish, install
     from abbe.drivers.link import LinkError
 
-    told = ""
+    reported = ""
     status = 1
     try:
         install()
@@ -50,18 +50,18 @@ def _run() -> int:
     except SystemExit as done:
         status = done.code if isinstance(done.code, int) else int(done.code is not None)
     except (AbbeError, LinkError) as error:
-        told = str(error)
+        reported = str(error)
     except BrokenPipeError:
         status = 0
     except OSError as error:
         where = "" if error.filename is None else f"{os.fsdecode(error.filename)}: "
-        told = f"{where}{error.strerror or error}"
+        reported = f"{where}{error.strerror or error}"
     except MemoryError:
-        told = "not enough memory"
-    if told:
-        _tell(told)
+        reported = "not enough memory"
+    if reported:
+        _tell(reported)
     unprinted = finish()
-    if unprinted and not told:
+    if unprinted and not reported:
         _tell(unprinted)
     return status or int(bool(unprinted))
 

@@ -16,7 +16,7 @@ UM = 1e3
 """µm per mm."""
 
 
-def linked(configuration: Configuration) -> dict[str, Any]:
+def overview(configuration: Configuration) -> dict[str, Any]:
     """The links, inputs, outputs, guard and model of a configuration, ready for JSON.
 
     Each input and output says `what` it is, its `channel`, `where` that sits, its `unit` on the

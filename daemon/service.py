@@ -120,9 +120,9 @@ class Service:
     def _warn_of_uploads(self) -> None:
         """Say that an upload of tables was cut off: which table is active is not sure then."""
         upload = self.configuration.upload
-        told = unfinished_in(upload.journal) if upload is not None else ""
-        if told:
-            logger.warning("%s; run abbe upload %s --recover", told, self.configuration.path)
+        reported = unfinished_in(upload.journal) if upload is not None else ""
+        if reported:
+            logger.warning("%s; run abbe upload %s --recover", reported, self.configuration.path)
 
     async def _until_ended(self) -> None:
         """Run the pipeline; a driver that never returns cannot keep the service from ending.

@@ -62,7 +62,7 @@ def finish() -> str:
     What cannot be printed goes nowhere from now on, on standard error too: the interpreter would
     try it once more at its end, with a traceback or an exit status of its own.
     """
-    told = ""
+    reported = ""
     for stream in (sys.stdout, sys.stderr):
         try:
             if stream is not None and not stream.closed:
@@ -70,8 +70,8 @@ def finish() -> str:
         except (StandardOutputError, OSError) as error:
             silence(stream)
             if isinstance(error, StandardOutputError):
-                told = str(error)
-    return told
+                reported = str(error)
+    return reported
 
 
 def silence(stream: TextIO) -> None:

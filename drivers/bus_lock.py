@@ -1,4 +1,4 @@
-"""Whose turn it is on a bus: one caller at a time, a bounded queue behind it."""
+"""The lock of a bus: one caller at a time, a bounded queue behind it."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import asyncio
 from types import TracebackType
 
 from abbe.drivers.link import LinkError
-from abbe.drivers.reconnect import Keeper
+from abbe.drivers.reconnect import Reconnector
 
 
-class Turns:
-    """``async with turns:`` takes a turn on a bus that is up.
+class BusLock:
+    """The lock of a bus that must be up: ``async with bus_lock:``.
 
     Parameters
     ----------
-    keeper
+    reconnector
         The bus's connection.
     max_waiting
         Calls that may wait; one more is turned away at once.
@@ -22,17 +22,17 @@ class Turns:
     Attributes
     ----------
     lock
-        The turn itself, for connecting while the bus is not up.
+        The lock itself, for connecting while the bus is not up.
     """
 
-    def __init__(self, keeper: Keeper, max_waiting: int) -> None:
-        self._keeper = keeper
+    def __init__(self, reconnector: Reconnector, max_waiting: int) -> None:
+        self._reconnector = reconnector
         self._max_waiting = max_waiting
         self._waiting = 0
         self.lock = asyncio.Lock()
 
     async def __aenter__(self) -> None:
-        """Wait for the turn.
+        """Wait for the lock.
 
         Raises
         ------
@@ -41,19 +41,19 @@ class Turns:
         LinkError
             When too many wait already.
         """
-        keeper = self._keeper
-        if not keeper.up:
-            raise keeper.down_error()
+        reconnector = self._reconnector
+        if not reconnector.up:
+            raise reconnector.down_error()
         if self._waiting >= self._max_waiting:
-            raise LinkError(f"{keeper.label}: {self._waiting} calls already wait for the bus")
+            raise LinkError(f"{reconnector.label}: {self._waiting} calls already wait for the bus")
         self._waiting += 1
         try:
             await self.lock.acquire()
         finally:
             self._waiting -= 1
-        if not keeper.up:
+        if not reconnector.up:
             self.lock.release()
-            raise keeper.down_error()
+            raise reconnector.down_error()
 
     async def __aexit__(
         self,

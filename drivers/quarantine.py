@@ -1,4 +1,4 @@
-"""Who on a bus answers: what stays silent is left alone for a while that doubles.
+"""The health of a bus's members: a silent one is left alone for a while that doubles.
 
 So that one dead unit does not cost the others their data. A *member* is whatever is asked and may
 stay silent by itself: a Modbus unit, a node on a CAN bus, a query of a serial line.
@@ -15,7 +15,7 @@ from typing import Annotated
 from pydantic import Field
 
 from abbe.drivers.link import LinkState
-from abbe.drivers.reconnect import Keeper, ReconnectConfig
+from abbe.drivers.reconnect import ReconnectConfig, Reconnector
 
 
 class QuarantineConfig(ReconnectConfig):
@@ -81,7 +81,7 @@ class Member:
         return f"{self.why}; asked again in {wait:.1f} s"
 
 
-class Roster:
+class MemberHealth:
     """All members of a bus; keeps the link's status and its log.
 
     Parameters
@@ -90,7 +90,7 @@ class Roster:
         All of them.
     config
         Their quarantine.
-    keeper
+    reconnector
         The bus's connection; told to be lost when every member that was asked is silent.
     logger
         Where a member's silence and return are logged, one line each.
@@ -102,13 +102,13 @@ class Roster:
         self,
         members: Collection[Member],
         config: QuarantineConfig,
-        keeper: Keeper,
+        reconnector: Reconnector,
         logger: logging.Logger,
         noun: str,
     ) -> None:
         self._members = members
         self._config = config
-        self._keeper = keeper
+        self._reconnector = reconnector
         self._logger = logger
         self._noun = noun
         self.silent_in_a_row = 0
@@ -118,21 +118,21 @@ class Roster:
         """Take note of an answer; cheap to skip while the member has no `failures`."""
         self.silent_in_a_row = 0
         member.answered()
-        if self._keeper.status.quarantined.pop(member.name, None) is not None:
+        if self._reconnector.status.quarantined.pop(member.name, None) is not None:
             self.show()
         if member.reported:
             member.reported = False
-            self._logger.warning("%s: %s answers again", self._keeper.label, member.name)
+            self._logger.warning("%s: %s answers again", self._reconnector.label, member.name)
 
     def unanswered(self, member: Member, why: str, *, bus_silent: bool = True) -> None:
         """Take note of silence; `bus_silent` is False when something answered in its place."""
-        after, keeper = self._config.quarantine_after, self._keeper
+        after, reconnector = self._config.quarantine_after, self._reconnector
         member.unanswered(time.monotonic(), why, self._config)
         self.silent_in_a_row = self.silent_in_a_row + 1 if bus_silent else 0
         asked = [m for m in self._members if m.asked]
         if self.silent_in_a_row >= after and all(m.failures for m in asked):
-            keeper.status.quarantined[member.name] = member.why
-            keeper.lost(f"connected, and no {self._noun} answers: {why}")
+            reconnector.status.quarantined[member.name] = member.why
+            reconnector.lost(f"connected, and no {self._noun} answers: {why}")
         elif member.failures >= after:
             self.set_apart(member, why)
 
@@ -140,11 +140,11 @@ class Roster:
         """Take note that a member is not to be used for now; logged once until it answers."""
         member.failures = max(member.failures, 1)
         member.why = member.why or why
-        self._keeper.status.quarantined[member.name] = member.why
+        self._reconnector.status.quarantined[member.name] = member.why
         self.show()
-        if self._keeper.up and not member.reported:
+        if self._reconnector.up and not member.reported:
             member.reported = True
-            self._logger.warning("%s: %s set apart: %s", self._keeper.label, member.name, why)
+            self._logger.warning("%s: %s set apart: %s", self._reconnector.label, member.name, why)
 
     def renew(self) -> None:
         """A new connection: everybody may be asked at once."""
@@ -155,8 +155,8 @@ class Roster:
 
     def show(self, *more: str) -> None:
         """Bring the link's state up to date; `more` is what else is wrong, for people."""
-        keeper = self._keeper
-        if not keeper.up:
+        reconnector = self._reconnector
+        if not reconnector.up:
             return
-        wrong = [*keeper.status.quarantined.values(), *more]
-        keeper.status.become(LinkState.DEGRADED if wrong else LinkState.UP, "; ".join(wrong))
+        wrong = [*reconnector.status.quarantined.values(), *more]
+        reconnector.status.become(LinkState.DEGRADED if wrong else LinkState.UP, "; ".join(wrong))

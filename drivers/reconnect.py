@@ -1,6 +1,6 @@
 """Keeping a connection: opened, its loss noticed and logged once, found again with back-off.
 
-A link that reconnects by itself gives a `Keeper` two functions, one that connects and gets a
+A link that reconnects by itself gives a `Reconnector` two functions, one that connects and gets a
 first answer and one that disconnects at once, and tells it when the connection was lost.
 """
 
@@ -41,8 +41,8 @@ class ReconnectConfig(LinkConfig):
         return self
 
 
-class Keeper:
-    """Keeps one connection.
+class Reconnector:
+    """One connection, opened again with back-off whenever it is lost.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Waiting for a device's answer: for a moment on the spot where that pays, else by the event loop.
+"""The wait for a device's reply: for a moment on the spot where that pays, else by the event loop.
 
 Giving the event loop its turn and being called back costs more than a device takes that answers
 across a pseudo-terminal, loopback or a fast bus. Where the last answers came that soon, the next
@@ -16,7 +16,7 @@ from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 from weakref import WeakKeyDictionary
 
-from abbe.drivers.wait_limit import Patience
+from abbe.drivers.wait_limit import WaitLimit
 
 T = TypeVar("T")
 
@@ -60,8 +60,8 @@ class _Turn:
 _TURNS: WeakKeyDictionary[asyncio.AbstractEventLoop, _Turn] = WeakKeyDictionary()
 
 
-class Awaited(Generic[T]):
-    """Whatever is waited for on one bus, one thing at a time.
+class ReplyWait(Generic[T]):
+    """The wait for a reply on one bus, one at a time.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class Awaited(Generic[T]):
 
     def __init__(self, wait: Callable[[float], bool]) -> None:
         self._wait = wait
-        self._patience = Patience(_expire)
+        self._wait_limit = WaitLimit(_expire)
         self._turn: _Turn | None = None
         self._pause = 1
         self._future: asyncio.Future[None] | None = None
@@ -164,11 +164,11 @@ class Awaited(Generic[T]):
 
     async def _by_the_loop(self, seconds: float) -> None:
         future = self._future = asyncio.get_running_loop().create_future()
-        self._patience.begin(future, self._began + seconds - time.monotonic())
+        self._wait_limit.begin(future, self._began + seconds - time.monotonic())
         try:
             await future
         finally:
-            self._patience.end()
+            self._wait_limit.end()
             self._future = None
         if self.waiting:
             raise TimeoutError

@@ -1,4 +1,4 @@
-"""Ending waits that take too long, with one timer for all that come one after the other.
+"""The time limit of waits, with one timer for all that come one after the other.
 
 A live cycle waits some hundred times a second, nearly always for less than a millisecond. A timer
 for each wait costs more than the rest of the wait; this one is set once and moved on when it rings.
@@ -12,8 +12,8 @@ from collections.abc import Callable
 from typing import Any
 
 
-class Patience:
-    """The time limit of whatever is waited for, one thing at a time.
+class WaitLimit:
+    """The time limit of waits for a future, one at a time.
 
     Parameters
     ----------

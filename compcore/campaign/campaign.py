@@ -9,7 +9,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.campaign.coverage import SetupSurvey, Survey
+from abbe.compcore.campaign.coverage import Coverage, SetupCoverage
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import nominal_direction
 from abbe.compcore.machine.structure import is_rotary
@@ -106,8 +106,8 @@ class Campaign:
         if self.conditions.kind is not self.kind:
             lengths = self.kind >= Kind.DISTANCE
             distance = np.where(lengths, self.value, 0.0) if lengths.any() else None
-            told = replace(self.conditions, kind=self.kind, distance=distance)
-            object.__setattr__(self, "conditions", told)
+            stated = replace(self.conditions, kind=self.kind, distance=distance)
+            object.__setattr__(self, "conditions", stated)
 
     @property
     def n(self) -> int:
@@ -130,7 +130,7 @@ class Campaign:
             setups={name: s for name, s in self.setups.items() if name in names},
         )
 
-    def survey(self) -> Survey:
+    def coverage(self) -> Coverage:
         """What the campaign recorded and varied; distances between base points left out."""
         c = self.conditions.rows(self.kind != Kind.BASE_DISTANCE)
         moving = frozenset(a for a, q in c.positions.items() if q.size and np.ptp(q) > 0.0)
@@ -142,7 +142,7 @@ class Campaign:
         }
         runs = np.zeros(c.n, dtype=np.int64) if c.run is None else c.run
         duration = max((float(np.ptp(c.time[runs == run])) for run in np.unique(runs)), default=0.0)
-        return Survey(
+        return Coverage(
             moving,
             reversing,
             signals,
@@ -154,7 +154,7 @@ class Campaign:
             self._setup_surveys(),
         )
 
-    def _setup_surveys(self) -> dict[str, SetupSurvey]:
+    def _setup_surveys(self) -> dict[str, SetupCoverage]:
         c = self.conditions
         if c.setup is None:
             return {}
@@ -183,5 +183,5 @@ class Campaign:
                 along = float(np.ptp(part))
                 across = float(np.linalg.norm(step - part[:, None] * c.u[rows], axis=1).max())
             duration = float(np.ptp(c.time[rows]))
-            found[name] = SetupSurvey(kinds, len(rows), duration, along, across, free, spread)
+            found[name] = SetupCoverage(kinds, len(rows), duration, along, across, free, spread)
         return found

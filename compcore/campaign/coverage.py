@@ -1,4 +1,4 @@
-"""Survey: what a campaign recorded and varied, so that effects can propose themselves."""
+"""Coverage: what a campaign recorded and varied, so that effects can propose themselves."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True, slots=True)
-class SetupSurvey:
+class SetupCoverage:
     """What one set-up saw.
 
     Attributes
@@ -37,7 +37,7 @@ class SetupSurvey:
 
 
 @dataclass(frozen=True)
-class Survey:
+class Coverage:
     """What there is to see in one or more campaigns.
 
     Attributes
@@ -70,4 +70,4 @@ class Survey:
     duration: float = 0.0
     rotations: bool = False
     tool_varies: bool = False
-    setup_details: Mapping[str, SetupSurvey] = field(default_factory=dict)
+    setup_details: Mapping[str, SetupCoverage] = field(default_factory=dict)

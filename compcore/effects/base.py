@@ -31,7 +31,7 @@ from abbe.compcore.machine.error_motion import (
 from abbe.compcore.machine.machine import Machine
 
 if TYPE_CHECKING:
-    from abbe.compcore.campaign.coverage import Survey
+    from abbe.compcore.campaign.coverage import Coverage
     from abbe.compcore.effects.expressions.expression import FormulaNode
 
 F64 = NDArray[np.float64]
@@ -177,7 +177,7 @@ class Effect(BaseModel, ABC):
         """The non-linear parameters that are to be fitted; empty when there are none."""
         return ()
 
-    def search(self, machine: Machine, survey: Survey) -> tuple[NonlinearParameter, ...]:
+    def search(self, machine: Machine, coverage: Coverage) -> tuple[NonlinearParameter, ...]:
         """As `nonlinear`, with bounds and starts narrowed to what a campaign can show."""
         return self.nonlinear(machine)
 
@@ -276,7 +276,7 @@ class Effect(BaseModel, ABC):
         return None
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[Self]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Self]:
         """Instances of this kind worth trying on a machine, physically plausible ones first."""
         return ()
 

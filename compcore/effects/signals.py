@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from itertools import combinations
 
-from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import F64, Effect, NonlinearParameter
 from abbe.compcore.effects.keys import Tau
 from abbe.compcore.machine.conditions import Conditions
@@ -58,12 +58,14 @@ def excess(machine: Machine, conditions: Conditions, name: str, tau: float | Non
     return value - machine.reference_temperature if machine.signals[name].temperature else value
 
 
-def recorded(machine: Machine, survey: Survey, *, temperature: bool | None = None) -> list[Signal]:
+def recorded(
+    machine: Machine, coverage: Coverage, *, temperature: bool | None = None
+) -> list[Signal]:
     """The machine's signals that a campaign recorded and that varied; temperatures, or others."""
     return [
         s
         for s in machine.signals.values()
-        if s.name in survey.signals and temperature in (None, s.temperature)
+        if s.name in coverage.signals and temperature in (None, s.temperature)
     ]
 
 
@@ -123,11 +125,11 @@ class LaggedEffect(Effect):
         """The time constant where it is to be fitted."""
         return (lag_parameter(),) if self.tau == "fit" else ()
 
-    def search(self, machine: Machine, survey: Survey) -> tuple[NonlinearParameter, ...]:
+    def search(self, machine: Machine, coverage: Coverage) -> tuple[NonlinearParameter, ...]:
         """Time constants that the campaign is long enough to show."""
         if self.tau != "fit":
             return ()
-        return (lag_parameter(survey.duration) if survey.duration > 0.0 else lag_parameter(),)
+        return (lag_parameter(coverage.duration) if coverage.duration > 0.0 else lag_parameter(),)
 
     def lag(self, nonlinear: Mapping[str, float]) -> float | None:
         """The time constant in force, s; None for no lag."""

@@ -1,8 +1,8 @@
-"""The design matrix reduced to its triangular factor, in pieces where it is large.
+"""The design matrix reduced to its triangular factor, in row blocks where it is large.
 
 The triangular factor of a QR decomposition holds all that least squares needs, and factors of
-pieces combine to that of the whole: memory does not grow with the number of rows, and unlike normal
-equations nothing is squared.
+row blocks combine to that of the whole: memory does not grow with the number of rows, and unlike
+normal equations nothing is squared.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from abbe.compcore.fitting.design.design_matrix import Beside, Problem
-from abbe.compcore.fitting.design.row_blocks import Piece
+from abbe.compcore.fitting.design.row_blocks import RowBlock
 from abbe.compcore.fitting.determinacy import Decomposition
 
 F64 = NDArray[np.float64]
@@ -44,21 +44,21 @@ def triangle(
         problem = problem.beside(beside, theta)
     factors: list[F64] = []
     shared = np.zeros((0, 0))
-    for piece in problem.pieces(theta):
-        part = problem.part(piece.rows, theta)
+    for row_block in problem.row_blocks(theta):
+        part = problem.part(row_block.rows, theta)
         columns = columns_of(part)
-        if piece.split:
-            # rows of one set-up, piece after piece: its nuisances stand in front and drop out at
+        if row_block.split:
+            # rows of one set-up, block after block: its nuisances stand in front and drop out at
             # the end, when all of them have been seen
-            ((_, basis),) = piece.bases
+            ((_, basis),) = row_block.bases
             k = basis.shape[1]
             block = np.hstack([basis, columns])
             shared = _factor(np.vstack([shared, block]) if shared.size else block)
-            if piece.last:
+            if row_block.last:
                 factors = [_factor(np.vstack([*factors, shared[k:, k:]]))]
                 shared = np.zeros((0, 0))
         else:
-            for rows, basis in piece.bases:
+            for rows, basis in row_block.bases:
                 own = columns[rows]
                 columns[rows] = own - basis @ (basis.T @ own)
             factors = [_factor(np.vstack([*factors, columns]))]
@@ -87,35 +87,35 @@ def leverage(
     return out
 
 
-def _setups_together(problem: Problem, theta: F64) -> Iterator[list[Piece]]:
+def _setups_together(problem: Problem, theta: F64) -> Iterator[list[RowBlock]]:
     """Pieces, those of one split set-up in one list."""
-    group: list[Piece] = []
-    for piece in problem.pieces(theta):
-        group.append(piece)
-        if piece.last:
+    group: list[RowBlock] = []
+    for row_block in problem.row_blocks(theta):
+        group.append(row_block)
+        if row_block.last:
             yield group
             group = []
 
 
 def _projected(
-    problem: Problem, theta: F64, group: list[Piece], mixing: F64
+    problem: Problem, theta: F64, group: list[RowBlock], mixing: F64
 ) -> Iterator[tuple[Index, F64]]:
-    """Rows and their columns times `mixing`, nuisances projected out, piece by piece."""
+    """Rows and their columns times `mixing`, nuisances projected out, block by block."""
     common: F64 | None = None
     if len(group) > 1:
         # what the nuisances of a split set-up take out is known after a first pass
         shares = [p.bases[0][1].T @ _mixed(problem, theta, p, mixing) for p in group]
         common = np.sum(shares, axis=0)
-    for piece in group:
-        hat = _mixed(problem, theta, piece, mixing)
-        for rows, basis in piece.bases:
+    for row_block in group:
+        hat = _mixed(problem, theta, row_block, mixing)
+        for rows, basis in row_block.bases:
             own = hat[rows]
             hat[rows] = own - basis @ (basis.T @ own if common is None else common)
-        yield piece.rows, hat
+        yield row_block.rows, hat
 
 
-def _mixed(problem: Problem, theta: F64, piece: Piece, mixing: F64) -> F64:
-    return np.asarray(problem.part(piece.rows, theta).columns(theta) @ mixing)
+def _mixed(problem: Problem, theta: F64, row_block: RowBlock, mixing: F64) -> F64:
+    return np.asarray(problem.part(row_block.rows, theta).columns(theta) @ mixing)
 
 
 def _factor(matrix: F64) -> F64:

@@ -225,10 +225,10 @@ def _listed(names: Iterable[str]) -> str:
             by_form.setdefault(form, []).append(what)
         else:
             others.append(name)
-    told = [
+    named = [
         f"{form}{'s' if len(what) > 1 else ''} of {_joined(what)}" for form, what in by_form.items()
     ]
-    return _joined(told + others)
+    return _joined(named + others)
 
 
 def _joined(names: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""Conditions that come in pieces: lagged signals go on where the piece before ended."""
+"""Conditions that come in blocks of rows: lagged signals go on where the last block ended."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ F64 = NDArray[np.float64]
 
 
 class Lags:
-    """The state of every lag at the end of the pieces so far."""
+    """The state of every lag at the end of the rows so far."""
 
     def __init__(self) -> None:
         self._states: dict[tuple[str, float], tuple[float, float, float]] = {}
@@ -43,7 +43,7 @@ class Lags:
 
 
 @dataclass(frozen=True, eq=False)
-class FlowingConditions(Conditions):
+class StreamedConditions(Conditions):
     """A piece of a longer table in the order of time; `flow` keeps the lags between pieces."""
 
     flow: Lags = field(default_factory=Lags)

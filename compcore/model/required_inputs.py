@@ -1,4 +1,4 @@
-"""What a model must be told to answer: signals, the time, approach directions."""
+"""The inputs that a model requires besides positions: signals, time, approach directions."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ _ROOM_TEMPERATURE = 20.0
 
 
 @dataclass(frozen=True)
-class Needs:
-    """What the fitted effects of a model read besides positions and tool.
+class RequiredInputs:
+    """The inputs that a model's fitted effects read besides positions and tool.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Needs:
     directions: tuple[str, ...]
 
     @classmethod
-    def of(cls, model: Model) -> Needs:
+    def of(cls, model: Model) -> RequiredInputs:
         """Found by letting the effects run on conditions that take note of what they look at."""
         machine = model.machine
         probe = Conditions.at(

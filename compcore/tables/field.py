@@ -158,13 +158,13 @@ class ErrorField:
 
 def _places(*tables: Mapping[str, F64]) -> bytes:
     """A fingerprint of positions and directions."""
-    told = blake2b()
+    named = blake2b()
     for table in tables:
         for name, values in table.items():
-            told.update(f"{name} {len(values)} ".encode())
-            told.update(np.asarray(values, dtype=np.float64).tobytes())
-        told.update(b";")
-    return told.digest()
+            named.update(f"{name} {len(values)} ".encode())
+            named.update(np.asarray(values, dtype=np.float64).tobytes())
+        named.update(b";")
+    return named.digest()
 
 
 def table_state(
@@ -203,10 +203,10 @@ def table_state(
             )
     missing = [name for name in model.signals_needed() if name not in signals]
     if missing:
-        told = ", ".join(f"{n} ({known[n].unit})" if n in known else n for n in missing)
+        named = ", ".join(f"{n} ({known[n].unit})" if n in known else n for n in missing)
         raise InputError(
             "a table holds at stated conditions, and the model reads signals that are not stated",
             field=missing[0],
-            expected=f"values of {told}",
+            expected=f"values of {named}",
         )
     return SlowState(time=time, signals=dict(signals), tool=tool, spindle_angle=spindle_angle)

@@ -98,7 +98,7 @@ def correct_point(model: Model, at: Conditions, *, command: bool) -> Corrected:
 
 def as_json(found: Corrected, warnings: list[str], *, explain: bool) -> dict[str, Any]:
     """One object for ``--json``; positions in mm, rotary axes in degrees."""
-    told: dict[str, Any] = {
+    reported: dict[str, Any] = {
         "indicated": dict(found.asked),
         "corrected": dict(found.answer),
         "correction": {a: found.correction(a) for a in "XYZ"},
@@ -107,17 +107,17 @@ def as_json(found: Corrected, warnings: list[str], *, explain: bool) -> dict[str
         "answers": "command" if found.command else "reading",
     }
     if found.command:
-        told["contraction"] = found.contraction
-        told["iterations"] = found.iterations
+        reported["contraction"] = found.contraction
+        reported["iterations"] = found.iterations
     if explain:
-        told["effects"] = [
+        reported["effects"] = [
             {"effect": spec, **dict(zip("XYZ", part, strict=True))}
             for spec, part in found.parts.items()
         ]
-        told["second_order"] = dict(zip("XYZ", found.second_order, strict=True))
+        reported["second_order"] = dict(zip("XYZ", found.second_order, strict=True))
     if warnings:
-        told["warnings"] = warnings
-    return told
+        reported["warnings"] = warnings
+    return reported
 
 
 def as_text(found: Corrected, *, explain: bool) -> Iterator[str]:

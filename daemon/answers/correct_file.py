@@ -15,10 +15,10 @@ from abbe.compcore.files.campaign_csv.columns import TOOL
 from abbe.compcore.files.points_file import PointBlock, PointsFile
 from abbe.compcore.files.text.atomic import write_atomically
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.streamed_conditions import FlowingConditions, Lags
+from abbe.compcore.machine.streamed_conditions import Lags, StreamedConditions
 from abbe.compcore.model.inverse import invert_model
 from abbe.compcore.model.model import Model
-from abbe.compcore.model.required_inputs import Needs
+from abbe.compcore.model.required_inputs import RequiredInputs
 from abbe.daemon.arguments.point_arguments import Given, beyond, unfitted
 
 F64 = NDArray[np.float64]
@@ -53,13 +53,13 @@ class CorrectedFile:
 
     def as_json(self, out: Path) -> dict[str, Any]:
         """One object for ``--json``."""
-        told: dict[str, Any] = {
+        reported: dict[str, Any] = {
             "rows": self.rows,
             "out": str(out),
             "max_correction": self.worst * 1e3,
             "unit": "um",
         }
-        return told | ({"warnings": self.warnings} if self.warnings else {})
+        return reported | ({"warnings": self.warnings} if self.warnings else {})
 
 
 def correct_file(
@@ -84,9 +84,9 @@ def correct_file(
         When a command cannot be found; names the line.
     """
     summary = CorrectedFile()
-    needs = Needs.of(model)
+    required = RequiredInputs.of(model)
     with PointsFile(path, model.machine, tuple(model.machine.signals)) as source:
-        reader = _Reader(model, needs, source, given)
+        reader = _Reader(model, required, source, given)
         write_atomically(out, _lines(model, source, reader, summary, command, tell))
     summary.warnings = beyond(model, summary.ranges) + unfitted(model)
     return summary
@@ -137,13 +137,15 @@ def _lines(
 class _Reader:
     """Makes conditions of rows, with what the command line gives for columns that are missing."""
 
-    def __init__(self, model: Model, needs: Needs, source: PointsFile, given: Given) -> None:
+    def __init__(
+        self, model: Model, required: RequiredInputs, source: PointsFile, given: Given
+    ) -> None:
         machine, columns = model.machine, source.columns
         self._machine, self._file, self._given = machine, source.file, given
         self._columns = columns
         self._signals = [s for s in machine.signals if s in columns]
         self._lags = Lags()
-        self._in_order = bool(needs.lagged)
+        self._in_order = bool(required.lagged)
         self._last = -np.inf
         self._pending = -np.inf
         for axis in machine.structure.axes:
@@ -163,10 +165,10 @@ class _Reader:
             )
         clock = "time" in columns or given.time is not None
         try:
-            given.require(model, needs, [*self._signals, *given.signals], clock=clock)
+            given.require(model, required, [*self._signals, *given.signals], clock=clock)
         except InputError as error:
             raise error.at(file=source.file, line=columns.line) from None
-        if needs.lagged and "time" not in columns:
+        if required.lagged and "time" not in columns:
             raise columns.missing("time", ": the model follows a signal slowly")
 
     def conditions(self, block: PointBlock) -> Conditions:
@@ -199,7 +201,7 @@ class _Reader:
             spindle = constant(given.spindle_angle)
         time = block.columns.get("time", constant(given.time or 0.0))
         self._check_order(block, time)
-        return FlowingConditions(
+        return StreamedConditions(
             positions=positions,
             directions=directions,
             tool=tool,

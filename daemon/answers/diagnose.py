@@ -163,7 +163,7 @@ def as_text(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice]) -
         yield ""
         yield "what to measure next:"
         for a in advice:
-            yield "  - " + told(a)
+            yield "  - " + advice_text(a)
 
 
 def thinned_words(diagnosis: Diagnosis) -> str:
@@ -175,7 +175,7 @@ def thinned_words(diagnosis: Diagnosis) -> str:
     )
 
 
-def told(advice: Advice) -> str:
+def advice_text(advice: Advice) -> str:
     """One piece of advice as a line."""
     if advice.separates is not None:
         return (

@@ -139,14 +139,14 @@ def as_text(result: FitResult, noise: NoiseFloor) -> Iterator[str]:
             "rather than that rows are wrong: see `abbe diagnose`"
         )
         return
-    told = "set aside" if result.set_aside else "used; --robust would set it aside"
+    reported = "set aside" if result.set_aside else "used; --robust would set it aside"
     for outlier in result.outliers[:_MOST_TOLD]:
         value = outlier.residual * _factor(result, outlier.row)
         unit = "µrad" if problem.campaign.kind[outlier.row] == Kind.ROTATION else "µm"
         yield (
             f"outlier: {file_of(problem.campaign, outlier.row)}, line {outlier.line}, "
             f"set-up {outlier.setup}: {value:+.3g} {unit}, "
-            f"{outlier.size:.1f} standard deviations ({told})"
+            f"{outlier.size:.1f} standard deviations ({reported})"
         )
     if len(result.outliers) > _MOST_TOLD:
         yield f"and {len(result.outliers) - _MOST_TOLD} more outliers; --json lists them all"

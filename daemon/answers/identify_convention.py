@@ -124,10 +124,10 @@ def as_text(found: Identification, command: str | None = None) -> Iterator[str]:
         yield from _open_questions(found)
     if found.changes:
         yield ""
-        told = [(_difference(found, j.hypothesis), j) for j in found.changes]
-        width = max(len(words) for words, _ in told)
+        reported = [(_difference(found, j.hypothesis), j) for j in found.changes]
+        width = max(len(words) for words, _ in reported)
         yield f"{'If one thing were otherwise':<{width + 2}}    RMS µm   greatest µm"
-        for words, judged in told:
+        for words, judged in reported:
             yield f"  {words:<{width}} {judged.rms * 1e3:>9.2f} {judged.worst * 1e3:>13.2f}"
     if command is not None:
         yield ""
@@ -162,11 +162,11 @@ def _sign_story(found: Identification) -> Iterator[str]:
 
 def _point_story(found: Identification) -> Iterator[str]:
     point = found.point
-    told = [
+    reported = [
         f"{axis} {point.position[axis] + 0.0:.1f} ± {sd:.1f} mm" for axis, sd in point.sd.items()
     ]
-    if told:
-        yield "Rotation point by least squares: " + ", ".join(told) + "."
+    if reported:
+        yield "Rotation point by least squares: " + ", ".join(reported) + "."
     if point.undetermined:
         yield (
             "Not determined: its " + ", ".join(point.undetermined) + " (no lever of any angular "

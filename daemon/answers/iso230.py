@@ -152,7 +152,7 @@ def _table(rows: Sequence[tuple[str, PositioningResult]]) -> Iterator[str]:
         cells = ("–" if v is None else f"{v * factor:z.1f}" for v in values)
         yield f"{name:<{width}}  " + "".join(f"{cell:>8}" for cell in cells) + f"  {unit}"
         notes.setdefault(result.notes, []).append(result.runs.setup)
-    for told, setups in notes.items():
-        if told:
+    for reported, setups in notes.items():
+        if reported:
             which = "all" if len(setups) == len(rows) else ", ".join(setups)
-            yield f"  {which}: " + "; ".join(told)
+            yield f"  {which}: " + "; ".join(reported)

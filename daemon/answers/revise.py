@@ -99,8 +99,8 @@ def revise(
         seen = {"holdout": [{"file": f, "sha256": h} for f, h in unseen.files.items()]}
         extra |= {**seen, "holdout_rms": errors[1] * 1e3}
         if _fitted_to(ancestor, campaign) and "holdout_rms" not in ancestor.fit:
-            told = {**ancestor.fit, **seen, "holdout_rms": errors[0] * 1e3}
-            ancestor = replace(ancestor, fit=told)
+            reported = {**ancestor.fit, **seen, "holdout_rms": errors[0] * 1e3}
+            ancestor = replace(ancestor, fit=reported)
     kept = recorded(after, ancestor, **record)
     written = replace(kept, fit={**kept.fit, **extra})
     save_model(written, out)

@@ -71,7 +71,7 @@ class TableRequest:
 
 
 @dataclass(frozen=True, eq=False)
-class Tabled:
+class TableAnswer:
     """Tables that were made.
 
     Attributes
@@ -101,7 +101,7 @@ class Tabled:
     trial: TrialPoints
 
 
-def make(order: TableRequest, model: Model | None = None) -> Tabled:
+def make(order: TableRequest, model: Model | None = None) -> TableAnswer:
     """Project the model on what the controller holds, write its files, read them back.
 
     Raises
@@ -159,7 +159,7 @@ def make(order: TableRequest, model: Model | None = None) -> Tabled:
         superposed={name: sha256(text) for name, text in order.present.items()},
     )
     made = TableSet(controller.name, dict(order.options), files, record, tuple(tables))
-    return Tabled(order, model, made, new, remaining, notes, trial)
+    return TableAnswer(order, model, made, new, remaining, notes, trial)
 
 
 def _less(tables: Sequence[Table], present: Sequence[Table]) -> tuple[Table, ...]:
@@ -182,7 +182,7 @@ def _user() -> str:
         return ""
 
 
-def as_json(done: Tabled, written: Sequence[Path]) -> dict[str, Any]:
+def as_json(done: TableAnswer, written: Sequence[Path]) -> dict[str, Any]:
     """One object for ``--json``."""
     controller = done.order.controller
     needed = types_needed(done.model)
@@ -201,7 +201,7 @@ def as_json(done: Tabled, written: Sequence[Path]) -> dict[str, Any]:
     }
 
 
-def as_text(done: Tabled, written: Sequence[Path]) -> Iterator[str]:
+def as_text(done: TableAnswer, written: Sequence[Path]) -> Iterator[str]:
     """Lines for people."""
     controller = done.order.controller
     needed = types_needed(done.model)
@@ -252,7 +252,7 @@ def trust_lines(controller: Controller) -> Iterator[str]:
         )
 
 
-def remaining_rows(done: Tabled) -> list[tuple[str, Remainder]]:
+def remaining_rows(done: TableAnswer) -> list[tuple[str, Remainder]]:
     """What is left, named for people."""
     controller = done.order.controller
     types = "+".join(held_types(done)[:2])
@@ -272,14 +272,14 @@ def remaining_rows(done: Tabled) -> list[tuple[str, Remainder]]:
     ]
 
 
-def held_types(done: Tabled) -> tuple[str, ...]:
+def held_types(done: TableAnswer) -> tuple[str, ...]:
     """Types of the controller that this machine can use."""
     types = done.order.controller.capability.types
     rotary = bool(done.model.machine.structure.rotary)
     return tuple(t for t in types if rotary or not t.startswith("R-"))
 
 
-def _conditions(done: Tabled) -> str:
+def _conditions(done: TableAnswer) -> str:
     state, machine = done.order.state, done.model.machine
     parts = [
         f"{name} {value:g} {machine.signals[name].unit if name in machine.signals else ''}".strip()

@@ -14,7 +14,7 @@ from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.plausible import SPINDLE_ANGLE, TIME, position_range, signal_range
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.model import Model
-from abbe.compcore.model.required_inputs import Needs, validity
+from abbe.compcore.model.required_inputs import RequiredInputs, validity
 from abbe.daemon.arguments.assignments import number, split_assignments, tool_offset
 from abbe.daemon.arguments.effect_name import short
 
@@ -101,8 +101,8 @@ class Given:
                     f"{a}=.. ({'degrees' if is_rotary(a) else 'mm'})" for a in missing
                 ),
             )
-        needs = Needs.of(model)
-        self.require(model, needs, have=self.signals, clock=self.time is not None)
+        required = RequiredInputs.of(model)
+        self.require(model, required, have=self.signals, clock=self.time is not None)
         at = Conditions.at(
             self.positions,
             tool=self.tool or (0.0, 0.0, 0.0),
@@ -115,7 +115,9 @@ class Given:
         return replace(at, spindle_angle=np.array([self.spindle_angle]))
 
     @staticmethod
-    def require(model: Model, needs: Needs, have: Iterable[str], *, clock: bool) -> None:
+    def require(
+        model: Model, required: RequiredInputs, have: Iterable[str], *, clock: bool
+    ) -> None:
         """Refuse when a signal, or the time, that the model reads is not there.
 
         Raises
@@ -124,7 +126,7 @@ class Given:
             Naming all that is missing and the effects that read it.
         """
         known = set(have)
-        missing = [s for s in needs.signals if s not in known]
+        missing = [s for s in required.signals if s not in known]
         if missing:
             readers = [
                 short(t.effect.spec)
@@ -135,7 +137,7 @@ class Given:
                 f"the model needs {', '.join(missing)}, not given ({'; '.join(readers)})",
                 expected=" ".join(f"{s}=..{_unit(model.machine, s)}" for s in missing),
             )
-        if needs.clock and not clock:
+        if required.clock and not clock:
             raise InputError(
                 "the model needs the time: it has effects that grow or fade with it",
                 expected="time=.. (s since the start that the model was fitted with)",
@@ -145,17 +147,16 @@ class Given:
 def doubts(model: Model, given: Given) -> list[str]:
     """Warnings about one point, in words."""
     found = beyond(model, {a: (q, q) for a, q in given.positions.items()})
-    needs = Needs.of(model)
-    for axis in needs.directions:
+    required = RequiredInputs.of(model)
+    for axis in required.directions:
         if given.directions.get(axis, 0.0) == 0.0:
             found.append(
                 f"{axis}'s approach direction is not given ({axis}_dir=1 or -1): "
                 "halfway between both is taken"
             )
-    if needs.lagged:
-        found.append(
-            f"{', '.join(needs.lagged)}: taken as steady for long (the model follows them slowly)"
-        )
+    if required.lagged:
+        slow = ", ".join(required.lagged)
+        found.append(f"{slow}: taken as steady for long (the model follows them slowly)")
     return found + unfitted(model)
 
 

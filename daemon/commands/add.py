@@ -41,7 +41,7 @@ def add(
     """Add an effect to a model, refit, and watch the error fall."""
     from abbe.compcore.model.revise import with_effect
     from abbe.daemon.answers import expected_times as expected
-    from abbe.daemon.answers import revise as revised
+    from abbe.daemon.answers import revise as answer
     from abbe.daemon.answers.inputs import load
     from abbe.daemon.arguments.assignments import split_assignments
     from abbe.daemon.outputs import MODEL, REPORT, check_outputs
@@ -60,14 +60,14 @@ def add(
         loaded, measured = load(model, campaign)
         assigned = split_assignments([*more_keys, *(keys or [])])
         more, effect = with_effect(loaded, name, assigned)
-        revision = revised.revise(
+        revision = answer.revise(
             loaded, more, measured, holdout or [], out, added=effect.spec, progress=tell
         )
     if report is not None:
         page_of(revision.model, out.name).write(report)
     if as_json:
-        say(json.dumps(revised.as_json(revision, effect), ensure_ascii=False))
+        say(json.dumps(answer.as_json(revision, effect), ensure_ascii=False))
         return
-    for line in revised.as_text(revision, effect):
+    for line in answer.as_text(revision, effect):
         say(line)
     say(f"written: {out}" + (f", {report}" if report else ""))

@@ -29,9 +29,9 @@ def check(
     from rich.markup import escape
 
     from abbe.daemon.config import load_config
-    from abbe.daemon.overview import linked
+    from abbe.daemon.overview import overview
 
-    found = linked(load_config(config))
+    found = overview(load_config(config))
     if as_json:
         typer.echo(json.dumps(found, ensure_ascii=False))
         return

@@ -31,7 +31,7 @@ def compare(
 ) -> None:
     """Lay a model beside campaigns: how large is what it does not explain, and where."""
     from abbe.compcore.comparison.compare import compare as compare_model
-    from abbe.daemon.answers import compare as compared
+    from abbe.daemon.answers import compare as answer
     from abbe.daemon.answers import expected_times as expected
     from abbe.daemon.answers.inputs import load
     from abbe.daemon.outputs import REPORT, check_outputs
@@ -50,9 +50,9 @@ def compare(
             tell("drawing")
             comparison_page(comparison).write(report)
     if as_json:
-        say(json.dumps(compared.as_json(comparison), ensure_ascii=False))
+        say(json.dumps(answer.as_json(comparison), ensure_ascii=False))
         return
-    for line in compared.as_text(comparison):
+    for line in answer.as_text(comparison):
         say(line)
     if report is not None:
         say(f"written: {report}")

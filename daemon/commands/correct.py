@@ -76,11 +76,11 @@ def correct(
         else:
             say(f"{done.rows} points, greatest correction {done.worst * 1e3:.2f} µm: {out}")
         return
-    from abbe.daemon.answers import correct as corrected
+    from abbe.daemon.answers import correct as answer
     from abbe.daemon.arguments.point_arguments import doubts
 
     at = given.conditions(loaded)
-    found = corrected.correct_point(loaded, at, command=command)
+    found = answer.correct_point(loaded, at, command=command)
     warnings = doubts(loaded, given)
     _warn(warnings)
     if report is not None:
@@ -88,10 +88,10 @@ def correct(
 
         corrected_page(found, warnings, loaded.machine.name, model.name).write(report)
     if as_json:
-        told = corrected.as_json(found, warnings, explain=explain)
-        say(json.dumps(told, ensure_ascii=False))
+        reported = answer.as_json(found, warnings, explain=explain)
+        say(json.dumps(reported, ensure_ascii=False))
         return
-    for line in corrected.as_text(found, explain=explain):
+    for line in answer.as_text(found, explain=explain):
         say(line)
     if report is not None:
         say(f"written: {report}")

@@ -30,7 +30,7 @@ def diagnose(
     from abbe.compcore.campaign.noise import noise_floor
     from abbe.compcore.diagnosis import advise
     from abbe.compcore.diagnosis import diagnose as diagnose_model
-    from abbe.daemon.answers import diagnose as diagnosed
+    from abbe.daemon.answers import diagnose as answer
     from abbe.daemon.answers import expected_times as expected
     from abbe.daemon.answers.inputs import load
     from abbe.daemon.outputs import REPORT, check_outputs
@@ -50,9 +50,9 @@ def diagnose(
         subtitle = f"{model.name}, {', '.join(c.name for c in campaigns)}"
         page(found, noise, advice, subtitle).write(report)
     if as_json:
-        say(json.dumps(diagnosed.as_json(found, noise, advice), ensure_ascii=False))
+        say(json.dumps(answer.as_json(found, noise, advice), ensure_ascii=False))
         return
-    for line in diagnosed.as_text(found, noise, advice):
+    for line in answer.as_text(found, noise, advice):
         say(line)
     if report is not None:
         say(f"written: {report}")

@@ -44,7 +44,7 @@ def fit(
     from abbe.compcore.fitting.fit import fit as fit_model
     from abbe.compcore.fitting.frame import ReferenceFrame
     from abbe.daemon.answers import expected_times as expected
-    from abbe.daemon.answers import fit as fitted
+    from abbe.daemon.answers import fit as answer
     from abbe.daemon.answers.inputs import abbe_version, load, now
     from abbe.daemon.outputs import MODEL, REPORT, check_outputs
     from abbe.daemon.progress import shown
@@ -58,7 +58,7 @@ def fit(
         result = fit_model(loaded, campaign, robust=robust, frame=chosen, progress=tell)
         tell("noise floor")
         noise = noise_floor(campaign, loaded.machine)
-        lengths = fitted.floor_of_lengths(noise)
+        lengths = answer.floor_of_lengths(noise)
         record = recorded(
             result,
             loaded,
@@ -70,10 +70,10 @@ def fit(
         tell("outliers, and whether bodies are rigid")
         # all that could fail comes before anything is written
         if as_json:
-            told = [json.dumps(fitted.as_json(result, noise), ensure_ascii=False)]
+            reported = [json.dumps(answer.as_json(result, noise), ensure_ascii=False)]
         else:
-            told = [*fitted.as_text(result, noise)]
-            told += ["  " + line for line in fitted.parameter_lines(result)]
+            reported = [*answer.as_text(result, noise)]
+            reported += ["  " + line for line in answer.parameter_lines(result)]
         page = None
         if report is not None:
             from abbe.daemon.report.fit import fit_page
@@ -83,7 +83,7 @@ def fit(
         save_model(record, out)
         if page is not None and report is not None:
             page.write(report)
-    for line in told:
+    for line in reported:
         say(line)
     if as_json:
         return

@@ -57,7 +57,7 @@ def identify_convention(
     from abbe.compcore.machine.structure import Structure
     from abbe.compcore.maps.conventions.identify import identify
     from abbe.compcore.maps.conventions.subject import MapSubject, ModelSubject, Subject
-    from abbe.daemon.answers import identify_convention as identified
+    from abbe.daemon.answers import identify_convention as answer
     from abbe.daemon.arguments.map_options import squareness_of
     from abbe.daemon.progress import shown
 
@@ -89,9 +89,9 @@ def identify_convention(
             tolerance=None if tolerance is None else tolerance * 1e-3,
         )
     is_map = isinstance(subject, MapSubject)
-    command = identified.import_command(found, str(source) if is_map else None, squareness or [])
+    command = answer.import_command(found, str(source) if is_map else None, squareness or [])
     if as_json:
-        typer.echo(json.dumps(identified.as_json(found, command), ensure_ascii=False))
+        typer.echo(json.dumps(answer.as_json(found, command), ensure_ascii=False))
         return
-    for line in identified.as_text(found, command):
+    for line in answer.as_text(found, command):
         typer.echo(line)

@@ -38,7 +38,7 @@ def remove(
     from abbe.compcore.files.model_file import load_model, save_model
     from abbe.compcore.model.revise import without_effect
     from abbe.daemon.answers import expected_times as expected
-    from abbe.daemon.answers import revise as revised
+    from abbe.daemon.answers import revise as answer
     from abbe.daemon.answers.inputs import load
     from abbe.daemon.outputs import MODEL, REPORT, check_outputs
     from abbe.daemon.progress import shown
@@ -54,7 +54,7 @@ def remove(
     if not campaign:
         loaded = load_model(model)
         less, removed = without_effect(loaded, name)
-        kept = revised.unfitted(loaded, less, removed=removed.spec)
+        kept = answer.unfitted(loaded, less, removed=removed.spec)
         save_model(kept, out)
         if report is not None:
             page_of(kept, out.name).write(report)
@@ -68,15 +68,15 @@ def remove(
     with shown("reading", expected.adding(campaign)) as tell:
         loaded, measured = load(model, campaign)
         less, removed = without_effect(loaded, name)
-        revision = revised.revise(
+        revision = answer.revise(
             loaded, less, measured, holdout or [], out, removed=removed.spec, progress=tell
         )
     if report is not None:
         page_of(revision.model, out.name).write(report)
     if as_json:
-        say(json.dumps(revised.as_json(revision, None), ensure_ascii=False))
+        say(json.dumps(answer.as_json(revision, None), ensure_ascii=False))
         return
     say(f"removed: {removed.spec}")
-    for line in revised.as_text(revision, None):
+    for line in answer.as_text(revision, None):
         say(line)
     say(f"written: {out}" + (f", {report}" if report else ""))

@@ -112,7 +112,7 @@ def table(
     from abbe.compcore.tables.field import table_state
     from abbe.compcore.tables.volume import Volume
     from abbe.daemon.answers.table import TableRequest, as_text, make
-    from abbe.daemon.answers.table import as_json as told
+    from abbe.daemon.answers.table import as_json as reported
     from abbe.daemon.arguments import table_arguments as arguments
     from abbe.daemon.arguments.assignments import tool_offset
     from abbe.daemon.outputs import REPORT, check_folder
@@ -163,7 +163,7 @@ def table(
             tell("drawing")
             table_page(done).write(report)
     if as_json:
-        say(json.dumps(told(done, written), ensure_ascii=False))
+        say(json.dumps(reported(done, written), ensure_ascii=False))
         return
     for line in as_text(done, written):
         say(line)

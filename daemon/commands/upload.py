@@ -12,8 +12,8 @@ from abbe.daemon.arguments.bounded import within
 
 if TYPE_CHECKING:
     from abbe.daemon.config import Configuration
-    from abbe.daemon.upload.operator import Speaker
-    from abbe.daemon.upload.session import Result, Wish
+    from abbe.daemon.upload.operator import TerminalOperator
+    from abbe.daemon.upload.session import Result, UploadRequest
 
 
 def register(app: typer.Typer) -> None:
@@ -62,7 +62,7 @@ def upload(
     lines say which. An example: abbe upload mill.toml tables
     """
     from abbe.daemon.config import load_config
-    from abbe.daemon.upload.session import Wish
+    from abbe.daemon.upload.session import UploadRequest
 
     if (tables is not None) + rollback + status + check + recover != 1:
         raise typer.BadParameter(
@@ -71,68 +71,72 @@ def upload(
     if dry_run and (status or check or recover):
         raise typer.BadParameter("--dry-run does not go with --status, --check and --recover")
     configuration = load_config(config)
-    wish = Wish(dry_run, max_change, by, note)
+    request = UploadRequest(dry_run, max_change, by, note)
     if status:
         _status(configuration, as_json)
     elif check:
         _check(configuration, as_json)
     elif recover:
-        _recover(configuration, wish, as_json)
+        _recover(configuration, request, as_json)
     else:
-        _change(configuration, tables, wish, yes, as_json)
+        _change(configuration, tables, request, yes, as_json)
 
 
 def _change(
-    configuration: Configuration, tables: Path | None, wish: Wish, yes: bool, as_json: bool
+    configuration: Configuration,
+    tables: Path | None,
+    request: UploadRequest,
+    yes: bool,
+    as_json: bool,
 ) -> None:
     import asyncio
 
     from abbe.compcore.errors import AbbeError
     from abbe.daemon.answers.table import trust_lines
-    from abbe.daemon.upload.operator import Speaker, can_ask
+    from abbe.daemon.upload.operator import TerminalOperator, can_ask
     from abbe.daemon.upload.session import roll_back, setup_of, upload
 
-    if not (yes or wish.dry_run) and (as_json or not can_ask()):
+    if not (yes or request.dry_run) and (as_json or not can_ask()):
         raise AbbeError(
             "nobody can be asked whether to write to the controller (no terminal, or --json): "
             "say --yes"
         )
     setup = setup_of(configuration)
-    with Speaker(quiet=as_json, yes=yes) as speaker:
+    with TerminalOperator(quiet=as_json, yes=yes) as operator:
         for line in trust_lines(setup.make_controller(configuration.model.machine)):
-            speaker.tell(line)
-        voice = speaker.voice()
+            operator.tell(line)
+        port = operator.port()
         doing = (
-            roll_back(configuration, wish, voice)
+            roll_back(configuration, request, port)
             if tables is None
-            else upload(configuration, tables, wish, voice)
+            else upload(configuration, tables, request, port)
         )
         result = asyncio.run(doing)
     if as_json:
-        typer.echo(json.dumps(_as_json(result, wish), ensure_ascii=False))
+        typer.echo(json.dumps(_as_json(result, request), ensure_ascii=False))
     else:
-        for line in _lines(result, wish):
+        for line in _lines(result, request):
             typer.echo(line)
     if not result.ok:
         raise typer.Exit(1)
 
 
-def _lines(result: Result, wish: Wish) -> list[str]:
+def _lines(result: Result, request: UploadRequest) -> list[str]:
     if result.outcome is not None:
         return result.outcome.lines()
     if result.cleared is None:
         return ["the earlier upload has to be brought to its end first; nothing was written"]
     if result.cleared.nothing_to_do:
         return [*result.cleared.lines(), "it is active already: nothing to do"]
-    if wish.dry_run:
+    if request.dry_run:
         return [*result.cleared.lines(), "dry run: nothing was written"]
     return ["nothing was written"]
 
 
-def _as_json(result: Result, wish: Wish) -> dict[str, Any]:
+def _as_json(result: Result, request: UploadRequest) -> dict[str, Any]:
     return {
-        "done": result.ok and not wish.dry_run,
-        "dry_run": wish.dry_run,
+        "done": result.ok and not request.dry_run,
+        "dry_run": request.dry_run,
         "preflight": None if result.cleared is None else result.cleared.as_json(),
         "nothing_to_do": result.cleared is not None and result.cleared.nothing_to_do,
         "recovered": None if result.recovered is None else result.recovered.as_json(),
@@ -140,18 +144,18 @@ def _as_json(result: Result, wish: Wish) -> dict[str, Any]:
     }
 
 
-def _recover(configuration: Configuration, wish: Wish, as_json: bool) -> None:
+def _recover(configuration: Configuration, request: UploadRequest, as_json: bool) -> None:
     import asyncio
 
-    from abbe.daemon.upload.operator import Speaker
+    from abbe.daemon.upload.operator import TerminalOperator
     from abbe.daemon.upload.session import finish
 
-    with Speaker(quiet=as_json, yes=True) as speaker:
-        speaker.begin("recovering")
-        outcome = asyncio.run(finish(configuration, wish, speaker.voice()))
+    with TerminalOperator(quiet=as_json, yes=True) as operator:
+        operator.begin("recovering")
+        outcome = asyncio.run(finish(configuration, request, operator.port()))
     if as_json:
-        told = {"recovered": None if outcome is None else outcome.as_json()}
-        typer.echo(json.dumps(told, ensure_ascii=False))
+        reported = {"recovered": None if outcome is None else outcome.as_json()}
+        typer.echo(json.dumps(reported, ensure_ascii=False))
     elif outcome is None:
         typer.echo("no upload was cut off: nothing to recover")
     else:
@@ -164,17 +168,17 @@ def _recover(configuration: Configuration, wish: Wish, as_json: bool) -> None:
 def _status(configuration: Configuration, as_json: bool) -> None:
     import asyncio
 
-    from abbe.daemon.upload.operator import Speaker
+    from abbe.daemon.upload.operator import TerminalOperator
     from abbe.daemon.upload.session import opened, working
     from abbe.daemon.upload.status import status, status_lines
 
-    async def ask(speaker: Speaker) -> dict[str, Any]:
-        with working(configuration, speaker.voice(), "", writes=False) as work:
+    async def ask(operator: TerminalOperator) -> dict[str, Any]:
+        with working(configuration, operator.port(), "", writes=False) as work:
             async with opened(work):
                 return await status(work)
 
-    with Speaker(quiet=as_json, yes=True) as speaker:
-        found = asyncio.run(ask(speaker))
+    with TerminalOperator(quiet=as_json, yes=True) as operator:
+        found = asyncio.run(ask(operator))
     if as_json:
         typer.echo(json.dumps(found, ensure_ascii=False))
         return
@@ -185,13 +189,13 @@ def _status(configuration: Configuration, as_json: bool) -> None:
 def _check(configuration: Configuration, as_json: bool) -> None:
     import asyncio
 
-    from abbe.daemon.upload.operator import Speaker
+    from abbe.daemon.upload.operator import TerminalOperator
     from abbe.daemon.upload.session import check
 
-    with Speaker(quiet=as_json, yes=True) as speaker:
-        seen = asyncio.run(check(configuration, speaker.voice()))
+    with TerminalOperator(quiet=as_json, yes=True) as operator:
+        seen = asyncio.run(check(configuration, operator.port()))
     if as_json:
-        told = {"looks": seen.looks, "worst_um": seen.worst, "largest_um": seen.largest}
-        typer.echo(json.dumps(told, ensure_ascii=False))
+        reported = {"looks": seen.looks, "worst_um": seen.worst, "largest_um": seen.largest}
+        typer.echo(json.dumps(reported, ensure_ascii=False))
     else:
         typer.echo(seen.words())

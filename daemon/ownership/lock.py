@@ -68,7 +68,7 @@ class Holder:
         return cls(os.getpid(), datetime.now().astimezone().isoformat(" ", "seconds"), what)
 
     @classmethod
-    def told(cls, text: bytes) -> Self:
+    def reported(cls, text: bytes) -> Self:
         """What a lock file says; everything is optional, because anybody may write there."""
         with contextlib.suppress(ValueError, KeyError, TypeError, RecursionError):
             found = json.loads(text)
@@ -78,8 +78,8 @@ class Holder:
 
     def as_bytes(self) -> bytes:
         """For the lock file."""
-        told = {"pid": self.pid, "since": self.since, "what": self.what}
-        return json.dumps(told).encode("ascii") + b"\n"
+        reported = {"pid": self.pid, "since": self.since, "what": self.what}
+        return json.dumps(reported).encode("ascii") + b"\n"
 
     def words(self) -> str:
         """For people, after 'is in use by'."""
@@ -132,7 +132,7 @@ def _take(resource: str, me: Holder, folder: Path | None, held: ExitStack) -> No
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        raise _in_use(resource, Holder.told(os.pread(file, _ABOUT, 0))) from None
+        raise _in_use(resource, Holder.reported(os.pread(file, _ABOUT, 0))) from None
     # only what is known of the holder depends on it; the lock is held in any case
     with contextlib.suppress(OSError):
         os.ftruncate(file, 0)
@@ -159,8 +159,10 @@ def _bind(resource: str, file: int | None, held: ExitStack) -> bool:
         if error.errno != errno.EADDRINUSE:
             return False
         pid = _listener(name)
-        told = Holder() if file is None else Holder.told(os.pread(file, _ABOUT, 0))
-        raise _in_use(resource, told if not pid or told.pid == pid else Holder(pid)) from None
+        reported = Holder() if file is None else Holder.reported(os.pread(file, _ABOUT, 0))
+        raise _in_use(
+            resource, reported if not pid or reported.pid == pid else Holder(pid)
+        ) from None
     return True
 
 
@@ -173,8 +175,8 @@ def _listener(name: str) -> int:
         asking.setblocking(False)
         asking.connect(name)
         form = struct.Struct("3i")
-        told = asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, form.size)
-        return int(form.unpack(told)[0])
+        reported = asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, form.size)
+        return int(form.unpack(reported)[0])
     return 0
 
 

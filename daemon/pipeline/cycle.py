@@ -291,18 +291,18 @@ class Pipeline:
     def _directions(
         self, positions: Sequence[float], batch: Batch, faults: dict[str, str]
     ) -> list[float]:
-        told = list(self._deadbands.step(positions))
+        stated = list(self._deadbands.step(positions))
         for i, channel in enumerate(self._plan.directions):
             if channel is not None:
                 sample = batch[channel[0]][channel[1]]
                 if not sample.good:
                     continue
-                told[i] = sample.value
+                stated[i] = sample.value
                 if sample.value not in (-1.0, 0.0, 1.0):
                     faults[self.axes[i]] = (
                         f"its direction reads {sample.value:g}, which is none of 1, -1, 0"
                     )
-        return told
+        return stated
 
     def _take_signals(self, batch: Batch, now: float) -> None:
         everything = batch if not self._slow else {**batch, **self._slow}

@@ -20,7 +20,7 @@ from abbe.compcore.diagnosis.explain import (
 from abbe.compcore.diagnosis.measure_next import Advice
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
 from abbe.compcore.diagnosis.verdict import Diagnosis
-from abbe.daemon.answers.diagnose import thinned_words, told, typed
+from abbe.daemon.answers.diagnose import advice_text, thinned_words, typed
 from abbe.daemon.answers.fit import floor_of_lengths
 from abbe.daemon.report.figure import COLOURS, Trace, figure, line, points
 from abbe.daemon.report.page import Page, number
@@ -281,4 +281,4 @@ def _what_to_do(out: Page, diagnosis: Diagnosis, advice: Sequence[Advice]) -> No
         out.text("Nothing. The model explains these measurements down to their noise.")
     if advice:
         out.subsection("what to measure next")
-        out.notes([told(a) for a in advice])
+        out.notes([advice_text(a) for a in advice])

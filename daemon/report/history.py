@@ -55,9 +55,11 @@ def history_page(model: Model, versions: Sequence[Mapping[str, Any]], file: str)
 def _key_figures(page: Page, versions: Sequence[Mapping[str, Any]]) -> None:
     figures = []
     for key, name in (("rms", "fitted campaigns"), ("holdout_rms", "held-out campaigns")):
-        told = [v for v in (number_of(r, key) for r in versions) if v is not None]
-        if told:
-            fall = number(told[-1], 3) if len(told) == 1 else _fall(told[0], told[-1])
+        reported = [v for v in (number_of(r, key) for r in versions) if v is not None]
+        if reported:
+            fall = (
+                number(reported[-1], 3) if len(reported) == 1 else _fall(reported[0], reported[-1])
+            )
             figures.append((name, fall, "µm rms"))
     floor = next(
         (v for r in versions[::-1] if (v := number_of(r, "noise_floor")) is not None), None
@@ -103,8 +105,8 @@ def _warnings(page: Page, versions: Sequence[Mapping[str, Any]]) -> None:
             "predicts the machine is not known. Give abbe add a --holdout campaign."
         )
     for key, name in (("campaigns", "fitted"), ("holdout", "held-out")):
-        told = [_digests(r, key) for r in versions if key in r]
-        if len({frozenset(d) for d in told}) > 1:
+        reported = [_digests(r, key) for r in versions if key in r]
+        if len({frozenset(d) for d in reported}) > 1:
             notes.append(
                 f"Not all versions have the same {name} campaigns; their errors compare only as "
                 "far as the campaigns do."

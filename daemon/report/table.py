@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from abbe.compcore.tables.table import Table, unit_of_position
-from abbe.daemon.answers.table import FULL, NONE, Tabled, remaining_rows, trust_lines
+from abbe.daemon.answers.table import FULL, NONE, TableAnswer, remaining_rows, trust_lines
 from abbe.daemon.report.figure import COLOURS, figure, line, points
 from abbe.daemon.report.page import Page, number
 
@@ -16,7 +16,7 @@ _MOST = 1200
 """Points drawn of the working volume."""
 
 
-def table_page(done: Tabled) -> Page:
+def table_page(done: TableAnswer) -> Page:
     """The whole page."""
     controller, record = done.order.controller, done.made.record
     machine = done.model.machine
@@ -59,7 +59,7 @@ def _list(values: Sequence[float]) -> str:
     return ", ".join(number(v) for v in values)
 
 
-def _remaining(page: Page, done: Tabled) -> None:
+def _remaining(page: Page, done: TableAnswer) -> None:
     rows = remaining_rows(done)
     names = [name for name, _ in rows]
     bars = [
@@ -135,7 +135,7 @@ def _what(table: Table) -> str:
     return "error, µrad" if table.output.rotation else "error, µm"
 
 
-def _conditions(page: Page, done: Tabled) -> None:
+def _conditions(page: Page, done: TableAnswer) -> None:
     page.section("Record (ISO/TR 16907, 12)")
     record = done.made.record
     conditions, model = record["conditions"], record["model"]

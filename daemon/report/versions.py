@@ -26,39 +26,39 @@ def error_of_versions(records: Sequence[Mapping[str, Any]]) -> Figure | None:
         The ``[[history]]`` of a model and its ``[fit]``, oldest first; a version is called by its
         place here, from 1, also where an earlier one was not fitted.
     """
-    told = [(k, r) for k, r in enumerate(records, start=1) if number_of(r, "rms") is not None]
-    if not told:
+    reported = [(k, r) for k, r in enumerate(records, start=1) if number_of(r, "rms") is not None]
+    if not reported:
         return None
-    at = np.arange(1.0, len(told) + 1.0)
-    labels = [f"{k}: {change(r)}" for k, r in told]
+    at = np.arange(1.0, len(reported) + 1.0)
+    labels = [f"{k}: {change(r)}" for k, r in reported]
     traces = [
         _bars(
             at,
-            [number_of(r, "rms") for _, r in told],
+            [number_of(r, "rms") for _, r in reported],
             "fitted campaigns",
             COLOURS[0],
             "#fff",
             labels,
         )
     ]
-    held = [number_of(r, "holdout_rms") for _, r in told]
+    held = [number_of(r, "holdout_rms") for _, r in reported]
     if any(v is not None for v in held):
         traces.append(_bars(at, held, "held-out campaigns", COLOURS[4], "#1b1f24", labels))
-    floors = [number_of(r, "noise_floor") for _, r in told]
+    floors = [number_of(r, "noise_floor") for _, r in reported]
     if any(v is not None for v in floors):
         traces.append(_floor(at, floors))
-    ticks = [_tick(k, r) if len(told) <= _NAMED else str(k) for k, r in told]
+    ticks = [_tick(k, r) if len(reported) <= _NAMED else str(k) for k, r in reported]
     return figure(
         traces,
         "version",
         "rms of the residuals in µm",
         height=400,
-        bargap=0.45 if len(told) > 2 else 0.7,
+        bargap=0.45 if len(reported) > 2 else 0.7,
         bargroupgap=0.06,
         xaxis={
             "tickvals": at,
             "ticktext": ticks,
-            "range": [0.5, len(told) + 0.5],
+            "range": [0.5, len(reported) + 0.5],
             "showgrid": False,
         },
         yaxis={"rangemode": "tozero"},

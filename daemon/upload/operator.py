@@ -1,4 +1,4 @@
-"""The operator at the terminal: what is told, asked and shown while tables are uploaded."""
+"""The operator at the terminal: messages, questions and progress of an upload."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Self
 import typer
 
 from abbe.daemon.progress import shown
-from abbe.daemon.upload.work import Voice
+from abbe.daemon.upload.work import OperatorPort
 
 
 def can_ask() -> bool:
@@ -22,8 +22,8 @@ def can_ask() -> bool:
     return sys.stdin.isatty() and sys.stdout.isatty()
 
 
-class Speaker:
-    """One command's voice; a context, so that its progress bar ends with it.
+class TerminalOperator:
+    """The operator at the terminal; a context, so that its progress bar ends with it.
 
     Parameters
     ----------
@@ -57,9 +57,9 @@ class Speaker:
         self._bar.close()
         logging.getLogger("abbe").removeHandler(self._unheard)
 
-    def voice(self) -> Voice:
+    def port(self) -> OperatorPort:
         """For the upload."""
-        return Voice(self.tell, self.progress, self.ask, self.restarted)
+        return OperatorPort(self.tell, self.progress, self.ask, self.restarted)
 
     def begin(self, doing: str) -> None:
         """Show a bar from now on, once it takes long."""

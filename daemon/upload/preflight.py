@@ -50,10 +50,12 @@ class Cleared:
 
     def lines(self) -> list[str]:
         """For people: what would change."""
-        told = self.identity.name + (f", {self.identity.serial}" if self.identity.serial else "")
+        reported = self.identity.name + (
+            f", {self.identity.serial}" if self.identity.serial else ""
+        )
         new = self.order.content
         found = [
-            f"controller: {told}; idle and referenced",
+            f"controller: {reported}; idle and referenced",
             f"active now: {short(self.old.sha256)}"
             + (f" ({', '.join(sorted(self.old.files or {}))})" if not self.old.none else ""),
             f"to become active: {short(new.sha256)}"

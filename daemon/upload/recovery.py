@@ -32,8 +32,8 @@ async def recover(work: Work) -> UploadOutcome | None:
     work.tell(unfinished_words(entries))
     ledger = Ledger(work.journal, _context(first))
     ledger.note("recover", "begun", who_recovers=work.who)
-    told: dict[str, Any] = first["controller"]
-    identity = Identity(told["name"], told["serial"])
+    reported: dict[str, Any] = first["controller"]
+    identity = Identity(reported["name"], reported["serial"])
     backup = next((e["backup"] for e in entries if e.get("backup")), None)
     old, missing = _old(first, backup)
     new = Content(first["new"])
@@ -78,9 +78,9 @@ async def _finished(
     tool = (float(x), float(y), float(z))
     expected = Expectation(tables, work.model, tool, work.store.adds_error)
     kept = None if backup is None else Path(backup)
-    told: dict[str, Any] = first["controller"]
+    reported: dict[str, Any] = first["controller"]
     changeover = work.changeover(
-        Identity(told["name"], told["serial"]), ledger, old, new, expected, lambda: Path()
+        Identity(reported["name"], reported["serial"]), ledger, old, new, expected, lambda: Path()
     )
     changeover.backup = kept
     return await changeover.finish()

@@ -31,13 +31,13 @@ from abbe.daemon.upload.settle import check_identity, check_ready
 from abbe.daemon.upload.shown_correction import Expectation, Seen, check_effect
 from abbe.daemon.upload.steps import Ledger
 from abbe.daemon.upload.upload_plan import UploadPlan, backup_order, load_order
-from abbe.daemon.upload.work import Voice, Work, user
+from abbe.daemon.upload.work import OperatorPort, Work, user
 from abbe.drivers.link import LinkError
 
 
 @dataclass(frozen=True)
-class Wish:
-    """What the operator wants.
+class UploadRequest:
+    """The request for an upload, a roll-back or a recovery.
 
     Attributes
     ----------
@@ -102,7 +102,9 @@ def setup_of(configuration: Configuration) -> UploadSetup:
 
 
 @contextmanager
-def working(configuration: Configuration, voice: Voice, by: str, *, writes: bool) -> Iterator[Work]:
+def working(
+    configuration: Configuration, operator: OperatorPort, by: str, *, writes: bool
+) -> Iterator[Work]:
     """Hold the locks, read the journal, make the store.
 
     Parameters
@@ -121,7 +123,7 @@ def working(configuration: Configuration, voice: Voice, by: str, *, writes: bool
     doing = f"upload with {configuration.path.resolve()}"
     with only_one(setup.journal) as left:
         if left:
-            voice.tell(f"process {left} ended without unlocking (killed, or a power cut)")
+            operator.tell(f"process {left} ended without unlocking (killed, or a power cut)")
         machine = configuration.model.machine
         with hold(resources, doing):
             yield Work(
@@ -130,7 +132,7 @@ def working(configuration: Configuration, voice: Voice, by: str, *, writes: bool
                 setup.make_controller(machine),
                 store,
                 Journal(setup.journal),
-                voice,
+                operator,
                 by or user(),
             )
 
@@ -154,7 +156,9 @@ async def opened(work: Work) -> AsyncIterator[None]:
         await work.store.close()
 
 
-async def upload(configuration: Configuration, folder: Path, wish: Wish, voice: Voice) -> Result:
+async def upload(
+    configuration: Configuration, folder: Path, request: UploadRequest, operator: OperatorPort
+) -> Result:
     """Upload tables; an earlier upload that was cut off is brought to its end first.
 
     Raises
@@ -164,12 +168,14 @@ async def upload(configuration: Configuration, folder: Path, wish: Wish, voice: 
     """
     setup = setup_of(configuration)
     order = load_order(folder, configuration, setup)
-    check_tables(order, configuration.model, limits_of(setup, wish.max_change_um))
-    with working(configuration, voice, wish.by, writes=not wish.dry_run) as work:
-        return await _carry_out(work, order, wish)
+    check_tables(order, configuration.model, limits_of(setup, request.max_change_um))
+    with working(configuration, operator, request.by, writes=not request.dry_run) as work:
+        return await _carry_out(work, order, request)
 
 
-async def roll_back(configuration: Configuration, wish: Wish, voice: Voice) -> Result:
+async def roll_back(
+    configuration: Configuration, request: UploadRequest, operator: OperatorPort
+) -> Result:
     """Put back what was active before the last upload.
 
     Raises
@@ -177,8 +183,8 @@ async def roll_back(configuration: Configuration, wish: Wish, voice: Voice) -> R
     AbbeError
         When there was none, its backup is missing, or the pre-flight finds something against it.
     """
-    with working(configuration, voice, wish.by, writes=not wish.dry_run) as work:
-        recovered = None if wish.dry_run else await _recover_first(work)
+    with working(configuration, operator, request.by, writes=not request.dry_run) as work:
+        recovered = None if request.dry_run else await _recover_first(work)
         if recovered is not None and recovered.open:
             return Result(recovered=recovered)
         last = last_change([e for e in work.journal.found.entries if not e.get("puts_back")])
@@ -191,13 +197,13 @@ async def roll_back(configuration: Configuration, wish: Wish, voice: Voice) -> R
         order = backup_order(Path(backup), work.controller, configuration.file.tool.offset)
         if order.content.sha256 != last["old"]:
             raise AbbeError(f"{backup} is not what was active before upload {last['upload']}")
-        result = await _carry_out(work, order, wish)
+        result = await _carry_out(work, order, request)
         return Result(
             result.cleared, result.outcome, recovered or result.recovered, result.declined
         )
 
 
-async def check(configuration: Configuration, voice: Voice) -> Seen:
+async def check(configuration: Configuration, operator: OperatorPort) -> Seen:
     """Check what the controller adds against the tables that are active; writes nothing.
 
     As after an upload: where the store is set up to move the machine for that, it does.
@@ -208,7 +214,7 @@ async def check(configuration: Configuration, voice: Voice) -> Seen:
         When nobody answers, another controller does, it is not ready, no table is active, or it
         adds something else than the active tables say.
     """
-    with working(configuration, voice, "", writes=False) as work:
+    with working(configuration, operator, "", writes=False) as work:
         section, allowed = work.setup.section, work.allowed
         async with opened(work):
             try:
@@ -238,9 +244,11 @@ def _tool_of(work: Work, active: Content) -> tuple[float, float, float]:
     return 0.0, 0.0, 0.0
 
 
-async def finish(configuration: Configuration, wish: Wish, voice: Voice) -> UploadOutcome | None:
+async def finish(
+    configuration: Configuration, request: UploadRequest, operator: OperatorPort
+) -> UploadOutcome | None:
     """Bring an upload that was cut off to its end; None when there is none."""
-    with working(configuration, voice, wish.by, writes=True) as work:
+    with working(configuration, operator, request.by, writes=True) as work:
         try:
             return await recover(work)
         finally:
@@ -259,10 +267,10 @@ async def _recover_first(work: Work) -> UploadOutcome | None:
     return outcome
 
 
-async def _carry_out(work: Work, order: UploadPlan, wish: Wish) -> Result:
+async def _carry_out(work: Work, order: UploadPlan, request: UploadRequest) -> Result:
     recovered = None
     unfinished = work.journal.found.unfinished()
-    if unfinished and wish.dry_run:
+    if unfinished and request.dry_run:
         work.tell(unfinished_words(unfinished))
     elif unfinished:
         recovered = await _recover_first(work)
@@ -272,18 +280,18 @@ async def _carry_out(work: Work, order: UploadPlan, wish: Wish) -> Result:
         try:
             cleared = await preflight(
                 work.store, work.setup, work.controller, order, work.model,
-                limits_of(work.setup, wish.max_change_um),
+                limits_of(work.setup, request.max_change_um),
             )  # fmt: skip
         except LinkError as error:
             raise unreachable(error) from None
-        if wish.dry_run or cleared.nothing_to_do:
+        if request.dry_run or cleared.nothing_to_do:
             return Result(cleared, recovered=recovered)
-        if not work.voice.ask(cleared.lines()):
+        if not work.operator.ask(cleared.lines()):
             return Result(cleared, recovered=recovered, declined=True)
-        return Result(cleared, await _change(work, cleared, wish), recovered)
+        return Result(cleared, await _change(work, cleared, request), recovered)
 
 
-async def _change(work: Work, cleared: Cleared, wish: Wish) -> UploadOutcome:
+async def _change(work: Work, cleared: Cleared, request: UploadRequest) -> UploadOutcome:
     order, old = cleared.order, cleared.old
     context = work.context(cleared.identity, old, order.content, order.model)
     if order.puts_back:
@@ -291,16 +299,16 @@ async def _change(work: Work, cleared: Cleared, wish: Wish) -> UploadOutcome:
     ledger = Ledger(work.journal, context)
     ledger.note(
         "begin", "begun",
-        source=str(order.source.resolve()), note=wish.note, record=dict(order.record),
+        source=str(order.source.resolve()), note=request.note, record=dict(order.record),
         tool_mm=list(order.tool), change_um=cleared.change_um, warnings=list(order.warnings),
     )  # fmt: skip
 
     def back_up() -> Path:
         record = {k: context[k] for k in ("upload", "who", "host", "abbe")}
         folder = work.setup.backups.resolve()
-        told = {"backup_of": context["controller"], "made": context["upload"], **record}
+        reported = {"backup_of": context["controller"], "made": context["upload"], **record}
         options = work.setup.section.options
-        return backups.save(folder, old, work.controller.name, options, told)
+        return backups.save(folder, old, work.controller.name, options, reported)
 
     expected = Expectation(order.tables, work.model, order.tool, work.store.adds_error)
     changeover = work.changeover(cleared.identity, ledger, old, order.content, expected, back_up)

@@ -60,11 +60,12 @@ def origin(active: Content, entries: Sequence[Entry]) -> dict[str, Any] | None:
 
 def status_lines(found: dict[str, Any]) -> list[str]:
     """For people."""
-    told = found["controller"]
+    reported = found["controller"]
     ready = "idle" if found["idle"] else "not idle"
     ready += ", referenced" if found["referenced"] else ", not referenced"
     lines = [
-        f"controller: {told['name']}" + (f", {told['serial']}" if told["serial"] else ""),
+        f"controller: {reported['name']}"
+        + (f", {reported['serial']}" if reported["serial"] else ""),
         "; ".join([ready, *found["hindrances"]]),
     ]
     if not found["active"]:

@@ -279,11 +279,11 @@ class Changeover:
                 f"the old table could not be put back: {outcome.last}. Mend that, and run "
                 "abbe upload CONFIG.toml --recover"
             )
-        told = {"active": outcome.active, "why": outcome.why, "step_failed": outcome.step}
+        reported = {"active": outcome.active, "why": outcome.why, "step_failed": outcome.step}
         if outcome.open:
-            self.ledger.note_anyway("settle", "left open", **told, last=outcome.last)
+            self.ledger.note_anyway("settle", "left open", **reported, last=outcome.last)
         else:
-            self.ledger.note_anyway(END, "done" if outcome.done else "failed", **told)
+            self.ledger.note_anyway(END, "done" if outcome.done else "failed", **reported)
         if self.ledger.broken:
             self._notes.append(f"the journal is not complete: {self.ledger.broken}")
         return replace(

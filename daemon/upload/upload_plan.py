@@ -55,10 +55,10 @@ class UploadPlan:
     @property
     def model(self) -> dict[str, Any]:
         """SHA-256 of the model and how many versions it has, from the record."""
-        told = self.record.get("model", {})
-        before = told.get("versions_before")
+        reported = self.record.get("model", {})
+        before = reported.get("versions_before")
         return {
-            "sha256": told.get("sha256", ""),
+            "sha256": reported.get("sha256", ""),
             "versions": None if before is None else before + 1,
         }
 
@@ -89,12 +89,12 @@ def load_order(folder: Path, configuration: Configuration, setup: UploadSetup) -
             "these tables were made with other options of the controller", file=path,
             field="options", found=dict(made.options), expected=str(setup.section.options),
         )  # fmt: skip
-    told = made.record.get("model", {})
+    reported = made.record.get("model", {})
     for key, mine in (("machine", machine.name), ("structure", str(machine.structure))):
-        if told.get(key) != mine:
+        if reported.get(key) != mine:
             raise InputError(
                 "these tables are for another machine", file=path, field=f"model.{key}",
-                found=told.get(key), expected=mine,
+                found=reported.get(key), expected=mine,
             )  # fmt: skip
     tables = controller.read(made.files)
     if not tables:
@@ -107,7 +107,7 @@ def load_order(folder: Path, configuration: Configuration, setup: UploadSetup) -
         tables,
         made.record,
         (float(tool[0]), float(tool[1]), float(tool[2])),
-        _warnings(configuration, told),
+        _warnings(configuration, reported),
     )
 
 
@@ -127,9 +127,9 @@ def backup_order(folder: Path, controller: Controller, tool: Sequence[float]) ->
 
 def _match(tables: Sequence[Table], made: TableSet, path: Path) -> None:
     """What the record says of each table is what the files hold."""
-    told = {row["table"]: row for row in made.record.get("tables", [])}
+    reported = {row["table"]: row for row in made.record.get("tables", [])}
     for table in tables:
-        row = told.pop(table.name, None)
+        row = reported.pop(table.name, None)
         if row is None:
             if table.largest() > 0.0:
                 raise AbbeError(f"{path}: the files hold {table.name}, the record does not")
@@ -141,17 +141,17 @@ def _match(tables: Sequence[Table], made: TableSet, path: Path) -> None:
                 f"{path}: {table.name} is up to {table.largest() * factor:.4g} in the files and "
                 f"{row['largest']:.4g} {row['unit']} in the record"
             )
-    if told:
-        raise AbbeError(f"{path}: the record names {', '.join(told)}, the files do not hold it")
+    if reported:
+        raise AbbeError(f"{path}: the record names {', '.join(reported)}, the files do not hold it")
 
 
-def _warnings(configuration: Configuration, told: Mapping[str, Any]) -> tuple[str, ...]:
+def _warnings(configuration: Configuration, reported: Mapping[str, Any]) -> tuple[str, ...]:
     found = []
     present = sha256(read_text(configuration.model_path))
-    if told.get("sha256") != present:
+    if reported.get("sha256") != present:
         found.append(
             "the tables were made from another version of the model than the configuration names "
-            f"({str(told.get('sha256'))[:12]}, now {present[:12]})"
+            f"({str(reported.get('sha256'))[:12]}, now {present[:12]})"
         )
     if configuration.file.output.axes:
         found.append(

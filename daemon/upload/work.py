@@ -24,8 +24,8 @@ from abbe.drivers.stores.base import Identity, Store
 
 
 @dataclass(frozen=True)
-class Voice:
-    """How the operator is spoken to.
+class OperatorPort:
+    """The port to the operator: messages, progress, questions.
 
     Attributes
     ----------
@@ -54,13 +54,13 @@ class Work:
     controller: Controller
     store: Store
     journal: Journal
-    voice: Voice
+    operator: OperatorPort
     who: str
 
     @property
     def tell(self) -> Callable[[str], None]:
         """A line for people."""
-        return self.voice.tell
+        return self.operator.tell
 
     @property
     def allowed(self) -> Allowed:
@@ -102,7 +102,7 @@ class Work:
         """The sequence from one set to another."""
         return Changeover(
             self.store, identity, self.controller, ledger, old, new, expected, self.allowed,
-            back_up, self.tell, self.voice.progress, self.voice.restarted,
+            back_up, self.tell, self.operator.progress, self.operator.restarted,
         )  # fmt: skip
 
 

@@ -224,7 +224,7 @@ def _in_background(work: Callable[[], None], done: asyncio.Future[None] | None =
     """
     loop = asyncio.get_running_loop()
 
-    def told() -> None:
+    def wake() -> None:
         if done is not None and not done.done():
             done.set_result(None)
 
@@ -235,6 +235,6 @@ def _in_background(work: Callable[[], None], done: asyncio.Future[None] | None =
             logger.debug("closing a CAN interface: %s", error)
         finally:
             with suppress(RuntimeError):  # the loop has ended; nobody waits
-                loop.call_soon_threadsafe(told)
+                loop.call_soon_threadsafe(wake)
 
     threading.Thread(target=run, name="close CAN interface").start()

@@ -42,12 +42,12 @@ def is_recovery(identifier: int, data: bytes) -> bool:
     return bool(identifier & 0x100 or active)
 
 
-def told(identifier: int, data: bytes) -> str:
+def error_text(identifier: int, data: bytes) -> str:
     """An error frame in words.
 
-    >>> told(0x40, bytes(8))
+    >>> error_text(0x40, bytes(8))
     'bus-off'
-    >>> told(0x04, bytes([0, 0x10, 0, 0, 0, 0, 0, 0]))
+    >>> error_text(0x04, bytes([0, 0x10, 0, 0, 0, 0, 0, 0]))
     'receive error passive'
     """
     words = []
@@ -111,10 +111,10 @@ class BusErrors:
         if not self._linux:
             text = "the interface reports error frames"
         elif is_bus_off(identifier):
-            self._leave(told(identifier, data))
+            self._leave(error_text(identifier, data))
             return
         else:
-            text = "" if is_recovery(identifier, data) else told(identifier, data)
+            text = "" if is_recovery(identifier, data) else error_text(identifier, data)
         if text != self._framed:
             self._framed = text
             self._on_change()

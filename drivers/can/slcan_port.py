@@ -93,11 +93,11 @@ class BufferedPort:
         whole, self._begun = text[:end], text[end:]
         if len(self._begun) > _LONGEST:
             self._begun = b""
-        told = LINE.findall(whole)
-        if told:
+        lines = LINE.findall(whole)
+        if lines:
             whole = LINE.sub(b"", whole)
         refused = b"\a" in whole
-        for line in told:
+        for line in lines:
             self.on_status(line)
         if refused:
             self.on_refused()

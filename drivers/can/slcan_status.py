@@ -42,7 +42,7 @@ _BUS_ERROR = 0x80
 _STATES = {"a": "", "w": "errors reached the warning level", "p": "error passive"}
 
 
-class Told(NamedTuple):
+class AdapterState(NamedTuple):
     """A controller's state.
 
     Attributes
@@ -57,21 +57,21 @@ class Told(NamedTuple):
     bus_off: bool
 
 
-def understand(line: bytes, dialect: Dialect | None) -> Told | None:
+def understand(line: bytes, dialect: Dialect | None) -> AdapterState | None:
     """What a line that fits `LINE` says; None for flags of which nobody said whose they are.
 
     >>> understand(b"F24", "usbtin")
-    Told(text='the adapter says: error passive', bus_off=False)
+    AdapterState(text='the adapter says: error passive', bus_off=False)
     >>> understand(b"sb000256", None)
-    Told(text='the adapter says: bus-off, 0 receive and 256 transmit errors', bus_off=True)
+    AdapterState(text='the adapter says: bus-off, 0 receive and 256 transmit errors', bus_off=True)
     """
     if line[:1] == b"s":
         state, receive, transmit = line[1:2].decode(), int(line[2:5]), int(line[5:8])
         if state == "a":
-            return Told("", bus_off=False)
+            return AdapterState("", bus_off=False)
         words = _STATES.get(state, "bus-off")
         text = f"the adapter says: {words}, {receive} receive and {transmit} transmit errors"
-        return Told(text, state == "b")
+        return AdapterState(text, state == "b")
     if dialect is None:
         return None
     flags = int(line[1:3], 16)
@@ -83,7 +83,7 @@ def understand(line: bytes, dialect: Dialect | None) -> Told | None:
         parts = [f"bus-off, status flags {flags:02X}h"]
     elif flags & _BUS_ERROR:
         parts.append("errors on the bus")
-    return Told(f"the adapter says: {', '.join(parts)}" if parts else "", bus_off)
+    return AdapterState(f"the adapter says: {', '.join(parts)}" if parts else "", bus_off)
 
 
 class AdapterStatus:
@@ -136,9 +136,9 @@ class AdapterStatus:
         if line[:1] == b"F":
             self._waiting = False
             self._answered_at = time.monotonic()
-        told = understand(line, self._dialect)
-        if told is not None and not self._closed:
-            self._on_state(*told)
+        message = understand(line, self._dialect)
+        if message is not None and not self._closed:
+            self._on_state(*message)
 
     def _refused(self) -> None:
         """The adapter refused something, perhaps a frame: its flags say why."""

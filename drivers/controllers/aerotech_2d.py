@@ -153,13 +153,13 @@ class Aerotech2D(Controller):
     def _tables(
         self, name: str, heads: Sequence[str], values: Sequence[Sequence[float]]
     ) -> list[Table]:
-        told = heads[0].split()
-        if len(told) != 7:
+        stated = heads[0].split()
+        if len(stated) != 7:
             raise InputError(
                 "not the head of a table", file=name, line=2, found=heads[0],
                 expected="four axis numbers, two distances, the number of columns",
             )  # fmt: skip
-        row, column, first, second, *rest = told
+        row, column, first, second, *rest = stated
         keys = dict(_KEY.findall(" ".join(heads[1:]).upper()))
         letters = {str(n): a for a, n in self._numbers().items()}
         outputs = [first, second, *([keys["OUTAXIS3"]] if "OUTAXIS3" in keys else [])]

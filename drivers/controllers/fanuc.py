@@ -124,7 +124,7 @@ class Fanuc(Controller):
             size = _magnification(counts, zero, self.options.limit)
             interval = round(float(nodes[1] - nodes[0]) / base, 3)
             reference = start + zero
-            told: dict[int, str] = {
+            stated: dict[int, str] = {
                 3620: str(reference),
                 3621: str(start + 1),
                 3622: str(start + len(nodes) - 1),
@@ -135,10 +135,10 @@ class Fanuc(Controller):
             }
             start = _put(entries, counts[0], size, start)
             if table.directional:
-                told[3626] = str(start + 1)
-                told[3627] = str(int(counts[1][zero]) // size)
+                stated[3626] = str(start + 1)
+                stated[3627] = str(int(counts[1][zero]) // size)
                 start = _put(entries, counts[1], size, start)
-            for parameter, value in told.items():
+            for parameter, value in stated.items():
                 parameters.setdefault(parameter, {})[numbers[axis]] = value
         if start - 1 > _HIGHEST:
             raise InputError(

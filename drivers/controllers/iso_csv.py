@@ -125,8 +125,8 @@ class IsoCsv(Controller):
                 for values, what in parts:
                     if self.options.entries == "incremental" and what != _SECOND["single"]:
                         values = increments(values, nodes, origin)
-                    told = f" {what}" if table.directional else ""
-                    head.append(f"{name}{told} [{angle}]")
+                    stated = f" {what}" if table.directional else ""
+                    head.append(f"{name}{stated} [{angle}]")
                     columns.append([fixed(float(v), decimals) for v in values])
             lines = self._head(axis, origin / base, unit)
             lines.append(",".join(head))
@@ -154,13 +154,13 @@ class IsoCsv(Controller):
         return [table for name, text in files.items() for table in self._file(name, text)]
 
     def _file(self, name: str, text: str) -> list[Table]:
-        told: dict[str, str] = {}
+        stated: dict[str, str] = {}
         head: list[str] = []
         rows: list[list[float]] = []
         for i, line in numbered_lines(text):
             if line.startswith("#"):
                 key, _, value = line[1:].partition("=")
-                told[key.strip()] = value.partition("#")[0].strip().strip('"')
+                stated[key.strip()] = value.partition("#")[0].strip().strip('"')
             elif line and not head:
                 head = [c.strip() for c in line.split(",")]
             elif line:
@@ -171,7 +171,7 @@ class IsoCsv(Controller):
                         expected=str(len(head)),
                     )  # fmt: skip
                 rows.append([number(p, name, i, h) for p, h in zip(parts, head, strict=True)])
-        self._check_head(told, name)
+        self._check_head(stated, name)
         position = _POSITION.fullmatch(head[0]) if head else None
         if position is None or position[1] not in self.machine.axes:
             raise InputError(
@@ -182,7 +182,7 @@ class IsoCsv(Controller):
         table = np.array(rows).reshape(-1, len(head))
         base = DEGREE if position[2] == "deg" else 1.0
         nodes = increasing(list(table[:, 0]), name, 1, head[0]) * base
-        origin = number(told.get("origin", "0"), name, None, "origin") * base
+        origin = number(stated.get("origin", "0"), name, None, "origin") * base
         parts_of: dict[Component, dict[str, F64]] = {}
         for k, column in enumerate(head[1:], start=1):
             match = _COLUMN.fullmatch(column)
@@ -192,23 +192,23 @@ class IsoCsv(Controller):
                 )
             values = table[:, k].copy()
             what = match[3] or ""
-            if told["entries"] == "incremental" and what != _SECOND["single"]:
+            if stated["entries"] == "incremental" and what != _SECOND["single"]:
                 values = accumulated(values, nodes, origin)
             component: Component = match[1]  # type: ignore[assignment]
             parts_of.setdefault(component, {})[what] = values
-        reversal: Reversal = told["reversal"]  # type: ignore[assignment]
+        reversal: Reversal = stated["reversal"]  # type: ignore[assignment]
         found = []
         for component, columns in parts_of.items():
             values = columns.get("", columns.get(_FIRST[reversal], np.zeros(len(nodes))))
-            direct = told["holds"] == "moves" and not (is_rotary(axis) and component in "ABC")
+            direct = stated["holds"] == "moves" and not (is_rotary(axis) and component in "ABC")
             output = move(component) if direct else ErrorMotion(axis, component)
-            one = Table(output, (axis,), (nodes,), values, sign=Sign(told["sign"]))
+            one = Table(output, (axis,), (nodes,), values, sign=Sign(stated["sign"]))
             if _SECOND[reversal] in columns:
                 one = from_reversal(one, columns[_SECOND[reversal]], reversal)
             found.append(one.as_sign(Sign.ERROR))
         return found
 
-    def _check_head(self, told: Mapping[str, str], name: str) -> None:
+    def _check_head(self, stated: Mapping[str, str], name: str) -> None:
         allowed = {
             "format": (_FORMAT,),
             "sign": tuple(Sign),
@@ -217,10 +217,10 @@ class IsoCsv(Controller):
             "reversal": tuple(_SECOND),
         }
         for key, values in allowed.items():
-            if told.get(key) not in values:
+            if stated.get(key) not in values:
                 raise InputError(
                     "the file's head does not say what the numbers are", file=name, field=key,
-                    found=told.get(key), expected="one of " + ", ".join(values),
+                    found=stated.get(key), expected="one of " + ", ".join(values),
                 )  # fmt: skip
 
     def activation(self) -> tuple[str, ...]:

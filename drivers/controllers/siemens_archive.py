@@ -65,7 +65,7 @@ class Cec:
 
     def lines(self) -> list[str]:
         """Its assignments."""
-        told = {
+        stated = {
             "INPUT_AXIS": f"({self.source})",
             "OUTPUT_AXIS": f"({self.moved})",
             "STEP": fixed(self.step, POSITION_DECIMALS),
@@ -80,7 +80,7 @@ class Cec:
                 f"$AN_CEC[{self.index},{i}]={fixed(float(v), DECIMALS)}"
                 for i, v in enumerate(self.values)
             ),
-            *(f"$AN_CEC_{key}[{self.index}]={value}" for key, value in told.items()),
+            *(f"$AN_CEC_{key}[{self.index}]={value}" for key, value in stated.items()),
         ]
 
 
@@ -111,7 +111,7 @@ class EncComp:
 
     def lines(self) -> list[str]:
         """Its assignments."""
-        told = {
+        stated = {
             "STEP": fixed(self.step, POSITION_DECIMALS),
             "MIN": fixed(self.start, POSITION_DECIMALS),
             "MAX": fixed(float(self.nodes[-1]), POSITION_DECIMALS),
@@ -123,7 +123,7 @@ class EncComp:
                 f"$AA_ENC_COMP[{self.encoder},{i},{self.axis}]={fixed(float(v), DECIMALS)}"
                 for i, v in enumerate(self.values)
             ),
-            *(f"$AA_ENC_COMP_{key}{where}={value}" for key, value in told.items()),
+            *(f"$AA_ENC_COMP_{key}{where}={value}" for key, value in stated.items()),
         ]
 
 

@@ -8,7 +8,7 @@ import logging
 import time
 from collections.abc import Sequence
 
-from abbe.drivers.bus_lock import Turns
+from abbe.drivers.bus_lock import BusLock
 from abbe.drivers.ipp.config import IppConfig
 from abbe.drivers.ipp.errors import ServerError, Severity, StoppedError
 from abbe.drivers.ipp.latest import Latest
@@ -25,8 +25,8 @@ from abbe.drivers.link import (
     Quality,
     Sample,
 )
-from abbe.drivers.quarantine import Roster
-from abbe.drivers.reconnect import Keeper
+from abbe.drivers.quarantine import MemberHealth
+from abbe.drivers.reconnect import Reconnector
 
 logger = logging.getLogger("abbe.drivers.ipp")
 
@@ -73,13 +73,13 @@ class Asking:
             )
             self._all.append(self._frame)
             self._mark = self._frame.command
-        self.keeper = Keeper(
+        self.reconnector = Reconnector(
             label, config, status, self._connect, self._disconnect, logger,
-            lambda: self._roster.renew(),
+            lambda: self._health.renew(),
         )  # fmt: skip
-        self._turns = Turns(self.keeper, config.max_waiting)
-        self._roster = Roster(self._all, config, self.keeper, logger, "command")
-        self._state = ServerState(label, config, status, self._roster)
+        self._bus_lock = BusLock(self.reconnector, config.max_waiting)
+        self._health = MemberHealth(self._all, config, self.reconnector, logger, "command")
+        self._state = ServerState(label, config, status, self._health)
         self._session: Session | None = None
         self._closing = False
         self._latest = Latest()
@@ -88,19 +88,19 @@ class Asking:
         """End the session where there is one, the connection, and the background task."""
         self._closing = True
         session = self._session
-        if session is not None and self.keeper.up:
+        if session is not None and self.reconnector.up:
             if self._reports is not None and self._reports.ordered:
                 with contextlib.suppress(LinkError):
                     await session.ask(f"StopDaemon({self._reports.tag})")
             with contextlib.suppress(LinkError):
                 await session.ask("EndSession()")
             await session.end()
-        await self.keeper.close()
+        await self.reconnector.close()
 
     async def read(self, names: Sequence[str]) -> dict[str, Sample]:
         """As `abbe.drivers.link.Link.read`."""
         try:
-            async with self._turns:
+            async with self._bus_lock:
                 await self._ask_due(names)
                 now = time.monotonic()
                 return {name: self._sample(name, now) for name in names}
@@ -158,7 +158,7 @@ class Asking:
                 self._session.mark(self._mark, _MARK_EVERY)
         silences = 0
         for question in due:
-            if not self.keeper.up:
+            if not self.reconnector.up:
                 break
             if question.failures and (why := question.refusal(time.monotonic())):
                 self._latest.mark(question, Quality.UNAVAILABLE, why)
@@ -179,15 +179,15 @@ class Asking:
                 self._latest.mark(question, Quality.UNAVAILABLE, str(error))
             except LinkDownError:
                 break
-        if not self.keeper.up:
-            raise self.keeper.down_error()
+        if not self.reconnector.up:
+            raise self.reconnector.down_error()
 
     async def _look_for_reports(self, now: float) -> None:
         if self._reports is not None and self._reports.silence(now):
             # a report may wait in the socket, when it was this process that was held up
             await asyncio.sleep(0.01)
             if why := self._reports.silence(now):
-                self.keeper.lost(why)
+                self.reconnector.lost(why)
 
     async def _exchange(self, question: IppQuestion) -> None:
         """Ask once, and keep what comes."""
@@ -201,7 +201,7 @@ class Asking:
             reply = await session.ask(question.command, ordering.tag if ordering else None)
         except LinkTimeoutError as error:
             status.failures += 1
-            self._roster.unanswered(question, str(error))
+            self._health.unanswered(question, str(error))
             raise
         except StoppedError as error:
             status.failures += 1
@@ -215,7 +215,7 @@ class Asking:
         except LinkError as error:
             status.failures += 1
             if not self._closing:
-                self.keeper.lost(str(error))
+                self.reconnector.lost(str(error))
             raise LinkDownError(str(error)) from error
         status.round_trip = session.round_trip
         self._answered(question)
@@ -231,9 +231,9 @@ class Asking:
             self._latest.keep(question, reply)
 
     def _answered(self, question: IppQuestion) -> None:
-        self._roster.silent_in_a_row = 0
+        self._health.silent_in_a_row = 0
         if question.failures:
-            self._roster.answered(question)
+            self._health.answered(question)
 
     def _on_error(self, error: ServerError) -> None:
         """An error that belongs to no command: the server's own, or one of a late answer."""
@@ -261,7 +261,7 @@ class Asking:
     async def _connect(self) -> None:
         """Connect, start a session, get a first answer: a port that is taken in is not up."""
         config, self._closing = self._config, False
-        async with self._turns.lock:
+        async with self._bus_lock.lock:
             self._disconnect()
             self._latest.clear()
             self._state.renew(self._all)
@@ -290,18 +290,19 @@ class Asking:
             return
         if reports is not None and reports.first is not None:
             try:
-                async with asyncio.timeout(reports.patience):
+                async with asyncio.timeout(reports.wait_limit):
                     await asyncio.shield(reports.first)
             except TimeoutError:
                 raise LinkTimeoutError(
-                    f"{question.command} was accepted, and no report came in {reports.patience:g} s"
+                    f"{question.command} was accepted, and no report came in "
+                    f"{reports.wait_limit:g} s"
                 ) from None
 
     def _lose(self, why: str) -> None:
         if self._reports is not None:
             self._reports.give_up(why)
-        if self.keeper.up:
-            self.keeper.lost(why)
+        if self.reconnector.up:
+            self.reconnector.lost(why)
         elif self._session is not None:
             self._session.abandon()
 

@@ -104,13 +104,13 @@ class MoveReportConfig(BaseModel):
     """s without a report after which positions count as missing; default three times `time`."""
 
     @property
-    def patience(self) -> float:
+    def wait_limit(self) -> float:
         """Time without a report after which positions count as missing, s."""
         return 3.0 * self.time if self.within is None else self.within
 
     @model_validator(mode="after")
     def _patient(self) -> MoveReportConfig:
-        if self.patience <= self.time:
+        if self.wait_limit <= self.time:
             raise ValueError(
                 f"within {self.within:g} s is not more than time {self.time:g} s: a machine that "
                 "stands still would count as silent"

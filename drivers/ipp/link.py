@@ -77,7 +77,7 @@ class IppLink(Link):
 
     async def open(self) -> None:
         """Connect, start a session and get a first answer (or report), or begin to retry."""
-        await self._asking.keeper.open()
+        await self._asking.reconnector.open()
 
     async def close(self) -> None:
         """End the session and the connection; a command in flight fails."""

@@ -40,7 +40,7 @@ class MoveReport:
         axes = tuple(dict.fromkeys(f"{field.name}()" for field in get.fields.values()))
         pace = (f"Time({config.time:g})", f"Dis({config.distance:g})")
         self.question = IppQuestion("OnMoveReportE", (*pace, *axes), 0.0, get.fields, vital=True)
-        self.patience = config.patience
+        self.wait_limit = config.wait_limit
         self.tag = "E0000"
         self.ordered = False
         self.first: asyncio.Future[None] | None = None
@@ -99,7 +99,7 @@ class MoveReport:
 
     def silence(self, now: float) -> str:
         """For how long no report has come, for people; empty when it is not too long."""
-        if not self.ordered or now - self._came <= self.patience:
+        if not self.ordered or now - self._came <= self.wait_limit:
             return ""
         return f"no move report for {now - self._came:.1f} s"
 

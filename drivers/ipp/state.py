@@ -11,7 +11,7 @@ from abbe.drivers.ipp.errors import USE_CLEAR_ALL_ERRORS, ServerError, Severity
 from abbe.drivers.ipp.grammar import Value
 from abbe.drivers.ipp.question import IppQuestion, coordinate_system
 from abbe.drivers.link import LinkStatus
-from abbe.drivers.quarantine import Roster
+from abbe.drivers.quarantine import MemberHealth
 
 logger = logging.getLogger("abbe.drivers.ipp")
 
@@ -43,11 +43,13 @@ class ServerState:
         Why positions are not in the coordinates that are wanted; empty when they are.
     """
 
-    def __init__(self, label: str, config: IppConfig, status: LinkStatus, roster: Roster) -> None:
+    def __init__(
+        self, label: str, config: IppConfig, status: LinkStatus, health: MemberHealth
+    ) -> None:
         self._label = label
         self._config = config
         self._status = status
-        self._roster = roster
+        self._health = health
         self.stopped = ""
         self.misplaced = ""
         self._delay = 0.0
@@ -155,4 +157,4 @@ class ServerState:
         self._status.quarantined.pop(key, None)
         if why:
             self._status.quarantined[key] = why
-        self._roster.show()
+        self._health.show()

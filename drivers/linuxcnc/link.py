@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 from abbe.drivers import resources
 from abbe.drivers.batch import Batch
-from abbe.drivers.bus_lock import Turns
+from abbe.drivers.bus_lock import BusLock
 from abbe.drivers.link import (
     ChannelInfo,
     Link,
@@ -31,7 +31,7 @@ from abbe.drivers.link import (
 )
 from abbe.drivers.linuxcnc.config import STATE_BITS, LinuxCncConfig
 from abbe.drivers.linuxcnc.process import BridgeProcess
-from abbe.drivers.reconnect import Keeper
+from abbe.drivers.reconnect import Reconnector
 
 logger = logging.getLogger("abbe.drivers.linuxcnc")
 
@@ -55,7 +55,7 @@ class LinuxCncLink(Link):
     def __init__(self, name: str, config: LinuxCncConfig) -> None:
         super().__init__(name, config)
         self._config = config
-        self._keeper = Keeper(
+        self._reconnector = Reconnector(
             f"link {name} (LinuxCNC)",
             config,
             self.status,
@@ -63,7 +63,7 @@ class LinuxCncLink(Link):
             self._disconnect,
             logger,
         )
-        self._turns = Turns(self._keeper, config.max_waiting)
+        self._bus_lock = BusLock(self._reconnector, config.max_waiting)
         self._bridge: BridgeProcess | None = None
         self._units_per_mm = 1.0
         self._pins = {name: self._pins_of(name) for name in config.channels}
@@ -107,11 +107,11 @@ class LinuxCncLink(Link):
 
     async def open(self) -> None:
         """Attach to LinuxCNC, or begin to wait for it to be started."""
-        await self._keeper.open()
+        await self._reconnector.open()
 
     async def close(self) -> None:
         """Detach; offsets that are not zero are taken back first."""
-        await self._keeper.close()
+        await self._reconnector.close()
         bridge, self._bridge = self._bridge, None
         if bridge is not None:
             await bridge.close()
@@ -127,7 +127,7 @@ class LinuxCncLink(Link):
         self._check_known(channels, self._config.channels)
         pins = list(dict.fromkeys(pin for name in channels for pin in self._pins[name]))
         try:
-            async with self._turns:
+            async with self._bus_lock:
                 said = await self._ask({"read": pins})
         except LinkError as error:
             lost = Sample(_NAN, time.monotonic(), Quality.UNAVAILABLE, str(error))
@@ -163,7 +163,7 @@ class LinuxCncLink(Link):
                 raise batch.refused(f"{name}: {value:g} is beyond max = {section.max:g}")
             orders[section.offset.lower()] = float(value)
         try:
-            async with self._turns:
+            async with self._bus_lock:
                 batch.begin(*values)
                 # what is in the pipe when the answer is given up is not to be carried out later
                 last = min(until, time.monotonic() + self._config.timeout)
@@ -192,7 +192,7 @@ class LinuxCncLink(Link):
     async def _ask(self, order: dict[str, Any]) -> dict[str, Any]:
         bridge, status = self._bridge, self.status
         if bridge is None:
-            raise self._keeper.down_error()
+            raise self._reconnector.down_error()
         status.requests += 1
         began = time.monotonic()
         try:
@@ -202,7 +202,7 @@ class LinuxCncLink(Link):
             raise
         except (LinkTimeoutError, LinkDownError) as error:
             status.failures += 1
-            self._keeper.lost(str(error))
+            self._reconnector.lost(str(error))
             raise
         status.round_trip = time.monotonic() - began
         return said
@@ -252,7 +252,7 @@ class LinuxCncLink(Link):
             "ramp": config.ramp,
             "servo_silence": config.servo_silence,
         }
-        self._bridge = BridgeProcess(config.python, settings, self._keeper.lost)
+        self._bridge = BridgeProcess(config.python, settings, self._reconnector.lost)
         ready = await self._bridge.start()
         self._units_per_mm = float(ready["units_per_mm"])
         logger.info("link %s: LinuxCNC runs %s", self.name, ready["ini"])

@@ -43,8 +43,8 @@ def find_task(name: str, ini: Path) -> Task | None:
             words = (entry / "cmdline").read_bytes().split(b"\0")
             if not words or Path(os.fsdecode(words[0])).name != Path(name).name:
                 continue
-            told = os.fsdecode(words[words.index(b"-ini") + 1])
-            if (entry / "cwd" / told).resolve() == ini.resolve():
+            stated = os.fsdecode(words[words.index(b"-ini") + 1])
+            if (entry / "cwd" / stated).resolve() == ini.resolve():
                 fields = (entry / "stat").read_text().rpartition(")")[2].split()
                 ticks = int(fields[_START_FIELD])
                 return Task(int(entry.name), ticks / os.sysconf("SC_CLK_TCK"))

@@ -12,7 +12,7 @@ import math
 import time
 from collections.abc import Sequence
 
-from abbe.drivers.bus_lock import Turns
+from abbe.drivers.bus_lock import BusLock
 from abbe.drivers.link import (
     LinkDownError,
     LinkError,
@@ -26,8 +26,8 @@ from abbe.drivers.modbus.config import ModbusConfig
 from abbe.drivers.modbus.plan import Span, signature
 from abbe.drivers.modbus.refusals import GatewayError, ModbusExceptionError
 from abbe.drivers.modbus.units import Unit, units_of
-from abbe.drivers.quarantine import Roster
-from abbe.drivers.reconnect import Keeper
+from abbe.drivers.quarantine import MemberHealth
+from abbe.drivers.reconnect import Reconnector
 
 logger = logging.getLogger("abbe.drivers.modbus")
 
@@ -49,18 +49,18 @@ class Bus:
         self._config = config
         self.status = status
         self.units = units_of(config)
-        self.keeper = Keeper(
+        self.reconnector = Reconnector(
             f"link {name} ({config.where})",
             config,
             status,
             self._connect,
             lambda: self.client.close(),
             logger,
-            lambda: self._roster.renew(),
+            lambda: self._health.renew(),
         )
-        self.turns = Turns(self.keeper, config.max_waiting)
-        self.client = ModbusClient(config, self.keeper.lost)
-        self._roster = Roster(self.units.values(), config, self.keeper, logger, "unit")
+        self.bus_lock = BusLock(self.reconnector, config.max_waiting)
+        self.client = ModbusClient(config, self.reconnector.lost)
+        self._health = MemberHealth(self.units.values(), config, self.reconnector, logger, "unit")
 
     # Requests, to be made in a turn
 
@@ -112,24 +112,24 @@ class Bus:
             raise
         except LinkProtocolError:
             status.failures += 1
-            self._roster.answered(unit)
+            self._health.answered(unit)
             raise
         except LinkTimeoutError as exc:
             status.failures += 1
             self._expect_late(unit, span, write=values is not None)
-            self._roster.unanswered(unit, str(exc), bus_silent=not isinstance(exc, GatewayError))
+            self._health.unanswered(unit, str(exc), bus_silent=not isinstance(exc, GatewayError))
             raise
         except LinkDownError as exc:
             status.failures += 1
-            self.keeper.lost(str(exc))
+            self.reconnector.lost(str(exc))
             raise
         except asyncio.CancelledError:
             self._expect_late(unit, span, write=values is not None)
             raise
         status.round_trip = client.round_trip
-        self._roster.silent_in_a_row = 0
+        self._health.silent_in_a_row = 0
         if unit.failures:
-            self._roster.answered(unit)
+            self._health.answered(unit)
         return answer
 
     # Late replies (RTU)
@@ -179,7 +179,7 @@ class Bus:
         LinkError
             When there is no connection or no unit answers on it.
         """
-        async with self.turns.lock:
+        async with self.bus_lock.lock:
             await self.client.connect()
             await self._first_answer()
 

@@ -1,4 +1,4 @@
-"""The wall around pymodbus: one connection, one request at a time, every answer checked.
+"""Adapter of pymodbus: one connection, one request at a time, every answer checked.
 
 With `abbe.drivers.modbus.framing` the only file of the drivers that imports pymodbus, besides the
 simulated server; both are written for the pinned version and reach into its transaction context
@@ -59,7 +59,7 @@ from abbe.drivers.modbus.framing import (
 )
 from abbe.drivers.modbus.plan import Span, signature
 from abbe.drivers.modbus.refusals import refusal
-from abbe.drivers.wait_limit import Patience
+from abbe.drivers.wait_limit import WaitLimit
 
 _Client = AsyncModbusTcpClient | AsyncModbusSerialClient
 
@@ -103,7 +103,7 @@ class ModbusClient:
         self._rtu_framer: StrictRtuFramer | None = None
         self._tcp_framer: StrictTcpFramer | None = None
         self._answer: asyncio.Future[ModbusPDU] | None = None
-        self._patience = Patience(_expire)
+        self._wait_limit = WaitLimit(_expire)
         self.asked_at = time.monotonic()
         """`time.monotonic()` in s just before the last request was sent."""
         self.answered_at = time.monotonic()
@@ -230,13 +230,13 @@ class ModbusClient:
         if type(reply) is Confirmed:
             return
         if span.count > 1:
-            told, expected = (reply.address, reply.count), (at, span.count)
+            stated, expected = (reply.address, reply.count), (at, span.count)
         elif span.table == "coil":
-            told, expected = (reply.address, int(reply.bits[0])), (at, int(values[0]))
+            stated, expected = (reply.address, int(reply.bits[0])), (at, int(values[0]))
         else:
-            told, expected = (reply.address, reply.registers[0]), (at, values[0])
-        if told != expected:
-            raise LinkProtocolError(f"write {span}: confirmed {told}, expected {expected}")
+            stated, expected = (reply.address, reply.registers[0]), (at, values[0])
+        if stated != expected:
+            raise LinkProtocolError(f"write {span}: confirmed {stated}, expected {expected}")
 
     async def _execute(
         self,
@@ -317,12 +317,12 @@ class ModbusClient:
         loop = asyncio.get_running_loop()
         answer: asyncio.Future[ModbusPDU] = loop.create_future()
         context.response_future = self._answer = answer
-        self._patience.begin(answer, limit)
+        self._wait_limit.begin(answer, limit)
         try:
             context.pdu_send(request)
             return await answer
         finally:
-            self._patience.end()
+            self._wait_limit.end()
 
     def _out_of_step(self, client: _Client) -> LinkDownError:
         """Close a connection whose byte stream cannot be followed any more; the error to raise."""

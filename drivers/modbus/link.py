@@ -81,11 +81,11 @@ class ModbusLink(Link):
 
     async def open(self) -> None:
         """Connect and get a first answer, or begin to retry in the background."""
-        await self._bus.keeper.open()
+        await self._bus.reconnector.open()
 
     async def close(self) -> None:
         """End the connection and the background task; a request in flight fails."""
-        await self._bus.keeper.close()
+        await self._bus.reconnector.close()
 
     async def read(self, channels: Sequence[str]) -> dict[str, Sample]:
         """Read channels; those of a slow block that is not due come from its last read.

@@ -87,9 +87,9 @@ class ModbusReader:
         """As `abbe.drivers.modbus.link.ModbusLink.read`."""
         bus = self._bus
         try:
-            async with bus.turns:
-                if bus.keeper.epoch != self._epoch:
-                    self._begin_epoch(bus.keeper.epoch)
+            async with bus.bus_lock:
+                if bus.reconnector.epoch != self._epoch:
+                    self._begin_epoch(bus.reconnector.epoch)
                 view = self._views.get(names) or self._view(names)
                 await self._read_all(self._due(view))
                 if self._dividing.cuts and await self._dividing.retry(bus.read):
@@ -130,8 +130,8 @@ class ModbusReader:
                 self._dividing.answered(request.span)
                 self._keep(request, answer, bus.client.asked_at)
                 continue
-        if not bus.keeper.up:
-            raise bus.keeper.down_error()
+        if not bus.reconnector.up:
+            raise bus.reconnector.down_error()
 
     def _keep(self, request: ReadRequest, answer: bytes, at: float) -> None:
         last, numbers = self._last, request.decode(answer)

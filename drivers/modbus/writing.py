@@ -68,7 +68,7 @@ class ModbusWriter:
         done: list[str] = []
         going: tuple[str, ...] = ()
         try:
-            async with self._bus.turns:
+            async with self._bus.bus_lock:
                 for request in plan.requests:
                     going = request.names
                     await self._write_one(request, [raw[name] for name in going], until)

@@ -9,7 +9,7 @@ import time
 from collections.abc import Mapping, Sequence
 
 from abbe.drivers.batch import Batch
-from abbe.drivers.bus_lock import Turns
+from abbe.drivers.bus_lock import BusLock
 from abbe.drivers.link import (
     LinkDownError,
     LinkError,
@@ -20,8 +20,8 @@ from abbe.drivers.link import (
     Sample,
     TooLateError,
 )
-from abbe.drivers.quarantine import Roster
-from abbe.drivers.reconnect import Keeper
+from abbe.drivers.quarantine import MemberHealth
+from abbe.drivers.reconnect import Reconnector
 from abbe.drivers.serial.config import SerialConfig
 from abbe.drivers.serial.conversation import Conversation, LateAnswerError
 from abbe.drivers.serial.fields import FieldError
@@ -63,33 +63,33 @@ class AskedLine:
             if part.writable
         }
         questions: tuple[SerialQuestion, ...] = (*self._messages.values(), *self._commands.values())
-        self.keeper = Keeper(
+        self.reconnector = Reconnector(
             label,
             config,
             status,
             self._connect,
             lambda: self._talk.abandon(),
             logger,
-            lambda: self._roster.renew(),
+            lambda: self._health.renew(),
         )
-        self._turns = Turns(self.keeper, config.max_waiting)
-        self._talk = Conversation(config, questions, self.keeper.lost)
-        self._roster = Roster(questions, config, self.keeper, logger, "query")
+        self._bus_lock = BusLock(self.reconnector, config.max_waiting)
+        self._talk = Conversation(config, questions, self.reconnector.lost)
+        self._health = MemberHealth(questions, config, self.reconnector, logger, "query")
         self._epoch = 0
         self._last: dict[str, Sample] = {}
         self._always: dict[tuple[str, ...], Sequence[SerialMessage]] = {}
 
     async def close(self) -> None:
         """End everything and free the port."""
-        await self.keeper.close()
+        await self.reconnector.close()
         await self._talk.close()
 
     async def read(self, names: Sequence[str]) -> dict[str, Sample]:
         """As `abbe.drivers.link.Link.read`."""
         try:
-            async with self._turns:
-                if self.keeper.epoch != self._epoch:
-                    self._epoch = self.keeper.epoch
+            async with self._bus_lock:
+                if self.reconnector.epoch != self._epoch:
+                    self._epoch = self.reconnector.epoch
                     self._last.clear()
                 wanted = tuple(names)
                 await self._ask_all(self._always.get(wanted) or self._due(wanted))
@@ -109,13 +109,13 @@ class AskedLine:
         LinkError
             When a value was not taken; says which, and which were before.
         """
-        channels, batch = self._config.channels, Batch(self.keeper.label, values)
+        channels, batch = self._config.channels, Batch(self.reconnector.label, values)
         try:
             texts = {name: channels[name].text_of(value) for name, value in values.items()}
         except ValueError as error:
             raise batch.refused(str(error)) from None
         try:
-            async with self._turns:
+            async with self._bus_lock:
                 for name, text in texts.items():
                     batch.begin(name)
                     await self._command(name, text, until)
@@ -181,8 +181,8 @@ class AskedLine:
                 self._mark(message, Quality.UNAVAILABLE, str(error))
             except LinkDownError:
                 break
-        if not self.keeper.up:
-            raise self.keeper.down_error()
+        if not self.reconnector.up:
+            raise self.reconnector.down_error()
 
     async def _exchange(
         self, question: SerialQuestion, data: bytes, until: float = math.inf
@@ -196,20 +196,20 @@ class AskedLine:
             raise
         except LinkProtocolError:
             status.failures += 1
-            self._roster.answered(question)
+            self._health.answered(question)
             raise
         except LinkTimeoutError as error:
             status.failures += 1
-            self._roster.unanswered(question, str(error))
+            self._health.unanswered(question, str(error))
             raise
         except LinkError as error:
             status.failures += 1
-            self.keeper.lost(str(error))
+            self.reconnector.lost(str(error))
             raise LinkDownError(str(error)) from error
         status.round_trip = talk.round_trip
-        self._roster.silent_in_a_row = 0
+        self._health.silent_in_a_row = 0
         if question.failures:
-            self._roster.answered(question)
+            self._health.answered(question)
         return found
 
     def _keep(self, message: SerialMessage, found: Match) -> None:
@@ -230,7 +230,7 @@ class AskedLine:
     async def _connect(self) -> None:
         """Open the port and get a first answer: an open port with nobody behind it is not up."""
         config, talk = self._config, self._talk
-        async with self._turns.lock:
+        async with self._bus_lock.lock:
             await talk.open()
             for text in config.on_open:
                 talk.tell(framed(config, text, None))

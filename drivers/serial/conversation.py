@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Collection, Sequence
 
 from abbe.drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError, TooLateError
-from abbe.drivers.reply_wait import Awaited
+from abbe.drivers.reply_wait import ReplyWait
 from abbe.drivers.serial.checksum import shown
 from abbe.drivers.serial.config import LineConfig
 from abbe.drivers.serial.patterns import Match
@@ -66,7 +66,7 @@ class Conversation:
         self._port: Port | None = None
         self._splitter = Splitter(config.terminator.encode("ascii"), config.max_line)
         self._current: SerialQuestion | None = None
-        self._answer: Awaited[Match] = Awaited(self._wait)
+        self._answer: ReplyWait[Match] = ReplyWait(self._wait)
         self._lines: list[bytes] = []
         self._unfit: LinkProtocolError | None = None
         self._echo: bytes | None = None

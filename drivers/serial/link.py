@@ -87,15 +87,15 @@ class SerialLink(Link):
         self._check_known(channels, self._config.channels)
         messages = dict.fromkeys(self._config.channels[name].message for name in channels)
         if one_sample and len(messages) > 1:
-            told = ", ".join(message or "none" for message in messages)
+            named = ", ".join(message or "none" for message in messages)
             raise LinkConfigError(
                 f"link {self.name}: {', '.join(channels)} must be of one answer, and are of "
-                f"several messages ({told}): a device that sends them all in one line is needed"
+                f"several messages ({named}): a device that sends them all in one line is needed"
             )
 
     async def open(self) -> None:
         """Open the port and get a first answer (or message), or begin to retry."""
-        await self._line.keeper.open()
+        await self._line.reconnector.open()
 
     async def close(self) -> None:
         """Close the port; a query in flight fails."""

@@ -8,7 +8,7 @@ import time
 from collections.abc import Mapping, Sequence
 
 from abbe.drivers.batch import Batch
-from abbe.drivers.bus_lock import Turns
+from abbe.drivers.bus_lock import BusLock
 from abbe.drivers.link import (
     LinkDownError,
     LinkError,
@@ -19,8 +19,8 @@ from abbe.drivers.link import (
     Sample,
     TooLateError,
 )
-from abbe.drivers.quarantine import Roster
-from abbe.drivers.reconnect import Keeper
+from abbe.drivers.quarantine import MemberHealth
+from abbe.drivers.reconnect import Reconnector
 from abbe.drivers.serial.checksum import shown
 from abbe.drivers.serial.config import SerialConfig
 from abbe.drivers.serial.fields import FieldError
@@ -58,17 +58,17 @@ class StreamingLine:
         self._status = status
         self._messages = tuple(SerialMessage(name, config) for name in config.messages)
         self._of = {channel: message for message in self._messages for channel in message.readers}
-        self.keeper = Keeper(
+        self.reconnector = Reconnector(
             label,
             config,
             status,
             self._connect,
             self._disconnect,
             logger,
-            lambda: self._roster.renew(),
+            lambda: self._health.renew(),
         )
-        self._turns = Turns(self.keeper, config.max_waiting)
-        self._roster = Roster(self._messages, config, self.keeper, logger, "message")
+        self._bus_lock = BusLock(self.reconnector, config.max_waiting)
+        self._health = MemberHealth(self._messages, config, self.reconnector, logger, "message")
         self._splitter = Splitter(config.terminator.encode("ascii"), config.max_line)
         self._port: Port | None = None
         self._arrived: dict[SerialMessage, float] = {}
@@ -83,7 +83,7 @@ class StreamingLine:
 
     async def close(self) -> None:
         """End everything and free the port."""
-        await self.keeper.close()
+        await self.reconnector.close()
         await self._free()
 
     async def read(self, names: Sequence[str]) -> dict[str, Sample]:
@@ -94,8 +94,8 @@ class StreamingLine:
         if self._port is not None:
             self._port.drain()
         now = time.monotonic()
-        if not self.keeper.up:
-            why = str(self.keeper.down_error())
+        if not self.reconnector.up:
+            why = str(self.reconnector.down_error())
             return dict.fromkeys(names, Sample(_NAN, now, Quality.UNAVAILABLE, why))
         return {name: self._sample(name, now) for name in names}
 
@@ -107,13 +107,13 @@ class StreamingLine:
         LinkError
             When they could not be sent.
         """
-        config, batch = self._config, Batch(self.keeper.label, values)
+        config, batch = self._config, Batch(self.reconnector.label, values)
         try:
             texts = {name: config.channels[name].text_of(value) for name, value in values.items()}
         except ValueError as error:
             raise batch.refused(str(error)) from None
         try:
-            async with self._turns:
+            async with self._bus_lock:
                 for name, text in texts.items():
                     batch.begin(name)
                     await self._command(name, text, until)
@@ -124,7 +124,7 @@ class StreamingLine:
     async def _command(self, name: str, text: str, until: float) -> None:
         config = self._config
         if self._port is None:
-            raise self.keeper.down_error().leaving(untouched=(name,))
+            raise self.reconnector.down_error().leaving(untouched=(name,))
         data = framed(config, text, config.channels[name].checksum)
         limit = config.timeout + config.character_time * len(data)
         try:
@@ -177,7 +177,7 @@ class StreamingLine:
                 except FieldError as exc:
                     self._last[channel] = Sample(_NAN, taken, Quality.BAD, str(exc))
             if message.failures:
-                self._roster.answered(message)
+                self._health.answered(message)
             if self._first is not None and not self._first.done():
                 self._first.set_result(None)
             return
@@ -198,11 +198,11 @@ class StreamingLine:
             return  # it was us who were stalled: what has come is to be taken in first
         silent = [m for m in self._messages if now - self._came(m) > m.within]
         if len(silent) == len(self._messages):
-            self.keeper.lost(self._silence(silent[0], now))
+            self.reconnector.lost(self._silence(silent[0], now))
             return
         for message in silent:
             message.why = self._silence(message, now)
-            self._roster.set_apart(message, message.why)
+            self._health.set_apart(message, message.why)
         self._watch_on()
 
     def _came(self, message: SerialMessage) -> float:
@@ -243,7 +243,7 @@ class StreamingLine:
     def _lose(self, why: str) -> None:
         if self._first is not None and not self._first.done():
             self._first.set_exception(LinkDownError(why))
-        self.keeper.lost(why)
+        self.reconnector.lost(why)
 
     def _disconnect(self) -> None:
         for timer in (self._watch, self._listening):

@@ -194,9 +194,9 @@ class SetFolders:
         listing = _text(folder / LIST)
         files = {}
         for line in listing.splitlines():
-            told, _, name = line.partition("  ")
+            stated, _, name = line.partition("  ")
             text = _text(folder / name)
-            if hashlib.sha256(text.encode()).hexdigest() != told:
+            if hashlib.sha256(text.encode()).hexdigest() != stated:
                 raise ValueError(f"{folder / name} is not the file that {LIST} lists")
             files[name] = text
         if _listing(files) != listing:

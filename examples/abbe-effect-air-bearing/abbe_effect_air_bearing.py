@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects import Effect, Motion, Parameter
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
@@ -68,10 +68,10 @@ class AirBearingLift(Effect):
         return ()
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[AirBearingLift]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[AirBearingLift]:
         """Each pressure that varied, on each axis; lifts along Z first."""
         for signal in machine.signals.values():
-            if signal.unit == "bar" and signal.name in survey.signals:
+            if signal.unit == "bar" and signal.name in coverage.signals:
                 for direction in ("Z", "X", "Y"):
                     for axis in machine.structure.linear:
                         yield cls(axis=axis, direction=direction, signal=signal.name)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 
 from abbe.drivers import reply_wait as awaited
-from abbe.drivers.reply_wait import LONGEST, Awaited, is_there
+from abbe.drivers.reply_wait import LONGEST, ReplyWait, is_there
 
 LONG = 30.0
 
@@ -18,7 +18,7 @@ class Device:
     """Answers on the spot once it has been waited for so often, or by the event loop."""
 
     def __init__(self) -> None:
-        self.answer: Awaited[int] = Awaited(self._wait)
+        self.answer: ReplyWait[int] = ReplyWait(self._wait)
         self.waits: list[float] = []
         self.ready = False
         self.holds = 0

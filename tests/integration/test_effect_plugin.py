@@ -38,11 +38,11 @@ unit = "um/bar"
 PROPOSED = """
 from abbe.compcore.effects import effect_kinds
 from abbe.compcore.files.model_file import load_model
-from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.campaign.coverage import Coverage
 import sys
 machine = load_model(sys.argv[1]).machine
-survey = Survey(signals={"p_supply": (4.5, 5.5)})
-found = effect_kinds()["air_bearing_lift"].candidates(machine, survey)
+survey = Coverage(signals={"p_supply": (4.5, 5.5)})
+found = effect_kinds()["air_bearing_lift"].candidates(machine, coverage)
 print(next(iter(found)).spec)
 """
 

@@ -34,9 +34,9 @@ def place(made: Path, control: SimulatedProcess, tmp_path: Path) -> Place:
     return here
 
 
-def refused(place: Place, made: Path, folder: Path, **wish: object) -> str:
+def refused(place: Place, made: Path, folder: Path, **request: object) -> str:
     """The message; nothing was written, nothing was begun."""
-    result, message = attempt(lambda: place.upload(folder, **wish))
+    result, message = attempt(lambda: place.upload(folder, **request))
     assert result is None
     truth = place.truth()
     assert truth["active"] == sums(made / "old")

@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from abbe.compcore.campaign.campaign import Campaign
-from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.diagnosis.screening.evidence import RIGID_BODY, cost_of
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.rotary_axes import RotaryMotion
@@ -63,12 +63,12 @@ class Candidate:
 def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
     """All instances that the effects enumerate, less what the model has, plus more detail."""
     machine = model.machine
-    survey = campaign.survey()
+    coverage = campaign.coverage()
     present = {identity(effect) for effect in model.effects}
     found: list[Candidate] = []
     seen: set[str] = set()
     for cls in effect_kinds().values():
-        for effect in cls.candidates(machine, survey):
+        for effect in cls.candidates(machine, coverage):
             if identity(effect) in present or effect.spec in seen:
                 continue
             try:
@@ -79,7 +79,7 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
             cost = cost_of(effect, machine, len(campaign.setups))
             if effect.kind in RIGID:
                 cost += RIGID_BODY
-            found.append(Candidate(effect, cost, tuple(_choices(effect, machine, survey))))
+            found.append(Candidate(effect, cost, tuple(_choices(effect, machine, coverage))))
     found += list(_refinements(model, campaign))
     return found
 
@@ -110,9 +110,9 @@ def _finer(effect: Effect, distinct: int) -> dict[str, object]:
     return {}
 
 
-def _choices(effect: Effect, machine: Machine, survey: Survey) -> Iterator[Mapping[str, float]]:
+def _choices(effect: Effect, machine: Machine, coverage: Coverage) -> Iterator[Mapping[str, float]]:
     """Every combination of the values at which a search for non-linear parameters begins."""
-    parameters = effect.search(machine, survey)
+    parameters = effect.search(machine, coverage)
     if not parameters:
         yield {}
         return

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import Effect, Motion, Parameter
 from abbe.compcore.effects.registry import register
 from abbe.compcore.effects.signals import recorded
@@ -85,11 +85,11 @@ class FeedLag(Effect):
         return (self.signal,)
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[FeedLag]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[FeedLag]:
         """Each axis that moved both ways with each recorded feed, its own first."""
-        feeds = [s for s in recorded(machine, survey) if s.unit in SPEEDS]
+        feeds = [s for s in recorded(machine, coverage) if s.unit in SPEEDS]
         for axis in machine.structure.linear:
-            if axis in survey.moving and axis in survey.reversing:
+            if axis in coverage.moving and axis in coverage.reversing:
                 for feed in sorted(feeds, key=lambda s: s.axis != axis):
                     if feed.axis in (None, axis):
                         yield cls(axis=axis, signal=feed.name)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from pydantic import model_validator
 
-from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import (
     ABOUT,
     F64,
@@ -105,9 +105,9 @@ class CrossAngular(Effect):
         return {a: machine.axis(a).travel for a in self.positions_used(machine)}
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[CrossAngular]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[CrossAngular]:
         """Every pair of axes that moved, three turns each; then the products."""
-        moving = [a for a in machine.structure.axes if a in survey.moving]
+        moving = [a for a in machine.structure.axes if a in coverage.moving]
         for product in (False, True):
             for axis in moving:
                 for by in (b for b in moving if b != axis):
@@ -228,10 +228,10 @@ class OverhangSag(Effect):
         return {self.by: machine.axis(self.by, "by").travel}
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[OverhangSag]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[OverhangSag]:
         """Each linear axis that moved as its own beam, then at the other axes of its side."""
         structure = machine.structure
-        moving = [a for a in structure.linear if a in survey.moving]
+        moving = [a for a in structure.linear if a in coverage.moving]
         sides = (structure.workpiece_side, structure.tool_side)
         pairs = [(a, a) for a in moving]
         pairs += [
@@ -314,13 +314,13 @@ class LoadBending(ShapedEffect):
         return (Motion(error_motion, self.basis(machine, conditions) * load),)
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[LoadBending]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[LoadBending]:
         """Each recorded load on each axis: six error motions, parabola first, then constant."""
-        loads = [s for s in recorded(machine, survey, temperature=False) if s.role == "load"]
+        loads = [s for s in recorded(machine, coverage, temperature=False) if s.role == "load"]
         for shape in ("polynomial:2", "constant"):
             for load in loads:
                 for axis in machine.structure.axes:
-                    moved = axis in survey.moving
+                    moved = axis in coverage.moving
                     if not moved and shape != "constant":
                         continue
                     for letter in ("Z", "X", "Y"):

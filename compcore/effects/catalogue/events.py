@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import Motion, NonlinearParameter, Parameter
 from abbe.compcore.effects.keys import FittedUnlessGiven, PositiveUnlessFitted
 from abbe.compcore.effects.registry import register
@@ -56,11 +56,11 @@ class WarmUp(ShiftEffect):
         """The time constant unless it is given."""
         return () if self.tau is not None else (_time_constant(20_000.0),)
 
-    def search(self, machine: Machine, survey: Survey) -> tuple[NonlinearParameter, ...]:
+    def search(self, machine: Machine, coverage: Coverage) -> tuple[NonlinearParameter, ...]:
         """Time constants that the campaign is long enough to show."""
-        if self.tau is not None or survey.duration <= 0.0:
+        if self.tau is not None or coverage.duration <= 0.0:
             return self.nonlinear(machine)
-        return (_time_constant(survey.duration),)
+        return (_time_constant(coverage.duration),)
 
     def motions(
         self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
@@ -71,9 +71,9 @@ class WarmUp(ShiftEffect):
         return (Motion(self.error_motion(), risen[:, None]),)
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[WarmUp]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[WarmUp]:
         """Each direction, and axes that are not fixed to one, in a campaign that took time."""
-        if survey.duration > 0.0:
+        if coverage.duration > 0.0:
             for target in shift_targets(machine):
                 yield cls.model_validate(target)
 
@@ -129,9 +129,9 @@ class Drift(ShiftEffect):
         return (Motion(self.error_motion(), conditions.time[:, None]),)
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[Drift]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Drift]:
         """Each direction, and axes that are not fixed to one, in a campaign that took time."""
-        if survey.duration > 0.0:
+        if coverage.duration > 0.0:
             for target in shift_targets(machine):
                 yield cls.model_validate(target)
 
@@ -172,11 +172,11 @@ class Event(ShiftEffect):
         """The moment unless it is given."""
         return () if self.t0 is not None else (_moment(_DAY),)
 
-    def search(self, machine: Machine, survey: Survey) -> tuple[NonlinearParameter, ...]:
+    def search(self, machine: Machine, coverage: Coverage) -> tuple[NonlinearParameter, ...]:
         """Moments within the campaign."""
-        if self.t0 is not None or survey.duration <= 0.0:
+        if self.t0 is not None or coverage.duration <= 0.0:
             return self.nonlinear(machine)
-        return (_moment(survey.duration),)
+        return (_moment(coverage.duration),)
 
     def motions(
         self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
@@ -187,9 +187,9 @@ class Event(ShiftEffect):
         return (Motion(self.error_motion(), after[:, None]),)
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[Event]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Event]:
         """Each direction, and axes that are not fixed to one, in a campaign that took time."""
-        if survey.duration > 0.0:
+        if coverage.duration > 0.0:
             for target in shift_targets(machine):
                 yield cls.model_validate(target)
 

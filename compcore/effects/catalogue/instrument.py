@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from abbe.compcore.campaign.campaign import Kind
-from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import F64, Effect, FittedEffect, Motion, Parameter
 from abbe.compcore.effects.catalogue.setup import MEASURED, SetupEffect
 from abbe.compcore.effects.registry import register
@@ -52,11 +52,11 @@ class InstrumentDrift(SetupEffect):
         return (Motion(MEASURED, np.where(self.rows(conditions), elapsed, 0.0)[:, None]),)
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[InstrumentDrift]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[InstrumentDrift]:
         """Each set-up that took time and has rows enough to show it."""
-        for name, seen in survey.setup_details.items():
+        for name, seen in coverage.setup_details.items():
             if seen.duration > 0.0 and seen.rows > 3:
-                yield cls.model_validate(cls.keys_of(survey, name))
+                yield cls.model_validate(cls.keys_of(coverage, name))
 
 
 @register
@@ -109,12 +109,12 @@ class LengthBias(Effect):
         return ()
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[LengthBias]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[LengthBias]:
         """All distances together, then from each base point."""
-        if survey.bases:
+        if coverage.bases:
             yield cls()
-            if len(survey.bases) > 1:
-                for base in survey.bases:
+            if len(coverage.bases) > 1:
+                for base in coverage.bases:
                     yield cls(base=base)
 
 
@@ -196,8 +196,8 @@ class SensorOffset(Effect):
         return ()
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[SensorOffset]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[SensorOffset]:
         """Each recorded temperature: those on scales and screws first."""
-        signals = recorded(machine, survey, temperature=True)
+        signals = recorded(machine, coverage, temperature=True)
         for signal in by_sense(signals, ("scale", "screw", "structure")):
             yield cls(signal=signal.name)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from abbe.compcore.campaign.campaign import Kind
-from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.air import (
     STANDARD_HUMIDITY,
     STANDARD_PRESSURE_HPA,
@@ -129,11 +129,11 @@ def _of_kind(conditions: Conditions, kind: Kind) -> NDArray[np.bool_]:
     return np.equal(conditions.kind, kind)
 
 
-def _lasers(survey: Survey, *, longest: float = 0.0) -> list[str]:
+def _lasers(coverage: Coverage, *, longest: float = 0.0) -> list[str]:
     """Set-ups of displacements along their own path, at least `longest` mm of it."""
     return [
         name
-        for name, seen in survey.setup_details.items()
+        for name, seen in coverage.setup_details.items()
         if seen.kinds == {"displacement"} and seen.along > max(longest, seen.across)
     ]
 
@@ -190,10 +190,10 @@ class DeadPath(LaserEffect):
         return (Motion(MEASURED, np.where(mask, change, 0.0)[:, None]),)
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[DeadPath]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[DeadPath]:
         """Each laser set-up, where a signal of the air varied."""
-        if _air_varied(machine, survey):
-            for name, seen in survey.setup_details.items():
+        if _air_varied(machine, coverage):
+            for name, seen in coverage.setup_details.items():
                 if seen.kinds == {"displacement"} and seen.rows > 2:
                     yield cls(setups=(name,))
 
@@ -244,21 +244,21 @@ class AirRefraction(LaserEffect):
         return (Motion(MEASURED, column[:, None]),)
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[AirRefraction]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[AirRefraction]:
         """All of a campaign's lasers together, by all signals of the air, then each one alone."""
         lengths = any(
-            seen.along > 0.0 or "distance" in seen.kinds for seen in survey.setup_details.values()
+            seen.along > 0.0 or "distance" in seen.kinds for seen in coverage.setup_details.values()
         )
-        if lengths and _air_varied(machine, survey):
+        if lengths and _air_varied(machine, coverage):
             yield cls()
-            signals = air_signals(recorded(machine, survey))
+            signals = air_signals(recorded(machine, coverage))
             if len(signals) > 1:
                 for signal in signals:
                     yield cls(signals=(signal.name,))
 
 
-def _air_varied(machine: Machine, survey: Survey) -> bool:
-    return any(s.name in survey.signals for s in air_signals(machine.signals.values()))
+def _air_varied(machine: Machine, coverage: Coverage) -> bool:
+    return any(s.name in coverage.signals for s in air_signals(machine.signals.values()))
 
 
 @register
@@ -306,8 +306,8 @@ class Cosine(Effect):
         return ()
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[Cosine]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Cosine]:
         """Set-ups of displacements along their own path whose slope is not free."""
-        for name in _lasers(survey, longest=10.0):
-            if "slope" not in survey.setup_details[name].free:
+        for name in _lasers(coverage, longest=10.0):
+            if "slope" not in coverage.setup_details[name].free:
                 yield cls(setup=name)

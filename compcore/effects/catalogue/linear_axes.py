@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import (
     ABOUT,
     AxisLetter,
@@ -61,9 +61,9 @@ class Positioning(ShapedEffect):
         require_linear(machine, self.axis, self.kind)
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[Positioning]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Positioning]:
         """One for each linear axis that moved."""
-        return (cls(axis=a) for a in machine.structure.linear if a in survey.moving)
+        return (cls(axis=a) for a in machine.structure.linear if a in coverage.moving)
 
 
 @register
@@ -111,9 +111,9 @@ class Scale(Effect):
         return {self.axis: machine.axis(self.axis).travel}
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[Scale]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Scale]:
         """One for each linear axis that moved."""
-        return (cls(axis=a) for a in machine.structure.linear if a in survey.moving)
+        return (cls(axis=a) for a in machine.structure.linear if a in coverage.moving)
 
 
 @register
@@ -157,10 +157,10 @@ class Straightness(ShapedEffect):
             )
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[Straightness]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Straightness]:
         """Both directions of each linear axis that moved."""
         for axis in machine.structure.linear:
-            if axis in survey.moving:
+            if axis in coverage.moving:
                 for direction in ("X", "Y", "Z"):
                     if direction != own_component(axis):
                         yield cls(axis=axis, direction=direction)
@@ -201,10 +201,10 @@ class Angular(ShapedEffect):
         require_linear(machine, self.axis, self.kind)
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[Angular]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Angular]:
         """Three for each linear axis that moved."""
         for axis in machine.structure.linear:
-            if axis in survey.moving:
+            if axis in coverage.moving:
                 for about in ("X", "Y", "Z"):
                     yield cls(axis=axis, about=about)
 
@@ -294,9 +294,9 @@ class Squareness(Effect):
         return (self.axes[0],) if machine.own_move_in_lever(self.axes[0]) else ()
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[Squareness]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Squareness]:
         """Every pair of linear axes that are nominally square."""
-        linear = [a for a in machine.structure.linear if a in survey.moving]
+        linear = [a for a in machine.structure.linear if a in coverage.moving]
         for i, first in enumerate(linear):
             for second in linear[i + 1 :]:
                 if own_component(first) != own_component(second):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from pydantic import model_validator
 
-from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import (
     Component,
     Effect,
@@ -150,9 +150,9 @@ class LocalDefect(Effect):
         return {self.axis: found}
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[LocalDefect]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[LocalDefect]:
         """Each error motion of each linear axis that moved, translations first."""
         for axis in machine.structure.linear:
-            if axis in survey.moving:
+            if axis in coverage.moving:
                 for component in (*TRANSLATIONS, *ROTATIONS):
                     yield cls(axis=axis, error=f"E_{component}{axis}")

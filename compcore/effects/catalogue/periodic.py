@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import Effect, Motion, NonlinearParameter, Parameter
 from abbe.compcore.effects.keys import Harmonics, PositiveUnlessFitted
 from abbe.compcore.effects.registry import register
@@ -109,6 +109,6 @@ class Cyclic(Effect):
         return {self.axis: nonlinear["period"] if self.period is None else self.period}
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[Cyclic]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Cyclic]:
         """Each linear axis that moved, its period to be found."""
-        return (cls(axis=a) for a in machine.structure.linear if a in survey.moving)
+        return (cls(axis=a) for a in machine.structure.linear if a in coverage.moving)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import ABOUT, AxisLetter, Component, ErrorMotion, Motion, Parameter
 from abbe.compcore.effects.catalogue.shaped import ShapedEffect
 from abbe.compcore.effects.registry import register
@@ -90,13 +90,13 @@ class Backlash(ReversalEffect):
         return along(self.axis).component
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[Backlash]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Backlash]:
         """Each axis that arrived from both sides: the same everywhere, then along the axis."""
         for axis in machine.structure.axes:
-            if axis in survey.reversing:
+            if axis in coverage.reversing:
                 yield cls(axis=axis)
         for axis in machine.structure.axes:
-            if axis in survey.reversing and axis in survey.moving:
+            if axis in coverage.reversing and axis in coverage.moving:
                 yield cls(axis=axis, shape="polynomial:2")
 
 
@@ -146,10 +146,10 @@ class ReversalAngle(ReversalEffect):
             )
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[ReversalAngle]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[ReversalAngle]:
         """Three for each axis that arrived from both sides; two for a rotary one."""
         for axis in machine.structure.axes:
-            if axis in survey.reversing:
+            if axis in coverage.reversing:
                 for about in ("X", "Y", "Z"):
                     if ABOUT[about] != own_component(axis):
                         yield cls(axis=axis, about=about)

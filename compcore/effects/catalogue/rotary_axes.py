@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from pydantic import model_validator
 
-from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import (
     ABOUT,
     F64,
@@ -103,9 +103,9 @@ class RotaryLocation(Effect):
         return ()
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[RotaryLocation]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[RotaryLocation]:
         """Each rotary axis that moved."""
-        return (cls(axis=a) for a in machine.structure.rotary if a in survey.moving)
+        return (cls(axis=a) for a in machine.structure.rotary if a in coverage.moving)
 
 
 class RotaryMotion(Effect):
@@ -215,9 +215,9 @@ class RotaryPositioning(RotaryMotion):
         return own_component(self.axis)  # type: ignore[return-value]
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[RotaryPositioning]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[RotaryPositioning]:
         """Each rotary axis that moved."""
-        return (cls(axis=a) for a in machine.structure.rotary if a in survey.moving)
+        return (cls(axis=a) for a in machine.structure.rotary if a in coverage.moving)
 
 
 @register
@@ -257,9 +257,9 @@ class RotaryRadial(RotaryMotion):
         _across(self.axis, self.direction, "radial error motion")
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[RotaryRadial]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[RotaryRadial]:
         """Two for each rotary axis that moved."""
-        for axis in (a for a in machine.structure.rotary if a in survey.moving):
+        for axis in (a for a in machine.structure.rotary if a in coverage.moving):
             for direction in TRANSLATIONS:
                 if direction != _TURNED[own_component(axis)]:
                     yield cls(axis=axis, direction=direction)
@@ -305,9 +305,9 @@ class RotaryAxial(RotaryMotion):
             )
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[RotaryAxial]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[RotaryAxial]:
         """Each rotary axis that moved."""
-        return (cls(axis=a) for a in machine.structure.rotary if a in survey.moving)
+        return (cls(axis=a) for a in machine.structure.rotary if a in coverage.moving)
 
 
 @register
@@ -346,9 +346,9 @@ class RotaryTilt(RotaryMotion):
         _across(self.axis, self.direction, "tilt error motion")
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[RotaryTilt]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[RotaryTilt]:
         """Two for each rotary axis that moved."""
-        for axis in (a for a in machine.structure.rotary if a in survey.moving):
+        for axis in (a for a in machine.structure.rotary if a in coverage.moving):
             for direction in TRANSLATIONS:
                 if direction != _TURNED[own_component(axis)]:
                     yield cls(axis=axis, direction=direction)
@@ -415,9 +415,9 @@ class SpindleSquareness(Effect):
         return ()
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[SpindleSquareness]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[SpindleSquareness]:
         """Both directions where the tool's offset varied: with one tool it is a shift."""
-        if survey.tool_varies:
+        if coverage.tool_varies:
             for direction in TRANSLATIONS:
                 if direction != _spindle(machine):
                     yield cls(direction=direction)

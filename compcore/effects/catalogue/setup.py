@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Kind
-from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import F64, INSTRUMENT, Effect, ErrorMotion, Motion, Parameter
 from abbe.compcore.effects.registry import register
 from abbe.compcore.errors import InputError
@@ -106,9 +106,9 @@ class SetupEffect(Effect):
         return ()
 
     @classmethod
-    def keys_of(cls, survey: Survey, setup: str) -> dict[str, str]:
+    def keys_of(cls, coverage: Coverage, setup: str) -> dict[str, str]:
         """The where-keys for one of a campaign's set-ups; its lengths where it has both."""
-        kinds = survey.setup_details[setup].kinds
+        kinds = coverage.setup_details[setup].kinds
         return {"setup": setup} | ({"measures": "angle"} if kinds == {"rotation"} else {})
 
 
@@ -146,12 +146,12 @@ class SetupZero(SetupEffect):
         return (Motion(MEASURED, self.rows(conditions).astype(np.float64)[:, None]),)
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[SetupZero]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[SetupZero]:
         """Set-ups of displacements and angles whose zero is not free."""
-        for name, seen in survey.setup_details.items():
+        for name, seen in coverage.setup_details.items():
             plain = seen.kinds <= {"displacement", "rotation"} and len(seen.kinds) == 1
             if plain and not {"zero", "frame"} & set(seen.free):
-                yield cls.model_validate(cls.keys_of(survey, name))
+                yield cls.model_validate(cls.keys_of(coverage, name))
 
 
 @register
@@ -195,12 +195,12 @@ class SetupSlope(SetupEffect):
         return (Motion(MEASURED, column),)
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[SetupSlope]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[SetupSlope]:
         """Set-ups that measure across their path and whose slope is not free."""
-        for name, seen in survey.setup_details.items():
+        for name, seen in coverage.setup_details.items():
             across = seen.kinds == {"displacement"} and seen.across > 10.0 * seen.along
             if across and not {"slope", "frame"} & set(seen.free):
-                yield cls.model_validate(cls.keys_of(survey, name))
+                yield cls.model_validate(cls.keys_of(coverage, name))
 
 
 @register
@@ -261,12 +261,12 @@ class SetupFrame(SetupEffect):
         return (Motion(MEASURED, columns),)
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[SetupFrame]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[SetupFrame]:
         """Set-ups that see an artefact's place in two directions or more, and whose frame is known.
 
         A line along one direction sees of its frame no more than its zero and its slope.
         """
-        for name, seen in survey.setup_details.items():
+        for name, seen in coverage.setup_details.items():
             artefact = seen.kinds == {"displacement"} and seen.spread > 1 and seen.rows > 6
             if artefact and "frame" not in seen.free:
-                yield cls.model_validate(cls.keys_of(survey, name))
+                yield cls.model_validate(cls.keys_of(coverage, name))

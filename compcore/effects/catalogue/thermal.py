@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import (
     FUNCTIONAL_POINT,
     SPINDLE,
@@ -87,12 +87,12 @@ class ScaleExpansion(LaggedEffect):
         return {self.axis: machine.axis(self.axis).travel}
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[ScaleExpansion]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[ScaleExpansion]:
         """Each moving linear axis with its scale's sensors, then every other; then lagged."""
-        temperatures = recorded(machine, survey, temperature=True)
+        temperatures = recorded(machine, coverage, temperature=True)
         for tau in (None, "fit"):
             for axis in machine.structure.linear:
-                if axis not in survey.moving:
+                if axis not in coverage.moving:
                     continue
                 scale = [s.name for s in temperatures if s.axis == axis and s.role == "scale"]
                 if len(scale) > 1:
@@ -148,9 +148,9 @@ class ThermalOffset(LaggedEffect):
         return (Motion(ErrorMotion(place, self.direction), heat[:, None]),)
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[ThermalOffset]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[ThermalOffset]:
         """Three directions with each signal: spindle and structure first, Z first; then lagged."""
-        signals = by_sense(recorded(machine, survey), ("spindle", "structure", "speed"))
+        signals = by_sense(recorded(machine, coverage), ("spindle", "structure", "speed"))
         for tau in (None, "fit"):
             for signal in signals:
                 for direction in ("Z", "X", "Y"):
@@ -218,13 +218,13 @@ class ScrewHeating(LaggedEffect):
         return {self.axis: machine.axis(self.axis).travel}
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[ScrewHeating]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[ScrewHeating]:
         """Each moving linear axis with screw temperatures, then with what heats it, lagged.
 
         The bearing at the end near zero, then at the other end.
         """
-        signals = recorded(machine, survey)
-        for axis in (a for a in machine.structure.linear if a in survey.moving):
+        signals = recorded(machine, coverage)
+        for axis in (a for a in machine.structure.linear if a in coverage.moving):
             low, high = machine.axis(axis).travel
             far = high if min(low, high, key=abs) == low else low
             for signal in by_sense(signals, ("screw", "speed"), axis):

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from pydantic import model_validator
 
-from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import ABOUT, F64, AxisLetter, ErrorMotion, Motion, Parameter
 from abbe.compcore.effects.keys import Pair
 from abbe.compcore.effects.registry import register
@@ -117,14 +117,14 @@ class ThermalBending(LaggedEffect):
         return {self.axis: machine.axis(self.axis).travel}
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[ThermalBending]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[ThermalBending]:
         """Each axis, turn and pair of temperatures: pairs of the structure first.
 
         Bending (about a direction across the axis) before twist. Pairs of the structure also with
         the bending line, and lagged, since the core of a column follows its skin.
         """
-        for axis in (a for a in machine.structure.linear if a in survey.moving):
-            pairs = pairs_by_sense(recorded(machine, survey, temperature=True), axis)
+        for axis in (a for a in machine.structure.linear if a in coverage.moving):
+            pairs = pairs_by_sense(recorded(machine, coverage, temperature=True), axis)
             own = own_component(axis)
             turns = [d for d in TRANSLATIONS if d != own] + [own]
             for pair in pairs:
@@ -214,16 +214,16 @@ class ThermalTilt(LaggedEffect):
         return ()
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[ThermalTilt]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[ThermalTilt]:
         """Each axis and turn: pairs of the structure, single signals, all other pairs.
 
         Lagged: pairs of the structure, and single signals that are not measured on the body itself.
         """
         for axis in machine.structure.axes:
-            temperatures = recorded(machine, survey, temperature=True)
+            temperatures = recorded(machine, coverage, temperature=True)
             pairs = pairs_by_sense(temperatures, axis)
             singles = by_sense(temperatures, ("structure", "ambient", "spindle"), axis)
-            others = recorded(machine, survey, temperature=False)
+            others = recorded(machine, coverage, temperature=False)
             for about in ("X", "Y", "Z"):
                 for pair in (p for p in pairs if _of_structure(p)):
                     names = (pair[0].name, pair[1].name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import WORKPIECE, Effect, ErrorMotion, Motion, Parameter
 from abbe.compcore.effects.keys import Vector
 from abbe.compcore.effects.registry import register
@@ -80,8 +80,8 @@ class WorkpieceExpansion(Effect):
         return machine.structure.axes
 
     @classmethod
-    def candidates(cls, machine: Machine, survey: Survey) -> Iterable[WorkpieceExpansion]:
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[WorkpieceExpansion]:
         """Each recorded temperature: the workpiece's own first."""
-        signals = recorded(machine, survey, temperature=True)
+        signals = recorded(machine, coverage, temperature=True)
         for signal in by_sense(signals, ("workpiece",)):
             yield cls(signal=signal.name)

@@ -11,7 +11,7 @@ from abbe.compcore.files.campaign_csv.believable import Believable
 from abbe.compcore.files.campaign_csv.columns import TOOL, UNIT_VECTOR, Columns
 from abbe.compcore.files.campaign_csv.head import CampaignHead
 from abbe.compcore.files.campaign_csv.store import Growing, GrowingNames
-from abbe.compcore.files.campaign_csv.table import RowBlock, cell
+from abbe.compcore.files.campaign_csv.table import CsvBlock, cell
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
 
@@ -46,9 +46,9 @@ class CampaignRows:
         self._names = {name: GrowingNames() for name in ("setup", "base", "base2", "tool")}
         self._kind: list[NDArray[np.int8]] = []
         self._line: list[NDArray[np.int64]] = []
-        self._block: RowBlock
+        self._block: CsvBlock
 
-    def add(self, block: RowBlock) -> None:
+    def add(self, block: CsvBlock) -> None:
         """Check some rows and keep them.
 
         Raises

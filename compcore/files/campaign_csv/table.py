@@ -30,7 +30,7 @@ _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 
 
 @dataclass(frozen=True)
-class RowBlock:
+class CsvBlock:
     """Some rows of a file.
 
     Attributes
@@ -51,7 +51,7 @@ class RowBlock:
     names: dict[str, Names]
 
 
-def parse_rows(first: int, lines: list[str], columns: Columns) -> RowBlock:
+def parse_rows(first: int, lines: list[str], columns: Columns) -> CsvBlock:
     """Parse whole lines; blank lines are passed over.
 
     Parameters
@@ -70,7 +70,7 @@ def parse_rows(first: int, lines: list[str], columns: Columns) -> RowBlock:
         kept = [i for i, text in enumerate(lines) if text and not text.isspace()]
         lines, line = [lines[i] for i in kept], line[kept]
         parsed = _slow(lines, line, columns)
-    return RowBlock(lines, line, *parsed)
+    return CsvBlock(lines, line, *parsed)
 
 
 def cell(text: str, columns: Columns, name: str) -> str:

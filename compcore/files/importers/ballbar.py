@@ -73,8 +73,8 @@ def import_ballbar(
     first, second = _plane(plane or sheet.comments.get("plane"), sheet)
     middle = centre or _centre(sheet)
     size = radius if radius is not None else _said(sheet, "radius", "the nominal radius, mm")
-    angle, sense, deviation, line, told = _readings(sheet)
-    unit = unit or told or "um"
+    angle, sense, deviation, line, stated = _readings(sheet)
+    unit = unit or stated or "um"
     value = deviation * to_internal(1.0, unit, "mm")
     theta = np.deg2rad(angle)
     outward = np.stack([np.cos(theta), np.sin(theta)], axis=1)

@@ -71,8 +71,8 @@ def import_iso230_table(
     source = Path(path)
     sheet = read_sheet(source)
     component = component_of(axis, component)
-    readings, layout, told = _readings(sheet)
-    unit = unit or told or ("urad" if component in "ABC" else "um")
+    readings, layout, stated = _readings(sheet)
+    unit = unit or stated or ("urad" if component in "ABC" else "um")
     scale = to_internal(1.0, unit, "rad" if component in "ABC" else "mm")
     # runs in their order, each up before down, targets in the order of travel
     readings.sort(key=lambda r: (r[1], -r[2], r[0] * r[2]))

@@ -134,9 +134,9 @@ def _directions(run: np.ndarray, position: np.ndarray) -> tuple[np.ndarray, bool
         mine = run == number
         by_number = forward if number % 2 else -forward
         travel = position[mine][-1] - position[mine][0]
-        told = int(np.sign(travel)) if travel else by_number
-        against |= told != by_number
-        direction[mine] = told
+        stated = int(np.sign(travel)) if travel else by_number
+        against |= stated != by_number
+        direction[mine] = stated
     return direction, against
 
 

@@ -11,7 +11,7 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.effects.base import Effect, ErrorMotion, Motion
 from abbe.compcore.fitting.design.nuisance import Eliminator, SetupNuisances, setup_blocks
 from abbe.compcore.fitting.design.observation import Observation, with_tools
-from abbe.compcore.fitting.design.row_blocks import Piece, in_pieces, rows_at_once
+from abbe.compcore.fitting.design.row_blocks import RowBlock, row_blocks, rows_at_once
 from abbe.compcore.fitting.design.unknowns import UnknownLayout
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.model.model import Model, Term
@@ -137,9 +137,9 @@ class Problem:
         placed = self.layout.bases or self.layout.tools or self._amending
         return not placed and self.model.composition == "first-order"
 
-    def pieces(self, theta: F64) -> Iterator[Piece]:
-        """The rows in pieces of which each one's design matrix can be formed."""
-        return in_pieces(self.eliminator(theta), self.layout.size + 1)
+    def row_blocks(self, theta: F64) -> Iterator[RowBlock]:
+        """The rows in blocks of which each one's design matrix can be formed."""
+        return row_blocks(self.eliminator(theta), self.layout.size + 1)
 
     def observation(self, theta: F64) -> Observation:
         """The measurement equations for the base points and tools in θ."""

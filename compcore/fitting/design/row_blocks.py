@@ -1,4 +1,4 @@
-"""A design matrix too large to be formed as a whole, in pieces of whole set-ups."""
+"""Row blocks of a design matrix too large to be formed as a whole, each of whole set-ups."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ F64 = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 PIECE_BYTES = 16_000_000
-"""A larger design matrix is never formed as a whole, but in pieces of about this size."""
+"""A larger design matrix is never formed as a whole, but in blocks of about this size."""
 FEWEST_ROWS = 1000
-"""Smaller pieces would cost more than they save."""
+"""Smaller blocks would cost more than they save."""
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class RowBlock:
     """Some rows of a problem whose whole design matrix would be too large.
 
     Attributes
@@ -30,7 +30,7 @@ class Piece:
     bases
         Orthonormal nuisance bases: (positions within `rows`, basis (m, k)).
     split
-        Whether `rows` are only a part of their set-up; its last piece has `last`.
+        Whether `rows` are only a part of their set-up; its last block has `last`.
     """
 
     rows: Index
@@ -44,7 +44,7 @@ def rows_at_once(columns: int) -> int:
     return max(FEWEST_ROWS, PIECE_BYTES // (8 * max(columns, 1)))
 
 
-def in_pieces(eliminator: Eliminator, columns: int) -> Iterator[Piece]:
+def row_blocks(eliminator: Eliminator, columns: int) -> Iterator[RowBlock]:
     """The rows of all set-ups, as many at once as `rows_at_once` allows for the columns."""
     most = rows_at_once(columns)
     gathered: list[tuple[Index, F64]] = []
@@ -58,7 +58,7 @@ def in_pieces(eliminator: Eliminator, columns: int) -> Iterator[Piece]:
             for at in cuts:
                 part = slice(at, at + most)
                 own = (np.arange(len(rows[part])), basis[part])
-                yield Piece(rows[part], (own,), split=True, last=at == cuts[-1])
+                yield RowBlock(rows[part], (own,), split=True, last=at == cuts[-1])
         else:
             gathered.append((rows, basis))
             count += len(rows)
@@ -66,11 +66,11 @@ def in_pieces(eliminator: Eliminator, columns: int) -> Iterator[Piece]:
         yield _joined(gathered)
 
 
-def _joined(gathered: list[tuple[Index, F64]]) -> Piece:
+def _joined(gathered: list[tuple[Index, F64]]) -> RowBlock:
     bases = []
     at = 0
     for rows, basis in gathered:
         if basis.shape[1]:
             bases.append((np.arange(at, at + len(rows)), basis))
         at += len(rows)
-    return Piece(np.concatenate([rows for rows, _ in gathered]), tuple(bases))
+    return RowBlock(np.concatenate([rows for rows, _ in gathered]), tuple(bases))

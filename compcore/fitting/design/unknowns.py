@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
-from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import NonlinearParameter, Parameter
 from abbe.compcore.errors import InputError
 from abbe.compcore.model.model import Model, Value
@@ -83,14 +83,14 @@ class UnknownLayout:
         unknowns: list[Unknown] = []
         terms, counts = [], []
         searched: dict[int, NonlinearParameter] = {}
-        survey: Survey | None = None
+        coverage: Coverage | None = None
         for i, effect in enumerate(model.effects):
             linear = effect.linear(model.machine)
             start = len(unknowns)
             unknowns += [Unknown(i, p.name, p.unit, plausible_scale(p)) for p in linear]
             if effect.nonlinear(model.machine):
-                survey = campaign.survey() if survey is None else survey
-                for p in effect.search(model.machine, survey):
+                coverage = campaign.coverage() if coverage is None else coverage
+                for p in effect.search(model.machine, coverage):
                     searched[len(unknowns)] = p
                     unknowns.append(Unknown(i, p.name, p.unit, plausible_scale(p), True))
             terms.append(slice(start, len(unknowns)))

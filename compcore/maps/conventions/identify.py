@@ -24,7 +24,7 @@ from abbe.compcore.maps.conventions.hypotheses import (
     structures,
 )
 from abbe.compcore.maps.conventions.point_fit import PointFit, fit_rotation_point
-from abbe.compcore.maps.conventions.ranking import FLOOR, Court, Judged, Tie
+from abbe.compcore.maps.conventions.ranking import FLOOR, Judged, Ranking, Tie
 from abbe.compcore.maps.conventions.screening import frame, frames, screen, unseen_columns
 from abbe.compcore.maps.conventions.subject import Source, Subject
 from abbe.compcore.maps.conventions.switched import SwitchedPoints
@@ -136,7 +136,7 @@ def identify(
     if tolerance is None:
         tolerance = max(3.0 * points.sigma, 1e-4, 0.005 * observed)
     declared = any(any(a.rotation_point) for a in subject.machine(structure).axes.values())
-    court = Court(subject, points, structure)
+    ranking = Ranking(subject, points, structure)
     few = points.thinned(_SCREENED_POINTS)
     screened = [
         s
@@ -147,19 +147,20 @@ def identify(
     estimated = [s for s in screened if s.hypothesis.fitted_point]
     named = [s for s in screened if not s.hypothesis.fitted_point]
     for s in (*named[:_EXACTLY], *estimated[:_ESTIMATED]):
-        court.judge(court.refined(s.hypothesis))
-    court.judge(Hypothesis(structure, Convention(rotation_point=None if declared else {})))
-    best = court.best()
+        ranking.judge(ranking.refined(s.hypothesis))
+    ranking.judge(Hypothesis(structure, Convention(rotation_point=None if declared else {})))
+    best = ranking.best()
     changes = [
-        court.judge(h) for h in _one_changed(best.hypothesis, subject, points, any_order, declared)
+        ranking.judge(h)
+        for h in _one_changed(best.hypothesis, subject, points, any_order, declared)
     ]
-    if (better := court.best()) != best:  # exact composition may overturn a close first order
+    if (better := ranking.best()) != best:  # exact composition may overturn a close first order
         best = better
         changes = [
-            court.judge(h)
+            ranking.judge(h)
             for h in _one_changed(best.hypothesis, subject, points, any_order, declared)
         ]
-    ties = court.ties(best)
+    ties = ranking.ties(best)
     verdict: Verdict = "identified"
     if best.rms > tolerance:
         verdict = "none"
@@ -170,7 +171,7 @@ def identify(
         verdict,
         structure,
         points.n,
-        tuple(court.ranking()),
+        tuple(ranking.ranking()),
         tuple(sorted((j for j in _once(changes) if j is not best), key=lambda j: -j.rms)),
         tuple(ties),
         None if points.both_read else h.twin(),
@@ -180,7 +181,7 @@ def identify(
         tolerance,
         points.sigma,
         points.both_read,
-        court.gain(h),
+        ranking.gain(h),
     )
 
 

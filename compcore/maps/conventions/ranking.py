@@ -64,8 +64,8 @@ class Tie:
     telling: Telling | None
 
 
-class Court:
-    """Judges hypotheses, each once."""
+class Ranking:
+    """The hypotheses judged so far, each once, and how they rank."""
 
     def __init__(self, subject: Subject, points: SwitchedPoints, stated: Structure) -> None:
         self._subject, self._points, self._stated = subject, points, stated

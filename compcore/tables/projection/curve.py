@@ -117,9 +117,9 @@ def fit_tables(
         key = (id(points), id(curve.positions))
         if key not in fits:
             fits[key] = operator(curve.positions, points)
-        table, told = _table(curve, points, fits[key], capability, tolerance)
+        table, remarks = _table(curve, points, fits[key], capability, tolerance)
         tables.append(table)
-        notes += told
+        notes += remarks
     return tables, notes
 
 

@@ -67,5 +67,5 @@ def write_head(journal: Path, head: UploadLogHead) -> None:
     InputError
         When it cannot be written.
     """
-    told = {"format": FORMAT, "lines": head.lines, "last": head.last}
-    write_atomically(path_of(journal), json.dumps(told) + "\n")
+    reported = {"format": FORMAT, "lines": head.lines, "last": head.last}
+    write_atomically(path_of(journal), json.dumps(reported) + "\n")

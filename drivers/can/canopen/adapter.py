@@ -1,4 +1,4 @@
-"""The wall around the canopen package: SDO, NMT, emergencies; only `LinkError` leaves.
+"""Adapter of the canopen package: SDO, NMT, emergencies; raises nothing but `LinkError`.
 
 What canopen 2.4.1 does by itself, and what is done about it here:
 
@@ -92,7 +92,9 @@ class Network:
         self._sdo[number] = node.sdo
         node.sdo.RESPONSE_TIMEOUT = self._timeout
         self._feed.add_node(node)
-        node.emcy.add_callback(lambda told: on_emergency(told.code, told.register, told.get_desc()))
+        node.emcy.add_callback(
+            lambda message: on_emergency(message.code, message.register, message.get_desc())
+        )
 
     def subscribe(self, can_id: int, callback: Callable[[bytes], None]) -> None:
         """Have a function called with the data of every frame of an id; one per id."""

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, TypeVar
 
-from abbe.drivers.bus_lock import Turns
+from abbe.drivers.bus_lock import BusLock
 from abbe.drivers.can.bus import CanBus
 from abbe.drivers.can.canopen.config import CanopenConfig
 from abbe.drivers.can.canopen.node_care import NodeCare
@@ -24,8 +24,8 @@ from abbe.drivers.link import (
     LinkTimeoutError,
     TooLateError,
 )
-from abbe.drivers.quarantine import Roster
-from abbe.drivers.reconnect import Keeper
+from abbe.drivers.quarantine import MemberHealth
+from abbe.drivers.reconnect import Reconnector
 
 if TYPE_CHECKING:
     import can
@@ -66,7 +66,7 @@ class NodeBus:
     def __init__(self, name: str, config: CanopenConfig, status: LinkStatus) -> None:
         self._config = config
         self._status = status
-        self.keeper = Keeper(
+        self.reconnector = Reconnector(
             f"link {name} ({config.where})",
             config,
             status,
@@ -75,14 +75,14 @@ class NodeBus:
             logger,
             self._up,
         )
-        self.turns = Turns(self.keeper, config.max_waiting)
+        self.bus_lock = BusLock(self.reconnector, config.max_waiting)
         self.nodes: dict[str, Node] = {}
         self._errors = BusErrors(
-            self.keeper.lost, self._show, linux=config.interface in LINUX_ERRORS
+            self.reconnector.lost, self._show, linux=config.interface in LINUX_ERRORS
         )
-        self._bus = CanBus(config, self._take, self.keeper.lost, self._errors.state)
+        self._bus = CanBus(config, self._take, self.reconnector.lost, self._errors.state)
         self.sync = Sync(self._bus, config, status)
-        self._roster = Roster((), config, self.keeper, logger, "node")
+        self._health = MemberHealth((), config, self.reconnector, logger, "node")
         self._threads: ThreadPoolExecutor | None = None
         self._network: Network | None = None
         self._care: NodeCare | None = None
@@ -97,7 +97,7 @@ class NodeBus:
         """
         if not self.nodes:
             self._make_nodes()
-        await self.keeper.open()
+        await self.reconnector.open()
 
     def node(self, name: str) -> Node:
         """A node of the configuration.
@@ -108,12 +108,12 @@ class NodeBus:
             When the bus is not open.
         """
         if name not in self.nodes:
-            raise self.keeper.down_error()
+            raise self.reconnector.down_error()
         return self.nodes[name]
 
     async def close(self) -> None:
         """End everything; transfers under way fail."""
-        await self.keeper.close()
+        await self.reconnector.close()
         if self._care is not None:
             await self._care.ended()
         await self._bus.close()
@@ -133,8 +133,10 @@ class NodeBus:
             for name in config.nodes
         }
         nodes = self.nodes.values()
-        self._roster = Roster(nodes, config, self.keeper, logger, "node")
-        self._care = NodeCare(nodes, self._bus, self._roster, self.keeper, self._look, self._show)
+        self._health = MemberHealth(nodes, config, self.reconnector, logger, "node")
+        self._care = NodeCare(
+            nodes, self._bus, self._health, self.reconnector, self._look, self._show
+        )
 
     # Transfers
 
@@ -159,8 +161,8 @@ class NodeBus:
             now.
         """
         network = self._network
-        if network is None or not self.keeper.up:
-            raise self.keeper.down_error()
+        if network is None or not self.reconnector.up:
+            raise self.reconnector.down_error()
         if not node.prepared:
             raise LinkTimeoutError(node.why or f"{node.name} was not found yet")
         status = self._status
@@ -184,7 +186,7 @@ class NodeBus:
             raise
         except LinkDownError as error:
             status.failures += 1
-            self.keeper.lost(str(error))
+            self.reconnector.lost(str(error))
             raise
         status.round_trip = time.monotonic() - began
         self._answered(node)
@@ -218,7 +220,7 @@ class NodeBus:
         """
         network = self._network
         if network is None:
-            raise self.keeper.down_error()
+            raise self.reconnector.down_error()
         found: dict[Node, bytes | LinkError] = {}
         held: list[Node] = []
         for node in asked:
@@ -232,7 +234,7 @@ class NodeBus:
             answers = await network.ask([asked[node] for node in held], until)
         except LinkDownError as error:
             self._status.failures += len(held)
-            self.keeper.lost(str(error))
+            self.reconnector.lost(str(error))
             raise
         finally:
             for node in held:
@@ -249,13 +251,13 @@ class NodeBus:
         return found
 
     def _answered(self, node: Node) -> None:
-        self._roster.silent_in_a_row = 0
+        self._health.silent_in_a_row = 0
         if node.failures:
-            self._roster.answered(node)
+            self._health.answered(node)
 
     def _unanswered(self, node: Node, error: LinkTimeoutError) -> None:
         node.asked = True
-        self._roster.unanswered(node, str(error))
+        self._health.unanswered(node, str(error))
         if node.failures >= self._config.quarantine_after:
             node.lose(node.why)
 
@@ -278,12 +280,12 @@ class NodeBus:
             if node.prepared and (wrong := node.wrong_state()):
                 more.append(wrong)
             more += node.refused.values()
-        self._roster.show(*filter(None, more))
+        self._health.show(*filter(None, more))
 
     def _look(self) -> None:
         self._errors.forget_old()
         if self._bus.is_bus_off():
-            self.keeper.lost(LEFT_THE_BUS)
+            self.reconnector.lost(LEFT_THE_BUS)
 
     # Connecting
 
@@ -295,7 +297,7 @@ class NodeBus:
         LinkError
             When the interface does not open or no node answers.
         """
-        async with self.turns.lock:
+        async with self.bus_lock.lock:
             self._errors.renew()
             await self._bus.open()
             if self._care is None:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 from abbe.drivers.can.bus import CanBus
 from abbe.drivers.can.frames import frame
-from abbe.drivers.reply_wait import Awaited
+from abbe.drivers.reply_wait import ReplyWait
 
 _HEAD = struct.Struct("<BHB")
 _REQUEST, _RESPONSE = 0x600, 0x580
@@ -103,7 +103,7 @@ class Expedited:
     def __init__(self, bus: CanBus) -> None:
         self._bus = bus
         self._waiting: dict[int, Ask] = {}
-        self._all_done: Awaited[None] = Awaited(bus.wait)
+        self._all_done: ReplyWait[None] = ReplyWait(bus.wait)
 
     async def ask(self, asked: Sequence[Ask], timeout: float) -> None:  # noqa: ASYNC109
         """Send all requests, then wait, at most `timeout` s, for all answers.

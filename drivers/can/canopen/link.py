@@ -108,10 +108,10 @@ class CanopenLink(Link):
         sections = self._config.channels
         alone = [name for name in channels if sections[name].by != "pdo"]
         if one_sample and len(channels) > 1 and (alone or self._config.sync != "read"):
-            told = f"{', '.join(alone)} by SDO" if alone else f"sync = {self._config.sync!r}"
+            message = f"{', '.join(alone)} by SDO" if alone else f"sync = {self._config.sync!r}"
             raise LinkConfigError(
                 f"link {self.name}: {', '.join(channels)} must answer one SYNC: that takes "
-                f"by = 'pdo' and sync = 'read'; found {told}"
+                f"by = 'pdo' and sync = 'read'; found {message}"
             )
 
     async def open(self) -> None:
@@ -138,7 +138,7 @@ class CanopenLink(Link):
         """
         self._check_known(channels, self._config.channels)
         try:
-            async with self._bus.turns:
+            async with self._bus.bus_lock:
                 return await self._reader.read(channels)
         except LinkError as error:
             lost = Sample(_NAN, time.monotonic(), Quality.UNAVAILABLE, str(error))

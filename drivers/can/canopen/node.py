@@ -322,8 +322,8 @@ class Node(Member):
 
     def _take_emergency(self, code: int, register: int, meaning: str) -> None:
         words = emergency_told(code, register, meaning)
-        told = f"{self.name}: {words}" if words else ""
-        if told != self.emergency:
-            self.emergency = told
-            logger.warning("%s", told or f"{self.name}: no emergency any more")
+        message = f"{self.name}: {words}" if words else ""
+        if message != self.emergency:
+            self.emergency = message
+            logger.warning("%s", message or f"{self.name}: no emergency any more")
             self._on_change()

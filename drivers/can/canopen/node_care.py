@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from abbe.drivers.can.bus import CanBus
 from abbe.drivers.can.frames import frame
 from abbe.drivers.link import LinkDownError, LinkError, LinkTimeoutError
-from abbe.drivers.quarantine import Roster
-from abbe.drivers.reconnect import Keeper
+from abbe.drivers.quarantine import MemberHealth
+from abbe.drivers.reconnect import Reconnector
 
 if TYPE_CHECKING:
     from abbe.drivers.can.canopen.node import Node
@@ -36,9 +36,9 @@ class NodeCare:
         All of them.
     bus
         Where NMT commands go.
-    roster
+    health
         Keeps count of who answers.
-    keeper
+    reconnector
         The bus's connection; told to be lost when no node is left.
     on_look
         Called at every look.
@@ -50,15 +50,15 @@ class NodeCare:
         self,
         nodes: Collection[Node],
         bus: CanBus,
-        roster: Roster,
-        keeper: Keeper,
+        health: MemberHealth,
+        reconnector: Reconnector,
         on_look: Callable[[], None],
         on_change: Callable[[], None],
     ) -> None:
         self._nodes = nodes
         self._bus = bus
-        self._roster = roster
-        self._keeper = keeper
+        self._health = health
+        self._reconnector = reconnector
         self._on_look = on_look
         self._on_change = on_change
         self._tasks: list[asyncio.Task[None]] = []
@@ -93,10 +93,10 @@ class NodeCare:
 
     def begin(self, *more: Coroutine[Any, Any, None]) -> None:
         """Watch from now on; `more` runs besides until `end`."""
-        self._roster.renew()
+        self._health.renew()
         for node in self._nodes:
             if not node.prepared:
-                self._roster.set_apart(node, node.why)
+                self._health.set_apart(node, node.why)
         jobs = [self._watch(), *(self._care_for(node) for node in self._nodes), *more]
         self._tasks = [asyncio.create_task(job) for job in jobs]
         for task in self._tasks:
@@ -115,8 +115,8 @@ class NodeCare:
         """A watch that ended by an error must not look like one that has nothing to report."""
         error = None if task.cancelled() else task.exception()
         if error is not None:
-            logger.error("%s: watching its nodes failed", self._keeper.label, exc_info=error)
-            self._keeper.lost(f"watching its nodes failed: {type(error).__name__}: {error}")
+            logger.error("%s: watching its nodes failed", self._reconnector.label, exc_info=error)
+            self._reconnector.lost(f"watching its nodes failed: {type(error).__name__}: {error}")
 
     async def _watch(self) -> None:
         """Watch heartbeats; reconnect when no node is left; start what fell back."""
@@ -132,12 +132,12 @@ class NodeCare:
                 if node.prepared and limit is not None and now - node.heard > limit:
                     why = f"{node.name}: no heartbeat for {now - node.heard:.1f} s"
                     node.lose(why)
-                    self._roster.set_apart(node, why)
+                    self._health.set_apart(node, why)
                 elif node.prepared and node.fell_back():
                     self._start(node)
             if not any(node.prepared for node in self._nodes):
                 whys = "; ".join(node.why for node in self._nodes)
-                self._keeper.lost(f"no node answers: {whys}")
+                self._reconnector.lost(f"no node answers: {whys}")
                 return
 
     async def _care_for(self, node: Node) -> None:
@@ -151,10 +151,10 @@ class NodeCare:
             try:
                 await self._prepare(node)
             except LinkDownError as error:
-                self._keeper.lost(str(error))
+                self._reconnector.lost(str(error))
                 return
             except LinkError as error:
-                self._roster.unanswered(node, str(error), bus_silent=False)
+                self._health.unanswered(node, str(error), bus_silent=False)
                 node.needs_care.set()
 
     async def _until_needed(self, node: Node) -> None:
@@ -173,7 +173,7 @@ class NodeCare:
             try:
                 await node.ask_again()
             except LinkDownError as error:
-                self._keeper.lost(str(error))
+                self._reconnector.lost(str(error))
             except LinkError:
                 continue  # whether it answers at all is seen by those who read it
             self._on_change()
@@ -183,7 +183,7 @@ class NodeCare:
         await node.prepare()
         self._start(node)
         if node.failures:
-            self._roster.answered(node)
+            self._health.answered(node)
         self._on_change()
 
     def _start(self, node: Node) -> None:

@@ -146,22 +146,22 @@ def choose_pdo(pdos: Sequence[Pdo], wanted: Object, *, synchronous: bool, requir
     """
     carrying = [pdo for pdo in pdos if wanted in pdo.places]
     if not carrying:
-        told = "; ".join(
+        message = "; ".join(
             f"TPDO{pdo.number}: " + ", ".join(f"{i:04X}h:{s:02X}" for i, s in pdo.places)
             for pdo in pdos
         )
         raise LinkProtocolError(
             f"object {wanted[0]:04X}h:{wanted[1]:02X} is in none of the node's TPDOs "
-            f"({told or 'it has none'})"
+            f"({message or 'it has none'})"
         )
     if required:
         for pdo in carrying:
             if pdo.transmission == _EVERY_SYNC:
                 return pdo
-        told = ", ".join(f"that of TPDO{pdo.number} is {pdo.transmission}" for pdo in carrying)
+        message = ", ".join(f"that of TPDO{pdo.number} is {pdo.transmission}" for pdo in carrying)
         raise LinkProtocolError(
             f"no TPDO with {wanted[0]:04X}h:{wanted[1]:02X} answers every SYNC: its transmission "
-            f"type would be {_EVERY_SYNC}, {told}"
+            f"type would be {_EVERY_SYNC}, {message}"
         )
     fitting = [pdo for pdo in carrying if pdo.synchronous is synchronous]
     return (fitting or carrying)[0]

@@ -48,8 +48,8 @@ class CanopenReader:
             When the bus is gone.
         """
         bus = self._bus
-        if bus.keeper.epoch != self._epoch:
-            self._epoch = bus.keeper.epoch
+        if bus.reconnector.epoch != self._epoch:
+            self._epoch = bus.reconnector.epoch
             self._last.clear()
             self._known.clear()
         wanted = tuple(names)
@@ -68,8 +68,8 @@ class CanopenReader:
             await self._read_pdos(by_pdo)
         if by_sdo:
             await self._read_objects(by_sdo)
-        if not bus.keeper.up:
-            raise bus.keeper.down_error()
+        if not bus.reconnector.up:
+            raise bus.reconnector.down_error()
         last = self._last
         return {name: last[name] for name in names}
 

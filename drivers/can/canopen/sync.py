@@ -14,7 +14,7 @@ from abbe.drivers.can.bus import CanBus
 from abbe.drivers.can.canopen.config import CanopenConfig
 from abbe.drivers.can.frames import frame
 from abbe.drivers.link import LinkError, LinkStatus
-from abbe.drivers.reply_wait import Awaited
+from abbe.drivers.reply_wait import ReplyWait
 
 if TYPE_CHECKING:
     from abbe.drivers.can.canopen.pdo import Pdo
@@ -44,7 +44,7 @@ class Sync:
         self._frame = frame(SYNC_ID, b"")
         self._missing = 0
         self._times: deque[float] = deque(maxlen=_REMEMBERED)
-        self._answered: Awaited[None] = Awaited(bus.wait)
+        self._answered: ReplyWait[None] = ReplyWait(bus.wait)
 
     async def ask(self, pdos: Collection[Pdo]) -> None:
         """Send a SYNC and wait, at most one time-out, for the PDOs that answer it.

@@ -43,7 +43,7 @@ class CanopenWriter:
         batch = Batch(self._label, values)
         data = self._encoded(values, batch)
         try:
-            async with self._bus.turns:
+            async with self._bus.bus_lock:
                 for name, content in data.items():
                     batch.begin(name)
                     await self._write_one(name, content, until)

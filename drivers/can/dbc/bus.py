@@ -8,16 +8,16 @@ import time
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
-from abbe.drivers.bus_lock import Turns
+from abbe.drivers.bus_lock import BusLock
 from abbe.drivers.can.bus import CanBus
 from abbe.drivers.can.dbc.config import DbcConfig
-from abbe.drivers.can.dbc.received_message import Heard
+from abbe.drivers.can.dbc.received_message import ReceivedMessage
 from abbe.drivers.can.dbc.requests import Requests
 from abbe.drivers.can.error_frames import LEFT_THE_BUS, BusErrors
 from abbe.drivers.can.interface import LINUX_ERRORS
 from abbe.drivers.link import LinkDownError, LinkStatus, LinkTimeoutError
-from abbe.drivers.quarantine import Roster
-from abbe.drivers.reconnect import Keeper
+from abbe.drivers.quarantine import MemberHealth
+from abbe.drivers.reconnect import Reconnector
 
 if TYPE_CHECKING:
     import can
@@ -52,16 +52,20 @@ class MessageBus:
     def __init__(
         self, name: str, config: DbcConfig, messages: Mapping[str, Message], status: LinkStatus
     ) -> None:
-        self._heard = [
-            heard for message in messages.values() if (heard := Heard(message, config)).channels
+        self._received = [
+            received
+            for message in messages.values()
+            if (received := ReceivedMessage(message, config)).channels
         ]
-        self._cyclic = [heard for heard in self._heard if heard.request is None]
+        self._cyclic = [received for received in self._received if received.request is None]
         self._by_id = {
-            (heard.message.frame_id, heard.message.is_extended_frame): heard
-            for heard in self._heard
+            (received.message.frame_id, received.message.is_extended_frame): received
+            for received in self._received
         }
-        self.of = {channel: heard for heard in self._heard for channel in heard.channels}
-        self.keeper = Keeper(
+        self.of = {
+            channel: received for received in self._received for channel in received.channels
+        }
+        self.reconnector = Reconnector(
             f"link {name} ({config.where})",
             config,
             status,
@@ -71,19 +75,19 @@ class MessageBus:
             self._up,
         )
         self._errors = BusErrors(
-            self.keeper.lost, self._show, linux=config.interface in LINUX_ERRORS
+            self.reconnector.lost, self._show, linux=config.interface in LINUX_ERRORS
         )
-        self._bus = CanBus(config, self._take, self.keeper.lost, self._errors.state)
-        self._roster = Roster(self._heard, config, self.keeper, logger, "message")
-        self._turns = Turns(self.keeper, config.max_waiting)
-        self._requests = Requests(self._bus, config, self._roster, status)
+        self._bus = CanBus(config, self._take, self.reconnector.lost, self._errors.state)
+        self._health = MemberHealth(self._received, config, self.reconnector, logger, "message")
+        self._bus_lock = BusLock(self.reconnector, config.max_waiting)
+        self._requests = Requests(self._bus, config, self._health, status)
         self._first: asyncio.Future[None] | None = None
         self._watch: asyncio.TimerHandle | None = None
         self._up_at = 0.0
 
     async def close(self) -> None:
         """Close the interface."""
-        await self.keeper.close()
+        await self.reconnector.close()
         await self._bus.close()
 
     async def ask_for(self, channels: Iterable[str]) -> None:
@@ -92,14 +96,14 @@ class MessageBus:
         Raises
         ------
         LinkError
-            When the bus is down, or too many wait for it. Silence is none: it shows in `Heard`.
+            When the bus is down, or too many wait for it. Silence is none: the samples show it.
         """
         asked = self._requests.due([self.of[name] for name in channels if name in self.of])
         if asked:
-            async with self._turns:
+            async with self._bus_lock:
                 await self._requests.ask(asked)
-        if not self.keeper.up:
-            raise self.keeper.down_error()
+        if not self.reconnector.up:
+            raise self.reconnector.down_error()
 
     async def send(self, frame: can.Message, until: float) -> None:
         """Send a frame, not after `until` (monotonic, s).
@@ -111,8 +115,8 @@ class MessageBus:
         LinkError
             When the interface does not take it.
         """
-        if not self.keeper.up:
-            raise self.keeper.down_error()
+        if not self.reconnector.up:
+            raise self.reconnector.down_error()
         await self._bus.send_in_time(frame, until)
 
     # What comes
@@ -123,18 +127,18 @@ class MessageBus:
             return
         if frame.is_remote_frame:
             return
-        heard = self._by_id.get((frame.arbitration_id, frame.is_extended_id))
-        if heard is None:
+        received = self._by_id.get((frame.arbitration_id, frame.is_extended_id))
+        if received is None:
             return
-        if heard.request is not None and not self._requests.is_awaited(heard, latest):
+        if received.request is not None and not self._requests.is_awaited(received, latest):
             return
-        asked_at = None if heard.request is None else self._requests.asked_at
-        heard.take(bytes(frame.data), arrived, asked_at)
-        self._roster.silent_in_a_row = 0
-        if heard.failures or heard.why:
-            self._roster.answered(heard)
-        if heard.request is not None:
-            self._requests.took(heard)
+        asked_at = None if received.request is None else self._requests.asked_at
+        received.take(bytes(frame.data), arrived, asked_at)
+        self._health.silent_in_a_row = 0
+        if received.failures or received.why:
+            self._health.answered(received)
+        if received.request is not None:
+            self._requests.took(received)
         elif self._first is not None and not self._first.done():
             self._first.set_result(None)
 
@@ -150,27 +154,27 @@ class MessageBus:
             return  # it was us who were stalled: what has come is to be taken in first
         self._errors.forget_old()
         if self._bus.is_bus_off():
-            self.keeper.lost(LEFT_THE_BUS)
+            self.reconnector.lost(LEFT_THE_BUS)
             return
         silent = [h for h in self._cyclic if now - max(h.came, self._up_at) > h.within]
-        if silent and len(silent) == len(self._heard):
-            self.keeper.lost(f"connected, and nothing comes: {silent[0].silence(now)}")
+        if silent and len(silent) == len(self._received):
+            self.reconnector.lost(f"connected, and nothing comes: {silent[0].silence(now)}")
             return
-        for heard in silent:
-            heard.why = ""
-            heard.why = heard.silence(now)
-            self._roster.set_apart(heard, heard.why)
+        for received in silent:
+            received.why = ""
+            received.why = received.silence(now)
+            self._health.set_apart(received, received.why)
 
     def _show(self) -> None:
-        self._roster.show(*filter(None, [self._errors.text]))
+        self._health.show(*filter(None, [self._errors.text]))
 
     # Connecting
 
     async def _connect(self) -> None:
         """Open the interface; it is up when something that is expected has come."""
-        async with self._turns.lock:
-            for heard in self._heard:
-                heard.clear()
+        async with self._bus_lock.lock:
+            for received in self._received:
+                received.clear()
             self._errors.renew()
             await self._bus.open()
             try:
@@ -181,28 +185,28 @@ class MessageBus:
     async def _first_frame(self) -> None:
         if self._cyclic:
             self._first = asyncio.get_running_loop().create_future()
-            longest = max(heard.within for heard in self._cyclic)
+            longest = max(received.within for received in self._cyclic)
             try:
                 await asyncio.wait_for(self._first, longest)
                 return
             except TimeoutError:
-                if len(self._cyclic) == len(self._heard):
+                if len(self._cyclic) == len(self._received):
                     raise LinkTimeoutError(
                         f"the interface is open, and none of its messages came in {longest:g} s"
                     ) from None
             finally:
                 self._first = None
-        for heard in self._heard:
-            if heard.request is not None:
-                await self._requests.ask([heard])
-                if heard.data is not None:
+        for received in self._received:
+            if received.request is not None:
+                await self._requests.ask([received])
+                if received.data is not None:
                     return
-        if self._heard:
+        if self._received:
             raise LinkTimeoutError("the interface is open, and no request is answered")
 
     def _up(self) -> None:
         self._up_at = time.monotonic()
-        self._roster.renew()
+        self._health.renew()
         self._show()
         self._look_later()
 

@@ -69,8 +69,10 @@ class DbcLink(Link):
         section = self._config.channels[channel]
         signal = signal_of(self._messages[section.message], channel, section)
         unit = section.unit if section.unit is not None else (signal.unit or "")
-        heard = self._bus.of.get(channel)
-        every = heard.pace.every if heard is not None and heard.request is not None else 0.0
+        received = self._bus.of.get(channel)
+        every = (
+            received.pace.every if received is not None and received.request is not None else 0.0
+        )
         low, high, step = range_of(signal)
         low, high = sorted(end * section.scale + section.offset for end in (low, high))
         return ChannelInfo(unit, section.writable, every, low, high, step * abs(section.scale))
@@ -129,7 +131,7 @@ class DbcLink(Link):
         LinkConfigError
             When the interface cannot be used on this computer.
         """
-        await self._bus.keeper.open()
+        await self._bus.reconnector.open()
 
     async def close(self) -> None:
         """Close the interface."""
@@ -190,10 +192,10 @@ class DbcLink(Link):
             raise error.leaving(untouched=names) from None
 
     def _sample(self, name: str, now: float) -> Sample:
-        heard = self._bus.of.get(name)
-        if heard is None:
+        received = self._bus.of.get(name)
+        if received is None:
             return Sample(_NAN, now, Quality.BAD, f"{name} is only written")
-        return heard.sample(name, now)
+        return received.sample(name, now)
 
     def _describe(self, name: str) -> str:
         section = self._config.channels[name]
@@ -201,15 +203,15 @@ class DbcLink(Link):
         signal = signal_of(message, name, section)
         digits = 8 if message.is_extended_frame else 3
         parts = [f"signal {signal.name} of {message.name} ({message.frame_id:0{digits}X}h)"]
-        heard = self._bus.of.get(name)
+        received = self._bus.of.get(name)
         if section.writable:
             parts.append("written")
-        elif heard is not None and heard.request is not None:
+        elif received is not None and received.request is not None:
             parts.append(
-                "requested" + (f" every {heard.pace.every:g} s" if heard.pace.every else "")
+                "requested" + (f" every {received.pace.every:g} s" if received.pace.every else "")
             )
-        elif heard is not None:
-            parts.append(f"missing after {heard.within:g} s")
+        elif received is not None:
+            parts.append(f"missing after {received.within:g} s")
         if (section.scale, section.offset) != (1.0, 0.0):
             parts.append(f"× {section.scale:g} + {section.offset:g}")
         if unit := self.info(name).unit:

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 _NAN = float("nan")
 
 
-class Heard(Member):
-    """One message that is read: how it is asked for, and what came last.
+class ReceivedMessage(Member):
+    """A message that is received: how it is asked for, and what came last.
 
     Attributes
     ----------

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from abbe.drivers.can.bus import CanBus
 from abbe.drivers.can.dbc.config import DbcConfig, RequestConfig
-from abbe.drivers.can.dbc.received_message import Heard
+from abbe.drivers.can.dbc.received_message import ReceivedMessage
 from abbe.drivers.link import LinkStatus
-from abbe.drivers.quarantine import Roster
-from abbe.drivers.reply_wait import Awaited
+from abbe.drivers.quarantine import MemberHealth
+from abbe.drivers.reply_wait import ReplyWait
 
 if TYPE_CHECKING:
     import can
@@ -27,7 +27,7 @@ class Requests:
         Where requests go.
     config
         The link's section.
-    roster
+    health
         Keeps count of who answers.
     status
         Counts requests.
@@ -38,32 +38,37 @@ class Requests:
         Monotonic time in s at which the last requests left.
     """
 
-    def __init__(self, bus: CanBus, config: DbcConfig, roster: Roster, status: LinkStatus) -> None:
+    def __init__(
+        self, bus: CanBus, config: DbcConfig, health: MemberHealth, status: LinkStatus
+    ) -> None:
         self._bus = bus
         self._config = config
-        self._roster = roster
+        self._health = health
         self._status = status
         self.asked_at = 0.0
-        self._awaited: set[Heard] = set()
-        self._frames: dict[Heard, can.Message] = {}
-        self._answered: Awaited[None] = Awaited(bus.wait)
+        self._awaited: set[ReceivedMessage] = set()
+        self._frames: dict[ReceivedMessage, can.Message] = {}
+        self._answered: ReplyWait[None] = ReplyWait(bus.wait)
 
-    def due(self, wanted: Iterable[Heard]) -> list[Heard]:
+    def due(self, wanted: Iterable[ReceivedMessage]) -> list[ReceivedMessage]:
         """Which of the messages are to be asked for now."""
         now = time.monotonic()
-        asked: dict[Heard, None] = {}
-        for heard in wanted:
-            if heard.request is None or not heard.pace.is_due(now):
+        asked: dict[ReceivedMessage, None] = {}
+        for received in wanted:
+            if received.request is None or not received.pace.is_due(now):
                 continue
-            if heard.failures and heard.refusal(now):
+            if received.failures and received.refusal(now):
                 continue
-            if heard.asked_at is not None and now - heard.asked_at < self._config.late_reply_max:
-                heard.why = f"{heard.name} may still be answered late"
+            if (
+                received.asked_at is not None
+                and now - received.asked_at < self._config.late_reply_max
+            ):
+                received.why = f"{received.name} may still be answered late"
                 continue
-            asked[heard] = None
+            asked[received] = None
         return list(asked)
 
-    async def ask(self, asked: Sequence[Heard]) -> None:
+    async def ask(self, asked: Sequence[ReceivedMessage]) -> None:
         """Send all requests, then wait for all answers, once `timeout`.
 
         Raises
@@ -72,9 +77,9 @@ class Requests:
             When a request cannot be sent, or the interface is closed meanwhile.
         """
         frames = []
-        for heard in asked:
-            heard.asked = True
-            frames.append(self._frames.get(heard) or self._frame(heard))
+        for received in asked:
+            received.asked = True
+            frames.append(self._frames.get(received) or self._frame(received))
         began = self.asked_at = time.monotonic()
         self._bus.drain()  # what waits to be read is no answer
         self._awaited = set(asked)
@@ -86,37 +91,37 @@ class Requests:
             await answered.get(self._config.timeout)
             self._status.round_trip = time.monotonic() - began
         except TimeoutError:
-            for heard in list(self._awaited):
-                heard.asked_at = began
+            for received in list(self._awaited):
+                received.asked_at = began
                 self._status.failures += 1
-                why = f"{heard.name}: no answer in {self._config.timeout:g} s"
-                self._roster.unanswered(heard, why)
+                why = f"{received.name}: no answer in {self._config.timeout:g} s"
+                self._health.unanswered(received, why)
         except asyncio.CancelledError:
-            for heard in self._awaited:
-                heard.asked_at = began
+            for received in self._awaited:
+                received.asked_at = began
             raise
         finally:
             answered.end()
             self._awaited = set()
 
-    def _frame(self, heard: Heard) -> can.Message:
+    def _frame(self, received: ReceivedMessage) -> can.Message:
         """The frame that asks for a message, kept for the next time."""
-        made = self._frames[heard] = _asking(heard)
+        made = self._frames[received] = _asking(received)
         return made
 
-    def is_awaited(self, heard: Heard, latest: float) -> bool:
+    def is_awaited(self, received: ReceivedMessage, latest: float) -> bool:
         """Whether a frame of a message that is asked for is an answer; late ones are none.
 
         `latest` is the latest moment at which it can have arrived (monotonic, s).
         """
-        if heard in self._awaited:
+        if received in self._awaited:
             return latest >= self.asked_at
-        heard.asked_at = None  # late, or unasked: not what is asked for next
+        received.asked_at = None  # late, or unasked: not what is asked for next
         return False
 
-    def took(self, heard: Heard) -> None:
+    def took(self, received: ReceivedMessage) -> None:
         """An answer was taken in; the last one ends the wait."""
-        self._awaited.discard(heard)
+        self._awaited.discard(received)
         if not self._awaited:
             self._answered.give(None)
 
@@ -125,20 +130,20 @@ class Requests:
         self._answered.fail(error)
 
 
-def _asking(heard: Heard) -> can.Message:
+def _asking(received: ReceivedMessage) -> can.Message:
     """The frame that asks for a message; interfaces only read it."""
     import can
 
-    if isinstance(heard.request, RequestConfig):
-        request = heard.request
+    if isinstance(received.request, RequestConfig):
+        request = received.request
         return can.Message(
             arbitration_id=request.id,
             data=bytes.fromhex(request.data),
             is_extended_id=request.extended,
         )
     return can.Message(
-        arbitration_id=heard.message.frame_id,
-        is_extended_id=heard.message.is_extended_frame,
+        arbitration_id=received.message.frame_id,
+        is_extended_id=received.message.is_extended_frame,
         is_remote_frame=True,
-        dlc=heard.message.length,
+        dlc=received.message.length,
     )

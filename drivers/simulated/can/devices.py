@@ -85,10 +85,10 @@ class CanopenController:
             self.table = data
 
         def activate(data: bytes) -> None:
-            told = int.from_bytes(data, "little")
-            if told != zlib.crc32(self.table):
+            stated = int.from_bytes(data, "little")
+            if stated != zlib.crc32(self.table):
                 raise AbortCodeError(0x06090030)
-            self.active = told
+            self.active = stated
 
         def take_offset(data: bytes) -> None:
             (self.offset,) = struct.unpack("<l", data)

@@ -273,8 +273,8 @@ class SdoServer:
         data = bytes(self._data[: len(self._data) - unused])
         if self.faults.spoil:
             data = bytes((data[0] ^ 1,)) + data[1:]
-        (told,) = struct.unpack_from("<H", request, 1)
-        if crc16(data) != told:
+        (stated,) = struct.unpack_from("<H", request, 1)
+        if crc16(data) != stated:
             raise AbortCodeError(CRC_ERROR)
         self._state = "idle"
         self._writable()(data)

@@ -236,10 +236,10 @@ class TableNode(CanopenNode):
 
     def _do(self, request: bytes, late: float, spoil: int | None = None) -> None:
         for answer in self.sdo.answers(request):
-            told = answer
+            stated = answer
             if spoil is not None:
-                told = answer[:spoil] + bytes((answer[spoil] ^ 0x21,)) + answer[spoil + 1 :]
-            self.send_answer(told, late)
+                stated = answer[:spoil] + bytes((answer[spoil] ^ 0x21,)) + answer[spoil + 1 :]
+            self.send_answer(stated, late)
 
     def _do_badly(self, request: bytes, fault: TableFault) -> None:
         kind, operation = fault.kind, fault.at

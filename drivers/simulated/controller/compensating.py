@@ -84,13 +84,13 @@ class AppliedCompensation:
 
 
 def _read(name: str, text: str) -> tuple[str, list[AppliedCurve]]:
-    told: dict[str, str] = {}
+    stated: dict[str, str] = {}
     titles: list[str] = []
     rows: list[list[float]] = []
     for number, line in enumerate(text.splitlines(), start=1):
         if line.startswith("#"):
             key, _, rest = line[1:].partition("=")
-            told[key.strip()] = rest.partition("#")[0].strip().strip('"')
+            stated[key.strip()] = rest.partition("#")[0].strip().strip('"')
         elif not titles:
             titles = line.split(",")
         elif line:
@@ -101,13 +101,13 @@ def _read(name: str, text: str) -> tuple[str, list[AppliedCurve]]:
             if len(rows[-1]) != len(titles):
                 raise NotATableError(f"{name}, line {number}: {len(rows[-1])} columns")
     for key, allowed in _HEAD.items():
-        if told.get(key) not in allowed:
-            raise NotATableError(f"{name}: {key} {told.get(key)!r} is not for this control")
+        if stated.get(key) not in allowed:
+            raise NotATableError(f"{name}: {key} {stated.get(key)!r} is not for this control")
     axis = titles[0][:1] if titles and titles[0] in ("X [mm]", "Y [mm]", "Z [mm]") else ""
     places = tuple(row[0] for row in rows)
     if not axis or not rows or any(b <= a for a, b in pairwise(places)):
         raise NotATableError(f"{name}: no axis, or positions that do not rise")
-    turn = -1.0 if told["sign"] == "error" else 1.0
+    turn = -1.0 if stated["sign"] == "error" else 1.0
     columns: dict[str, dict[str, tuple[float, ...]]] = {}
     for k, title in enumerate(titles[1:], start=1):
         match = _COLUMN.fullmatch(title)

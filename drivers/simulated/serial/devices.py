@@ -57,10 +57,10 @@ class ReadOut:
             return self.spontaneous()
         if query in self.preset:
             return f"{self.position(query):+011.4f}"
-        told = re.fullmatch(r"P([XYZ])([-+]?\d+\.?\d*)", query)
-        if told is None:
+        stated = re.fullmatch(r"P([XYZ])([-+]?\d+\.?\d*)", query)
+        if stated is None:
             return "?"
-        axis, wanted = told[1], float(told[2])
+        axis, wanted = stated[1], float(stated[2])
         self.preset[axis] += wanted - self.position(axis)
         return "OK"
 
@@ -188,8 +188,8 @@ class LineServer:
 
     def _checked(self, line: bytes) -> str | None:
         if self._checksum:
-            line, _, told = line.rpartition(b"*")
-            if told != xor(line):
+            line, _, stated = line.rpartition(b"*")
+            if stated != xor(line):
                 return None
         return line.decode("latin-1")
 

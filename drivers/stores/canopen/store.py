@@ -65,8 +65,8 @@ class CanopenStore(Store):
         await self.close()
         bus = NodeBus(self.name, self.config.link(), LinkStatus())
         await bus.open()
-        if not bus.keeper.up:
-            error = bus.keeper.down_error()
+        if not bus.reconnector.up:
+            error = bus.reconnector.down_error()
             await bus.close()
             raise error
         self._bus = bus
@@ -273,10 +273,10 @@ class CanopenStore(Store):
         bus = self._connected()
         until = time.monotonic() + self.config.reconnect_within
         await asyncio.sleep(_LOOK)
-        while not (bus.keeper.up and bus.node(NODE).prepared):
+        while not (bus.reconnector.up and bus.node(NODE).prepared):
             if time.monotonic() > until:
-                why = bus.node(NODE).why if bus.keeper.up else ""
-                raise LinkTimeoutError(why) if why else bus.keeper.down_error()
+                why = bus.node(NODE).why if bus.reconnector.up else ""
+                raise LinkTimeoutError(why) if why else bus.reconnector.down_error()
             await asyncio.sleep(_LOOK)
 
     def _connected(self) -> NodeBus:

@@ -110,16 +110,16 @@ def _layout(ini: Path, facts: dict[str, Any]) -> IniLayout:
     kinds: dict[str, int] = {}
     folders = set()
     for joint in facts["joints"]:
-        told = joint["comp_file"]
-        if told is None:
+        stated = joint["comp_file"]
+        if stated is None:
             continue
-        path = ini.parent / told
+        path = ini.parent / stated
         folders.add(path.parent)
         axis = path.name.partition(".")[0].upper()
         if path.name in joints and kinds[path.name] != joint["comp_type"]:
-            raise _refused(ini, facts, letters, f"{told} has two COMP_FILE_TYPEs")
+            raise _refused(ini, facts, letters, f"{stated} has two COMP_FILE_TYPEs")
         if path.name != f"{axis.lower()}.comp" or len(axis) != 1 or axis not in letters:
-            raise _refused(ini, facts, letters, f"COMP_FILE = {told} is not named after its axis")
+            raise _refused(ini, facts, letters, f"COMP_FILE = {stated} is not named after its axis")
         joints.setdefault(path.name, joint["number"])
         kinds[path.name] = joint["comp_type"]
     if not joints:

@@ -190,7 +190,7 @@ class Running:
 
 @asynccontextmanager
 async def attached(
-    python: str, joints: Mapping[str, int], patience: float
+    python: str, joints: Mapping[str, int], wait_limit: float
 ) -> AsyncIterator[Running]:
     """Be part of the LinuxCNC that runs.
 
@@ -202,7 +202,7 @@ async def attached(
     bridge = BridgeProcess(python, _SETTINGS, lambda _why: None, _BRIDGE)
     try:
         await bridge.start()
-        yield Running(bridge, joints, patience)
+        yield Running(bridge, joints, wait_limit)
     finally:
         await bridge.close()
 

@@ -75,9 +75,9 @@ class ModbusStore(Store):
         """Connect and get a first answer."""
         await self.close()
         self._bus = bus = Bus(self.name, self.config.link(), LinkStatus())
-        await bus.keeper.open()
-        if not bus.keeper.up:
-            error = bus.keeper.down_error()
+        await bus.reconnector.open()
+        if not bus.reconnector.up:
+            error = bus.reconnector.down_error()
             await self.close()
             raise error
 
@@ -85,7 +85,7 @@ class ModbusStore(Store):
         """Disconnect."""
         bus, self._bus = self._bus, None
         if bus is not None:
-            await bus.keeper.close()
+            await bus.reconnector.close()
 
     async def identity(self) -> Identity:
         """Name and serial number from the registers."""
@@ -259,12 +259,12 @@ class ModbusStore(Store):
             await self._until_up()
 
     async def _until_up(self) -> None:
-        keeper = self._connected().keeper
+        reconnector = self._connected().reconnector
         until = time.monotonic() + self.config.reconnect_within
         await asyncio.sleep(_LOOK)
-        while not keeper.up:
+        while not reconnector.up:
             if time.monotonic() > until:
-                raise keeper.down_error()
+                raise reconnector.down_error()
             await asyncio.sleep(_LOOK)
 
     def _connected(self) -> Bus:
@@ -274,10 +274,10 @@ class ModbusStore(Store):
 
     async def _read(self, address: int, count: int) -> bytes:
         bus = self._connected()
-        async with bus.turns:
+        async with bus.bus_lock:
             return await bus.read(Span(self.config.unit_id, "holding", address, count))
 
     async def _write(self, address: int, words: Sequence[int]) -> None:
         bus = self._connected()
-        async with bus.turns:
+        async with bus.bus_lock:
             await bus.write(Span(self.config.unit_id, "holding", address, len(words)), words)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from abbe.compcore.campaign.campaign import Campaign, Kind, Setup
-from abbe.compcore.campaign.coverage import SetupSurvey, Survey
+from abbe.compcore.campaign.coverage import Coverage, SetupCoverage
 from abbe.compcore.effects import effect_class, effect_kinds, make_effect
 from tests.support.compcore.catalogue import FIVE_AXIS, MILL, conditions, world
 
@@ -38,7 +38,7 @@ def campaign(machine) -> Campaign:
 
 
 CAMPAIGNS = {m.name: (m, campaign(m)) for m in (MILL, FIVE_AXIS)}
-EVERYTHING = {name: c.survey() for name, (_, c) in CAMPAIGNS.items()}
+EVERYTHING = {name: c.coverage() for name, (_, c) in CAMPAIGNS.items()}
 ALL = [(m.name, kind) for m in (MILL, FIVE_AXIS) for kind in effect_kinds()]
 
 
@@ -94,27 +94,27 @@ def test_no_candidate_is_another_one_over_again(name, kind):
 def test_the_number_of_candidates_is_bounded():
     """Seven temperatures on a three-axis machine, as in the campaigns with known answers."""
     seven = dict.fromkeys(list(MILL.signals)[:7], (19.0, 24.0))
-    survey = Survey(frozenset("XYZ"), frozenset("XYZ"), seven, duration=2e4, tool_varies=True)
-    total = sum(len(list(cls.candidates(MILL, survey))) for cls in effect_kinds().values())
+    coverage = Coverage(frozenset("XYZ"), frozenset("XYZ"), seven, duration=2e4, tool_varies=True)
+    total = sum(len(list(cls.candidates(MILL, coverage))) for cls in effect_kinds().values())
     assert 500 < total < 800
 
 
 def test_nothing_that_did_not_vary_is_proposed():
-    survey = Survey()
+    coverage = Coverage()
     for kind, cls in effect_kinds().items():
-        found = list(cls.candidates(MILL, survey))
+        found = list(cls.candidates(MILL, coverage))
         assert not found, f"{kind}: {[e.spec for e in found]}"
 
 
 def test_pairs_of_the_structure_come_first():
-    survey = EVERYTHING["mill"]
+    coverage = EVERYTHING["mill"]
     for kind in ("thermal_bending", "thermal_tilt"):
-        first = next(iter(effect_class(kind).candidates(MILL, survey)))
+        first = next(iter(effect_class(kind).candidates(MILL, coverage)))
         assert set(first.signals) == {"T_front", "T_rear"}
-    offsets = list(effect_class("thermal_offset").candidates(MILL, survey))
+    offsets = list(effect_class("thermal_offset").candidates(MILL, coverage))
     assert MILL.signals[offsets[0].signal].role in ("structure", "spindle")
     assert offsets[0].direction == "Z"
-    screw = next(iter(effect_class("screw_heating").candidates(MILL, survey)))
+    screw = next(iter(effect_class("screw_heating").candidates(MILL, coverage)))
     assert MILL.signals[screw.signal].role in ("screw", "speed")
 
 
@@ -178,18 +178,20 @@ def test_among_the_candidates_of_five_axes(spec):
 def test_instrument_effects_only_where_they_could_be_told():
     """A slope that is free contains a cosine; a level has none; a plate's frame no zero."""
     details = {
-        "free": SetupSurvey(frozenset({"displacement"}), 20, 300.0, 500.0, 0.0, ("zero", "slope")),
-        "tied": SetupSurvey(frozenset({"displacement"}), 20, 300.0, 500.0, 0.0, ("zero",)),
-        "edge": SetupSurvey(frozenset({"displacement"}), 20, 300.0, 0.0, 500.0, ("zero",)),
-        "level": SetupSurvey(frozenset({"rotation"}), 20, 300.0, 500.0, 0.0, ()),
-        "short": SetupSurvey(frozenset({"displacement"}), 3, 300.0, 500.0, 0.0, ("zero",)),
-        "plate": SetupSurvey(frozenset({"displacement"}), 60, 300.0, 0.0, 500.0, (), 3),
-        "loose": SetupSurvey(frozenset({"displacement"}), 60, 300.0, 0.0, 500.0, ("frame",), 3),
+        "free": SetupCoverage(
+            frozenset({"displacement"}), 20, 300.0, 500.0, 0.0, ("zero", "slope")
+        ),
+        "tied": SetupCoverage(frozenset({"displacement"}), 20, 300.0, 500.0, 0.0, ("zero",)),
+        "edge": SetupCoverage(frozenset({"displacement"}), 20, 300.0, 0.0, 500.0, ("zero",)),
+        "level": SetupCoverage(frozenset({"rotation"}), 20, 300.0, 500.0, 0.0, ()),
+        "short": SetupCoverage(frozenset({"displacement"}), 3, 300.0, 500.0, 0.0, ("zero",)),
+        "plate": SetupCoverage(frozenset({"displacement"}), 60, 300.0, 0.0, 500.0, (), 3),
+        "loose": SetupCoverage(frozenset({"displacement"}), 60, 300.0, 0.0, 500.0, ("frame",), 3),
     }
-    survey = Survey(setups=tuple(details), setup_details=details, duration=1e4)
+    coverage = Coverage(setups=tuple(details), setup_details=details, duration=1e4)
 
     def specs(kind: str) -> list[str]:
-        return [e.spec for e in effect_class(kind).candidates(MILL, survey)]
+        return [e.spec for e in effect_class(kind).candidates(MILL, coverage)]
 
     assert specs("cosine") == ["cosine setup=tied", "cosine setup=short"]
     assert specs("setup_slope") == ["setup_slope setup=edge", "setup_slope setup=plate"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import Legendre
 
-from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects import (
     Angular,
     ErrorMotion,
@@ -221,8 +221,8 @@ def test_a_spec_makes_the_same_effect_again():
 @pytest.mark.parametrize("kind", ["positioning", "scale", "straightness", "angular", "squareness"])
 def test_candidates_fit_the_machine_and_what_moved(kind):
     m = machine("w X' b Y Z C t", C=Axis("C", (-3.0, 3.0)))
-    survey = Survey(moving=frozenset("XYC"))
-    found = list(effect_class(kind).candidates(m, survey))
+    coverage = Coverage(moving=frozenset("XYC"))
+    found = list(effect_class(kind).candidates(m, coverage))
     count = {"positioning": 2, "scale": 2, "straightness": 4, "angular": 6, "squareness": 1}[kind]
     assert len(found) == len({e.spec for e in found}) == count
     for effect in found:
@@ -230,8 +230,8 @@ def test_candidates_fit_the_machine_and_what_moved(kind):
 
 
 def test_candidates_of_expansion_prefer_the_axis_s_own_sensors():
-    survey = Survey(moving=frozenset("X"), signals=dict.fromkeys(SIGNALS, (19.0, 24.0)))
-    found = list(ScaleExpansion.candidates(WARM, survey))
+    coverage = Coverage(moving=frozenset("X"), signals=dict.fromkeys(SIGNALS, (19.0, 24.0)))
+    found = list(ScaleExpansion.candidates(WARM, coverage))
     direct = [e.signals for e in found if e.tau is None]
     assert direct == [("T1", "T2"), ("T1",), ("T2",), ("T_amb",)]
     assert [e.signals for e in found if e.tau == "fit"] == direct

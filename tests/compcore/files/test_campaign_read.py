@@ -78,7 +78,7 @@ def test_a_distance_between_bases_needs_no_position(tmp_path):
         -180.0,
     ]  # the middle: nothing is read
     assert q.signal("T_x")[4] == 20.12  # carried on, so that a lagged temperature sees no step
-    assert c.survey().moving == {"X"}
+    assert c.coverage().moving == {"X"}
 
 
 def test_rotary_axes_and_the_spindle_turn_in_degrees(tmp_path):

@@ -74,10 +74,10 @@ def measured(machine: Machine, rng: np.random.Generator, n: int = 25):
 
 def everything(machine: Machine, campaign) -> Model:
     """One instance of every kind of effect that proposes itself."""
-    survey = campaign.survey()
+    coverage = campaign.coverage()
     effects = []
     for cls in effect_kinds().values():
-        found = list(cls.candidates(machine, survey))
+        found = list(cls.candidates(machine, coverage))
         if found and not cls.kind.startswith("setup_") and cls.kind not in ("event", "dead_path"):
             effects.append(found[len(found) // 2])
     return Model(machine).with_effects(*effects)

@@ -19,7 +19,7 @@ from abbe.drivers.can import outgoing
 from abbe.drivers.can.datagrams import Datagrams
 from abbe.drivers.can.dbc.config import DbcConfig
 from abbe.drivers.can.dbc.link import DbcLink
-from abbe.drivers.can.error_frames import told
+from abbe.drivers.can.error_frames import error_text
 from abbe.drivers.link import LinkDownError, LinkError, LinkState, Quality, TooLateError
 from abbe.drivers.simulated.process import SimulatedProcess
 from tests.support.drivers.can_links import (
@@ -88,7 +88,7 @@ async def test_error_frames_are_reported_and_bus_off_is_an_outage(udp: Simulated
     ],
 )
 def test_error_frames_in_words(identifier: int, data: str, words: str) -> None:
-    assert words in told(identifier, bytes.fromhex(data))
+    assert words in error_text(identifier, bytes.fromhex(data))
 
 
 # Errors while receiving

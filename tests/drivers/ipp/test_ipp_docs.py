@@ -69,7 +69,7 @@ def test_the_defaults_are_as_told() -> None:
         )
     assert (config.reconnect_min, config.reconnect_max) == (0.5, 10.0)
     assert (config.coordinates, config.clear_errors) == ("MachineCsy", False)
-    assert MoveReportConfig(time=0.2, distance=1.0).patience == pytest.approx(0.6)
+    assert MoveReportConfig(time=0.2, distance=1.0).wait_limit == pytest.approx(0.6)
 
 
 def test_the_simulated_server_is_told() -> None:

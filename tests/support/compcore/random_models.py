@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from abbe.compcore.campaign.coverage import Survey
+from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects import effect_kinds
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.machine.conditions import Conditions
@@ -70,7 +70,7 @@ def random_machine(code: str, rng: np.random.Generator) -> Machine:
 def candidates(machine: Machine) -> list[Effect]:
     """Every effect of machine and workpiece that the catalogue proposes for a machine."""
     axes = frozenset(machine.structure.axes)
-    survey = Survey(
+    coverage = Coverage(
         moving=axes,
         reversing=axes,
         signals=dict.fromkeys(machine.signals, (0.0, 1.0)),
@@ -81,7 +81,7 @@ def candidates(machine: Machine) -> list[Effect]:
     found: list[Effect] = []
     for cls in effect_kinds().values():
         if cls.scope != "instrument":
-            found += cls.candidates(machine, survey)
+            found += cls.candidates(machine, coverage)
     return found
 
 

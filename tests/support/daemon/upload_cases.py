@@ -23,8 +23,8 @@ from abbe.daemon.answers.table import TableRequest as TableOrder
 from abbe.daemon.answers.table import make
 from abbe.daemon.config import load_config
 from abbe.daemon.upload.history.upload_log import read_journal
-from abbe.daemon.upload.session import Result, Wish, finish, roll_back, upload
-from abbe.daemon.upload.work import Voice
+from abbe.daemon.upload.session import Result, UploadRequest, finish, roll_back, upload
+from abbe.daemon.upload.work import OperatorPort
 from abbe.drivers.controllers import make_controller
 from abbe.drivers.simulated.process import SimulatedProcess
 
@@ -149,22 +149,31 @@ class Place:
         lines = "\n".join(f"{k} = {json.dumps(v)}" for k, v in store.items())
         self.config.write_text(CONFIG.format(patience=patience, upload=more, store=lines))
 
-    def _voice(self, agrees: bool = True) -> Voice:
+    def _operator(self, agrees: bool = True) -> OperatorPort:
         async def restarted() -> bool:
             return self.when_restart_is_asked()
 
-        return Voice(self.said.append, lambda _: None, lambda _: agrees, restarted)
+        return OperatorPort(self.said.append, lambda _: None, lambda _: agrees, restarted)
 
-    def upload(self, folder: Path, **wish: Any) -> Result:
+    def upload(self, folder: Path, **request: Any) -> Result:
         return asyncio.run(
-            upload(load_config(self.config), folder, Wish(by="tester", **wish), self._voice())
+            upload(
+                load_config(self.config),
+                folder,
+                UploadRequest(by="tester", **request),
+                self._operator(),
+            )
         )
 
     def roll_back(self) -> Result:
-        return asyncio.run(roll_back(load_config(self.config), Wish(by="tester"), self._voice()))
+        return asyncio.run(
+            roll_back(load_config(self.config), UploadRequest(by="tester"), self._operator())
+        )
 
     def recover(self) -> Any:
-        return asyncio.run(finish(load_config(self.config), Wish(by="tester"), self._voice()))
+        return asyncio.run(
+            finish(load_config(self.config), UploadRequest(by="tester"), self._operator())
+        )
 
     def truth(self) -> dict[str, Any]:
         return self.control.order("truth")

@@ -276,11 +276,11 @@ T_x = {{ node = "c", index = 0x2000, subindex = 4, type = "int16", scale = 0.01,
         covers: frozenset[str] = frozenset(),
     ) -> None:
         other = SlcanFrame(0x580 + node, answer[:1] + b"\x77\x77\x01" + os.urandom(4)).text()
-        told = None if shown is None else _covering(shown, covers)
+        stated = None if shown is None else _covering(shown, covers)
         self.delivery.answer(
             self._adapter.send,
             SlcanFrame(0x580 + node, answer).text(),
-            told,
+            stated,
             foreign=[other],
             refusal=SlcanFrame(0x580 + node, refused).text(),
         )

@@ -133,8 +133,8 @@ class ModbusDevice:
             for name, at in _PLACES.items()
             if address - SHOWN_AT <= at and at + _words(name) <= address - SHOWN_AT + count
         )
-        told = dataclasses.replace(shown, covers=covers)
-        return ModbusReply(make(shown), told, make(self._machine.poisoned(now)), refusal)
+        stated = dataclasses.replace(shown, covers=covers)
+        return ModbusReply(make(shown), stated, make(self._machine.poisoned(now)), refusal)
 
     def _write(
         self, head: bytes, address: int, data: bytes, moment: Moment, refusal: bytes
