@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
 from threadpoolctl import ThreadpoolController
 
 F64 = NDArray[np.float64]
@@ -49,6 +48,9 @@ def svd(a: F64, *, full: bool = False) -> Singular:
     try:
         u, s, vt = np.linalg.svd(a, full_matrices=full)
     except np.linalg.LinAlgError:
+        # half of most commands' start, for those that need it
+        from scipy import linalg
+
         u, s, vt = linalg.svd(a, full_matrices=full, lapack_driver="gesvd")
     return Singular(u, s, vt)
 

@@ -16,11 +16,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtri, gammaincinv
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.campaign.pseudo_residuals import Differences, in_time, pairs, triples
 from abbe.compcore.campaign.repeats import repeat_groups
+from abbe.compcore.distributions import chi2_limit, f_limit
 from abbe.compcore.machine.machine import Machine
 
 F64 = NDArray[np.float64]
@@ -146,7 +146,7 @@ def _level(
     stated = bool(np.isfinite(campaign.sd[rows]).all())
     unit = campaign.sd if stated else np.ones(campaign.n)
     scaled = np.where(rows, campaign.value / np.where(rows, unit, 1.0), 0.0)
-    residual = near.matrix @ scaled
+    residual = near.of(scaled)
     sound = _sound(residual)
     set_aside = tuple(sorted(set(campaign.line[near.middle[~sound]].tolist())))
     near, residual = near.keep(sound), residual[sound]
@@ -172,7 +172,7 @@ def _level(
         return NoiseLevel(name, at_most=bound, set_aside=set_aside, reason=refused)
     deviation = float(np.sqrt(variance)) * typical
     half = CONFIDENCE / 2
-    low, high = (2.0 * float(gammaincinv(0.5 * freedom, p)) for p in (0.5 + half, 0.5 - half))
+    low, high = (chi2_limit(p, freedom) for p in (0.5 - half, 0.5 + half))
     return NoiseLevel(
         name,
         value=deviation,
@@ -209,10 +209,10 @@ def _drift_left(groups: I64, time: F64, value: F64, variance: float, freedom: fl
     wide = triples(groups, time, 2)
     if not wide.count:
         return 0.0
-    residual = wide.matrix @ value
+    residual = wide.of(value)
     wide = wide.keep(_sound(residual))
-    growth = float(np.mean((wide.matrix @ value) ** 2)) / variance if variance > 0.0 else 1.0
-    if growth <= fdtri(wide.degrees_of_freedom, freedom, 0.999):
+    growth = float(np.mean(wide.of(value) ** 2)) / variance if variance > 0.0 else 1.0
+    if growth <= f_limit(0.001, wide.degrees_of_freedom, freedom):
         return 0.0
     return (growth - 1.0) / 3.0
 

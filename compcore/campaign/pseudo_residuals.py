@@ -7,10 +7,10 @@ Sroka, Jennen-Steinmetz, Biometrika 73, 1986, 625), scaled to the variance of on
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -25,15 +25,22 @@ PAIR_SPAN = 600.0
 class Differences:
     """Pseudo-residuals: combinations of repeats in which even drift drops out, each of variance 1.
 
-    `matrix` (m, n) of unit rows takes values to residuals; `middle` (m,) is the row each is about.
+    Each takes the values of a few readings, (m, 2) or (m, 3) of them, times as many weights, whose
+    squares add up to 1; no reading stands twice in one column. `middle` (m,) is the row each is
+    about.
     """
 
-    matrix: sparse.csr_array
+    readings: I64
+    weights: F64
     middle: I64
+
+    def of(self, values: F64) -> F64:
+        """The pseudo-residuals of values (n,), shape (m,)."""
+        return np.asarray((self.weights * values[self.readings]).sum(axis=1))
 
     def keep(self, rows: NDArray[np.bool_]) -> Differences:
         """Some of them."""
-        return Differences(self.matrix[rows], self.middle[rows])
+        return Differences(self.readings[rows], self.weights[rows], self.middle[rows])
 
     @property
     def count(self) -> int:
@@ -45,8 +52,25 @@ class Differences:
         """Satterthwaite's: overlapping differences share readings and count less than they are."""
         if not self.count:
             return 0.0
-        gram = self.matrix @ self.matrix.T
-        return float(self.count**2 / gram.multiply(gram).sum())
+        return self.count**2 / (self.count + 2.0 * self._shared())
+
+    def _shared(self) -> float:
+        """Σ of the squares of the inner products of any two."""
+        n = int(self.readings.max()) + 1
+        pairs_of: list[I64] = []
+        products: list[F64] = []
+        for one, other in combinations(range(self.readings.shape[1]), 2):
+            # which difference has a reading in the other column
+            there = np.full(n, -1)
+            there[self.readings[:, other]] = np.arange(self.count)
+            second = there[self.readings[:, one]]
+            first = np.flatnonzero(second >= 0)
+            second = second[first]
+            pairs_of.append(np.minimum(first, second) * self.count + np.maximum(first, second))
+            products.append(self.weights[first, one] * self.weights[second, other])
+        _, which = np.unique(np.concatenate(pairs_of), return_inverse=True)
+        inner = np.bincount(which.reshape(-1), np.concatenate(products))
+        return float(inner @ inner)
 
 
 def in_time(groups: I64, time: F64) -> I64:
@@ -68,7 +92,7 @@ def triples(groups: I64, time: F64, step: int) -> Differences:
     at = np.where(span > 0.0, (time[b] - time[a]) / np.where(span > 0.0, span, 1.0), 0.5)
     norm = np.sqrt((1.0 - at) ** 2 + at**2 + 1.0)
     weights = np.stack([(1.0 - at) / norm, -1.0 / norm, at / norm], axis=1)
-    return Differences(_matrix(np.stack([a, b, c], axis=1), weights, len(time)), b)
+    return Differences(np.stack([a, b, c], axis=1), weights, b)
 
 
 def pairs(groups: I64, time: F64) -> Differences:
@@ -78,9 +102,4 @@ def pairs(groups: I64, time: F64) -> Differences:
     close = (groups[a] == groups[b]) & (time[b] - time[a] <= PAIR_SPAN)
     index = np.stack([a[close], b[close]], axis=1)
     weights = np.tile([-np.sqrt(0.5), np.sqrt(0.5)], (len(index), 1))
-    return Differences(_matrix(index, weights, len(time)), b[close])
-
-
-def _matrix(index: I64, weights: F64, n: int) -> sparse.csr_array:
-    rows = np.repeat(np.arange(len(index)), index.shape[1])
-    return sparse.csr_array((weights.ravel(), (rows, index.ravel())), shape=(len(index), n))
+    return Differences(index, weights, b[close])

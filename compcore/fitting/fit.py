@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.campaign.thinning import thinned
+from abbe.compcore.distributions import chi2_beyond
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.errors import FitError
 from abbe.compcore.fitting.design.design_matrix import Problem
@@ -92,7 +92,7 @@ class FitResult:
 
         Never where uncertainties were taken from the residuals themselves.
         """
-        return not self.uncertainty.open and bool(chdtrc(self.dof, self.chi2) < _MISFIT)
+        return not self.uncertainty.open and bool(chi2_beyond(self.chi2, self.dof) < _MISFIT)
 
     def rms(self, *kinds: Kind) -> float:
         """Root mean square of the residuals of some kinds of rows, mm or rad; NaN without rows.

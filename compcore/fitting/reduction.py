@@ -11,7 +11,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import qr
 
 from abbe.compcore.fitting.design.design_matrix import Beside, Problem
 from abbe.compcore.fitting.design.row_blocks import RowBlock
@@ -124,7 +123,6 @@ def _factor(matrix: F64) -> F64:
     step = max(_CACHED_ROWS, 4 * m)
     done = np.zeros((0, m))
     for at in range(0, max(matrix.shape[0], 1), step):
-        block = np.asfortranarray(np.vstack([done, matrix[at : at + step]]))
-        (r,) = qr(block, mode="r", overwrite_a=True, check_finite=False)
-        done = r[: min(r.shape)]
+        block = np.vstack([done, matrix[at : at + step]])
+        done = np.linalg.qr(block, mode="r")
     return np.asarray(done)

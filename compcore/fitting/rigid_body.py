@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
-from scipy.special import fdtrc
 
 from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.distributions import f_beyond
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.linalg import svd, threads_for
 from abbe.compcore.machine.error_motion import INSTRUMENT, ErrorMotion
@@ -135,4 +135,4 @@ def _tested(result: FitResult, error_motion: ErrorMotion, own: Axis, other: Axis
     lengths = (problem.campaign.kind != Kind.ROTATION) & (problem.weight > 0.0)
     moved = (part * np.where(lengths, problem.sd, 0.0))[lengths]
     rms = float(np.sqrt(np.mean(moved**2))) if moved.size else 0.0
-    return Dependence(str(error_motion), other.name, float(fdtrc(k, dof, f)), 1.0, f, k, rms)
+    return Dependence(str(error_motion), other.name, f_beyond(f, k, dof), 1.0, f, k, rms)

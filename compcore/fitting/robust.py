@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
+from abbe.compcore.distributions import normal_limit
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.determinacy import Decomposition
 from abbe.compcore.fitting.reduction import leverage
@@ -60,7 +60,7 @@ class Outlier:
 
 def limit(n: int) -> float:
     """The size beyond which one of n residuals is not chance."""
-    return float(ndtri(1.0 - _CHANCE / (2.0 * max(n, 1))))
+    return normal_limit(_CHANCE / (2.0 * max(n, 1)))
 
 
 def studentised(problem: Problem, residual: F64, absorbed: F64) -> F64:

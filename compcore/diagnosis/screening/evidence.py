@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import fdtrc
 
 from abbe.compcore.diagnosis.screening.screening import Basis, ScreenedCandidate
+from abbe.compcore.distributions import log_f_beyond
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.machine.machine import Machine, Signal
 
@@ -39,8 +39,7 @@ IMPLAUSIBLE = 12.0
 
 def log_chance(f: float, k: int, dof: int) -> float:
     """Natural logarithm of the chance of so large an F with k and `dof` degrees of freedom."""
-    chance = float(fdtrc(k, dof, max(f, 0.0)))
-    return math.log(chance) if chance > 0.0 else -math.inf
+    return log_f_beyond(f, k, dof)
 
 
 @dataclass(frozen=True)
