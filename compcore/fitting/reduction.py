@@ -124,5 +124,5 @@ def _factor(matrix: F64) -> F64:
     done = np.zeros((0, m))
     for at in range(0, max(matrix.shape[0], 1), step):
         block = np.vstack([done, matrix[at : at + step]])
-        done = np.linalg.qr(block, mode="r")
+        done = np.asarray(np.linalg.qr(block, mode="r"))
     return np.asarray(done)
