@@ -49,8 +49,9 @@ def explanation(established: Established, diagnosis: Diagnosis) -> str:
         parts.append(f"Cure: {_sentence(cure)}")
     if effect.scope == "instrument":
         parts.append("It belongs to the instrument and never goes into the compensation.")
-    before, after = diagnosis.rms * 1e3, established.rms_after * 1e3
-    parts.append(f"Added, it brings the residuals from {before:.2f} to {after:.2f} µm RMS.")
+    unit, _, factor = diagnosis.unit
+    before, after = diagnosis.rms * factor, established.rms_after * factor
+    parts.append(f"Added, it brings the residuals from {before:.2f} to {after:.2f} {unit} RMS.")
     return " ".join(parts)
 
 
@@ -69,21 +70,22 @@ def _as_built(established: Established, diagnosis: Diagnosis) -> list[str]:
 
 def _evidence(established: Established, diagnosis: Diagnosis, campaign: Campaign) -> str:
     found = established.found
-    lengths = campaign.kind == Kind.DISPLACEMENT
+    unit, _, factor = diagnosis.unit
+    shown = campaign.kind == (Kind.ROTATION if diagnosis.of_rotations else Kind.DISPLACEMENT)
     signature = established.signature
-    largest = float(np.abs(signature[lengths]).max()) * 1e3 if lengths.any() else 0.0
+    largest = float(np.abs(signature[shown]).max()) * factor if shown.any() else 0.0
     text = (
         f"Of the {diagnosis.tests} candidates tested it explains the residuals best: χ² falls by "
         f"{found.evidence.f_drop:.0f} for {_columns(found.screened.rank)}"
         f" ({_chance(found.evidence.log_p)})"
     )
-    text += f", up to {largest:.1f} µm" if largest > 0.0 else ""
+    text += f", up to {largest:.1f} {unit}" if largest > 0.0 else ""
     if places := _where(signature, campaign, diagnosis):
         text += f", most of it in {places}"
     gain = established.cross_validated_gain
     if gain > 0.0:
-        return text + f"; set-ups left out of the fit are predicted with {gain:.0%} less variance."
-    return text + "; set-ups left out of the fit are not predicted better."
+        return text + f"; blocks left out of the fit are predicted with {gain:.0%} less variance."
+    return text + "; blocks left out of the fit are not predicted better."
 
 
 def _columns(rank: int) -> str:

@@ -19,8 +19,9 @@ from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.diagnosis.aliases import Alias, aliases
 from abbe.compcore.diagnosis.screening.all_rows import measured
 from abbe.compcore.diagnosis.screening.candidates import RIGID, Candidate, candidates
-from abbe.compcore.diagnosis.screening.crossvalidation import folds, gain, left_out
+from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut, folds, gain
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING
+from abbe.compcore.diagnosis.screening.independence import independent_share
 from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.screening import Basis
@@ -41,6 +42,9 @@ _SAME = 2.0
 _COINCIDENCE = 8.0
 """What each further cause costs beside one description that says the same: a coincidence."""
 
+_ALIKE = 0.9
+"""Part of the rows that count as independent from which on all are taken to."""
+
 BEYOND_DOUBT = 40.0
 """Least evidence of a cause that is found beside structure which no cause explains."""
 
@@ -56,7 +60,8 @@ class Established:
     estimates
         Its parameters with standard deviations and plausibility.
     rms_after
-        RMS of the displacement residuals if it alone were added, mm.
+        RMS of the residuals of lengths if it alone were added, mm; of rotations, rad, where the
+        campaign has nothing else.
     cross_validated_gain
         Part of the variance of unseen set-ups that it removes.
     aliases
@@ -87,7 +92,8 @@ class Diagnosis:
         The same fit on the rows on which candidates were tested: all, or some of a large campaign
         (`abbe.compcore.campaign.thinning`).
     rms
-        RMS of the displacement residuals of all rows, mm.
+        RMS of the residuals of lengths of all rows, mm; of rotations, rad, where the campaign has
+        nothing else.
     established
         Causes, the first to add first.
     structure
@@ -113,6 +119,16 @@ class Diagnosis:
     tests: int
     pool: Pool = field(repr=False)
     basis: Basis = field(repr=False)
+
+    @property
+    def of_rotations(self) -> bool:
+        """Whether `rms` is of rotations, rad."""
+        return measured_kinds(self.whole) == (Kind.ROTATION,)
+
+    @property
+    def unit(self) -> tuple[str, str, float]:
+        """The unit in which people and JSON are told of residuals, and its factor: µm or µrad."""
+        return ("µrad", "urad", 1e6) if self.of_rotations else ("µm", "um", 1e3)
 
 
 Progress = Callable[[str], None]
@@ -158,7 +174,16 @@ def _diagnosed(model: Model, whole: FitResult, result: FitResult, progress: Prog
 
     pool = Pool(tried, columns, basis, model.machine)
     progress(f"testing {len(tried)} candidates")
+    rows = folds(campaign.conditions)
     chosen, ranked = search(pool, basis)
+    share = independent_share(_after(pool, basis, chosen).residual, campaign.conditions)
+    if chosen and share < _ALIKE:
+        # what the causes leave is alike from row to row: fewer rows speak than were counted
+        basis = replace(basis, share=share)
+        chosen, ranked = search(pool, basis)
+    chosen = _predicting(pool, basis, chosen, rows)
+    if not chosen:
+        basis = replace(basis, share=1.0)
     progress("looking for structure that is in no catalogue")
     patterns = Patterns(result.problem, result.theta, basis)
     chosen, unexplained = _compete(pool, basis, chosen, patterns)
@@ -166,15 +191,15 @@ def _diagnosed(model: Model, whole: FitResult, result: FitResult, progress: Prog
     background = basis
     for s in unexplained:
         background = background.extended(s.columns)
-    rows = folds(campaign.conditions.setup, campaign.conditions.time, campaign.conditions.run)
-    after = background
-    for f in chosen:
-        after = after.extended(pool.found_columns(f))
+    after = _after(pool, background, chosen)
     variance = after.chi2 / after.dof
-    share = result.problem.n / whole.problem.n
+    part = result.problem.n / whole.problem.n
     established = tuple(
-        _established(pool, background, result, f, chosen, rows, variance, share) for f in chosen
+        _established(pool, basis, background, result, f, chosen, rows, variance, part)
+        for f in chosen
     )
+    # what predicts best what was left out is offered first
+    established = tuple(sorted(established, key=lambda e: -e.cross_validated_gain))
     if whole is not result and established:
         progress("what was found, on all rows")
         established, left = _on_all_rows(whole, result, established, len(tried))
@@ -189,7 +214,7 @@ def _diagnosed(model: Model, whole: FitResult, result: FitResult, progress: Prog
         verdict,
         whole,
         result,
-        whole.rms(*_LENGTHS),
+        whole.rms(*measured_kinds(whole)),
         established,
         tuple(unexplained),
         tuple(ranked),
@@ -198,6 +223,41 @@ def _diagnosed(model: Model, whole: FitResult, result: FitResult, progress: Prog
         pool,
         basis,
     )
+
+
+def _after(pool: Pool, basis: Basis, chosen: Sequence[WeighedCandidate]) -> Basis:
+    """The basis with causes in the model."""
+    for f in chosen:
+        basis = basis.extended(pool.found_columns(f))
+    return basis
+
+
+def _gain(
+    pool: Pool, beside: Basis, found: WeighedCandidate, rows: list[NDArray[np.int64]]
+) -> float:
+    """By how much better a cause, beside others, predicts blocks that were left out."""
+    bound = found.candidate.effect.scope == "instrument"
+    return gain(beside, pool.found_columns(found), LeftOut.of(beside, rows), bound=bound)
+
+
+def _predicting(
+    pool: Pool, basis: Basis, chosen: Sequence[WeighedCandidate], rows: list[NDArray[np.int64]]
+) -> list[WeighedCandidate]:
+    """Those causes that predict blocks which were left out, each beside the others.
+
+    The one that predicts worst goes first; the others are looked at again without it.
+    """
+    kept = list(chosen)
+    while kept:
+        gains = []
+        for f in kept:
+            others = _after(pool, basis, [g for g in kept if g.key != f.key])
+            gains.append(_gain(pool, others, f, rows))
+        worst = int(np.argmin(gains))
+        if gains[worst] > 0.0:
+            break
+        del kept[worst]
+    return kept
 
 
 _LENGTHS = (Kind.DISPLACEMENT, Kind.DISTANCE, Kind.BASE_DISTANCE)
@@ -217,9 +277,7 @@ def _compete(
     chosen = list(chosen)
     if not strong:
         return chosen, []
-    after = basis
-    for f in chosen:
-        after = after.extended(pool.found_columns(f))
+    after = _after(pool, basis, chosen)
     by_causes = (
         joint_value(basis, after, chosen) - _COINCIDENCE * (len(chosen) - 1) if chosen else 0.0
     )
@@ -285,7 +343,7 @@ def _on_all_rows(
         seen, left = measured(whole, [e.found for e in kept], tests)
         standing = [m.found.established(whole.problem.n) for m in seen]
         if all(standing):
-            grown = whole.rms(*_LENGTHS) / result.rms(*_LENGTHS)
+            grown = whole.rms(*measured_kinds(whole)) / result.rms(*measured_kinds(whole))
             told = [
                 replace(e, found=m.found, estimates=m.estimates, rms_after=e.rms_after * grown)
                 for e, m in zip(kept, seen, strict=True)
@@ -295,8 +353,23 @@ def _on_all_rows(
     return (), whole.chi2 / whole.dof
 
 
+def _rms_of(result: FitResult, weighted: F64) -> float:
+    """RMS of weighted residuals in mm, or in rad where a campaign has rotations only."""
+    used = result.problem.weight > 0.0
+    rows = np.isin(result.problem.campaign.kind, measured_kinds(result)) & used
+    left = weighted[rows] / result.problem.weight[rows]
+    return float(np.sqrt(np.mean(left**2))) if rows.any() else math.nan
+
+
+def measured_kinds(result: FitResult) -> tuple[Kind, ...]:
+    """What a campaign's error is told of: lengths, or rotations where it has nothing else."""
+    kinds = result.problem.campaign.kind
+    return _LENGTHS if bool(np.isin(kinds, _LENGTHS).any()) else (Kind.ROTATION,)
+
+
 def _established(
     pool: Pool,
+    basis: Basis,
     background: Basis,
     result: FitResult,
     found: WeighedCandidate,
@@ -318,17 +391,14 @@ def _established(
     projected = others.project(columns)
     coefficients = np.linalg.lstsq(projected, others.residual, rcond=1e-10)[0]
     signature = projected @ coefficients / result.problem.weight
-    alone = background.project(columns)
-    fitted = alone @ np.linalg.lstsq(alone, background.residual, rcond=1e-10)[0]
-    after = (background.residual - fitted) / result.problem.weight
-    lengths = np.isin(result.problem.campaign.kind, _LENGTHS)
-    rms_after = float(np.sqrt(np.mean(after[lengths] ** 2))) if lengths.any() else math.nan
+    # what adding it alone leaves: descriptions of other structure are not added with it
+    after = basis.extended(columns).residual
     rival = pool.ranked(others, frozenset(g.key for g in chosen))
     return Established(
         beside,
         pool.estimates(others, found, variance),
-        rms_after,
-        gain(others, columns, rows, left_out(others, rows)),
+        _rms_of(result, after),
+        _gain(pool, others, found, rows),
         tuple(aliases(pool, others, found, rival, variance * share)),
         np.asarray(signature),
     )

@@ -188,11 +188,6 @@ def fit(
     """
     if not campaign.n:
         raise FitError("the campaign has no rows")
-    if not model.terms:
-        raise FitError(
-            "the model has no effects to fit: begin with positioning, straightness, angular and "
-            "squareness ('abbe effects' lists all)"
-        )
     frame = ReferenceFrame() if frame is None else frame
     frame.check(model.machine)
     uncertainty = Uncertainty.of(campaign, model.machine)

@@ -26,12 +26,13 @@ _SAID = {
 
 def as_json(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice]) -> dict[str, Any]:
     """One object for ``--json``."""
-    floor = floor_of_lengths(noise)
+    floor = noise_of(diagnosis, noise)
+    _, unit, factor = diagnosis.unit
     return {
         "verdict": diagnosis.verdict,
-        "unit": "um",
-        "rms": finite(diagnosis.rms, 1e3),
-        "noise_floor": None if floor is None or floor.value is None else floor.value * 1e3,
+        "unit": unit,
+        "rms": finite(diagnosis.rms, factor),
+        "noise_floor": None if floor is None else floor * factor,
         "chi2_per_dof": finite(diagnosis.whole.chi2_per_dof),
         "chi2_per_dof_after": finite(diagnosis.left),
         "tested": diagnosis.tests,
@@ -62,6 +63,14 @@ def as_json(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice]) -
     }
 
 
+def noise_of(diagnosis: Diagnosis, noise: NoiseFloor) -> float | None:
+    """The noise of what the residuals are told of, mm or rad."""
+    if diagnosis.of_rotations:
+        return noise.value("rotation")
+    level = floor_of_lengths(noise)
+    return None if level is None else level.value
+
+
 def _candidate(established: Established, diagnosis: Diagnosis) -> dict[str, Any]:
     effect = established.found.candidate.effect
     return {
@@ -69,7 +78,7 @@ def _candidate(established: Established, diagnosis: Diagnosis) -> dict[str, Any]
         "where": effect.where(),
         "spec": effect.spec,
         "scope": effect.scope,
-        "rms_after": finite(established.rms_after, 1e3),
+        "rms_after": finite(established.rms_after, diagnosis.unit[2]),
         "p_value": established.found.evidence.p_value,
         "cross_validated_gain": finite(established.cross_validated_gain),
         "evidence": finite(established.found.evidence.value),
@@ -114,7 +123,7 @@ def _empirical(structure: ResidualPattern, diagnosis: Diagnosis) -> dict[str, An
         "spec": spec,
         "scope": "machine",
         "empirical": True,
-        "rms_after": finite(scaled, 1e3),
+        "rms_after": finite(scaled, diagnosis.unit[2]),
         "p_value": structure.evidence.p_value,
         "cross_validated_gain": finite(structure.drop / diagnosis.basis.chi2 - 1.0 / n),
         "evidence": finite(structure.evidence.value),
@@ -134,13 +143,13 @@ def typed(spec: str) -> str:
 
 def as_text(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice]) -> Iterator[str]:
     """Lines for people: how wrong, what is missing and why, what else it could be, what to do."""
-    floor = floor_of_lengths(noise)
-    known = floor is not None and floor.value is not None
+    floor = noise_of(diagnosis, noise)
+    unit, _, factor = diagnosis.unit
     yield (
-        f"residuals: {diagnosis.rms * 1e3:.2f} µm rms, "
+        f"residuals: {diagnosis.rms * factor:.2f} {unit} rms, "
         + (
-            f"noise floor {floor.value * 1e3:.2f} µm"
-            if floor is not None and known and floor.value is not None
+            f"noise floor {floor * factor:.2f} {unit}"
+            if floor is not None
             else "noise floor unknown (no repeats)"
         )
         + f"; χ² per degree of freedom {diagnosis.whole.chi2_per_dof:.3f}"

@@ -20,8 +20,7 @@ from abbe.compcore.diagnosis.explain import (
 from abbe.compcore.diagnosis.measure_next import Advice
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
 from abbe.compcore.diagnosis.verdict import Diagnosis
-from abbe.daemon.answers.diagnose import advice_text, thinned_words, typed
-from abbe.daemon.answers.fit import floor_of_lengths
+from abbe.daemon.answers.diagnose import advice_text, noise_of, thinned_words, typed
 from abbe.daemon.report.figure import COLOURS, Trace, figure, line, points
 from abbe.daemon.report.page import Page, number
 
@@ -50,12 +49,12 @@ def page(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice], subt
 
 
 def _how_wrong(out: Page, diagnosis: Diagnosis, noise: NoiseFloor) -> None:
-    floor = floor_of_lengths(noise)
-    known = floor is not None and floor.value is not None
-    value = "unknown" if floor is None or floor.value is None else number(floor.value * 1e3, 3)
+    level = noise_of(diagnosis, noise)
+    unit, _, factor = diagnosis.unit
+    value = "unknown" if level is None else number(level * factor, 3)
     figures = [
-        ("residuals", number(diagnosis.rms * 1e3, 3), "µm rms"),
-        ("noise floor", value, "µm" if known else "(no repeats)"),
+        ("residuals", number(diagnosis.rms * factor, 3), f"{unit} rms"),
+        ("noise floor", value, "(no repeats)" if level is None else unit),
         ("χ² per degree of freedom", number(diagnosis.whole.chi2_per_dof, 3), ""),
     ]
     if diagnosis.established:

@@ -32,6 +32,9 @@ RIGID = (
 )
 """Error motions of a rigid axis, linear or rotary: any function of the axis's own position."""
 
+PLAIN = ("scale", "squareness", "rotary_location", "spindle_squareness")
+"""The plain geometry that every machine has: constants of its axes."""
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
@@ -77,7 +80,7 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
                 continue
             seen.add(effect.spec)
             cost = cost_of(effect, machine, len(campaign.setups))
-            if effect.kind in RIGID:
+            if effect.kind in RIGID or effect.kind in PLAIN:
                 cost += RIGID_BODY
             found.append(Candidate(effect, cost, tuple(_choices(effect, machine, coverage))))
     found += list(_refinements(model, campaign))

@@ -1,20 +1,31 @@
-"""Cross-validation by whole set-ups and blocks of time: does an added cause predict unseen data?
+"""Cross-validation by whole blocks: does an added cause predict unseen data?
 
-Residuals are correlated within a set-up and in time, so rows are never left out one by one. The
-set-ups are dealt, in order of time, into folds; a set-up that runs through the day (a master point
-revisited) is cut into as many blocks of time. Leaving a fold out is exact and needs no refit: with
-H = QQᵀ the hat matrix, the residuals of left-out rows B are ``(I − H_BB)⁺ r_B``. What only the
-left-out rows determine (their own zero, a line measured once) is fitted to them, as in use.
+Residuals are correlated within a set-up, in time and by place, so rows are never left out one by
+one. The set-ups are dealt, in order of time, into folds; a set-up that runs through the day (a
+master point revisited) is cut into as many blocks of time. Where there are too few set-ups to leave
+one out, each is cut into stretches of time, or, where no clock ran, into neighbouring places.
+
+Leaving a fold out is exact and needs no refit: with H = QQᵀ the hat matrix, the residuals of
+left-out rows B are ``(I − H_BB)⁺ r_B``. What only the left-out rows determine (their own zero, a
+line measured once) is fitted to them, as in use.
 """
 
 from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.screening.screening import Basis
+from abbe.compcore.machine.conditions import Conditions
 
 F64 = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+FOLDS = 8
 
 _OUTSIDE = 1e-9
 """Eigenvalues of QᵀQ below this are zeros with rounding."""
@@ -23,61 +34,141 @@ _ALONE = 0.02
 """Eigenvalues of I − H_BB below this: combinations that the left-out rows alone determine."""
 
 
-def folds(
-    setup: NDArray[np.str_] | None, time: F64, run: NDArray[np.int64] | None, count: int = 8
-) -> list[NDArray[np.int64]]:
-    """Row indices of each fold.
+def folds(conditions: Conditions, count: int = FOLDS) -> list[Index]:
+    """Row indices of each fold, in order.
 
     Parameters
     ----------
-    setup, time, run
-        Set-up name, time (s) and run of each row, shape (n,); None where there is but one.
+    conditions
+        The rows: set-up, time and run, and the positions where no clock ran.
     count
-        Number of folds; fewer where there are fewer blocks.
+        Number of folds; fewer where there are fewer rows.
     """
-    n = time.shape[0]
-    clock = np.lexsort((time, np.zeros(n) if run is None else run))
-    order = np.empty(n)
-    order[clock] = np.arange(n)
-    names = np.zeros(n, dtype="<U1") if setup is None else setup
-    unique, inverse = np.unique(names, return_inverse=True)
-    inverse = inverse.reshape(-1)
-    blocks: list[tuple[float, NDArray[np.int64]]] = []
-    for i in range(len(unique)):
-        rows = np.flatnonzero(inverse == i)
+    n = conditions.n
+    order = clock_order(conditions)
+    own = setup_rows(conditions)
+    blocks: list[tuple[float, Index]] = []
+    few = len(own) < count
+    for rows in own:
         rows = rows[np.argsort(order[rows], kind="stable")]
         extent = np.ptp(order[rows]) + 1
-        # a set-up spread over much more of the clock than its own rows is cut by time
-        pieces = count if extent > 4 * len(rows) and len(rows) >= 2 * count else 1
-        blocks += [(float(order[p].mean()), p) for p in np.array_split(rows, pieces)]
+        if few:
+            pieces = max(1, min(math.ceil(2 * count * len(rows) / n), len(rows) // 2))
+            timed = np.ptp(conditions.time[rows]) > 0.0
+            parts = np.array_split(rows, pieces) if timed else _by_place(conditions, rows, pieces)
+        elif extent > 4 * len(rows) and len(rows) >= 2 * count:
+            # a set-up spread over much more of the clock than its own rows is cut by time
+            parts = np.array_split(rows, count)
+        else:
+            parts = [rows]
+        blocks += [(float(order[p].mean()), p) for p in parts if len(p)]
     blocks.sort(key=lambda block: block[0])
     used = min(count, len(blocks))
-    dealt: list[list[NDArray[np.int64]]] = [[] for _ in range(used)]
+    dealt: list[list[Index]] = [[] for _ in range(used)]
     for i, (_, rows) in enumerate(blocks):
         dealt[i % used].append(rows)
     return [np.sort(np.concatenate(fold)) for fold in dealt]
 
 
-def left_out(basis: Basis, rows: list[NDArray[np.int64]]) -> float:
-    """Σ of squared residuals of left-out rows over all folds, in units of the weights."""
-    total = 0.0
-    nuisances = _nuisances(basis)
-    for fold in rows:
-        own = nuisances[fold]
-        q = np.hstack([basis.q[fold], basis.extra[fold], own[:, own.any(axis=0)]])
-        r = basis.residual[fold]
-        # (I − QQᵀ)⁺ r by the small side: eigenvectors of QᵀQ; directions with an eigenvalue of
-        # nearly 0 are not in Q and stay as they are
-        square, v = np.linalg.eigh(q.T @ q)
-        inside = square > _OUTSIDE
-        u = q @ (v[:, inside] / np.sqrt(square[inside]))
-        part = u.T @ r
-        keep = 1.0 - square[inside]
-        alone = keep < _ALONE
-        grown = np.where(alone, 0.0, part / np.where(alone, 1.0, keep))
-        outside = r - u @ part
-        total += float(outside @ outside + grown @ grown)
-    return total
+def clock_order(conditions: Conditions) -> F64:
+    """The rank of each row in run and time, shape (n,)."""
+    n = conditions.n
+    run = np.zeros(n) if conditions.run is None else conditions.run
+    order = np.empty(n)
+    order[np.lexsort((conditions.time, run))] = np.arange(n)
+    return order
+
+
+def setup_rows(conditions: Conditions) -> list[Index]:
+    """The rows of each set-up."""
+    names = np.zeros(conditions.n, dtype="<U1") if conditions.setup is None else conditions.setup
+    unique, inverse = np.unique(names, return_inverse=True)
+    inverse = inverse.reshape(-1)
+    return [np.flatnonzero(inverse == i) for i in range(len(unique))]
+
+
+def _by_place(conditions: Conditions, rows: Index, pieces: int) -> list[Index]:
+    """Rows as neighbouring places, halved again and again across the longest extent.
+
+    Rows of one place stay together.
+    """
+    if not conditions.positions:
+        return [rows]
+    places = np.column_stack([v[rows] for v in conditions.positions.values()])
+    extent = np.ptp(places, axis=0)
+    places = places / np.where(extent > 0.0, extent, 1.0)
+    return [rows[part] for part in _halved(places, np.arange(len(rows)), pieces)]
+
+
+def _halved(places: F64, part: Index, pieces: int) -> Iterator[Index]:
+    extent = np.ptp(places[part], axis=0) if len(part) else np.zeros(1)
+    if pieces < 2 or float(extent.max(initial=0.0)) <= 0.0:
+        yield part
+        return
+    along = places[part, int(np.argmax(extent))]
+    middle = float(np.median(along))
+    low = along <= middle if (along > middle).any() else along < middle
+    yield from _halved(places, part[low], pieces - pieces // 2)
+    yield from _halved(places, part[~low], pieces // 2)
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """What a model leaves of blocks that are left out of its fit, each in its turn.
+
+    Attributes
+    ----------
+    residual
+        Of each row, as the fit without its fold predicts it, weighted, shape (n,).
+    folds
+        The rows of each fold.
+    alone
+        For each fold, how many combinations of the model's columns its rows alone determine.
+    """
+
+    residual: F64
+    folds: Sequence[Index]
+    alone: tuple[int, ...]
+
+    @classmethod
+    def of(cls, basis: Basis, rows: Sequence[Index]) -> LeftOut:
+        """Leave each fold out."""
+        out = basis.residual.copy()
+        alone = []
+        nuisances = _nuisances(basis)
+        for fold in rows:
+            own = nuisances[fold]
+            q = np.hstack([basis.q[fold], basis.extra[fold], own[:, own.any(axis=0)]])
+            r = basis.residual[fold]
+            # (I − QQᵀ)⁺ r by the small side: eigenvectors of QᵀQ; directions with an eigenvalue
+            # of nearly 0 are not in Q and stay as they are
+            square, v = np.linalg.eigh(q.T @ q)
+            inside = square > _OUTSIDE
+            u = q @ (v[:, inside] / np.sqrt(square[inside]))
+            part = u.T @ r
+            keep = 1.0 - square[inside]
+            lonely = keep < _ALONE
+            grown = np.where(lonely, 0.0, part / np.where(lonely, 1.0, keep))
+            out[fold] = r - u @ part + u @ grown
+            alone.append(int(lonely.sum()))
+        return cls(out, rows, tuple(alone))
+
+    @property
+    def chi2(self) -> float:
+        """Σ of squares."""
+        return float(self.residual @ self.residual)
+
+    def with_what_it_foretells(self, fuller: LeftOut) -> F64:
+        """The residuals (n,) of a fuller model, but for folds of which it foretells nothing more.
+
+        Where a cause's coefficients are determined by the left-out rows alone, the rest of the
+        campaign knows nothing of it.
+        """
+        out = fuller.residual.copy()
+        for fold, before, after in zip(self.folds, self.alone, fuller.alone, strict=True):
+            if after > before:
+                out[fold] = self.residual[fold]
+        return out
 
 
 def _nuisances(basis: Basis) -> F64:
@@ -90,11 +181,19 @@ def _nuisances(basis: Basis) -> F64:
     return out
 
 
-def gain(basis: Basis, columns: F64, rows: list[NDArray[np.int64]], before: float) -> float:
+def gain(basis: Basis, columns: F64, before: LeftOut, *, bound: bool = False) -> float:
     """Part of the left-out residual variance that added columns (n, k) remove.
 
-    0.3 means that unseen set-ups are predicted with 30 % less variance; negative: worse. `before`
-    is `left_out` of the basis without the columns.
+    0.3 means that unseen blocks are predicted with 30 % less variance; negative: worse.
+
+    Parameters
+    ----------
+    before
+        What the basis without the columns leaves.
+    bound
+        Whether the cause belongs to the placing of an instrument, and so may be fitted to the very
+        rows that show it.
     """
-    after = left_out(basis.extended(columns), rows)
-    return 1.0 - after / before if before > 0.0 else 0.0
+    after = LeftOut.of(basis.extended(columns), before.folds)
+    left = after.residual if bound else before.with_what_it_foretells(after)
+    return 1.0 - float(left @ left) / before.chi2 if before.chi2 > 0.0 else 0.0

@@ -2,10 +2,11 @@
 
 Every candidate gets, beside the exact F-test, an evidence in units of −2·ln(likelihood):
 
-    E = dof·ln(χ²₀/χ²₁) − k·ln(n) − cost
+    E = ν·dof·ln(χ²₀/χ²₁) − k·ln(ν·n) − cost
 
 the profile likelihood ratio with unknown noise, Schwarz's price of k coefficients (linear ones that
-the campaign determines, and non-linear ones), and a cost for what makes no physical sense or had to
+the campaign determines, and non-linear ones), ν the part of the rows that count as independent
+(`independence`), and a cost for what makes no physical sense or had to
 be picked from many. Candidates that explain equally well are so ordered with the simpler and the
 plausible first; differences below `INDISTINCT` are not a distinction.
 """
@@ -31,7 +32,8 @@ CONVINCING = 12.0
 
 RIGID_BODY = -40.0
 """Cost of an error motion of a rigid axis that the model lacks altogether: every axis has it, and
-its shape's many coefficients are no reason to prefer two rarer causes that imitate it."""
+its shape's many coefficients are no reason to prefer two rarer causes that imitate it. It never
+costs less than one coefficient (`price_of`): more motions are not better than fewer."""
 
 IMPLAUSIBLE = 12.0
 """Cost of a fitted parameter outside its plausible range."""
@@ -56,6 +58,8 @@ class Evidence:
         Coefficients, and degrees of freedom left with them.
     log_tests
         Logarithm of the number of tests made.
+    share
+        Part of the observations that count as independent.
     """
 
     value: float
@@ -63,13 +67,15 @@ class Evidence:
     k: int
     dof: int
     log_tests: float
+    share: float = 1.0
 
     @cached_property
     def log_p(self) -> float:
         """Natural logarithm of the F-test's p-value, corrected for the number of tests made."""
         if self.k == 0:
             return 0.0
-        log_p = log_chance(self.f_drop / self.k, self.k, self.dof)
+        f = self.share * self.f_drop / self.k
+        log_p = log_chance(f, self.k, max(1, round(self.share * self.dof)))
         return min(0.0, log_p + self.log_tests)
 
     @property
@@ -102,9 +108,15 @@ def weigh(
     dof = max(1, basis.dof - k - nonlinear_count)
     scale = left / dof
     log_tests = math.log(max(1.0, tests)) + 0.5 * math.log(screened.tried)
-    gain = dof * math.log(basis.chi2 / left)
-    price = (k + nonlinear_count) * math.log(basis.n)
-    return Evidence(gain - price - cost, screened.drop / scale, k, dof, log_tests)
+    gain = basis.share * dof * math.log(basis.chi2 / left)
+    price = price_of(basis, k + nonlinear_count, cost)
+    return Evidence(gain - price, screened.drop / scale, k, dof, log_tests, basis.share)
+
+
+def price_of(basis: Basis, count: int, cost: float) -> float:
+    """What a cause of so many coefficients costs; what is expected, at least one coefficient."""
+    one = math.log(basis.independent)
+    return max(count * one + cost, one)
 
 
 def cost_of(effect: Effect, machine: Machine, setups: int) -> float:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.diagnosis.screening.evidence import IMPLAUSIBLE
 from abbe.compcore.diagnosis.screening.screening import Basis
 from abbe.compcore.effects.base import Effect, NonlinearParameter, Parameter
+from abbe.compcore.fitting.determinacy import LEAST_INFORMATION
+from abbe.compcore.linalg import svd
 from abbe.compcore.machine.machine import Machine
 
 F64 = NDArray[np.float64]
@@ -67,19 +71,67 @@ def estimates(
         Noise variance in units of the weights.
     """
     nonlinear = effect.nonlinear(machine)
-    jacobian, coefficients = with_slopes(columns, basis, effect, chosen, machine)
-    projected = basis.project(jacobian)
-    norms = np.linalg.norm(projected, axis=0)
-    safe = np.where(norms > 0.0, norms, 1.0)
-    information = np.linalg.pinv((projected / safe).T @ (projected / safe), rcond=1e-10)
-    widths = iter(np.sqrt(np.maximum(np.diag(information), 0.0) * variance) / safe)
-    out = []
-    for p, value in zip(effect.linear(machine), map(float, coefficients), strict=True):
-        out.append(_estimate(p, value, float(next(widths))))
-    for q in nonlinear:
-        width = float(next(widths)) if q.smooth else 0.0
-        out.append(_estimate(q, chosen[q.name], width))
+    linear = effect.linear(machine)
+    jacobian, _ = with_slopes(columns, basis, effect, chosen, machine)
+    smooth = [q for q in nonlinear if q.smooth]
+    ranges = [p.plausible for p in linear] + [q.plausible for q in smooth]
+    scale = np.array([0.5 * (high - low) for low, high in ranges])
+    values, widths = least_norm(basis.project(jacobian), basis.residual, scale, variance)
+    # the non-linear ones stand where they were searched; what the slopes would still move is noise
+    if smooth:
+        count = len(linear)
+        values[:count] = least_norm(
+            basis.project(jacobian[:, :count]), basis.residual, scale[:count], variance
+        )[0]
+    width = iter(widths)
+    out = [
+        _estimate(p, float(value), float(next(width)))
+        for p, value in zip(linear, values, strict=False)
+    ]
+    out += [
+        _estimate(q, chosen[q.name], float(next(width)) if q.smooth else 0.0) for q in nonlinear
+    ]
     return tuple(out)
+
+
+def least_norm(projected: F64, residual: F64, scale: F64, variance: float) -> tuple[F64, F64]:
+    """Coefficients and their standard deviations, shape (k,) each, in units that can be believed.
+
+    Combinations that the data determine less well than the parameters' plausible ranges do are 0,
+    and uncertain by those ranges.
+
+    Parameters
+    ----------
+    projected, residual
+        Columns (n, k) that nothing else imitates, and what is to be explained, (n,).
+    scale
+        Half of the plausible ranges, shape (k,).
+    variance
+        Noise variance in units of the weights.
+    """
+    noise = math.sqrt(variance) if variance > 0.0 else 1.0
+    u, s, vt = svd(projected * (scale / noise))
+    seen = s > max(LEAST_INFORMATION, 1e-10 * float(s.max(initial=0.0)))
+    along = np.where(seen, (u.T @ (residual / noise)) / np.where(seen, s, 1.0), 0.0)
+    spread = np.where(seen, 1.0 / np.where(seen, s, 1.0), 1.0)
+    unseen = np.maximum(0.0, 1.0 - (vt**2).sum(axis=0))
+    square = ((spread[:, None] * vt) ** 2).sum(axis=0) + unseen
+    return scale * (vt.T @ along), scale * np.sqrt(square)
+
+
+def doubt_of(found: Sequence[Estimate]) -> float:
+    """What implausible values cost, in units of evidence; 0 where all are plausible.
+
+    A value at a times the edge of its range costs 2·ln(1 + a²) beyond the first doubt: it may be
+    a machine that is far out, and never one that is out by any amount.
+    """
+    doubt = 0.0
+    for e in found:
+        if not e.plausible:
+            half = 0.5 * (e.range[1] - e.range[0])
+            beyond = (e.value - 0.5 * (e.range[0] + e.range[1])) / half if half > 0.0 else 1.0
+            doubt += 2.0 * math.log1p(beyond**2)
+    return doubt + IMPLAUSIBLE if doubt > 0.0 else 0.0
 
 
 def _estimate(parameter: Parameter | NonlinearParameter, value: float, sd: float) -> Estimate:

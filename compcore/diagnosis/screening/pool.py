@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.screening.candidates import Candidate
-from abbe.compcore.diagnosis.screening.evidence import CONVINCING, IMPLAUSIBLE, Evidence, weigh
-from abbe.compcore.diagnosis.screening.parameters import Estimate, estimates
+from abbe.compcore.diagnosis.screening.evidence import CONVINCING, Evidence, weigh
+from abbe.compcore.diagnosis.screening.parameters import Estimate, doubt_of, estimates
 from abbe.compcore.diagnosis.screening.screening import (
     Bank,
     Basis,
@@ -42,11 +42,14 @@ class WeighedCandidate:
     ----------
     candidate, screened, evidence
         What it is, how far χ² would fall, how strong that is.
+    doubt
+        What of the evidence implausible values took away (`parameters.doubt_of`).
     """
 
     candidate: Candidate
     screened: ScreenedCandidate
     evidence: Evidence
+    doubt: float = 0.0
 
     @property
     def key(self) -> int:
@@ -163,11 +166,11 @@ class Pool:
             return found
         left = max(0.0, basis.chi2 - found.screened.drop)
         variance = left / max(1, basis.dof - found.screened.rank)
-        if all(e.plausible for e in self.estimates(basis, found, variance)):
+        doubt = doubt_of(self.estimates(basis, found, variance))
+        if doubt <= 0.0:
             return found
-        return WeighedCandidate(
-            found.candidate, found.screened, self._weigh(basis, found.screened, IMPLAUSIBLE)
-        )
+        weighed = self._weigh(basis, found.screened, doubt)
+        return WeighedCandidate(found.candidate, found.screened, weighed, doubt)
 
     def refined(self, basis: Basis, found: WeighedCandidate) -> WeighedCandidate:
         """The same candidate with its non-linear parameters moved to the best place nearby."""

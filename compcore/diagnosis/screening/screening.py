@@ -46,6 +46,9 @@ class Basis:
     observations
         Number of observations where rows are not the observations themselves, but a triangular
         factor of theirs; None where they are.
+    share
+        Part of the observations that count as independent (`independence`): neighbours in time
+        whose residuals are alike say nothing new.
     """
 
     q: F64
@@ -53,6 +56,7 @@ class Basis:
     eliminator: Eliminator
     extra: F64
     observations: int | None = None
+    share: float = 1.0
 
     @classmethod
     def of(cls, result: FitResult) -> Basis:
@@ -64,6 +68,11 @@ class Basis:
     def n(self) -> int:
         """Number of observations."""
         return len(self.residual) if self.observations is None else self.observations
+
+    @property
+    def independent(self) -> float:
+        """Number of observations that count as independent."""
+        return max(2.0, self.share * self.n)
 
     @cached_property
     def dof(self) -> int:

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.diagnosis.screening.candidates import RIGID
-from abbe.compcore.diagnosis.screening.evidence import CONVINCING, INDISTINCT, log_chance
+from abbe.compcore.diagnosis.screening.candidates import PLAIN, RIGID
+from abbe.compcore.diagnosis.screening.evidence import CONVINCING, INDISTINCT, log_chance, price_of
 from abbe.compcore.diagnosis.screening.pool import SIGNIFICANT, Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.screening import Basis, orthonormal
 from abbe.compcore.model.revise import identity
@@ -31,6 +31,10 @@ _LEADERS = 6
 def search(pool: Pool, basis: Basis) -> tuple[list[WeighedCandidate], list[WeighedCandidate]]:
     """Find the causes that together explain what the model leaves.
 
+    The search begins twice, from nothing and from the plain geometry that the model lacks taken
+    together (`PLAIN`); what explains more in the end, at the same prices, is kept. So what is
+    found first does not decide what is found.
+
     Returns
     -------
     established
@@ -41,15 +45,112 @@ def search(pool: Pool, basis: Basis) -> tuple[list[WeighedCandidate], list[Weigh
     ranked = pool.ranked(basis)
     if basis.chi2 <= 0.0:
         return [], ranked  # the model explains every digit: nothing is left to be explained
-    established: list[WeighedCandidate] = []
-    current, first = basis, ranked
-    while len(established) < _MOST:
+    found = _from_nothing(pool, basis, ranked)
+    plain = _plain(pool, basis, ranked)
+    if plain and {f.key for f in plain} != {f.key for f in found}:
+        other = _settled(pool, basis, _forward(pool, basis, plain))
+        if _preferred(pool, basis, other, found):
+            found = other
+    return found, ranked
+
+
+def _preferred(
+    pool: Pool, basis: Basis, plain: Sequence[WeighedCandidate], found: Sequence[WeighedCandidate]
+) -> bool:
+    """Whether what began with plain geometry says more than what began with nothing.
+
+    Among error motions of rigid bodies each coefficient is paid for: that every axis has them makes
+    shapes no likelier than plain geometry.
+    """
+    if _value(pool, basis, plain) > _value(pool, basis, found):
+        return True
+    bodies = all(f.candidate.effect.kind in (*RIGID, *PLAIN) for f in (*plain, *found))
+    return bodies and _value(pool, basis, plain, bare=True) > _value(pool, basis, found, bare=True)
+
+
+def _value(
+    pool: Pool, basis: Basis, found: Sequence[WeighedCandidate], *, bare: bool = False
+) -> float:
+    """Evidence of several causes together; 0 of none; `bare`: with every coefficient paid for."""
+    if not found:
+        return 0.0
+    after = basis
+    for f in found:
+        after = after.extended(pool.found_columns(f))
+    saved = sum(_saved(basis, f) for f in found) if bare else 0.0
+    return joint_value(basis, after, found) - saved
+
+
+def _saved(basis: Basis, found: WeighedCandidate) -> float:
+    """What a cause does not pay for because every axis has it."""
+    count = found.screened.rank + found.candidate.nonlinear_count
+    dearer = count * math.log(basis.independent) + max(0.0, found.candidate.cost + found.doubt)
+    return max(0.0, dearer - _price(basis, found))
+
+
+def _worse(basis: Basis, now: WeighedCandidate, best: WeighedCandidate) -> bool:
+    """Whether another candidate says clearly more than one that was found.
+
+    A shape takes the place of plain geometry only if it is worth each of its coefficients.
+    """
+    lead = best.evidence.value - now.evidence.value
+    if now.candidate.effect.kind in PLAIN and best.candidate.effect.kind in RIGID:
+        lead -= _saved(basis, best) - _saved(basis, now)
+    return lead > _CLEARLY
+
+
+def _plain(pool: Pool, basis: Basis, ranked: Sequence[WeighedCandidate]) -> list[WeighedCandidate]:
+    """The plain geometry that the model lacks and the data want, all of it taken together.
+
+    The weakest goes, one after another, until each is established beside the others.
+    """
+    kept = [f for f in ranked if f.candidate.effect.kind in PLAIN]
+    while kept:
+        weighed: list[WeighedCandidate] = []
+        for f in kept:
+            beside = basis
+            for g in kept:
+                if g.key != f.key:
+                    beside = beside.extended(pool.found_columns(g))
+            weighed += pool.weighed(beside, [f])
+        weakest = min(weighed, key=lambda f: f.evidence.value)
+        if weakest.established(basis.n):
+            return sorted(weighed, key=lambda f: -f.evidence.value)
+        kept = [f for f in weighed if f.key != weakest.key]
+    return []
+
+
+def _forward(pool: Pool, basis: Basis, start: Sequence[WeighedCandidate]) -> list[WeighedCandidate]:
+    """Some causes, and up to `_MOST` more, one after the other, each the best beside the others."""
+    out = list(start)
+    current = basis
+    for f in out:
+        current = current.extended(pool.found_columns(f))
+    for _ in range(_MOST):
+        first = pool.ranked(current, _taken(pool, out))
         leader = _simplest(pool, current, [pool.refined(current, f) for f in first[:_LEADERS]])
         if leader is None or not leader.established(basis.n):
             break
-        established.append(leader)
+        out.append(leader)
         current = current.extended(pool.found_columns(leader))
-        first = pool.ranked(current, frozenset(f.key for f in established))
+    return out
+
+
+def _cause(found: WeighedCandidate) -> tuple[str, tuple[tuple[str, str], ...]]:
+    return identity(found.candidate.effect)
+
+
+def _taken(pool: Pool, found: Sequence[WeighedCandidate]) -> frozenset[int]:
+    """Candidates that are causes already found, in whatever detail: a cause comes in once."""
+    causes = {_cause(f) for f in found}
+    return frozenset(k for k, c in enumerate(pool.candidates) if identity(c.effect) in causes)
+
+
+def _from_nothing(
+    pool: Pool, basis: Basis, ranked: list[WeighedCandidate]
+) -> list[WeighedCandidate]:
+    """Causes found one by one, or after a pair that says clearly more than the first two."""
+    established = _forward(pool, basis, ())
     pair = _best_pair(pool, basis, ranked)
     if pair is not None:
         found, value = pair
@@ -63,7 +164,7 @@ def search(pool: Pool, basis: Basis) -> tuple[list[WeighedCandidate], list[Weigh
             reached = established[0].evidence.value if established else 0.0
         if value > reached + CONVINCING and pair_keys != {f.key for f in established[:2]}:
             established = _after_pair(pool, basis, found)
-    return _settled(pool, basis, established), ranked
+    return _settled(pool, basis, established)
 
 
 def _settled(
@@ -82,13 +183,13 @@ def _settled(
             beside = basis
             for g in rest:
                 beside = beside.extended(pool.found_columns(g))
-            ranked = pool.ranked(beside, frozenset(g.key for g in rest))
+            ranked = pool.ranked(beside, _taken(pool, rest))
             (now,) = pool.weighed(beside, [f])
             leaders = [pool.refined(beside, r) for r in [now, *ranked[:_LEADERS]]]
             best = _simplest(pool, beside, leaders) or now
             if not best.established(basis.n):
                 out, changed = rest, True
-            elif best.key != f.key and best.evidence.value > now.evidence.value + _CLEARLY:
+            elif best.key != f.key and _worse(beside, now, best):
                 out, changed = [best if g.key == f.key else g for g in out], True
             elif best.key == f.key:
                 out = [best if g.key == f.key else g for g in out]
@@ -176,7 +277,7 @@ def _after_pair(
         return [f for f in out if f.established(basis.n)]
     out.sort(key=lambda f: -f.evidence.value)
     while len(out) < _MOST:
-        more = pool.ranked(current, frozenset(f.key for f in out))
+        more = pool.ranked(current, _taken(pool, out))
         if not more or not more[0].established(basis.n):
             break
         best = pool.refined(current, more[0])
@@ -187,11 +288,14 @@ def _after_pair(
 
 def joint_value(before: Basis, after: Basis, found: Sequence[WeighedCandidate]) -> float:
     """Evidence for several causes together, in the units of `Evidence.value`."""
-    price = sum(
-        (f.screened.rank + f.candidate.nonlinear_count) * math.log(before.n) + f.candidate.cost
-        for f in found
-    )
-    return before.dof * math.log(before.chi2 / max(after.chi2, 1e-300)) - price
+    price = sum(_price(before, f) for f in found)
+    fall = math.log(before.chi2 / max(after.chi2, 1e-300))
+    return before.share * before.dof * fall - price
+
+
+def _price(basis: Basis, found: WeighedCandidate) -> float:
+    count = found.screened.rank + found.candidate.nonlinear_count
+    return price_of(basis, count, found.candidate.cost + found.doubt)
 
 
 def _best_pair(
@@ -212,6 +316,8 @@ def _best_pair(
     best: tuple[float, int, int] | None = None
     for i in range(len(leading)):
         for j in range(i + 1, len(leading)):
+            if _cause(leading[i]) == _cause(leading[j]):
+                continue
             a, b = slices[i], slices[j]
             index = np.r_[a, b]
             values, vectors = np.linalg.eigh(gram[np.ix_(index, index)])
@@ -222,9 +328,10 @@ def _best_pair(
             drop = float((part**2 / values[seen]).sum())
             left = max(basis.chi2 - drop, 1e-12 * basis.chi2)
             fi, fj = leading[i], leading[j]
-            count = int(seen.sum()) + fi.candidate.nonlinear_count + fj.candidate.nonlinear_count
-            value = basis.dof * math.log(basis.chi2 / left) - count * math.log(basis.n)
-            value -= fi.candidate.cost + fj.candidate.cost
+            value = basis.share * basis.dof * math.log(basis.chi2 / left)
+            value -= _price(basis, fi) + _price(basis, fj)
+            # what both can say is paid once
+            value += (len(index) - int(seen.sum())) * math.log(basis.independent)
             if best is None or value > best[0]:
                 best = (value, i, j)
     if best is None:

@@ -253,7 +253,8 @@ def _value(basis: Basis, drop: float, rank: int) -> float:
     if basis.chi2 <= 0.0:
         return -math.inf
     left = max(basis.chi2 - drop, 1e-12 * basis.chi2)
-    return basis.dof * math.log(basis.chi2 / left) - rank * math.log(basis.n)
+    fall = basis.share * basis.dof * math.log(basis.chi2 / left)
+    return fall - rank * math.log(basis.independent)
 
 
 def _shortest(quantities: Sequence[PatternVariable]) -> dict[str, float]:

@@ -416,11 +416,27 @@ class SpindleSquareness(Effect):
 
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[SpindleSquareness]:
-        """Both directions where the tool's offset varied: with one tool it is a shift."""
-        if coverage.tool_varies:
-            for direction in TRANSLATIONS:
-                if direction != _spindle(machine):
-                    yield cls(direction=direction)
+        """Both directions where the tool's offset varied: with one tool it is a shift.
+
+        Also where orientations were measured while rotary axes turned the spindle: collimation.
+        """
+        turned = any(a in coverage.moving for a in machine.structure.rotary)
+        rotations = any("rotation" in seen.kinds for seen in coverage.setup_details.values())
+        if not coverage.tool_varies and not (turned and rotations):
+            return
+        along = _spindle(machine)
+        for direction in TRANSLATIONS:
+            about = next((d for d in TRANSLATIONS if d not in (along, direction)), along)
+            # a lean about the line of the last rotary axis is that axis's zero
+            zero = not coverage.tool_varies and about == _last_turned(machine)
+            if direction != along and not zero:
+                yield cls(direction=direction)
+
+
+def _last_turned(machine: Machine) -> str | None:
+    """The direction about which the last axis before the tool turns; None where it is linear."""
+    last = machine.structure.tool_side[-1:]
+    return _TURNED[own_component(last[0])] if last and machine.axes[last[0]].rotary else None
 
 
 def _spindle(machine: Machine) -> AxisLetter:

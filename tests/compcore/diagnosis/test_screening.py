@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from abbe.compcore.campaign.campaign import Campaign
-from abbe.compcore.diagnosis.screening.crossvalidation import folds, left_out
+from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut, folds
 from abbe.compcore.diagnosis.screening.screening import Bank, Basis, screen
 from abbe.compcore.effects import make_effect
 from abbe.compcore.files.campaign_file import read_campaign
@@ -93,7 +93,8 @@ def test_leaving_out_without_refit_is_leaving_out_with_one(
     solution = np.linalg.lstsq(jacobian[kept], value[kept], rcond=1e-11)[0]
     predicted_residual = value[out] - jacobian[out] @ solution
     # the explicit fit also follows directions that Abbe's calls undetermined: 0.05 % here
-    assert left_out(basis, [out]) == pytest.approx(
+    left = LeftOut.of(basis, [out]).residual[out]
+    assert float(left @ left) == pytest.approx(
         float(predicted_residual @ predicted_residual), rel=2e-3
     )
 
@@ -104,7 +105,7 @@ def test_folds_keep_setups_whole_and_cut_the_master_point_by_time(
     _, campaign, _ = case
     conditions = campaign.conditions
     assert conditions.setup is not None
-    parts = folds(conditions.setup, conditions.time, conditions.run, 8)
+    parts = folds(conditions, 8)
     assert sorted(np.concatenate(parts)) == list(range(campaign.n))
     where = {
         name: [i for i, p in enumerate(parts) if (conditions.setup[p] == name).any()]

@@ -11,7 +11,6 @@ import pytest
 from abbe.compcore.comparison.compare import compare
 from abbe.compcore.diagnosis import Diagnosis, advise, diagnose
 from abbe.compcore.diagnosis.explain import explanation
-from abbe.compcore.errors import FitError
 from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.model_file import load_model, parse_model
 from abbe.compcore.files.text.toml_source import TomlSource
@@ -67,13 +66,6 @@ def test_bridge_backlash_and_warm_up_are_both_found() -> None:
     # the truth: 4 µm and 5200 s
     assert abs(warm_up["A"].value - 4e-3) < 3 * warm_up["A"].sd
     assert abs(warm_up["tau"].value - 5200.0) < 3 * warm_up["tau"].sd
-
-
-def test_a_model_without_effects_is_told_what_to_begin_with() -> None:
-    model = load_model(DATA / "p02-bridge" / "model.toml")
-    campaign = read_campaign(DATA / "p02-bridge" / "fit.csv", model.machine)
-    with pytest.raises(FitError, match="no effects to fit"):
-        diagnose(replace(model, terms=()), campaign)
 
 
 def test_a_short_campaign_is_diagnosed_without_inventing_anything() -> None:

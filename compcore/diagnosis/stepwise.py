@@ -1,0 +1,260 @@
+"""From a machine and a campaign to a model: diagnose, add, look again, until the verdict.
+
+Every step is one effect more, fitted together with all others, and is kept only if blocks of the
+campaign that are left out of the fit (set-ups, stretches of time, places) are predicted better with
+it. At the end each effect that was added is tried without: what later ones made superfluous goes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut, folds
+from abbe.compcore.diagnosis.screening.screening import Basis
+from abbe.compcore.diagnosis.verdict import Diagnosis, diagnose, measured_kinds
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.effects.signals import LaggedEffect
+from abbe.compcore.errors import FitError
+from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.linalg import threads_for
+from abbe.compcore.model.model import Model
+from abbe.compcore.model.revise import with_effect, without_effect
+
+Progress = Callable[[str], None]
+
+MOST_STEPS = 40
+"""A model that needs more effects is looked at by its user first."""
+
+_FALLS = 0.998
+"""Part of the left-out χ² below which an addition's or a lag's has fallen."""
+
+_LENGTHS = (Kind.DISPLACEMENT, Kind.DISTANCE, Kind.BASE_DISTANCE)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """How a fit predicts the blocks of its campaign that were left out, each in its turn.
+
+    Attributes
+    ----------
+    left
+        What the fit without each block leaves of it, in mm or rad.
+    lengths, rotations
+        Root mean squares, mm and rad; NaN without such rows.
+    """
+
+    left: LeftOut
+    lengths: float
+    rotations: float
+
+    @classmethod
+    def of(cls, result: FitResult) -> HeldOut:
+        """Leave out every block of a fit; exact for what is linear, non-linear values kept."""
+        thin = result.thin
+        campaign = thin.problem.campaign
+        with threads_for(thin.problem.n * thin.problem.layout.size):
+            left = LeftOut.of(Basis.of(thin), folds(campaign.conditions))
+        used = thin.problem.weight > 0.0
+        sd = np.where(used, thin.problem.sd, 0.0)
+        left = replace(left, residual=left.residual * sd)
+
+        def rms(*kinds: Kind) -> float:
+            rows = np.isin(campaign.kind, kinds) & used
+            return float(np.sqrt(np.mean(left.residual[rows] ** 2))) if rows.any() else math.nan
+
+        return cls(left, rms(*_LENGTHS), rms(Kind.ROTATION))
+
+    def falls_to(self, fuller: HeldOut, result: FitResult, *, bound: bool) -> float:
+        """The part of the left-out χ² that another fit to the same rows leaves.
+
+        Parameters
+        ----------
+        fuller
+            How the other fit predicts.
+        result
+            That fit, in the uncertainties of which both are judged.
+        bound
+            Whether what was added belongs to the placing of an instrument (`gain`).
+        """
+        weight = result.thin.problem.weight
+        after = fuller.left.residual if bound else self.left.with_what_it_foretells(fuller.left)
+        before = float(np.sum((self.left.residual * weight) ** 2))
+        return float(np.sum((after * weight) ** 2)) / before if before > 0.0 else 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One change of the model.
+
+    Attributes
+    ----------
+    action
+        ``began``, ``added``, ``lagged`` (its signals stand behind a lag now), ``removed``.
+    effect
+        The effect that was added, changed or taken out; None for the beginning.
+    result
+        The fit with it.
+    held_out
+        How left-out blocks are predicted.
+    """
+
+    action: str
+    effect: Effect | None
+    result: FitResult
+    held_out: HeldOut
+
+    @property
+    def kinds(self) -> tuple[Kind, ...]:
+        """What its error is told of: lengths, or rotations where the campaign has nothing else."""
+        return measured_kinds(self.result)
+
+    @property
+    def of_rotations(self) -> bool:
+        """Whether its error is told of rotations."""
+        return self.kinds == (Kind.ROTATION,)
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """All steps from a model to the verdict.
+
+    Attributes
+    ----------
+    steps
+        The first is the model as it was given, fitted.
+    refused
+        Effects that a diagnosis proposed and that predict left-out blocks no better.
+    diagnosis
+        Of the last model.
+    """
+
+    steps: tuple[Step, ...]
+    refused: tuple[Effect, ...]
+    diagnosis: Diagnosis
+
+    @property
+    def last(self) -> Step:
+        """The model that was reached."""
+        return self.steps[-1]
+
+
+def to_the_verdict(
+    model: Model,
+    campaign: Campaign,
+    *,
+    told: Callable[[Step], None] = lambda _: None,
+    progress: Progress = lambda _: None,
+) -> Course:
+    """Add what the diagnosis establishes until it establishes nothing more.
+
+    Parameters
+    ----------
+    model
+        Where to begin; it may have no effects at all.
+    campaign
+        The measurements.
+    told
+        Called with every step as soon as it is made.
+    progress
+        Called with a few words at the start of each stage.
+
+    Raises
+    ------
+    FitError
+        As `diagnose`.
+    """
+    course = _Course(model, campaign, told, progress)
+    diagnosis = course.diagnosed()
+    while len(course.steps) < MOST_STEPS:
+        found = [e.found.candidate.effect for e in diagnosis.established]
+        new = [e for e in found if e not in course.refused]
+        taken = [course.add(effect) for effect in new]
+        if not any(taken):
+            break
+        course.lag()
+        diagnosis = course.diagnosed()
+    if course.prune():
+        diagnosis = course.diagnosed()
+    return Course(tuple(course.steps), tuple(course.refused), diagnosis)
+
+
+class _Course:
+    """The model as far as it is, and how it came there."""
+
+    def __init__(
+        self,
+        model: Model,
+        campaign: Campaign,
+        told: Callable[[Step], None],
+        progress: Progress,
+    ) -> None:
+        self._campaign = campaign
+        self._told, self._progress = told, progress
+        self.refused: list[Effect] = []
+        self.steps: list[Step] = []
+        self._added: list[Effect] = []
+        result = fit(model, campaign)
+        self._make("began", None, result, HeldOut.of(result))
+
+    @property
+    def _last(self) -> Step:
+        return self.steps[-1]
+
+    def _make(self, action: str, effect: Effect | None, result: FitResult, out: HeldOut) -> None:
+        self.steps.append(Step(action, effect, result, out))
+        self._told(self._last)
+
+    def diagnosed(self) -> Diagnosis:
+        """What the model lacks as it is now."""
+        return diagnose(self._last.result.model, self._campaign, progress=self._progress)
+
+    def add(self, effect: Effect) -> bool:
+        """Add an effect if left-out blocks are predicted better with it."""
+        self._progress(f"adding {effect.kind}")
+        before = self._last.result.model
+        more, added = with_effect(before, effect.kind, effect.where())
+        if not self._try("added", added, more, _FALLS):
+            self.refused.append(effect)
+            return False
+        kept = set(more.effects)
+        self._added = [e for e in self._added if e in kept] + [added]
+        return True
+
+    def lag(self) -> None:
+        """Put signals of effects that were added behind a lag, where that predicts better."""
+        for effect in list(self._added):
+            if not isinstance(effect, LaggedEffect) or effect.tau is not None:
+                continue
+            self._progress(f"a lag for {effect.kind}")
+            lagged = effect.model_copy(update={"tau": "fit"})
+            more, _ = with_effect(self._last.result.model, lagged.kind, lagged.where())
+            if lagged not in self.refused and self._try("lagged", lagged, more, _FALLS):
+                self._added[self._added.index(effect)] = lagged
+            else:
+                self.refused.append(lagged)
+
+    def prune(self) -> bool:
+        """Take out what was added and is superfluous by now."""
+        removed = False
+        for effect in self._added[:-1]:
+            self._progress(f"without {effect.kind}")
+            less, _ = without_effect(self._last.result.model, effect.spec)
+            removed |= self._try("removed", effect, less, 1.0)
+        return removed
+
+    def _try(self, action: str, effect: Effect, model: Model, falls: float) -> bool:
+        try:
+            result = fit(model, self._campaign)
+        except FitError:
+            return False
+        out = HeldOut.of(result)
+        bound = effect.scope == "instrument"
+        if self._last.held_out.falls_to(out, result, bound=bound) > falls:
+            return False
+        self._make(action, effect, result, out)
+        return True
