@@ -243,10 +243,6 @@ class Effect(BaseModel, ABC):
         """Axes on whose approach direction the columns depend."""
         return ()
 
-    def fast_signals(self) -> tuple[str, ...]:
-        """Signals that change as fast as positions (feed), of those in `signals_needed`."""
-        return ()
-
     def kinks(self, machine: Machine) -> dict[str, tuple[float, ...]]:
         """Axis → positions (mm or rad) where the slope of a column may jump."""
         return {}

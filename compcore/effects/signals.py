@@ -11,33 +11,6 @@ from abbe.compcore.effects.keys import Tau
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine, Signal
 
-_SPANS = {
-    "degC": 10.0,
-    "K": 10.0,
-    "rpm": 1e4,
-    "kg": 1000.0,
-    "N": 1e4,
-    "kN": 10.0,
-    "mm/min": 1e4,
-    "m/min": 10.0,
-    "mm/s": 200.0,
-    "hPa": 50.0,
-    "mbar": 50.0,
-    "Pa": 5e3,
-    "kPa": 5.0,
-    "bar": 5.0,
-    "%": 50.0,
-    "A": 20.0,
-    "W": 1e4,
-    "kW": 10.0,
-    "V": 10.0,
-}
-
-
-def span(signal: Signal) -> float:
-    """A large but common change of such a signal, in its own unit."""
-    return _SPANS.get(signal.unit, 1.0)
-
 
 def per(unit: str, signal: Signal) -> str:
     """The unit of a coefficient that turns a signal into `unit`.

@@ -161,12 +161,17 @@ def signal_range(signal: Signal | None) -> Range:
     """
     if signal is None:
         return _ANYTHING
-    unit = _SPELLINGS.get(signal.unit, signal.unit)
+    unit = usual_unit(signal)
     if (signal.role, unit) in _BY_ROLE_AND_UNIT:
         return _BY_ROLE_AND_UNIT[signal.role, unit]
     if unit == _C:
         return _TEMPERATURES.get(signal.role, _TEMPERATURES["other"])
     return _BY_UNIT.get(unit, replace(_ANYTHING, unit=signal.unit))
+
+
+def usual_unit(signal: Signal) -> str:
+    """The signal's unit as it is mostly spelled."""
+    return _SPELLINGS.get(signal.unit, signal.unit)
 
 
 def position_range(axis: Axis) -> Range:

@@ -17,8 +17,6 @@ from abbe.drivers.serial.port.lines import Splitter
 
 LONGEST = 65_536
 """Characters that a line may have."""
-UNASKED = "E0000"
-"""Tag of what the server says by itself."""
 
 # The standard is not of one mind on the blank behind the sign: its grammar has none, its text one.
 _RESPONSE = re.compile(rb"(\d{5}|E\d{4}) ([&#!%])(?: ?([ -~]*))?", re.ASCII)

@@ -14,7 +14,7 @@ from abbe.compcore.compensator.folding.tables import (
     PhaseTable,
     Table,
 )
-from abbe.compcore.compensator.folding.variable import DIRECTIONS, FoldingVariable
+from abbe.compcore.compensator.folding.variable import FoldingVariable
 
 F64 = NDArray[np.float64]
 
@@ -44,11 +44,6 @@ class NodeLine:
     nodes: F64
     beyond: float = 0.0
     travel: tuple[float, float] = (0.0, 0.0)
-
-    @classmethod
-    def of_direction(cls, variable: FoldingVariable, index: int) -> NodeLine:
-        """The line of an approach direction."""
-        return cls(variable, index, DIRECTIONS)
 
     @cached_property
     def skeleton(self) -> F64:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,24 +11,11 @@ from numpy.typing import NDArray
 
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine, Signal
+from abbe.compcore.machine.typical import typical_range
 from abbe.compcore.model.reads import Reads
 
 F64 = NDArray[np.float64]
 Vec3 = tuple[float, float, float]
-Amend = Callable[[Conditions], Conditions]
-
-_SPANS: dict[str, tuple[float, float]] = {
-    "rpm": (0.0, 2e4),
-    "kg": (0.0, 1e3),
-    "mm/min": (0.0, 2e4),
-    "hPa": (900.0, 1100.0),
-    "%": (0.0, 100.0),
-    "s": (0.0, 1e5),
-}
-"""Ranges that signals are taken to have before they are seen, by unit; others −1 … 1."""
-
-_WARM = 20.0
-"""How far from the reference temperature a temperature is taken to go, K."""
 
 _MOST = 8
 """Walsh patterns, at most."""
@@ -135,9 +122,6 @@ def _span(
     machine: Machine, key: str | tuple[str, float], seen: tuple[SlowState, ...]
 ) -> tuple[float, float]:
     signal = machine.signals.get(key if isinstance(key, str) else key[0], Signal(""))
-    if signal.unit == "degC":
-        low, high = machine.reference_temperature - _WARM, machine.reference_temperature + _WARM
-    else:
-        low, high = _SPANS.get(signal.unit, (-1.0, 1.0))
+    low, high = typical_range(signal, machine)
     values = [s.signals[key] if isinstance(key, str) else s.lags[key] for s in seen]
     return min([low, *values]), max([high, *values])

@@ -48,14 +48,11 @@ class Candidate:
         What makes it less likely before any data are seen (`evidence.cost_of`).
     choices
         Non-linear parameters to try, one mapping each; one empty mapping where there are none.
-    refines
-        Index of the model's term that it would replace by one with more detail, or None.
     """
 
     effect: Effect
     cost: float
     choices: tuple[Mapping[str, float], ...] = field(default=({},))
-    refines: int | None = None
 
     @property
     def nonlinear_count(self) -> int:
@@ -90,14 +87,14 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
 def _refinements(model: Model, campaign: Campaign) -> Iterator[Candidate]:
     """Splines, polynomials and waves of the model with twice the coefficients."""
     machine = model.machine
-    for i, effect in enumerate(model.effects):
+    for effect in model.effects:
         axis = getattr(effect, "axis", None)
         if axis is None or axis not in campaign.conditions.positions:
             continue
         detail = _finer(effect, len(np.unique(campaign.conditions.position(axis))))
         if detail:
             refined = effect.model_copy(update=detail)
-            yield Candidate(refined, cost_of(refined, machine, 1), refines=i)
+            yield Candidate(refined, cost_of(refined, machine, 1))
 
 
 def _finer(effect: Effect, distinct: int) -> dict[str, object]:

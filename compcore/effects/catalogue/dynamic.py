@@ -80,10 +80,6 @@ class FeedLag(Effect):
         """The axis itself."""
         return (self.axis,)
 
-    def fast_signals(self) -> tuple[str, ...]:
-        """The feed."""
-        return (self.signal,)
-
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[FeedLag]:
         """Each axis that moved both ways with each recorded feed, its own first."""

@@ -21,11 +21,12 @@ from abbe.compcore.effects.base import (
 from abbe.compcore.effects.catalogue.shaped import ShapedEffect
 from abbe.compcore.effects.keys import Finite
 from abbe.compcore.effects.registry import register
-from abbe.compcore.effects.signals import per, recorded, span
+from abbe.compcore.effects.signals import per, recorded
 from abbe.compcore.effects.targets import ROTATIONS, TRANSLATIONS, require_linear
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Axis, Machine, own_component
+from abbe.compcore.machine.typical import typical
 
 
 @register
@@ -294,7 +295,7 @@ class LoadBending(ShapedEffect):
         """One coefficient a basis function, per unit of load."""
         error_motion = ErrorMotion(self.axis, self.component())
         load = machine.signals[self.signal]
-        most = (5e-4 if error_motion.rotation else 0.2) / span(load)
+        most = (5e-4 if error_motion.rotation else 0.2) / typical(load).change
         return tuple(
             Parameter(
                 name,

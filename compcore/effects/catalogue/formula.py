@@ -22,10 +22,10 @@ from abbe.compcore.effects.base import (
 from abbe.compcore.effects.expressions.dimensions import Dimension
 from abbe.compcore.effects.expressions.expression import AnyName, FormulaNode, parse_expression
 from abbe.compcore.effects.registry import register
-from abbe.compcore.effects.signals import span
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Axis, Machine
+from abbe.compcore.machine.typical import typical
 
 _CHANNEL = re.compile(r"(?:d(?P<shift>[XYZ])|E_(?P<component>[XYZABC])(?P<axis>[XYZUVWABC][0-9]?))")
 _AXIS = re.compile(r"[XYZUVWABC][0-9]?")
@@ -280,7 +280,7 @@ class _Sample:
     def signal(self, name: str) -> F64:
         signal = self._machine.signals[name]
         middle = self._machine.reference_temperature if signal.temperature else 0.0
-        return middle + self._random.uniform(-1.0, 1.0, 64) * span(signal)
+        return middle + self._random.uniform(-1.0, 1.0, 64) * typical(signal).change
 
     def lagged(self, name: str, tau: float) -> F64:
         return self.signal(name)

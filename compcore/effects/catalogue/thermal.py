@@ -21,12 +21,12 @@ from abbe.compcore.effects.signals import (
     excess,
     per,
     recorded,
-    span,
 )
 from abbe.compcore.effects.targets import along, require_linear
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
+from abbe.compcore.machine.typical import typical
 
 
 @register
@@ -135,7 +135,7 @@ class ThermalOffset(LaggedEffect):
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """The shift by temperature."""
         signal = machine.signals[self.signal]
-        most = 0.2 / span(signal)
+        most = 0.2 / typical(signal).change
         text = f"shift in {self.direction} by {self.signal}"
         return (Parameter("k", per("mm", signal), (-most, most), text),)
 
@@ -198,7 +198,7 @@ class ScrewHeating(LaggedEffect):
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """The expansion by heat."""
         signal = machine.signals[self.signal]
-        most = 5e-4 / span(signal)
+        most = 5e-4 / typical(signal).change
         plausible = (-5e-6, 40e-6) if signal.temperature else (-most, most)
         text = f"expansion of the screw of {self.axis}"
         return (Parameter("k", per("1", signal), plausible, text),)

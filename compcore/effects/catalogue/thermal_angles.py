@@ -19,12 +19,12 @@ from abbe.compcore.effects.signals import (
     pairs_by_sense,
     per,
     recorded,
-    span,
 )
 from abbe.compcore.effects.targets import TRANSLATIONS, require_linear
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Axis, Machine, Signal, own_component
+from abbe.compcore.machine.typical import typical
 
 
 @register
@@ -81,7 +81,7 @@ class ThermalBending(LaggedEffect):
         text = f"bending of {self.axis} about {self.about}"
         signal = machine.signals[self.signals[0]]
         unit = "K" if signal.temperature else signal.unit
-        most = 3e-6 / span(signal)
+        most = 3e-6 / typical(signal).change
         return (Parameter("kappa", f"rad/({unit}·mm)", (-most, most), text),)
 
     def _across(self, axis: Axis) -> F64:
@@ -196,7 +196,7 @@ class ThermalTilt(LaggedEffect):
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """The turn by temperature."""
         signal = machine.signals[self.signals_needed()[0]]
-        most = 1e-3 / span(signal)
+        most = 1e-3 / typical(signal).change
         text = f"tilt of {self.axis} about {self.about}"
         return (Parameter("k", per("rad", signal), (-most, most), text),)
 

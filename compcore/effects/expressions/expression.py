@@ -27,7 +27,6 @@ F64 = NDArray[np.float64]
 NUMBER = Dimension()
 BARE = Dimension(free=True)
 ANGLE = Dimension.of("rad")
-SECONDS = Dimension.of("s")
 
 FUNCTIONS: dict[str, str] = {
     "sin": "sine of an angle or number",

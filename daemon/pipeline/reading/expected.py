@@ -13,7 +13,6 @@ from abbe.daemon.config.channels import split
 from abbe.daemon.config.sections import SignalSection
 from abbe.daemon.pipeline.reading.plausible import Likes, PlausibleBounds
 from abbe.daemon.pipeline.reading.poll import Channel
-from abbe.daemon.status_word import LARGEST
 from abbe.drivers.link import Link, Sample
 from abbe.drivers.transducers import AnyTransducerConfig, make_transducer
 
@@ -116,13 +115,6 @@ def beats_of(links: Mapping[str, Link], heartbeat: str | None) -> int:
     link, name = split(heartbeat)
     high = links[link].info(name).high
     return HEARTBEATS if high >= HEARTBEATS - 1 else int(high) + 1
-
-
-def outputs_hold(links: Mapping[str, Link], status: str) -> bool:
-    """Whether a channel can hold any status word."""
-    link, name = split(status)
-    info = links[link].info(name)
-    return info.low <= 0.0 and info.high >= LARGEST
 
 
 def _positions(configuration: Configuration, axes: Sequence[str]) -> Iterator[tuple[float, float]]:

@@ -10,13 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 TOGGLE_NOT_ALTERNATED = 0x05030000
-TIMED_OUT = 0x05040000
 UNKNOWN_COMMAND = 0x05040001
 CRC_ERROR = 0x05040004
 READ_ONLY = 0x06010002
 NO_OBJECT = 0x06020000
 WRONG_LENGTH = 0x06070010
-GENERAL = 0x08000000
 
 Key = tuple[int, int]
 

@@ -11,8 +11,6 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-EXTENDED = 0x20000000
-"""Flag of an id that has 29 bits."""
 _LARGEST_STANDARD = 0x7FF
 
 

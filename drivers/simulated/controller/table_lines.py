@@ -77,7 +77,6 @@ class TableLines:
     def _begin_tape(self) -> None:
         self._reader = _Reader(self._say, _RATE, _BUFFER, "checksum")
         self._reader.on_block = self._block
-        self._offset = 0
         self._reading = False
         self._spoilt: TableFault | None = None
 

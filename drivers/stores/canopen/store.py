@@ -37,11 +37,9 @@ from abbe.drivers.stores.base import (
 from abbe.drivers.stores.canopen.config import NODE, CanopenStoreConfig
 from abbe.drivers.stores.canopen.objects import Object, number, shown, shown_objects
 from abbe.drivers.stores.image import crc32, pack, unpack
+from abbe.drivers.stores.repeating import LOOK, Refusal, again, until_up
 
 T = TypeVar("T")
-
-_LOOK = 0.02
-"""s between two looks at something that is to change."""
 
 
 class CanopenStore(Store):
@@ -225,7 +223,7 @@ class CanopenStore(Store):
                 raise lost or LinkTimeoutError(
                     f"{self.name}: confirmed, and not done in {limit:g} s"
                 )
-            await asyncio.sleep(_LOOK)
+            await asyncio.sleep(LOOK)
 
     async def _steady(self, objects: Sequence[Object]) -> dict[Object, bytes]:
         """Objects that two readings in a row agree on."""
@@ -253,31 +251,26 @@ class CanopenStore(Store):
         return await bus.transfer(bus.node(NODE), job)
 
     async def _again(self, do: Callable[[], Awaitable[T]]) -> T:
-        """Do what does no harm twice, until it succeeds or `attempts` are used up."""
-        left = self.config.attempts
-        while True:
-            left -= 1
-            try:
-                return await do()
-            except RefusedError:
-                raise
-            except SdoRefusedError as error:
-                if not left:
-                    raise RefusedError(f"{self.name}: {error}") from error
-            except LinkError:
-                if not left:
-                    raise
-            await self._until_up()
+        return await again(do, self.config.attempts, self._refusal, self._until_up)
 
-    async def _until_up(self) -> None:
+    def _refusal(self, error: LinkError) -> Refusal | None:
+        # an abort may come from a transfer that was damaged on its way
+        if not isinstance(error, SdoRefusedError):
+            return None
+        return Refusal(f"{self.name}: {error}", for_good=False)
+
+    async def _until_up(self, _: LinkError) -> None:
         bus = self._connected()
-        until = time.monotonic() + self.config.reconnect_within
-        await asyncio.sleep(_LOOK)
-        while not (bus.reconnector.up and bus.node(NODE).prepared):
-            if time.monotonic() > until:
-                why = bus.node(NODE).why if bus.reconnector.up else ""
-                raise LinkTimeoutError(why) if why else bus.reconnector.down_error()
-            await asyncio.sleep(_LOOK)
+
+        def down() -> LinkError:
+            why = bus.node(NODE).why if bus.reconnector.up else ""
+            return LinkTimeoutError(why) if why else bus.reconnector.down_error()
+
+        await until_up(
+            lambda: bus.reconnector.up and bus.node(NODE).prepared,
+            self.config.reconnect_within,
+            down,
+        )
 
     def _connected(self) -> NodeBus:
         if self._bus is None:

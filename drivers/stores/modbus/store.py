@@ -41,14 +41,13 @@ from abbe.drivers.stores.image import crc32, pack, unpack
 from abbe.drivers.stores.modbus import registers as registers
 from abbe.drivers.stores.modbus.config import ModbusStoreConfig
 from abbe.drivers.stores.modbus.registers import MemoryStatus
+from abbe.drivers.stores.repeating import LOOK, Refusal, again, until_up
 
 T = TypeVar("T")
 
 _BUSY = (5, 6)
 """Exceptions of a device that asks for patience."""
 _STAGED, _ACTIVE = 0, 1
-_LOOK = 0.02
-"""s between two looks at something that is to change."""
 
 
 class ModbusStore(Store):
@@ -185,7 +184,7 @@ class ModbusStore(Store):
                 break
             if time.monotonic() > until:
                 raise lost or LinkTimeoutError(f"{self.name}: a command is not finished")
-            await asyncio.sleep(_LOOK)
+            await asyncio.sleep(LOOK)
         if status.result != registers.DONE:
             why = registers.RESULTS.get(status.result, f"result {status.result}")
             raise RefusedError(f"{self.name} refuses: {why}")
@@ -242,30 +241,16 @@ class ModbusStore(Store):
         return await self._again(twice)
 
     async def _again(self, do: Callable[[], Awaitable[T]]) -> T:
-        """Do what does no harm twice, until it succeeds or `attempts` are used up."""
-        left = self.config.attempts
-        while True:
-            left -= 1
-            try:
-                return await do()
-            except RefusedError:
-                raise
-            except ModbusRefusedError as error:
-                if error.code not in _BUSY or not left:
-                    raise RefusedError(f"{self.name}: {error}") from error
-            except LinkError:
-                if not left:
-                    raise
-            await self._until_up()
+        return await again(do, self.config.attempts, self._refusal, self._until_up)
 
-    async def _until_up(self) -> None:
+    def _refusal(self, error: LinkError) -> Refusal | None:
+        if not isinstance(error, ModbusRefusedError):
+            return None
+        return Refusal(f"{self.name}: {error}", error.code not in _BUSY)
+
+    async def _until_up(self, _: LinkError) -> None:
         reconnector = self._connected().reconnector
-        until = time.monotonic() + self.config.reconnect_within
-        await asyncio.sleep(_LOOK)
-        while not reconnector.up:
-            if time.monotonic() > until:
-                raise reconnector.down_error()
-            await asyncio.sleep(_LOOK)
+        await until_up(lambda: reconnector.up, self.config.reconnect_within, reconnector.down_error)
 
     def _connected(self) -> Bus:
         if self._bus is None:

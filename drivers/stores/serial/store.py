@@ -31,6 +31,7 @@ from abbe.drivers.stores.base import (
     StoreConfig,
 )
 from abbe.drivers.stores.image import crc32, pack, unpack
+from abbe.drivers.stores.repeating import Refusal, again
 from abbe.drivers.stores.serial.config import MEMORY, SerialStoreConfig
 from abbe.drivers.stores.serial.tape_image import from_blocks, to_blocks
 
@@ -214,29 +215,17 @@ class SerialStore(Store):
         return await self._again(once)
 
     async def _again(self, do: Callable[[], Awaitable[T]]) -> T:
-        """Do what does no harm twice, until it succeeds or `attempts` are used up."""
-        left = self.config.attempts
-        while True:
-            left -= 1
-            try:
-                return await do()
-            except RefusedError:
-                raise
-            except LineRefusedError as error:
-                raise RefusedError(str(error)) from error
-            except LinkDownError:
-                if not left:
-                    raise
-                await asyncio.sleep(self.config.late_reply_max)
-                await self._find_again()
-            except LinkTimeoutError:
-                if not left:
-                    raise
-                # until no late answer can pass for the next one
-                await asyncio.sleep(self.config.late_reply_max)
-            except LinkError:
-                if not left:
-                    raise
+        return await again(do, self.config.attempts, self._refusal, self._recover)
+
+    def _refusal(self, error: LinkError) -> Refusal | None:
+        return Refusal(str(error), for_good=True) if isinstance(error, LineRefusedError) else None
+
+    async def _recover(self, error: LinkError) -> None:
+        if isinstance(error, (LinkDownError, LinkTimeoutError)):
+            # until no late answer can pass for the next one
+            await asyncio.sleep(self.config.late_reply_max)
+        if isinstance(error, LinkDownError):
+            await self._find_again()
 
     async def _find_again(self) -> None:
         """Open a port that was lost, if it is back; the next question says when it is not."""

@@ -6,7 +6,7 @@ import dataclasses
 import os
 import struct
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -26,8 +26,6 @@ _OUT = {1: "X", 2: "Y", 3: "Z", 4: "status", 5: "heartbeat", 6: "echo"}
 _OPERATIONAL, _PRE_OPERATIONAL, _STOPPED = 5, 0x7F, 4
 _ABSENT, _GENERAL = 0x06020000, 0x08000000
 """SDO abort codes: there is no such object; general error."""
-
-Objects = Mapping[tuple[int, int], bytes]
 
 
 def _u32(value: int) -> bytes:
