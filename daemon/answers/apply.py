@@ -12,7 +12,7 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.comparison.compare import compare
 from abbe.compcore.diagnosis.stepwise import Course, Step
-from abbe.compcore.files.campaign_file import read_campaigns, require_signals
+from abbe.compcore.files.campaign_file import require_signals
 from abbe.compcore.files.fit_record import recorded
 from abbe.compcore.files.model_file import save_model
 from abbe.compcore.model.model import Model
@@ -87,11 +87,6 @@ class Told:
             "holdout": None if self.unseen is None else finite(self.unseen),
             "chi2_per_dof": finite(self.step.result.chi2_per_dof),
         }
-
-
-def unseen_of(holdout: Sequence[Path], model: Model) -> Campaign | None:
-    """The campaigns that are never fitted, read; None without any."""
-    return read_campaigns(list(holdout), model.machine) if holdout else None
 
 
 def write(

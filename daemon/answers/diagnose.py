@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -16,6 +15,7 @@ from abbe.compcore.diagnosis.verdict import Diagnosis, Established
 from abbe.compcore.model.model import Value
 from abbe.daemon.answers import as_built
 from abbe.daemon.answers.fit import finite, floor_of_lengths
+from abbe.daemon.answers.typed import Adding
 
 _SAID = {
     "complete": "complete: the residuals are noise; this campaign shows nothing that is missing.",
@@ -136,12 +136,9 @@ def _empirical(structure: ResidualPattern, diagnosis: Diagnosis) -> dict[str, An
     }
 
 
-def typed(spec: str) -> str:
-    """A spec as it is typed in a shell, quoted where it must be."""
-    return shlex.join(spec.split())
-
-
-def as_text(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice]) -> Iterator[str]:
+def as_text(
+    diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice], adding: Adding
+) -> Iterator[str]:
     """Lines for people: how wrong, what is missing and why, what else it could be, what to do."""
     floor = noise_of(diagnosis, noise)
     unit, _, factor = diagnosis.unit
@@ -162,12 +159,12 @@ def as_text(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice]) -
         yield ""
         yield f"{i}. {established.found.candidate.effect.spec}"
         yield "   " + explanation(established, diagnosis)
-        yield f"   add it: abbe add MODEL {typed(established.found.candidate.effect.spec)}"
+        yield f"   add it: {adding.command(established.found.candidate.effect.spec)}"
     for structure in diagnosis.structure:
         yield ""
         yield f"structure: {description(structure)}"
         if spec := formula(structure):
-            yield f"   empirical, describes without explaining: abbe add MODEL {typed(spec)}"
+            yield f"   empirical, describes without explaining: {adding.command(spec)}"
     if advice:
         yield ""
         yield "what to measure next:"

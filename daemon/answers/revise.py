@@ -12,7 +12,7 @@ from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
 from abbe.compcore.comparison.compare import LENGTHS, compare
 from abbe.compcore.effects import RotaryLocation
 from abbe.compcore.effects.base import Effect
-from abbe.compcore.files.campaign_file import read_campaigns, require_signals
+from abbe.compcore.files.campaign_file import require_signals
 from abbe.compcore.files.fit_record import recorded
 from abbe.compcore.files.model_file import save_model, summary
 from abbe.compcore.fitting.fit import FitResult, fit
@@ -20,6 +20,7 @@ from abbe.compcore.model.model import Model
 from abbe.compcore.units import display
 from abbe.daemon.answers import as_built
 from abbe.daemon.answers.fit import finite, floor_of_lengths
+from abbe.daemon.answers.held_out import HeldOut, read_held_out, shares
 from abbe.daemon.answers.inputs import abbe_version, now
 
 NOT_FALLEN = 0.995
@@ -40,6 +41,8 @@ class Revision:
         The campaign's noise floor.
     holdout_before, holdout_after
         RMS of displacement residuals on campaigns that were not fitted, mm; None without any.
+    held_out
+        Those campaigns, with what they share with the fitted ones.
     """
 
     model: Model
@@ -48,6 +51,7 @@ class Revision:
     noise: NoiseFloor
     holdout_before: float | None
     holdout_after: float | None
+    held_out: HeldOut | None = None
 
 
 def revise(
@@ -68,7 +72,8 @@ def revise(
     InputError
         For bad campaigns; nothing is written then.
     """
-    unseen = read_campaigns(list(holdout), old.machine) if holdout else None
+    held = read_held_out(holdout, old.machine, campaign)
+    unseen = None if held is None else held.campaign
     if unseen is not None:
         require_signals(unseen, new)
         require_signals(unseen, old)
@@ -104,7 +109,7 @@ def revise(
     kept = recorded(after, ancestor, **record)
     written = replace(kept, fit={**kept.fit, **extra})
     save_model(written, out)
-    return Revision(written, before, after, noise, *errors)
+    return Revision(written, before, after, noise, *errors, held)
 
 
 def _fitted_to(model: Model, campaign: Campaign) -> bool:
@@ -131,6 +136,7 @@ def as_json(revision: Revision, effect: Effect | None) -> dict[str, Any]:
         "noise_floor": None if floor is None or floor.value is None else floor.value * 1e3,
         "holdout_before": _um(revision.holdout_before),
         "holdout_after": _um(revision.holdout_after),
+        "holdout_shares": shares(revision.held_out),
         "chi2_per_dof_before": finite(revision.before.chi2_per_dof),
         "chi2_per_dof_after": finite(revision.after.chi2_per_dof),
     }
@@ -172,6 +178,8 @@ def as_text(revision: Revision, effect: Effect | None) -> Iterator[str]:
     if one is None or two is None:
         yield "no --holdout campaign was given: whether unseen measurements agree is not known"
         return
+    if revision.held_out is not None:
+        yield from revision.held_out.notes()
     yield f"held-out campaigns: {one * 1e3:.3f} → {two * 1e3:.3f} µm rms"
     if effect is not None and two > NOT_FALLEN * one:
         yield (

@@ -33,6 +33,7 @@ def compare(
     from abbe.compcore.comparison.compare import compare as compare_model
     from abbe.daemon.answers import compare as answer
     from abbe.daemon.answers import expected_times as expected
+    from abbe.daemon.answers.held_out import fitted_files, fitted_note
     from abbe.daemon.answers.inputs import load
     from abbe.daemon.outputs import REPORT, check_outputs
     from abbe.daemon.progress import shown
@@ -49,9 +50,13 @@ def compare(
 
             tell("drawing")
             comparison_page(comparison).write(report)
+    fitted = fitted_files(loaded, campaign)
     if as_json:
-        say(json.dumps(answer.as_json(comparison), ensure_ascii=False))
+        told = {**answer.as_json(comparison), "fitted_to": list(fitted)}
+        say(json.dumps(told, ensure_ascii=False))
         return
+    if fitted:
+        say(fitted_note(fitted))
     for line in answer.as_text(comparison):
         say(line)
     if report is not None:

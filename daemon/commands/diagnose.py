@@ -53,7 +53,9 @@ def diagnose(
     from abbe.daemon.answers import apply as applied
     from abbe.daemon.answers import diagnose as diagnosed
     from abbe.daemon.answers import expected_times as expected
+    from abbe.daemon.answers.held_out import read_held_out, shares
     from abbe.daemon.answers.inputs import load
+    from abbe.daemon.answers.typed import Adding
     from abbe.daemon.outputs import MODEL, REPORT, check_outputs
     from abbe.daemon.progress import shown
 
@@ -78,7 +80,11 @@ def diagnose(
         if out is None:
             found = diagnose_model(loaded, campaign, progress=tell)
         else:
-            unseen = applied.unseen_of(holdout or [], loaded)
+            held = read_held_out(holdout or [], loaded.machine, campaign)
+            unseen = None if held is None else held.campaign
+            if held is not None and not as_json:
+                for note in held.notes():
+                    say(note)
 
             def told(step: Step) -> None:
                 steps.append(applied.Told.of(step, unseen))
@@ -90,15 +96,17 @@ def diagnose(
             reached = applied.write(course, steps, noise, unseen, out)
         tell("what to measure next")
         advice = advise(found)
+    adding = Adding(model if out is None else out, campaigns)
     if report is not None:
         from abbe.daemon.report.diagnosis import page
 
         subtitle = f"{model.name}, {', '.join(c.name for c in campaigns)}"
-        page(found, noise, advice, subtitle).write(report)
+        page(found, noise, advice, subtitle, adding).write(report)
     if as_json:
         answer = diagnosed.as_json(found, noise, advice)
         if out is not None:
             answer["steps"] = [s.as_json for s in steps]
+            answer["holdout_shares"] = shares(held)
             answer["not_kept"] = [e.spec for e in course.refused]
         say(json.dumps(answer, ensure_ascii=False))
         return
@@ -106,7 +114,7 @@ def diagnose(
         for line in applied.as_text(course, reached):
             say(line)
         say("")
-    for line in diagnosed.as_text(found, noise, advice):
+    for line in diagnosed.as_text(found, noise, advice, adding):
         say(line)
     if written := [str(path) for path in (out, report) if path is not None]:
         say(f"written: {', '.join(written)}")

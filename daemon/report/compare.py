@@ -8,6 +8,7 @@ from collections.abc import Collection
 from abbe.compcore.campaign.noise import NoiseLevel
 from abbe.compcore.comparison.compare import ComparedRows, Comparison
 from abbe.compcore.comparison.tabulate import ResidualGroup
+from abbe.daemon.answers.held_out import fitted_files, fitted_note
 from abbe.daemon.report import residuals as pictures
 from abbe.daemon.report.page import Page, number
 from abbe.daemon.report.versions import error_of_versions
@@ -21,6 +22,8 @@ def comparison_page(comparison: Comparison) -> Page:
     machine = problem.model.machine
     page = Page(f"{machine.name or 'Machine'}: model beside measurements", problem.campaign.name)
     _key_figures(page, comparison)
+    if fitted := fitted_files(problem.model, problem.campaign):
+        page.notes([fitted_note(fitted)], warning=True)
     page.notes([str(level) for level in comparison.noise.levels.values()])
     page.notes(
         [

@@ -20,7 +20,8 @@ from abbe.compcore.diagnosis.explain import (
 from abbe.compcore.diagnosis.measure_next import Advice
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
 from abbe.compcore.diagnosis.verdict import Diagnosis
-from abbe.daemon.answers.diagnose import advice_text, noise_of, thinned_words, typed
+from abbe.daemon.answers.diagnose import advice_text, noise_of, thinned_words
+from abbe.daemon.answers.typed import Adding
 from abbe.daemon.report.figure import COLOURS, Trace, figure, line, points
 from abbe.daemon.report.page import Page, number
 
@@ -34,7 +35,13 @@ _TITLES = {
 _BARS = 12
 
 
-def page(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice], subtitle: str) -> Page:
+def page(
+    diagnosis: Diagnosis,
+    noise: NoiseFloor,
+    advice: Sequence[Advice],
+    subtitle: str,
+    adding: Adding,
+) -> Page:
     """The whole story on one page."""
     out = Page(_TITLES[diagnosis.verdict], subtitle)
     _how_wrong(out, diagnosis, noise)
@@ -42,9 +49,9 @@ def page(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice], subt
     if diagnosis.established:
         _why(out, diagnosis)
     if diagnosis.structure:
-        _structure(out, diagnosis)
+        _structure(out, diagnosis, adding)
     _candidates(out, diagnosis)
-    _what_to_do(out, diagnosis, advice)
+    _what_to_do(out, diagnosis, advice, adding)
     return out
 
 
@@ -195,7 +202,7 @@ def _signature(diagnosis: Diagnosis, signature: F64, what: str) -> dict[str, obj
     )
 
 
-def _structure(out: Page, diagnosis: Diagnosis) -> None:
+def _structure(out: Page, diagnosis: Diagnosis, adding: Adding) -> None:
     out.section("What no cause explains")
     for s in diagnosis.structure:
         share = s.drop / diagnosis.basis.chi2
@@ -210,7 +217,7 @@ def _structure(out: Page, diagnosis: Diagnosis) -> None:
             "line: it says all of it.",
         )
         if spec := formula(s):
-            out.notes([f"Empirical, describes without explaining: abbe add MODEL {typed(spec)}"])
+            out.notes([f"Empirical, describes without explaining: {adding.command(spec)}"])
 
 
 def _described(diagnosis: Diagnosis, structure: ResidualPattern) -> F64:
@@ -262,7 +269,7 @@ def _candidates(out: Page, diagnosis: Diagnosis) -> None:
         )
 
 
-def _what_to_do(out: Page, diagnosis: Diagnosis, advice: Sequence[Advice]) -> None:
+def _what_to_do(out: Page, diagnosis: Diagnosis, advice: Sequence[Advice], adding: Adding) -> None:
     out.section("What to do")
     if diagnosis.established:
         first = diagnosis.established[0].found.candidate.effect.spec
@@ -270,7 +277,7 @@ def _what_to_do(out: Page, diagnosis: Diagnosis, advice: Sequence[Advice]) -> No
             "Add the first cause, look whether campaigns that were not fitted agree, and diagnose "
             "again:"
         )
-        out.notes([f"abbe add MODEL {typed(first)} --campaign CAMPAIGN --holdout OTHER -o NEXT"])
+        out.notes([f"{adding.command(first)} --holdout OTHER.csv"])
     elif diagnosis.structure:
         out.text(
             "Look for the physics behind what is described above: what was switched, moved, heated "

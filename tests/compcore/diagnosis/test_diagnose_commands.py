@@ -78,10 +78,15 @@ def test_an_offered_formula_is_added_as_it_is_printed(tmp_path: Path) -> None:
     said = runner.invoke(app, ["diagnose", str(model), str(fitted)])
     assert said.exit_code == 0, said.output
     assert "unexplained" in said.stdout
-    printed = next(part for part in said.stdout.splitlines() if "abbe add MODEL" in part)
-    words = shlex.split(printed.partition("abbe add MODEL ")[2])
+    printed = next(part for part in said.stdout.splitlines() if "abbe add " in part)
+    command = shlex.split(printed.partition("abbe ")[2])
+    assert command[:2] == ["add", str(model)]
+    words = command[2 : command.index("--campaign")]
     assert words[0] == "formula"
     assert "(" in words[2]
+    whole = runner.invoke(app, command)
+    assert whole.exit_code == 0, whole.output
+    assert (tmp_path / "model-2.toml").exists()
     for i, spec in enumerate((words, [" ".join(words)])):
         out = tmp_path / f"{i}.toml"
         more = ["--campaign", str(fitted), "-o", str(out), "--json"]

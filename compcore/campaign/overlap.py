@@ -1,0 +1,82 @@
+"""What a campaign that is to test a model shares with those that the model was fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.campaign.campaign import Campaign
+
+F64 = NDArray[np.float64]
+
+_DECIMALS = 9
+"""Of mm, rad and unit vectors: a file that was written anew still has the same rows."""
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """What two campaigns share.
+
+    Attributes
+    ----------
+    rows
+        Rows of the second that stand in the first too, with the same value.
+    of
+        Rows of the second.
+    setups
+        Set-ups of the second that are in the first too, in order: whose every point was measured
+        there (same positions, tool and direction), or that have the name of one that measured the
+        same components in the same region (a file that was split in two).
+    """
+
+    rows: int
+    of: int
+    setups: tuple[str, ...]
+
+    @property
+    def same(self) -> bool:
+        """Whether the second has no row of its own."""
+        return self.rows == self.of
+
+
+def overlap(fitted: Campaign, unseen: Campaign) -> Overlap:
+    """What of a campaign is not new beside another of the same machine."""
+    axes = [a for a in unseen.conditions.positions if a in fitted.conditions.positions]
+    points, others = _points(fitted, axes), _points(unseen, axes)
+    measured = set(_keys(np.column_stack([points, fitted.value])))
+    rows = sum(k in measured for k in _keys(np.column_stack([others, unseen.value])))
+    known = set(_keys(points))
+    again = np.array([k in known for k in _keys(others)], dtype=bool)
+    setup = unseen.conditions.setup
+    names = [] if setup is None else list(dict.fromkeys(setup.tolist()))
+    shared = [n for n in names if again[setup == n].all() or _same_placing(fitted, unseen, n, axes)]
+    return Overlap(rows, unseen.n, tuple(shared))
+
+
+def _same_placing(fitted: Campaign, unseen: Campaign, name: str, axes: list[str]) -> bool:
+    one, two = fitted.conditions.setup, unseen.conditions.setup
+    if one is None or two is None or name not in fitted.setups:
+        return False
+    a, b = fitted.rows(one == name), unseen.rows(two == name)
+    for axis in axes:
+        p, q = a.conditions.position(axis), b.conditions.position(axis)
+        if p.max() < q.min() or q.max() < p.min():
+            return False
+    return bool(set(_keys(_points(a, []))) & set(_keys(_points(b, []))))
+
+
+def _points(campaign: Campaign, axes: list[str]) -> F64:
+    c = campaign.conditions
+    u = np.zeros((c.n, 3)) if c.u is None else c.u
+    directions = [c.direction(a) for a in axes]
+    return np.column_stack(
+        [*(c.position(a) for a in axes), *directions, c.tool, u, campaign.kind.astype(np.float64)]
+    )
+
+
+def _keys(table: F64) -> Iterable[bytes]:
+    rounded = np.ascontiguousarray(np.round(table, _DECIMALS) + 0.0)
+    return (row.tobytes() for row in rounded)

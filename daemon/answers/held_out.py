@@ -1,0 +1,96 @@
+"""Campaigns that are to test a model: held out is only what was not fitted (ISO/TR 16907, 11.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.campaign.overlap import Overlap, overlap
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.campaign_file import read_campaign, read_campaigns
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.model.model import Model
+
+_MOST_TOLD = 6
+_OTHERS = "ISO/TR 16907, 11.3, asks for other set-ups and other points than those of the tables"
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Campaigns that were not fitted, joined, and what each shares with those that were."""
+
+    campaign: Campaign
+    shared: dict[str, Overlap]
+
+    @property
+    def rows(self) -> int:
+        """Rows that were fitted as well."""
+        return sum(o.rows for o in self.shared.values())
+
+    @property
+    def setups(self) -> tuple[str, ...]:
+        """Set-ups that were fitted as well, or whose points were."""
+        return tuple(dict.fromkeys(s for o in self.shared.values() for s in o.setups))
+
+    def notes(self) -> Iterator[str]:
+        """What is not new about them, for people."""
+        for file, found in self.shared.items():
+            if found.rows:
+                yield (
+                    f"NOT HELD OUT: {found.rows} of {found.of} rows of {file} are among the rows "
+                    "that are fitted; the figures below flatter the model"
+                )
+            elif found.setups:
+                names = ", ".join(found.setups[:_MOST_TOLD])
+                more = len(found.setups) - _MOST_TOLD
+                names += f" and {more} more" if more > 0 else ""
+                yield f"{file} repeats fitted set-ups ({names}): {_OTHERS}"
+
+
+def read_held_out(paths: Sequence[Path], machine: Machine, fitted: Campaign) -> HeldOut | None:
+    """The campaigns of ``--holdout``, beside those that are fitted; None without any.
+
+    Raises
+    ------
+    InputError
+        For bad files, and for a file that is fitted: the same one, or one with the same rows.
+    """
+    if not paths:
+        return None
+    shared = {}
+    for path in paths:
+        single = read_campaign(path, machine)
+        found = overlap(fitted, single)
+        if set(single.files.values()) & set(fitted.files.values()) or found.same:
+            raise InputError(
+                "this campaign is fitted and cannot be held out",
+                file=path,
+                field="--holdout",
+                found=f"{found.rows} of its {found.of} rows are among those of --campaign",
+                expected=_OTHERS,
+            )
+        shared[str(path)] = found
+    return HeldOut(read_campaigns(list(paths), machine), shared)
+
+
+def shares(held_out: HeldOut | None) -> dict[str, Any] | None:
+    """What held-out campaigns share with the fitted ones, for JSON."""
+    return None if held_out is None else {"rows": held_out.rows, "setups": [*held_out.setups]}
+
+
+def fitted_files(model: Model, campaign: Campaign) -> tuple[str, ...]:
+    """Those of a campaign's files to which a model was fitted, by their SHA-256."""
+    known = {c.get("sha256") for c in model.fit.get("campaigns", ())}
+    return tuple(file for file, sha256 in campaign.files.items() if sha256 in known)
+
+
+def fitted_note(files: Sequence[str]) -> str:
+    """What a comparison with fitted campaigns says, and what not."""
+    were = "is a campaign" if len(files) == 1 else "are campaigns"
+    return (
+        f"FITTED: {', '.join(files)} {were} that this model was fitted to: what is left over says "
+        f"how close the fit is, not how well the machine is predicted ({_OTHERS})"
+    )

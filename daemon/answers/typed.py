@@ -1,0 +1,37 @@
+"""Commands as an answer prints them: whole, so that they can be typed as they stand."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Adding:
+    """What ``abbe add`` is told beside the effect: the model and the campaigns of a diagnosis."""
+
+    model: Path
+    campaigns: Sequence[Path]
+
+    def command(self, spec: str) -> str:
+        """The command that adds an effect, with the campaign and the next version's name."""
+        words = ["abbe", "add", str(self.model), *spec.split(), "--campaign"]
+        words += [str(c) for c in self.campaigns]
+        return shlex.join([*words, "-o", str(next_version(self.model))])
+
+
+def next_version(model: Path) -> Path:
+    """A name that is free beside a model's: ``bridge.toml`` → ``bridge-2.toml``.
+
+    >>> next_version(Path("there/is/no/bridge-7.toml")).name
+    'bridge-8.toml'
+    """
+    stem = re.fullmatch(r"(?P<name>.*?)(?:-(?P<number>[0-9]{1,4}))?", model.stem)
+    name, number = (stem["name"], stem["number"]) if stem else (model.stem, None)
+    count = int(number or 1) + 1
+    while (free := model.with_name(f"{name}-{count}{model.suffix}")).exists():
+        count += 1
+    return free
