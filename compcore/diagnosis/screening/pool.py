@@ -11,6 +11,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.diagnosis.screening.bounded_search import least
 from abbe.compcore.diagnosis.screening.candidates import Candidate
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING, Evidence, weigh
 from abbe.compcore.diagnosis.screening.parameters import Estimate, doubt_of, estimates
@@ -189,22 +190,18 @@ class Pool:
             )
             return -s.drop
 
-        # half a second of import, for those that need it
-        from scipy import optimize
-
         if not all(p.smooth for p in candidate.effect.nonlinear(self.machine)):
             # a step: the fall of χ² is flat between rows, so every interval is looked at
             grid = product(*(np.linspace(low, high, _INTERVALS) for low, high in bounds))
             drop, values = max((-loss(np.array(v)), v) for v in grid)
         elif len(names) == 1:
-            best = optimize.minimize_scalar(
-                lambda v: loss(np.array([v])),
-                bounds=bounds[0],
-                method="bounded",
-                options={"xatol": 1e-3 * (bounds[0][1] - bounds[0][0])},
-            )
-            values, drop = (float(best.x),), -float(best.fun)
+            within = 1e-3 * (bounds[0][1] - bounds[0][0])
+            best, missed = least(lambda v: loss(np.array([v])), bounds[0], within)
+            values, drop = (best,), -missed
         else:
+            # half a second of import, for those that need it
+            from scipy import optimize
+
             found_best = optimize.minimize(
                 loss,
                 chosen,

@@ -7,6 +7,7 @@ the fitted model leaves of them (their Gram matrices) is computed once.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -22,6 +23,10 @@ Index = NDArray[np.int64]
 
 _BATCH = 400_000
 """Elements of columns made at once: as much as a processor's cache holds."""
+
+
+_HELD = 4_000_000
+"""Elements of columns that are kept (32 MB)."""
 
 
 class PatternBank:
@@ -44,36 +49,71 @@ class PatternBank:
         # an error motion that no row sees has no columns, and no part
         error_motions = [c for c in {p.error_motion: None for p in patterns} if seen[c].any()]
         self._parts = [_Part.of(fitted, c, seen[c]) for c in error_motions]
-        self._batches = [batch for part in self._parts for batch in _batches(part, patterns)]
-        self._grams: dict[int, F64] = {}
+        alike = _alike(patterns)
+        self._batches = [batch for part in self._parts for batch in _batches(part, alike)]
+        self._grams: dict[int, tuple[F64, F64]] = {}
+        self._held: dict[int, F64] = {}
+        self._room = _HELD
 
     def screen(self, basis: Basis) -> list[ScreenedCandidate]:
         """Test all patterns against the fitted model, perhaps extended; those that are seen."""
+        keys, drop, rank = self._falls(basis)
+        told = zip(keys.tolist(), drop.tolist(), rank.tolist(), strict=True)
+        return [ScreenedCandidate(key, {}, d, r) for key, d, r in told if r]
+
+    def leading(self, basis: Basis, most: int) -> list[int]:
+        """Keys of the patterns for which the data speak most, their coefficients priced."""
+        keys, drop, rank = self._falls(basis)
+        seen = rank > 0
+        keys, drop, rank = keys[seen], drop[seen], rank[seen]
+        if basis.chi2 > 0.0:
+            left = np.maximum(basis.chi2 - drop, 1e-12 * basis.chi2)
+            fall = basis.share * basis.dof * np.log(basis.chi2 / left)
+            value = fall - rank * math.log(basis.independent)
+            keys = keys[np.argsort(-value, kind="stable")]
+        return [int(key) for key in keys[:most]]
+
+    def _falls(self, basis: Basis) -> tuple[Index, F64, Index]:
+        """Of the patterns, by key: the key, the fall of χ² and the number of columns seen."""
         targets = {
             part.error_motion: np.column_stack([basis.residual, basis.extra])[part.rows]
             for part in self._parts
         }
-        found = []
+        keys: list[int] = []
+        drops: list[F64] = [np.zeros(0)]
+        ranks: list[Index] = [np.zeros(0, dtype=np.int64)]
         for number, batch in enumerate(self._batches):
-            columns = batch.columns(self._patterns)
-            square = np.einsum("ij,ij->i", columns, columns)
-            size = np.sqrt(np.where(square > 0.0, square, 1.0))
+            columns = self._columns(number, batch)
             if number not in self._grams:
+                square = np.einsum("ij,ij->i", columns, columns)
+                size = np.sqrt(np.where(square > 0.0, square, 1.0))
                 imitated = batch.part.imitated(columns) / size[:, None]
                 own = grams(columns, batch.width)
                 scale = size.reshape(-1, batch.width)
                 own /= scale[:, :, None] * scale[:, None, :]
-                self._grams[number] = own - grams(imitated, batch.width)
+                self._grams[number] = (size, own - grams(imitated, batch.width))
+            size, left = self._grams[number]
             inner = (columns @ targets[batch.part.error_motion]) / size[:, None]
-            drop, rank = drops_of(
-                self._grams[number], inner[:, 0], np.ascontiguousarray(inner[:, 1:])
-            )
-            found += [
-                ScreenedCandidate(key, {}, float(d), int(r))
-                for key, d, r in zip(batch.keys, drop, rank, strict=True)
-                if r
-            ]
-        return sorted(found, key=lambda s: s.key)
+            drop, rank = drops_of(left, inner[:, 0], np.ascontiguousarray(inner[:, 1:]))
+            keys += batch.keys
+            drops.append(drop)
+            ranks.append(rank)
+        order = np.argsort(np.array(keys, dtype=np.int64))
+        return (
+            np.array(keys, dtype=np.int64)[order],
+            np.concatenate(drops)[order],
+            np.concatenate(ranks)[order],
+        )
+
+    def _columns(self, number: int, batch: _Batch) -> F64:
+        """A batch's columns, kept where there is room; oscillations are made again as fast."""
+        columns = self._held.get(number)
+        if columns is None:
+            columns = batch.columns(self._patterns)
+            if columns.size <= self._room and self._patterns[batch.keys[0]].wave is None:
+                self._held[number] = columns
+                self._room -= columns.size
+        return columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,15 +169,22 @@ class _Batch:
         return out
 
 
-def _batches(part: _Part, patterns: Sequence[CandidatePattern]) -> Iterator[_Batch]:
-    by_kind: dict[object, list[int]] = {}
+_Kind = tuple[ErrorMotion, int, object]
+
+
+def _alike(patterns: Sequence[CandidatePattern]) -> dict[_Kind, list[int]]:
+    """Error motion, width, and what oscillations have in common → the patterns' keys."""
+    found: dict[_Kind, list[int]] = {}
     for key, pattern in enumerate(patterns):
-        if pattern.error_motion == part.error_motion:
-            wave = pattern.wave
-            kind = None if wave is None else (wave.v, wave.along, wave.harmonics)
-            by_kind.setdefault((pattern.width, kind), []).append(key)
-    for keys in by_kind.values():
-        width = patterns[keys[0]].width
-        step = max(1, _BATCH // (width * max(1, len(part.rows))))
-        for at in range(0, len(keys), step):
-            yield _Batch(part, tuple(keys[at : at + step]), width)
+        wave = pattern.wave
+        kind = None if wave is None else (wave.v, wave.along, wave.harmonics)
+        found.setdefault((pattern.error_motion, pattern.width, kind), []).append(key)
+    return found
+
+
+def _batches(part: _Part, alike: Mapping[_Kind, list[int]]) -> Iterator[_Batch]:
+    for (error_motion, width, _), keys in alike.items():
+        if error_motion == part.error_motion:
+            step = max(1, _BATCH // (width * max(1, len(part.rows))))
+            for at in range(0, len(keys), step):
+                yield _Batch(part, tuple(keys[at : at + step]), width)

@@ -266,8 +266,7 @@ def oscillations(
             continue
         span = 2.0 * v.scale
         for period in period_grid(shortest[v.name], 0.8 * span, _FINE / span):
-            for error_motion in on:
-                yield oscillation(v, period, error_motion)
+            yield from _on_each(oscillation(v, period, on[0]), on)
 
 
 def swings(
@@ -284,8 +283,13 @@ def swings(
     positions = [q for q in quantities if q.family == "position"]
     for period in period_grid(2.0 * shortest[time.name], 0.8 * span, _COARSE / span):
         for along in positions:
-            for error_motion in on:
-                yield oscillation(time, period, error_motion, along)
+            yield from _on_each(oscillation(time, period, on[0], along), on)
+
+
+def _on_each(pattern: CandidatePattern, on: Sequence[ErrorMotion]) -> Iterator[CandidatePattern]:
+    """One pattern on each of several error motions, its words put together once."""
+    for error_motion in on:
+        yield replace(pattern, error_motion=error_motion)
 
 
 def oscillation(

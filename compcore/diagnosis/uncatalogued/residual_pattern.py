@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -125,10 +124,8 @@ class Patterns:
         """The strongest patterns in the residuals, strongest first, no two nearly the same."""
         found: list[ResidualPattern] = []
         for family, bank in zip(self._families, self._banks, strict=True):
-            screened = bank.screen(basis)
-            screened.sort(key=lambda s: -_value(basis, s.drop, s.rank))
             kept = _KEPT_PRODUCTS if family and family[0].factors else _KEPT
-            leading = [family[s.key] for s in screened[:kept]]
+            leading = [family[key] for key in bank.leading(basis, kept)]
             found += self._weighed(basis, leading, len(family))
         found.sort(key=lambda s: -s.evidence.value)
         return self._distinct(basis, found, most)
@@ -247,14 +244,6 @@ class Patterns:
             current = current.extended(s.columns)
             left = {one.key: one.drop for one in bank.screen(current)}
         return taken
-
-
-def _value(basis: Basis, drop: float, rank: int) -> float:
-    if basis.chi2 <= 0.0:
-        return -math.inf
-    left = max(basis.chi2 - drop, 1e-12 * basis.chi2)
-    fall = basis.share * basis.dof * math.log(basis.chi2 / left)
-    return fall - rank * math.log(basis.independent)
 
 
 def _shortest(quantities: Sequence[PatternVariable]) -> dict[str, float]:
