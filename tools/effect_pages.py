@@ -47,9 +47,12 @@ def page_text(kind: str) -> str:
         lines += [f"## {title}", ""]
         for paragraph in body:
             lines += [_markdown(paragraph), ""]
-        if title == "Parameters":
+        if title == "Parameters" and not effect_class(kind).given:
             lines += _parameters(kind)
-    lines += ["## Keys", "", f"    abbe add MODEL {page.usage} …", ""]
+    usage = f"abbe add MODEL {page.usage} …"
+    if effect_class(kind).given:
+        usage = "abbe import-grid FILE --controller NAME --onto MODEL -o OUT"
+    lines += ["## Keys", "", f"    {usage}", ""]
     lines += ["| key | | what it says |", "| --- | --- | --- |"]
     for key in page.keys:
         needed = "required" if key.required else "optional"
@@ -66,7 +69,7 @@ def _back(page: EffectPage) -> str:
 def _parameters(kind: str) -> list[str]:
     """The parameters of the picture's example, with units and plausible ranges."""
     scene = SCENES[kind]
-    effect = effect_class(kind)(**scene.keys)
+    effect = scene.effect(kind)
     rows = [
         f"As in the picture, `{effect.spec}`:",
         "",

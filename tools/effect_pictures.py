@@ -48,7 +48,7 @@ class _Stage:
 
     def __init__(self, kind: str, scene: Scene) -> None:
         self.scene, self.machine = scene, scene.machine
-        self.effect = make_effect(kind, scene.keys)
+        self.effect = scene.effect(kind)
         self.term = Term(self.effect, {k: Value(v) for k, v in scene.values.items()})
         others = tuple(
             Term(make_effect(k, keys), {n: Value(v) for n, v in values.items()})
@@ -101,8 +101,7 @@ class _Stage:
         motions = self.effect.motions_among(self.machine, at, {}, self.plain.terms)
         for motion in motions:
             if motion.error_motion == self.error_motion:
-                count = motion.columns.shape[1]
-                total += motion.columns @ p[motion.first : motion.first + count]
+                total += motion.amount(p)
         return total
 
     @property
@@ -113,7 +112,7 @@ class _Stage:
         p = self.term.coefficients(self.machine)
         size: dict[ErrorMotion, float] = {}
         for m in self.effect.motions_among(self.machine, at, {}, self.plain.terms):
-            value = np.abs(m.columns @ p[m.first : m.first + m.columns.shape[1]]).max()
+            value = np.abs(m.amount(p)).max()
             scaled = value * (300.0 if m.error_motion.rotation else 1.0)
             size[m.error_motion] = max(size.get(m.error_motion, 0.0), float(scaled))
         return max(size, key=lambda error_motion: size[error_motion])

@@ -7,6 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
+from abbe.compcore.effects import Effect, make_effect
+from abbe.compcore.effects.base import FUNCTIONAL_POINT, ErrorMotion
+from abbe.compcore.effects.catalogue.error_grid import ErrorGrid, MeasuredTable
 from abbe.compcore.machine.machine import Axis, Machine, Signal
 from abbe.compcore.machine.structure import Structure
 
@@ -96,6 +101,8 @@ class Scene:
         Planes of the grid square to X, Y and Z.
     others
         Further effects of the model: kind, keys, values.
+    tables
+        The data of an error grid.
     """
 
     keys: Mapping[str, Any]
@@ -109,6 +116,12 @@ class Scene:
     u: str = "X"
     count: tuple[int, int, int] = (5, 4, 3)
     others: tuple[tuple[str, Mapping[str, Any], Mapping[str, float]], ...] = ()
+    tables: tuple[MeasuredTable, ...] = ()
+
+    def effect(self, kind: str) -> Effect:
+        """The effect that is drawn, with its data where it has any."""
+        made = make_effect(kind, self.keys)
+        return made.holding(self.tables, "0" * 64) if isinstance(made, ErrorGrid) else made
 
 
 def _over(axis: str, machine: Machine = BRIDGE, **lines: Mapping[str, float]) -> Curve:
@@ -122,6 +135,16 @@ _TURN = Curve("C", (-180.0, 180.0), "C in degrees")
 
 def _both(axis: str, does: str = "arriving") -> dict[str, dict[str, float]]:
     return {f"{does} +": {f"{axis}_dir": 1.0}, f"{does} −": {f"{axis}_dir": -1.0}}
+
+
+def _some_grid() -> tuple[MeasuredTable, ...]:
+    nodes = tuple(np.linspace(*_AXES[a].travel, n) for a, n in zip("XYZ", (5, 4, 3), strict=True))
+    x, y, z = np.meshgrid(*(np.arange(len(n), dtype=float) for n in nodes), indexing="ij")
+    waves = {"X": np.sin(2.1 * x + 1.3 * y), "Y": np.cos(1.7 * x - z), "Z": np.sin(x * y - 0.8 * z)}
+    return tuple(
+        MeasuredTable(ErrorMotion(FUNCTIONAL_POINT, c), ("X", "Y", "Z"), nodes, 0.02 * waves[c])
+        for c in ("X", "Y", "Z")
+    )
 
 
 SCENES: Mapping[str, Scene] = {
@@ -375,6 +398,13 @@ SCENES: Mapping[str, Scene] = {
         "a scale's sensor reads 2 K too much: what must be taken off the prediction",
         others=(("scale_expansion", {"axis": "X", "signals": "T"}, {"alpha": 16e-6}),),
         state={"T": 20.0},
+    ),
+    "error_grid": Scene(
+        {"file": "grid.json"},
+        {},
+        Curve("X", (0.0, 700.0), "X in mm", {"Y = 100": {"Y": 100.0}, "Y = 800": {"Y": 800.0}}),
+        "a grid that was measured: no sum of what the axes do, and nobody knows why",
+        tables=_some_grid(),
     ),
     "setup_zero": Scene(
         {"setup": "line"},

@@ -19,6 +19,7 @@ from abbe.compcore.effects.registry import (
 if TYPE_CHECKING:
     from abbe.compcore.effects.catalogue.dynamic import FeedLag
     from abbe.compcore.effects.catalogue.elastic import CrossAngular, LoadBending, OverhangSag
+    from abbe.compcore.effects.catalogue.error_grid import ErrorGrid
     from abbe.compcore.effects.catalogue.events import Drift, Event, WarmUp
     from abbe.compcore.effects.catalogue.formula import Formula
     from abbe.compcore.effects.catalogue.instrument import InstrumentDrift, LengthBias, SensorOffset
@@ -56,6 +57,7 @@ __all__ = [
     "DeadPath",
     "Drift",
     "Effect",
+    "ErrorGrid",
     "ErrorMotion",
     "Event",
     "FeedLag",

@@ -59,7 +59,7 @@ __all__ = [
 class Motion:
     """What an effect does to one error motion.
 
-    The error motion is ``columns @ p[parameters]`` with p the effect's linear parameters.
+    The error motion is ``columns @ p[parameters] + known`` with p the effect's linear parameters.
 
     Attributes
     ----------
@@ -69,11 +69,19 @@ class Motion:
         Shape (n, k): basis functions on the conditions, the motion's unit per unit of parameter.
     first
         Index of the effect's linear parameter that the first column belongs to.
+    known
+        Shape (n,): what no parameter changes, mm or rad; None: 0.
     """
 
     error_motion: ErrorMotion
     columns: F64
     first: int = 0
+    known: F64 | None = None
+
+    def rows(self, index: NDArray[np.int64]) -> Motion:
+        """The same on some of the rows."""
+        known = None if self.known is None else self.known[index]
+        return Motion(self.error_motion, self.columns[index], self.first, known)
 
     @property
     def parameters(self) -> slice:
@@ -82,7 +90,8 @@ class Motion:
 
     def amount(self, coefficients: F64) -> F64:
         """How much it moves or turns, (n,) mm or rad, with the effect's linear parameters."""
-        return self.columns @ coefficients[self.parameters]
+        amount = self.columns @ coefficients[self.parameters]
+        return amount if self.known is None else amount + self.known
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,6 +169,8 @@ class Effect(BaseModel, ABC):
     """Whether what it shares with other effects is best told as this one: a squareness, a scale."""
     reads_tool: ClassVar[bool] = False
     """Whether the columns depend on the tool's offset (levers not counted)."""
+    given: ClassVar[bool] = False
+    """Whether all its values are given with it: without parameters, nothing to be fitted."""
     reads_model: ClassVar[bool] = False
     """Whether the columns follow from the model's other effects (`motions_among`)."""
 

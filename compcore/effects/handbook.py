@@ -43,6 +43,9 @@ KEY_WORDS = {
     "datum": "the point that is held fixed: x,y,z in mm",
     "measures": "length, or angle where the set-up measures one",
     "terms": "expressions, comma-separated",
+    "file": "the grid's data, in the model's folder or below it",
+    "sha256": "checksum of that file",
+    "tool": "tool offset with which a grid was measured: x,y,z in mm",
 }
 """Where-key → what it says."""
 

@@ -28,6 +28,7 @@ FAMILIES: dict[str, str] = {
     "local": "Geometry of linear axes",
     "rotary_axes": "Rotary axes and spindle",
     "elastic": "Elastic, not rigid",
+    "error_grid": "Measured as a whole",
     "thermal": "Thermal",
     "thermal_angles": "Thermal",
     "events": "Over time",

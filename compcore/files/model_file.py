@@ -23,7 +23,7 @@ from abbe.compcore.files.model_sections import (
     shaped,
 )
 from abbe.compcore.files.packed_covariance import pack_symmetric, unpack_symmetric
-from abbe.compcore.files.text.atomic import write_atomically
+from abbe.compcore.files.text.atomic import write_together
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.machine.machine import Axis, Machine, Signal, Vec3, nominal_direction
 from abbe.compcore.machine.structure import Structure, is_rotary
@@ -44,12 +44,17 @@ def load_model(path: str | Path) -> Model:
     return parse_model(TomlSource.read(path))
 
 
-def parse_model(source: TomlSource) -> Model:
-    """A model from TOML text; raises as `load_model`."""
+def parse_model(source: TomlSource, grids: Mapping[str, str] | None = None) -> Model:
+    """A model from TOML text; raises as `load_model`.
+
+    `grids`: name → text of grids' files that are at hand; others are read beside the model.
+    """
     file = read_sections(source)
     try:
         machine = _machine(file.machine)
-        terms = tuple(_term(source, i, section, machine) for i, section in enumerate(file.effects))
+        terms = tuple(
+            _term(source, i, section, machine, grids) for i, section in enumerate(file.effects)
+        )
         fit = dict(file.fit)
         packed = fit.pop("covariance", None)
         size = sum(len(term.values) for term in terms)
@@ -60,6 +65,8 @@ def parse_model(source: TomlSource) -> Model:
         check_covariance(covariance)
         return replace(model, covariance=covariance)
     except InputError as error:
+        if error.file not in (None, source.file):
+            raise  # another file's, such as a grid's
         raise source.located(error) from None
 
 
@@ -108,7 +115,13 @@ def _machine(section: MachineSection) -> Machine:
     )
 
 
-def _term(source: TomlSource, index: int, section: dict[str, Any], machine: Machine) -> Term:
+def _term(
+    source: TomlSource,
+    index: int,
+    section: dict[str, Any],
+    machine: Machine,
+    grids: Mapping[str, str] | None,
+) -> Term:
     keys = dict(section)
     kind = keys.pop("kind", None)
     if not isinstance(kind, str):
@@ -116,13 +129,27 @@ def _term(source: TomlSource, index: int, section: dict[str, Any], machine: Mach
     keys.pop("parameters", None)
     try:
         effect = make_effect(kind, keys)
+        if kind == "error_grid":
+            effect = _with_data(effect, machine, source, grids)
         effect.check(machine)
     except InputError as error:
+        if error.file is not None:
+            raise
         field = f"effects[{index}]" + (f".{error.field}" if error.field else "")
         raise InputError(
             error.problem, field=field, found=error.found, expected=error.expected
         ) from None
     return Term(effect, _values(source, index, effect, machine, section.get("parameters", {})))
+
+
+def _with_data(
+    effect: Effect, machine: Machine, source: TomlSource, grids: Mapping[str, str] | None
+) -> Effect:
+    from abbe.compcore.effects.catalogue.error_grid import ErrorGrid
+    from abbe.compcore.files.grid_file import load_grid
+
+    folder = None if source.file is None else Path(source.file).parent
+    return load_grid(effect, machine, folder, grids) if isinstance(effect, ErrorGrid) else effect
 
 
 def _values(
@@ -172,6 +199,8 @@ def _units(effect: Effect, machine: Machine) -> dict[str, str]:
 def save_model(model: Model, path: str | Path) -> None:
     """Write a model file, atomically; `load_model` gives back an equal model.
 
+    The files of its grids are written beside it where they are not there yet.
+
     Raises
     ------
     InputError
@@ -180,13 +209,19 @@ def save_model(model: Model, path: str | Path) -> None:
         When `load_model` would refuse it: nothing is written then.
     """
     text = format_model(model)
+    grids: dict[str, str] = {}
+    missing: dict[Path, str] = {}
+    if any(effect.kind == "error_grid" for effect in model.effects):
+        from abbe.compcore.files.grid_file import files_to_write, grid_files
+
+        grids, missing = grid_files(model.effects), files_to_write(model.effects, path)
     try:
-        parse_model(TomlSource(text))
+        parse_model(TomlSource(text), grids)
     except InputError as error:
         raise AbbeError(
             f"{path}: not written, as no such model can be read again: {error}"
         ) from None
-    write_atomically(path, text)
+    write_together({**missing, Path(path): text})
 
 
 def format_model(model: Model) -> str:

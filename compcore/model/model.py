@@ -39,8 +39,8 @@ class Term:
 
     @property
     def fitted(self) -> bool:
-        """Whether the effect has parameter values; without, it predicts 0."""
-        return bool(self.values)
+        """Whether the effect has its values; without, it predicts 0."""
+        return bool(self.values) or self.effect.given
 
     def coefficients(self, machine: Machine) -> F64:
         """The linear parameters in the order of the effect's columns, shape (p,)."""

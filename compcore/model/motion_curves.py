@@ -50,6 +50,7 @@ def motion_curves(model: Model, axis: str, points: int = 61) -> list[MotionCurve
     conditions = model.amended(Conditions({**positions, axis: q}, signals=signals))
     size = sum(len(term.values) for term in model.terms)
     columns: dict[ErrorMotion, F64] = {}
+    known: dict[ErrorMotion, F64] = {}
     coefficients = np.zeros(size)
     at = 0
     for term in model.terms:
@@ -60,6 +61,10 @@ def motion_curves(model: Model, axis: str, points: int = 61) -> list[MotionCurve
                 if motion.error_motion.place == axis:
                     whole = columns.setdefault(motion.error_motion, np.zeros((points, size)))
                     whole[:, at : at + len(own)][:, motion.parameters] += motion.columns
+                    if motion.known is not None:
+                        known[motion.error_motion] = (
+                            known.get(motion.error_motion, 0.0) + motion.known
+                        )
         at += len(term.values)
     curves = []
     for error_motion in sorted(columns, key=lambda c: "XYZABC".index(c.component)):
@@ -68,5 +73,6 @@ def motion_curves(model: Model, axis: str, points: int = 61) -> list[MotionCurve
         if model.covariance is not None:
             variance = np.einsum("np,pq,nq->n", matrix, model.covariance, matrix)
             sd = np.sqrt(np.maximum(variance, 0.0))
-        curves.append(MotionCurve(error_motion, q, matrix @ coefficients, sd))
+        values = matrix @ coefficients + known.get(error_motion, 0.0)
+        curves.append(MotionCurve(error_motion, q, values, sd))
     return curves

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.error_motion import FUNCTIONAL_POINT, Component, ErrorMotion
 from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.multilinear import interpolate
 
 F64 = NDArray[np.float64]
 
@@ -190,28 +190,6 @@ class Table:
     def largest(self) -> float:
         """The largest value, mm or rad."""
         return float(max(np.abs(self.forward).max(), np.abs(self.downward).max()))
-
-
-def interpolate(nodes: Sequence[F64], values: F64, positions: Sequence[F64]) -> F64:
-    """Multilinear interpolation at n positions, (n,) for each dimension; the ends are held."""
-    if len(nodes) == 1:
-        return np.interp(positions[0], nodes[0], values)
-    left, part = [], []
-    for grid, position in zip(nodes, positions, strict=True):
-        held = np.clip(position, grid[0], grid[-1])
-        index = np.clip(np.searchsorted(grid, held, side="right") - 1, 0, max(len(grid) - 2, 0))
-        span = grid[np.minimum(index + 1, len(grid) - 1)] - grid[index]
-        left.append(index)
-        part.append((held - grid[index]) / np.where(span > 0.0, span, 1.0))
-    total = np.zeros(len(positions[0]))
-    for corner in itertools.product((0, 1), repeat=len(nodes)):
-        weight = np.ones(len(total))
-        at = []
-        for k, (i, w) in enumerate(zip(left, part, strict=True)):
-            weight = weight * (w if corner[k] else 1.0 - w)
-            at.append(np.minimum(i + corner[k], values.shape[k] - 1))
-        total += weight * values[tuple(at)]
-    return total
 
 
 def tables_of(tables: Iterable[Table], axis: str) -> tuple[Table, ...]:

@@ -25,6 +25,7 @@ NAMES = (
     "upload",
     "controllers",
     "import_map",
+    "import_grid",
     "identify_convention",
 )
 """The commands' modules, in the order in which ``abbe --help`` lists them."""

@@ -83,15 +83,12 @@ class Problem:
         other._motions, other._tool_directions = {}, {}
         other._conditions = other._observation = other._blocks = other._eliminator = None
         other._given = {
-            i: tuple(
-                Motion(m.error_motion, m.columns[rows], m.first) for m in self.motions(i, theta)
-            )
+            i: tuple(m.rows(rows) for m in self.motions(i, theta))
             for i, effect in enumerate(self.model.effects)
             if effect.scope == "instrument"
         }
         other._beside = {
-            key: tuple(Motion(m.error_motion, m.columns[rows], m.first) for m in motions)
-            for key, motions in self._beside.items()
+            key: tuple(m.rows(rows) for m in motions) for key, motions in self._beside.items()
         }
         return other
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.tables.table import interpolate
+from abbe.compcore.multilinear import interpolate
 
 F64 = NDArray[np.float64]
 

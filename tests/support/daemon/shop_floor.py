@@ -40,6 +40,15 @@ POINTS = "X,Y,Z\n1,2,-3\n"
 MAP = "".join(
     f"{a} Axis\nPosition Lx Ly Lz Rx Ry Rz\n0 0 0 0 0 0 0\n100 0.001 0 0 0 0 0\n" for a in "XYZ"
 )
+GRID = (
+    '# sign = "error"\n'
+    + ",".join(
+        ["X [mm]", "Y [mm]", "Z [mm]"]
+        + [f"d{c} [{'mm' if c in 'XYZ' else 'deg'}]" for c in "XYZABC"]
+    )
+    + "".join(f"\n{x},{y},{z},0,0,0,0,0,0" for x in (0, 9) for y in (0, 9) for z in (-9, 0))
+    + "\n"
+)
 ISO = "target,1,1\n0,0.0,0.5\n100,1.0,1.5\n200,2.0,2.5\n"
 
 
@@ -113,6 +122,11 @@ TASKS = {
     "import-campaign": Task(
         "import-campaign map.txt --as map --structure w_b_Y_X_Z_t -o OUT", ("map.txt",), HEAD
     ),
+    "import-grid": Task(
+        "import-grid grid.csv --controller grid-csv --structure w_b_Y_X_Z_t -o OUT",
+        ("grid.csv",),
+        MODEL,
+    ),
     "import-map": Task("import-map map.txt --structure w_b_Y_X_Z_t -o OUT", ("map.txt",), MODEL),
 }
 """Every command with an output file; the structure's blanks are put back by `line_of`."""
@@ -145,6 +159,7 @@ def furnish(folder: Path) -> None:
         "other.csv": HEAD + COLUMNS + ROWS,
         "points.csv": POINTS,
         "map.txt": MAP,
+        "grid.csv": GRID,
         "notes.txt": "my notes\n",
     }.items():
         (folder / name).write_text(text, encoding="utf-8")
