@@ -18,7 +18,7 @@ from abbe.compcore.effects.catalogue.error_grid import ErrorGrid, MeasuredTable
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.text.bounded_text import read_bounded
 from abbe.compcore.files.text.json_source import MOST_BYTES, parse_json, shaped
-from abbe.compcore.files.text.write_target import Target
+from abbe.compcore.files.text.write_target import WriteTarget
 from abbe.compcore.machine.error_motion import Component, ErrorMotion
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.plausible import (
@@ -265,7 +265,7 @@ def files_to_write(effects: Sequence[Effect], model: str | Path) -> dict[Path, s
     """
     missing: dict[Path, str] = {}
     files = grid_files(effects)
-    if files and not Target.of(model).replaced:
+    if files and not WriteTarget.of(model).replaced:
         raise InputError(
             "a model with a grid is two files", file=model, expected="the name of a file"
         )
