@@ -15,7 +15,7 @@ from typing import Any
 
 
 class AbbeError(Exception):
-    """Anything that Abbe could not do, said in one message to a user."""
+    """Base of Abbe's errors: what could not be done, in one message to a user."""
 
 
 class InputError(AbbeError, ValueError):

@@ -1,4 +1,4 @@
-"""What a command reads and what it will write, looked at together before anything is computed.
+"""Inputs and outputs of a command, checked against each other before anything is computed.
 
 No command writes onto a file that it reads, nor two outputs onto one, nor over a file that is not
 of the kind that it writes (``--force`` for the last only). ``docs/files.md`` is its page.

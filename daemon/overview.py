@@ -1,4 +1,4 @@
-"""What a configuration links: every channel, where it sits and what it becomes."""
+"""The overview of a configuration: every channel, where it sits and what it becomes."""
 
 from __future__ import annotations
 

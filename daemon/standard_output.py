@@ -1,4 +1,4 @@
-"""Standard output that says what is wrong with it: a full disk is one message, not a traceback."""
+"""Standard output whose failures are one message: a full disk gives no traceback."""
 
 from __future__ import annotations
 

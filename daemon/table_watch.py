@@ -138,7 +138,7 @@ class Follower:
 
 @dataclass(frozen=True)
 class TableTarget:
-    """What is made, and where it goes."""
+    """The tables to keep up to date, and their folder."""
 
     controller: Controller
     options: Mapping[str, str]

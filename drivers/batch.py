@@ -1,4 +1,4 @@
-"""Writing channels one after the other: what became of each, told in one error."""
+"""Batches of writes: channels one after the other, and one error for all that failed."""
 
 from __future__ import annotations
 

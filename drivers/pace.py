@@ -1,4 +1,4 @@
-"""When something that is asked for every so often is due, and sooner when it could not be had."""
+"""Pace: when something that is asked for every so often is due, sooner after a failure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _FIRST_WAIT = 0.05
 
 @dataclass(slots=True)
 class Pace:
-    """When one question is due.
+    """The pace of one question: when it is due.
 
     A refusal that lasts a moment is to cost a value for that moment, not until it is due again:
     what could not be had is asked for at once, and then after a while that doubles up to `every`.

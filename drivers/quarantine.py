@@ -82,7 +82,7 @@ class Member:
 
 
 class MemberHealth:
-    """All members of a bus; keeps the link's status and its log.
+    """The health of all members of a bus; keeps the link's status and its log.
 
     Parameters
     ----------

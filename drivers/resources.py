@@ -1,4 +1,4 @@
-"""How a resource that only one process may own is spelled: one spelling for all links and stores.
+"""Names of resources that only one process may own: one spelling for links and stores.
 
 ``tcp HOST:PORT``, ``serial REALPATH``, ``can INTERFACE CHANNEL``, ``linuxcnc hal`` (the LinuxCNC
 that runs on this computer), ``linuxcnc INI``. A link or store hands them out as its `owns`; who

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True, slots=True)
 class SetupCoverage:
-    """What one set-up saw.
+    """What one set-up recorded and varied.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class SetupCoverage:
 
 @dataclass(frozen=True)
 class Coverage:
-    """What there is to see in one or more campaigns.
+    """What one or more campaigns recorded and varied.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Many points at once.
+"""The correction of many points at once, from one slow state's tables.
 
 On machines with linear axes only, to first order, the error is affine in each position that makes
 up a lever: ``e = T + Σ_b q_b·U_b`` with T and U_b sums of functions of one position each. Every

@@ -1,4 +1,4 @@
-"""One point at a time: tables looked up with Python floats, no arrays.
+"""Tables looked up for one point at a time, with Python floats and no arrays.
 
 The rows of a table stay packed in one block of bytes, which a refold makes in microseconds; a row
 becomes a tuple when it is first needed.

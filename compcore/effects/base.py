@@ -1,4 +1,4 @@
-"""What an effect is: one physical cause of error, one class, used by everything.
+"""The base of all effects: one physical cause of error, one class, used by everything.
 
 An effect says which error motions it moves (`ErrorMotion`), with which basis functions of the
 recorded conditions (`Motion`), and which parameters multiply them (`Parameter`). Prediction, fit,

@@ -1,4 +1,4 @@
-"""What effects need of recorded signals: their excess over the reference, their lag, their rank."""
+"""Signals of effects: their excess over the reference, their lag, their rank."""
 
 from __future__ import annotations
 

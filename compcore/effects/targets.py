@@ -1,4 +1,4 @@
-"""Where an effect acts that is given by an axis, a direction or a turn about one."""
+"""Targets of effects: the error motion given by an axis, a direction or a turn about one."""
 
 from __future__ import annotations
 

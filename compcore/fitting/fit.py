@@ -41,7 +41,7 @@ _SETTLED = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class FitResult:
-    """What a fit found.
+    """The result of a fit.
 
     Attributes
     ----------

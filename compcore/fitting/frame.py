@@ -34,7 +34,7 @@ _CARRIED = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class ReferenceFrame:
-    """How the reference frame is chosen.
+    """The convention that fixes the reference frame.
 
     Attributes
     ----------

@@ -37,7 +37,7 @@ Solve = Callable[[Problem, F64], tuple[F64, Decomposition]]
 
 @dataclass(frozen=True, slots=True)
 class Outlier:
-    """A row that does not belong to the others.
+    """An outlier: a row that does not belong to the others.
 
     Attributes
     ----------

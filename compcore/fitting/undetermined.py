@@ -36,7 +36,7 @@ uncertainties may be moved along freely."""
 
 @dataclass(frozen=True, eq=False)
 class NullSpace:
-    """The directions in which a campaign determines nothing.
+    """The null space of a campaign: the directions in which it determines nothing.
 
     Attributes
     ----------

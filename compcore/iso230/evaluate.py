@@ -16,7 +16,7 @@ from abbe.compcore.machine.machine import Machine
 
 @dataclass(frozen=True)
 class Iso230:
-    """What ISO 230 makes of a campaign.
+    """The evaluation of a campaign by ISO 230.
 
     Attributes
     ----------

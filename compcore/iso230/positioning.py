@@ -53,7 +53,7 @@ class Runs:
 
 @dataclass(frozen=True, eq=False)
 class PositioningResult:
-    """What ISO 230-2 makes of them: mm or rad, None where too little was measured.
+    """The results of ISO 230-2: mm or rad, None where too little was measured.
 
     Attributes
     ----------

@@ -26,7 +26,7 @@ F64 = NDArray[np.float64]
 
 @dataclass
 class CorrectedFile:
-    """What was done to a file of points.
+    """The result of correcting a file of points.
 
     Attributes
     ----------

@@ -32,7 +32,7 @@ MEANINGS: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What was found in one campaign file."""
+    """The evaluation of one campaign file."""
 
     file: str
     positioning: tuple[PositioningResult, ...]

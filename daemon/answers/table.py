@@ -34,7 +34,7 @@ _WORTH = 1e-4
 
 @dataclass(frozen=True)
 class TableRequest:
-    """What tables are wanted.
+    """The request for tables: of which model, for which controller and conditions.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class TableRequest:
 
 @dataclass(frozen=True, eq=False)
 class TableAnswer:
-    """Tables that were made.
+    """The answer of ``abbe table``: the tables that were made, and what they leave.
 
     Attributes
     ----------

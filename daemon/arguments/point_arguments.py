@@ -21,7 +21,7 @@ from abbe.daemon.arguments.effect_name import short
 
 @dataclass(frozen=True)
 class Given:
-    """What a command line says, in the units inside the code (mm, rad, s); signals in their own.
+    """The conditions of a command line, in the units inside the code; signals in their own.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""``abbe check``: validate a configuration and print what would be linked."""
+"""``abbe check``: validate a configuration and print an overview of its links and channels."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class ForeignLayout(StrEnum):
-    """What a foreign file is."""
+    """The layout of a foreign file."""
 
     ISO230_2 = "iso230-2"
     RTL = "rtl"

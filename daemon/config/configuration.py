@@ -1,4 +1,4 @@
-"""A configuration that was found to fit together: what loading a file gives."""
+"""The configuration as loading a file gives it: checked, links and model at hand."""
 
 from __future__ import annotations
 

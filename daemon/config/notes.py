@@ -1,4 +1,4 @@
-"""What ``abbe check`` remarks: allowed, but somebody should have decided it."""
+"""Notes on a configuration: allowed, but somebody should have decided it."""
 
 from __future__ import annotations
 

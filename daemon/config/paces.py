@@ -1,4 +1,4 @@
-"""Checks of how often things are read: nothing may be older than what it guards."""
+"""Paces of a configuration: nothing may be older than what it guards."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What comes before the live part of the demo: measure the machine, fit its model."""
+"""Preparation of the demo: measure the machine, fit its model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the guard does with one direction: its state, and its share of the computed correction."""
+"""One direction of the guard: its state, and its share of the computed correction."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from abbe.daemon.guard.limits import GuardLimits
 
 
 class GuardState(enum.Enum):
-    """What the guard does with one direction."""
+    """The state of the guard in one direction."""
 
     OFF = "off"
     """No correction: something is missing for longer than hold and ramp, or nothing began yet."""

@@ -1,4 +1,4 @@
-"""The guard: what stands between a computed correction and the controller.
+"""The guard between a computed correction and the controller: bounds, ramps, time limits.
 
 A pure state machine: time and inputs are handed in, nothing is read or written, so every promise
 below is checked by property tests (``tests/daemon/test_guard.py``) for any sequence of inputs.
@@ -33,7 +33,7 @@ from abbe.daemon.guard.limits import ALL, ZERO, GuardLimits, Vec3
 
 
 class Decision(NamedTuple):
-    """What the guard hands out at one step.
+    """The guard's decision at one step: the corrections that may be used.
 
     Attributes
     ----------

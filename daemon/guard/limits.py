@@ -1,4 +1,4 @@
-"""What the guard allows: the largest corrections, the fastest changes, the times."""
+"""Limits of the guard: the largest corrections, the fastest changes, the times."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class GuardLimits:
-    """What the guard allows.
+    """The limits of the guard.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What each command has to hold (`abbe.daemon.ownership.lock`) before it opens anything."""
+"""Claims of each command: what it has to hold (`abbe.daemon.ownership.lock`) first."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class InUseError(AbbeError):
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """Who holds a resource, as far as it can be told.
+    """The process that holds a resource, as far as it is known.
 
     Attributes
     ----------

@@ -15,7 +15,7 @@ from abbe.drivers.link import Link
 
 
 class Doubts:
-    """What makes a position unbelievable though its sample is good and fresh.
+    """Doubts about positions whose samples are good and fresh.
 
     Parameters
     ----------

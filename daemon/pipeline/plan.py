@@ -1,4 +1,4 @@
-"""What the pipeline reads and writes, worked out once from the configuration."""
+"""The pipeline's plan: sources and targets, worked out once from the configuration."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from abbe.drivers.transducers import AnyTransducerConfig, make_transducer
 
 @dataclass(frozen=True)
 class PipelinePlan:
-    """Sources and targets with their transducers made; fresh ones for every plan.
+    """Sources and targets with their transducers; fresh ones for every plan.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What one cycle did, for whoever looks on: the live screen, JSON lines, statistics."""
+"""The record of one cycle, for the live screen, JSON lines and statistics."""
 
 from __future__ import annotations
 

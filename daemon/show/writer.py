@@ -1,4 +1,4 @@
-"""Writing lines without waiting: a reader that stops reading must not stop the machine."""
+"""A line writer that never waits: a reader that stops reading must not stop the machine."""
 
 from __future__ import annotations
 

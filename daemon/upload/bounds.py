@@ -1,4 +1,4 @@
-"""How large tables are, how steep, and how far from others: bounds that hold everywhere.
+"""Bounds of tables: how large, how steep, how far from others they may be.
 
 A correction is a sum over groups of tables that look up the same axes. Each group is linear
 between its own points and, through levers, in the other axes' positions; so its largest value
@@ -33,7 +33,7 @@ class OutOfBoundsError(AbbeError):
 
 @dataclass(frozen=True)
 class Limits:
-    """What is allowed; µm, µrad, µm/mm."""
+    """The limits of tables; µm, µrad, µm/mm."""
 
     entry_um: float
     entry_urad: float | None
@@ -44,7 +44,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Extent:
-    """How large tables are, bounds of them; µm, µrad, µm/mm."""
+    """The extent of tables, bounds of it; µm, µrad, µm/mm."""
 
     entry_um: float
     entry_urad: float

@@ -1,4 +1,4 @@
-"""How an upload ended: what is active now, what is known of it, and the words for it."""
+"""The outcome of an upload: what is active now, what is known of it, the words for it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Active = Literal["new", "old", "unknown"]
 
 @dataclass(frozen=True)
 class UploadOutcome:
-    """The end of an upload, a roll-back or a recovery.
+    """The outcome of an upload, a roll-back or a recovery.
 
     Attributes
     ----------

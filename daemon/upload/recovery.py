@@ -1,4 +1,4 @@
-"""An upload that was cut off: what the journal says of it, and bringing it to its end."""
+"""Recovery of an upload that was cut off: what the journal says, and bringing it to its end."""
 
 from __future__ import annotations
 

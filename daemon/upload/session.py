@@ -57,7 +57,7 @@ class UploadRequest:
 
 @dataclass(frozen=True)
 class Result:
-    """What came of it.
+    """The result of an upload or a roll-back.
 
     Attributes
     ----------

@@ -35,7 +35,7 @@ class NotReadyError(LinkError):
 
 @dataclass(frozen=True)
 class Settled:
-    """What is active.
+    """The active content, once it is known.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Whether the controller adds what the table says, at the positions that it shows."""
+"""The check of the active table's effect, at the positions that the controller shows."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class WrongEffectError(AbbeError):
 
 @dataclass(frozen=True)
 class Seen:
-    """What a check of the effect found.
+    """The findings of a check of the effect.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Seen:
 
 @dataclass(frozen=True)
 class Expectation:
-    """What tables make a controller add.
+    """The correction that tables make a controller add.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What is active on the controller, which upload it came from, and what was left unfinished."""
+"""The status of uploads: what is active, where it came from, what was left unfinished."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ class Allowed:
 
 
 class Ledger:
-    """One upload's lines in the journal.
+    """The lines of one upload in the journal.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class Ledger:
 
 
 class Changeover:
-    """One upload.
+    """One changeover from the active tables to others.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What is to be uploaded: a folder that ``abbe table`` wrote, matched with the configuration."""
+"""The upload plan: a folder that ``abbe table`` wrote, matched with the configuration."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ROUNDED = 0.2
 
 @dataclass(frozen=True, eq=False)
 class UploadPlan:
-    """What shall become active.
+    """The tables that shall become active.
 
     Attributes
     ----------

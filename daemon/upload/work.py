@@ -1,4 +1,4 @@
-"""What every upload, roll-back and recovery works with."""
+"""The work of an upload: one configuration, its store, its journal and its operator."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ _TIMESTAMP = 35
 
 
 class Datagrams:
-    """What sends and receives in place of an open ``udp_multicast`` bus.
+    """Sender and receiver in place of an open ``udp_multicast`` bus.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What is wrong with a bus: CAN error frames (Linux, ``linux/can/error.h``), an adapter's state."""
+"""CAN error frames (Linux, ``linux/can/error.h``) and adapters' states, in words."""
 
 from __future__ import annotations
 

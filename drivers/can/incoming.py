@@ -1,4 +1,4 @@
-"""Frames that come from a CAN interface, taken in without blocking the event loop.
+"""Reception from a CAN interface, without blocking the event loop.
 
 python-can's own asyncio `Notifier` calls ``recv`` from the event loop and catches nothing: when the
 interface goes down, the exception ends in the loop's log and no frame comes any more, while
@@ -46,7 +46,7 @@ question."""
 
 
 class Incoming:
-    """The way in from one open interface.
+    """Reception from one open interface.
 
     Parameters
     ----------

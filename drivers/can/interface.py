@@ -1,4 +1,4 @@
-"""Which CAN interface a link has, and how python-can is told to open it."""
+"""The CAN interface of a link, and python-can's settings for it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames on their way to a CAN interface: sent at once, or as soon as its queue has room, or never.
+"""Transmission to a CAN interface: at once, as soon as its queue has room, or never.
 
 A driver's queue is short (Linux: ten frames) and full for a moment when many nodes are asked at
 once. That is no fault; that it stays full is (nobody acknowledges, or the adapter hangs). What has
@@ -61,7 +61,7 @@ class _Waiting(NamedTuple):
 
 
 class Outgoing:
-    """The way out of one open interface.
+    """Transmission to one open interface.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ _LONGEST = 512
 
 
 class BufferedPort:
-    """What ``slcan`` uses of a pyserial port.
+    """A buffered serial port, as far as ``slcan`` uses one.
 
     Parameters
     ----------

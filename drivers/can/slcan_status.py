@@ -1,4 +1,4 @@
-"""What a serial-line CAN adapter says of its controller: bus-off, error passive, lost frames.
+"""The status of a serial-line CAN adapter: bus-off, error passive, lost frames.
 
 python-can's ``slcan`` knows of no such thing. Two ways are in use:
 
@@ -43,7 +43,7 @@ _STATES = {"a": "", "w": "errors reached the warning level", "p": "error passive
 
 
 class AdapterState(NamedTuple):
-    """A controller's state.
+    """The state that an adapter reports of its CAN controller.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What dialects share about axes: units of positions, numbers, what a table's value moves."""
+"""Axes in dialects: units of positions, numbers, what a table's value moves."""
 
 from __future__ import annotations
 

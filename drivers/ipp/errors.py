@@ -34,7 +34,7 @@ class Severity(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class ServerError:
-    """One error as the server told it.
+    """One error as the server reported it.
 
     Attributes
     ----------

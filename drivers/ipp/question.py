@@ -1,4 +1,4 @@
-"""What is asked of an I++ DME server, and how channels are found in the answers."""
+"""Questions to an I++ DME server, and how channels are found in the answers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FIRST_AGAIN, _ONCE_AGAIN = 0.05, 1.0
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """Where a channel's number stands in an answer, and what becomes of it.
+    """The place of a channel's number in an answer, and its conversion.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Field:
 
 
 class IppQuestion(Member):
-    """One command that is sent again and again.
+    """One question to the server: a command that is sent again and again.
 
     Attributes
     ----------

@@ -39,7 +39,7 @@ class _Transaction:
 
 @dataclass(frozen=True, slots=True)
 class CommandReply:
-    """What a command brought.
+    """The reply to one command.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class CommandReply:
 
 
 class Session(asyncio.Protocol):
-    """One TCP connection.
+    """One TCP connection to an I++ DME server.
 
     Parameters
     ----------

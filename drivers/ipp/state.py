@@ -1,4 +1,4 @@
-"""What is known of an I++ DME server besides its answers: stopped by errors, which coordinates."""
+"""The state of an I++ DME server: stopped by errors, which coordinates."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _SERVER, _COORDINATES = "server", "coordinates"
 
 
 class ServerState:
-    """Whether the server carries out commands, and in which coordinates its positions are.
+    """The state of a server: whether it carries out commands, and its coordinate system.
 
     Parameters
     ----------

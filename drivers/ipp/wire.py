@@ -23,7 +23,7 @@ _RESPONSE = re.compile(rb"(\d{5}|E\d{4}) ([&#!%])(?: ?([ -~]*))?", re.ASCII)
 
 
 class ResponseKind(enum.Enum):
-    """What a response line is."""
+    """The kind of a response line."""
 
     TAKEN = "&"
     """The command was received."""

@@ -1,4 +1,4 @@
-"""Between Abbe and a running LinuxCNC: run by the system's Python, line JSON on its pipes.
+"""The bridge to a running LinuxCNC: run by the system's Python, line JSON on its pipes.
 
 LinuxCNC's modules ``linuxcnc`` and ``hal`` belong to the system's Python (Debian: /usr/bin/python3)
 and not to a virtual environment. So this file is run there, in a process of its own; it imports
@@ -55,7 +55,7 @@ def running() -> bool:
 
 
 class Bridge:
-    """All that is done for Abbe.
+    """The bridge's commands for the link.
 
     Parameters
     ----------

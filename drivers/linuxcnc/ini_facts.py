@@ -1,4 +1,4 @@
-"""What an INI file says of joints and compensation files, by LinuxCNC's own parser.
+"""Joints and compensation files of an INI file, by LinuxCNC's own parser.
 
 Run by the system's Python with the INI file's path as its argument; imports nothing of Abbe.
 Answers one line of JSON: ``{"version": …, "machine": …, "joints": [{"number": 0, …}, …], …}`` or

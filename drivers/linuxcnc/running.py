@@ -1,4 +1,4 @@
-"""Whether a LinuxCNC runs with an INI file, and since when, as the operating system tells."""
+"""The LinuxCNC that runs with an INI file, if one does, and since when."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Between Abbe and a running LinuxCNC, for tables: what it is doing, pins, small moves.
+"""The bridge to a running LinuxCNC for tables: its state, pins, small moves.
 
 Run by the system's Python as `abbe.drivers.linuxcnc.bridge` is, with the same first argument and
 line JSON on its pipes; sets no offsets. Besides ``{"read": […]}`` it answers
@@ -28,7 +28,7 @@ _MODE_TIME = 5.0
 
 
 class TableBridge(Bridge):  # type: ignore[misc]
-    """All that is done for Abbe's store."""
+    """The bridge's commands for the store."""
 
     def attach(self) -> None:
         """Become part of HAL, and of LinuxCNC's commands."""

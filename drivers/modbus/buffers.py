@@ -1,4 +1,4 @@
-"""What the operating system still holds of a TCP connection: old positions must not leave.
+"""Unsent bytes of a TCP connection in the operating system: old positions must not leave.
 
 A write that is not acknowledged by the other side's network stays in a buffer of the operating
 system, which goes on trying for minutes. A position of minutes ago would then be written.

@@ -33,7 +33,7 @@ logger = logging.getLogger("abbe.drivers.modbus")
 
 
 class Bus:
-    """One Modbus bus; ``async with bus.turns:`` takes a turn on it.
+    """One Modbus bus; ``async with bus.bus_lock:`` reserves it.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Which bytes are the answer to the request in flight: stricter than pymodbus is.
+"""Frames of the request in flight: which bytes answer it, stricter than pymodbus is.
 
 `abbe.drivers.modbus.client` says what pymodbus does by itself; no third file of the drivers
 imports it.

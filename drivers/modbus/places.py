@@ -1,4 +1,4 @@
-"""Where Modbus channels sit, so that two names for one register are found before it is written.
+"""Addresses of Modbus channels: two names for one register are found before it is written.
 
 Many devices keep one memory behind holding and input registers, and behind coils and discrete
 inputs, and answer for any unit id on their TCP port. So all of these count as one memory unless

@@ -50,7 +50,7 @@ class _View:
 
 
 class ModbusReader:
-    """Turns sets of channel names into samples.
+    """The reader of Modbus channels: sets of names in, samples out.
 
     Parameters
     ----------

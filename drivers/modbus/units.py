@@ -1,4 +1,4 @@
-"""What is known of each unit on a bus: its health, and which of its replies may still come.
+"""The units on a Modbus bus: health, and replies that may still come.
 
 On a serial line a reply does not say which request it answers. After a request that went
 unanswered (or whose caller was cancelled) its reply may still come, and would pass for the answer
@@ -19,7 +19,7 @@ _PROBES = 8
 
 
 class Unit(Member):
-    """One unit's health, and what may still come from it.
+    """One unit's health, and replies that may still come from it.
 
     Parameters
     ----------

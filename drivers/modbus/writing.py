@@ -27,7 +27,7 @@ _PLANS = 64
 
 
 class ModbusWriter:
-    """Writes batches of channels.
+    """The writer of Modbus channels, in batches.
 
     Parameters
     ----------

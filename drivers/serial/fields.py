@@ -1,4 +1,4 @@
-"""From a field's text to a channel's value."""
+"""Fields of messages: from a field's text to a channel's value."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Something that is said on a serial line, and what its answer looks like."""
+"""Questions on a serial line: messages and commands, and what their answers look like."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class DeviceRefusedError(LinkProtocolError):
 
 
 class SerialQuestion(Member):
-    """What is known of one message or command: how to ask, what answers, what may still come.
+    """One message or command: how to ask, what answers, what may still come.
 
     Parameters
     ----------

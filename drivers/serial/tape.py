@@ -1,4 +1,4 @@
-"""One serial line as the sender of a tape sees it: characters at the receiver's pleasure."""
+"""The sender's side of a tape: one serial line, characters at the receiver's pleasure."""
 
 from __future__ import annotations
 

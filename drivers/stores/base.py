@@ -38,7 +38,7 @@ class RefusedError(LinkError):
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Which controller answers.
+    """The identity of a controller: name and serial number.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class Readiness:
-    """Whether tables may be changed now.
+    """The readiness of a controller for a change of its tables.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class Readiness:
 
 @dataclass(frozen=True, slots=True)
 class ShownCorrection:
-    """What the controller's active table does at one place, as the controller itself shows it.
+    """The correction by the active table at one place, as the controller itself shows it.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What every transducer is: one raw number in, one physical value out, or a named fault.
+"""The base of all transducers: one raw number in, one physical value out, or a named fault.
 
 A transducer is pure arithmetic on one channel: counts to mm, ohms to °C, mA to anything. The
 core, `Transducer.value`, is a plain float → float that raises `SensorFaultError` when the raw
@@ -19,7 +19,7 @@ from abbe.drivers.link import Quality, Sample
 
 
 class TransducerFault(enum.Enum):
-    """Why a raw number is no measurement; the value is the wording that people see."""
+    """The fault of a raw number that is no measurement; the value is the wording for people."""
 
     BROKEN_WIRE = "broken wire"
     SHORT_CIRCUIT = "short circuit"

@@ -1,4 +1,4 @@
-"""How a resistance was measured: from an input's raw number to the sensor's own ohms."""
+"""Measuring circuits of resistances: from an input's raw number to the sensor's own ohms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all resistance thermometers share: circuit, lead wires, named faults, offset."""
+"""The base of resistance thermometers: circuit, lead wires, named faults, offset."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from abbe.daemon.config import Configuration, load_config
 from abbe.daemon.guard import Guard, GuardState
 from abbe.daemon.pipeline.cycle import Pipeline
 from abbe.daemon.pipeline.record import CycleRecord
-from abbe.daemon.pipeline.writing.ending import NotToldError
+from abbe.daemon.pipeline.writing.ending import NotReportedError
 from abbe.daemon.service import Service
 from abbe.daemon.status_word import STOPPED, Status
 from abbe.drivers.link import LinkDownError, LinkState
@@ -461,7 +461,7 @@ async def test_a_driver_that_hangs_while_it_writes_is_told_with_what_the_control
     assert compensating(records[-1])
     link.is_deaf = True
     service.stop()
-    with pytest.raises(NotToldError) as caught:
+    with pytest.raises(NotReportedError) as caught:
         await asyncio.wait_for(task, 60.0)
     told = str(caught.value)
     assert "link cmm does not come back" in told

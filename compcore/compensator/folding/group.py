@@ -65,7 +65,7 @@ class Interaction:
 
 
 class EffectGroup:
-    """Effects of the same variables.
+    """Effects that depend on the same variables.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Where the nodes of a piecewise linear table must stand so that it is nowhere too far off."""
+"""Node placement: where a piecewise linear table needs nodes to keep its tolerance."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _JUMP = 1e-9
 
 
 class TooManyNodesError(Exception):
-    """The functions are too restless to be held in a table."""
+    """The functions need more nodes than a table may have."""
 
 
 class SampledFunctions:

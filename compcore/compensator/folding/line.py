@@ -1,4 +1,4 @@
-"""The rows on which effects are evaluated along one variable, and the table that they make."""
+"""Node lines: rows on which effects are evaluated along one variable, and their table."""
 
 from __future__ import annotations
 

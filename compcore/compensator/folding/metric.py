@@ -1,4 +1,4 @@
-"""How much a wrong error motion matters: the largest lever that it meets in the volume."""
+"""The metric of a fold: an error motion's size in mm at the largest lever in the volume."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where an effect is narrower than samples can see, proven by bounds.
+"""Narrow features of an effect, which samples can miss, found by interval bounds.
 
 Tables are laid out, and checked, by samples: between two of them anything may hide. An effect that
 is an expression (`Effect.expressions`) is therefore bisected until, in every box of what it reads,
@@ -50,7 +50,7 @@ _MARGIN = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Ranges:
-    """What time and signals may do without a new proof: key of a box → least and greatest."""
+    """Ranges of time and signals that need no new proof: key of a box → least and greatest."""
 
     of: Mapping[str, tuple[float, float]]
 

@@ -1,4 +1,4 @@
-"""The plan of a fold: which effects go together, where their nodes stand, which products."""
+"""The folding plan: which effects go together, where their nodes stand, which products."""
 
 from __future__ import annotations
 

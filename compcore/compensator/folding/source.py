@@ -1,4 +1,4 @@
-"""One fitted effect as a source of error motions: what moves it, and its values on rows."""
+"""One fitted effect as the fold evaluates it: its variables, and its error motions on rows."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ENOUGH = 1.5
 
 
 class FoldedEffect:
-    """One fitted effect of a model.
+    """One fitted effect of a model, evaluated for the fold.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What folding yields: per-axis tables of error motions, and products of them."""
+"""Folded tables: per-axis tables of error motions, and products of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What changes from point to point: an axis's position, its phase in a period, its direction."""
+"""Folding variables: an axis's position, its phase in a period, its approach direction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dynamic effects: what speed does to the position that is recorded."""
+"""Dynamic effects: what the speed does to the recorded position."""
 
 from __future__ import annotations
 

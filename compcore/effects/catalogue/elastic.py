@@ -1,4 +1,4 @@
-"""Not rigid: bodies that bend under their own weight, a load, or where a carriage stands."""
+"""Elastic effects: bodies that bend under their own weight, a load, or a carriage's."""
 
 from __future__ import annotations
 

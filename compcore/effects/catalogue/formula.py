@@ -1,4 +1,4 @@
-"""Whatever is not in the catalogue: an effect written as a formula."""
+"""Formula effects: an effect that is not in the catalogue, written as a formula."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Damage in one place: a dent or bump of a guideway or scale."""
+"""Local effects: a dent or bump of a guideway or scale."""
 
 from __future__ import annotations
 

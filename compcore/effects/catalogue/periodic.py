@@ -1,4 +1,4 @@
-"""Errors that repeat along an axis: the lead of a screw, the period of a grating."""
+"""Periodic effects: the lead of a screw, the period of a grating."""
 
 from __future__ import annotations
 

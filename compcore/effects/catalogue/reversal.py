@@ -1,4 +1,4 @@
-"""Reversal: what flips with the direction from which an axis arrives (ISO 230-2)."""
+"""Reversal effects: what flips with an axis's approach direction (ISO 230-2)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rotary axes: where the axis average line lies, and how the axis moves about it (ISO 230-7)."""
+"""Effects of rotary axes: location of the axis average line, error motions (ISO 230-7)."""
 
 from __future__ import annotations
 

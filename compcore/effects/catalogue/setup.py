@@ -1,4 +1,4 @@
-"""What an instrument's placing leaves unknown: zero, slope and frame of a set-up (formats.md).
+"""Effects of an instrument's placing: zero, slope and frame of a set-up (formats.md).
 
 The column formulas stand here once, for the fit, which eliminates the set-ups that a campaign names
 as ``free``, and for the effects by which a set-up that was thought known is found to be free.

@@ -1,4 +1,4 @@
-"""Effects whose error motion is a shape over one axis's position: what they share."""
+"""Shaped effects, whose error motion is a shape over one axis's position: what they share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Thermal effects of the machine: what temperatures, and the bodies that follow them, do."""
+"""Thermal effects: expansion, offsets and heating, by temperatures and lags behind them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Thermal effects that turn: bodies that bend and lean because one side is warmer."""
+"""Thermal angles: bodies that bend and lean because one side is warmer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Effects of the workpiece: it is not at the reference temperature either."""
+"""Effects of the workpiece: its expansion away from the reference temperature."""
 
 from __future__ import annotations
 

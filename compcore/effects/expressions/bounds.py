@@ -1,4 +1,4 @@
-"""What a formula's value, slopes and curvatures can be anywhere in a box of its variables.
+"""Bounds of a formula's value, slopes and curvatures over boxes of its variables.
 
 Samples cannot show that nothing lies between them; bounds can. Value, first and second derivatives
 are carried through the formula together, each as an interval
@@ -32,7 +32,7 @@ F64 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ExpressionBounds:
-    """An expression over many boxes.
+    """Bounds of an expression over many boxes.
 
     Attributes
     ----------

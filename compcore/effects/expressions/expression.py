@@ -67,7 +67,7 @@ _OPERATORS: dict[type[ast.operator], Callable[[F64, F64], F64]] = {
 
 
 class Values(Protocol):
-    """Where a formula gets its values from, each of shape (n,)."""
+    """The values of a formula's names, each of shape (n,)."""
 
     def variable(self, name: str) -> F64:
         """A variable."""

@@ -1,4 +1,4 @@
-"""Intervals: everything that an expression can be while its variables stay between two ends.
+"""Interval arithmetic: bounds of an expression while its variables stay between two ends.
 
 Ends are arrays, one entry for each of many boxes. Rounding is not directed outward: bounds hold to
 some 1e-12 of the largest number on the way, far below what they are asked for. Where nothing is

@@ -1,4 +1,4 @@
-"""What the numbers of a campaign can be at all, column by column."""
+"""Plausibility of a campaign's numbers, column by column."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def travelled(axis: Axis) -> str:
 
 
 class Believable:
-    """Checks the rows of one file, piece by piece."""
+    """Plausibility checks of the rows of one file, block by block."""
 
     def __init__(self, columns: Columns, machine: Machine) -> None:
         self._ranges = column_ranges(columns, machine)

@@ -52,7 +52,7 @@ class _File(BaseModel):
 
 @dataclass(frozen=True)
 class CampaignHead:
-    """What stands at the top of a file.
+    """The metadata at the top of a campaign file.
 
     Attributes
     ----------

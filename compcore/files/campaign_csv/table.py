@@ -31,7 +31,7 @@ _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 
 @dataclass(frozen=True)
 class CsvBlock:
-    """Some rows of a file.
+    """Some rows of a comma-separated file, column by column.
 
     Attributes
     ----------

@@ -34,7 +34,7 @@ COMPONENTS = "XYZABC"
 
 @dataclass(frozen=True)
 class ForeignPlacing:
-    """What the foreign file does not say.
+    """The instrument's placing, which a foreign file does not say.
 
     Attributes
     ----------

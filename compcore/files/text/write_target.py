@@ -1,4 +1,4 @@
-"""What a path that shall be written really leads to: a file, a device, an open descriptor."""
+"""The target of a write: the file, device or open descriptor that a path leads to."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _MOST_LINKS = 40
 
 @dataclass(frozen=True)
 class WriteTarget:
-    """Where writing to a path ends up.
+    """The file, device or open descriptor that a path leads to.
 
     Attributes
     ----------

@@ -52,7 +52,7 @@ def plausible_scale(parameter: Parameter | NonlinearParameter) -> float:
 
 @dataclass(frozen=True)
 class UnknownLayout:
-    """Which unknown stands where in the vector θ.
+    """The layout of the vector of unknowns θ.
 
     Term by term (linear parameters, then non-linear ones), then base points (x, y, z each), then
     the free components of tools.

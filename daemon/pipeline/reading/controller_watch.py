@@ -1,4 +1,4 @@
-"""What the controller says of itself: that it lives, what its positions mean, of when they are.
+"""The controller's own state: that it lives, whether its positions count, of when they are.
 
 Pure: samples and the present time in, reasons and moments out. All times are monotonic, in s; a
 sample's time is when its question left.
@@ -69,7 +69,7 @@ class DeviceClock:
 
 @dataclass(slots=True)
 class Watch:
-    """Tells from the controller's own registers whether its positions mean something.
+    """The watch over the controller's own registers: whether its positions count.
 
     Attributes
     ----------

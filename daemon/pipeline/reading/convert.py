@@ -22,7 +22,7 @@ _MISSING = Sample(math.nan, -math.inf, Quality.UNAVAILABLE, "not read")
 
 @dataclass(frozen=True, slots=True)
 class ChannelSource:
-    """One channel and what it becomes.
+    """One channel that is read, and its conversion.
 
     Attributes
     ----------

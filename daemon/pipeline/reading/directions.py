@@ -1,4 +1,4 @@
-"""Approach directions told from positions: which way each axis moved last, noise left out."""
+"""Approach directions from positions: which way each axis moved last, noise left out."""
 
 from __future__ import annotations
 

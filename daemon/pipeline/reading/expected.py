@@ -1,4 +1,4 @@
-"""What is believed of all that is read, and what the channels can hold, from the configuration."""
+"""Expected values of all that is read, and the channels' ranges, from the configuration."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _FINEST = 1e-4
 
 @dataclass(frozen=True)
 class Expected:
-    """What is believed, and what the channels can hold.
+    """The bounds of what is believed, and of what the channels can hold.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How fast the axes move, measured: how far they went while their positions were under way."""
+"""Speeds of the axes, measured while their positions were under way."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _APART = 0.05
 
 
 class SampleSpeeds:
-    """Speeds from one sample to a later one.
+    """Speeds of the axes from one sample to a later one.
 
     Parameters
     ----------

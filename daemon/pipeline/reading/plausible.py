@@ -1,4 +1,4 @@
-"""Which readings of a signal are not to be believed: out of range, too fast, unlike their likes.
+"""Plausibility of signals: out of range, too fast, unlike their likes.
 
 A thermometer that comes loose, a wire that breaks into another, a register that flips: the reading
 is a number, and the correction that it makes is the largest there is. Pure: values and times in,
@@ -23,7 +23,7 @@ steps, and converters settle."""
 
 
 class Reading(Protocol):
-    """What is known of a signal."""
+    """The reading of one signal and its plausibility."""
 
     @property
     def value(self) -> float:
@@ -36,7 +36,7 @@ class Reading(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class PlausibleBounds:
-    """What is believed of one signal, in its unit.
+    """The range and the fastest change of one signal that are believed, in its unit.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class PlausibleBounds:
 
 @dataclass(frozen=True, slots=True)
 class Likes:
-    """Sensors of one role, and how far (in `unit`) one may be from the others' middle."""
+    """Sensors of one role, and how far (in `unit`) one may be from the others' median."""
 
     names: tuple[str, ...]
     apart: float

@@ -1,4 +1,4 @@
-"""The last word: the controller is told that Abbe has ended, or a person that it was not."""
+"""The end of a run: the status word 0 for the controller, or a message to a person."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _AGAIN = 0.05
 """s between two attempts."""
 
 
-class NotToldError(AbbeError):
+class NotReportedError(AbbeError):
     """The controller may still take corrected positions for fresh ones."""
 
 
 class Ending:
-    """Says the last word, and knows what the controller holds where it could not be said.
+    """The last write of a run, and what the controller holds where it failed.
 
     Parameters
     ----------
@@ -117,13 +117,13 @@ class Ending:
 
         Raises
         ------
-        NotToldError
+        NotReportedError
             When the status word was not taken: why, and what the controller was last known to
             hold.
         """
         held = self._write_back.held
         if self.problem and held:
-            raise NotToldError(
+            raise NotReportedError(
                 f"the controller could not be told that Abbe has ended: {self.problem}; "
                 f"last known to hold {self._words(held)}"
             )

@@ -19,7 +19,7 @@ _GIVES_UP = 3
 
 
 class Foreign:
-    """Reads back what was written and compares.
+    """The check for foreign writes: reads back what was written and compares.
 
     Parameters
     ----------

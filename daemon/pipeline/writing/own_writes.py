@@ -1,4 +1,4 @@
-"""Reading what is written: a position that follows our own writes is not a position.
+"""Own writes that come back: a position that follows what is written is not a position.
 
 Where the register of a corrected position is also that of the indicated one, each cycle corrects
 what the last one wrote, and the position walks away while the machine stands. The configuration is
@@ -23,7 +23,7 @@ _STAYS = 4
 
 
 class Follow:
-    """Watches for positions that follow what is written.
+    """The check for positions that follow what is written.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ _HEARTBEATS = 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class AxisTarget:
-    """Where one axis's corrected position goes.
+    """The channel for one axis's corrected position.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class AxisTarget:
 
 
 class Held(NamedTuple):
-    """What a channel of the controller was last known to hold.
+    """The value that a channel of the controller was last known to hold.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Held(NamedTuple):
 
 
 class WriteOutcome(NamedTuple):
-    """What became of one cycle's answer.
+    """The outcome of writing one cycle's answer.
 
     Attributes
     ----------

@@ -29,7 +29,7 @@ def short(sha: str) -> str:
 
 @dataclass(frozen=True)
 class Content:
-    """What a memory holds.
+    """The content of a table memory.
 
     Attributes
     ----------

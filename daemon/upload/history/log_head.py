@@ -25,7 +25,7 @@ class _Shape(BaseModel):
 
 @dataclass(frozen=True)
 class UploadLogHead:
-    """What a journal must at least hold.
+    """The least that a journal must hold.
 
     Attributes
     ----------

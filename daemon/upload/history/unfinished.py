@@ -1,4 +1,4 @@
-"""What the journal says of an upload that was cut off."""
+"""Unfinished uploads, as the journal has them."""
 
 from __future__ import annotations
 

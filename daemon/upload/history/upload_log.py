@@ -39,7 +39,7 @@ Entry = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class UploadRecords:
-    """What a journal holds.
+    """The records in a journal.
 
     Attributes
     ----------

@@ -50,7 +50,7 @@ class _Feed(canopen.Network):
 
 
 class Network:
-    """The CANopen side of a bus.
+    """The canopen package's network on a bus of ours.
 
     Parameters
     ----------

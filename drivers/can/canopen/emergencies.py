@@ -1,4 +1,4 @@
-"""What a CANopen node's emergency message says, in words (CiA 301, 7.2.7.1)."""
+"""Emergency messages of CANopen nodes in words (CiA 301, 7.2.7.1)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Care for the nodes of a CANopen bus: found, set up, started, their heartbeats watched."""
+"""The care for a CANopen bus's nodes: found, set up, started, their heartbeats watched."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is asked of a CANopen node, and told to it, before its values are used."""
+"""The set-up of a CANopen node: what is read from it and written to it before use."""
 
 from __future__ import annotations
 

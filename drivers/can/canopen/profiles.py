@@ -1,4 +1,4 @@
-"""What a device profile says of itself: encoders (CiA 406), measuring devices (CiA 404)."""
+"""Device profiles: encoders (CiA 406), measuring devices (CiA 404)."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ _NAN = float("nan")
 
 
 class CanopenReader:
-    """Reads the channels of one link and keeps their last samples.
+    """The reader of one link's channels; keeps their last samples.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What can be wrong with an SDO transfer besides silence."""
+"""Errors of an SDO transfer besides silence."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ _REMEMBERED = 64
 
 
 class Sync:
-    """Sends SYNC on one bus.
+    """The SYNC producer of one bus.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ _PERHAPS_TAKEN = (0x05040000, 0x06060000, 0x08000000)
 
 
 class CanopenWriter:
-    """Writes the channels of one link.
+    """The writer of one link's channels.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The one owner of a bus whose messages a DBC file describes: what comes, and what is missing."""
+"""The one owner of a bus that a DBC file describes: messages received, and missing ones."""
 
 from __future__ import annotations
 

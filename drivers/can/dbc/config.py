@@ -50,7 +50,7 @@ class RequestConfig(BaseModel):
 
 
 class DbcMessageConfig(BaseModel):
-    """What the DBC file does not say of a message."""
+    """One message: what the DBC file does not say of it."""
 
     model_config = _STRICT
 

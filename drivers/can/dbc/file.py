@@ -1,4 +1,4 @@
-"""What a DBC file says of the messages and signals that a link uses; the only user of cantools."""
+"""The DBC file: messages and signals that a link uses; the only user of cantools."""
 
 from __future__ import annotations
 

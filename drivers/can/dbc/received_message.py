@@ -1,4 +1,4 @@
-"""One message that is read from a CAN bus: what came last, and the values in it."""
+"""Received messages of a CAN bus: the last frame of each, and the values in it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages that are asked for: requests sent, answers waited for, late ones told apart."""
+"""Requests for messages: sent, answers waited for, late ones told apart."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames to send from values to write: each message complete, nothing made up, nothing repeated."""
+"""Frames to send, from values to write: complete, nothing made up, nothing repeated."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class OutgoingFrame(NamedTuple):
 
 
 class Sending:
-    """Turns values into frames.
+    """The encoder of values into frames.
 
     A message that carries several channels goes out with all of them or not at all: the value of
     one that is left out is not to be believed, and must not go out again as if it were new.

@@ -1,4 +1,4 @@
-"""Cutting what comes over a line into lines."""
+"""Lines cut out of the bytes that a port receives."""
 
 from __future__ import annotations
 

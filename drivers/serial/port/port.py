@@ -1,4 +1,4 @@
-"""What an open serial port does, and what the operating system says of one."""
+"""The contract of an open serial port, and what the operating system says of one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lines that must leave soon or not at all: a device that stops us must not get them later."""
+"""Lines that are sent soon or not at all: a device that stops us must not get them later."""
 
 from __future__ import annotations
 

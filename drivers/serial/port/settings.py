@@ -1,4 +1,4 @@
-"""How a serial port is opened: shared by every link that has one."""
+"""Settings of a serial port, shared by every link that has one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The wire of a simulated CAN bus: everybody hears everybody else.
+"""A simulated CAN bus: every member receives what another one sends.
 
 Three kinds of ends: devices (callbacks in this process), a LAWICEL (slcan) adapter on a
 pseudo-terminal (`can_adapter`), and python-can's ``udp_multicast``.
@@ -34,7 +34,7 @@ def _unmoved() -> None:
 
 
 class CanWire:
-    """A bus in this process.
+    """A CAN bus in this process.
 
     Attributes
     ----------

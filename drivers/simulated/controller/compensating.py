@@ -29,7 +29,7 @@ class NotATableError(ValueError):
 
 @dataclass(frozen=True)
 class AppliedCurve:
-    """What is added to one axis as a function of another's position, mm."""
+    """The compensation of one axis as a function of another's position, mm."""
 
     adds_to: str
     positions: tuple[float, ...]
@@ -51,7 +51,7 @@ class AppliedCurve:
 
 
 class AppliedCompensation:
-    """Everything that a set of files adds.
+    """The compensation that a set of files adds.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What goes wrong at a simulated controller, armed beforehand for one operation.
+"""Faults of a simulated controller, armed beforehand for one operation.
 
 =================  ================================================================================
 ``lost_request``   nothing is done, nothing is answered
@@ -54,7 +54,7 @@ OPERATIONS = (
 
 @dataclass
 class TableFault:
-    """One thing that will go wrong.
+    """One fault of a table memory.
 
     Attributes
     ----------

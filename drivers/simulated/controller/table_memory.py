@@ -30,7 +30,7 @@ _WORDS = {
 
 
 class ControlRefusesError(Exception):
-    """The control says no.
+    """The control refuses an operation.
 
     Attributes
     ----------

@@ -37,7 +37,7 @@ _REPLY_FIRST = 0.02
 
 
 class RegisterDevice(Protocol):
-    """What a simulated device must offer."""
+    """A simulated device with registers, as the server needs one."""
 
     wire: WireFaults
 

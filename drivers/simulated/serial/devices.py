@@ -20,7 +20,7 @@ from typing import Protocol
 
 
 class AsciiDevice(Protocol):
-    """What answers lines."""
+    """A simulated device that answers lines of ASCII."""
 
     def answer(self, query: str) -> str | None:
         """The answer to a line, without its end; None where there is none."""

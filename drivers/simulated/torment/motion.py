@@ -1,4 +1,4 @@
-"""Where the tormented machine truly is: a known function of time, straight legs in three axes."""
+"""The tormented machine's true motion: a known function of time, straight legs in three axes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a CANopen node keeps its tables: objects of its dictionary, and how they are read.
+"""The objects of a CANopen node's table memory, and how they are read.
 
 An object is written ``"2301:01"``: index and subindex, hexadecimal.
 """
@@ -34,7 +34,7 @@ At = Annotated[Object, BeforeValidator(_object)]
 
 
 class ObjectMap(BaseModel):
-    """Where what is. The defaults are those of Abbe's simulated controller."""
+    """The object map of a table memory. The defaults are those of Abbe's simulated controller."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 

@@ -1,4 +1,4 @@
-"""Which joint reads which compensation file, and whether an INI file lets them be switched."""
+"""Compensation files of joints in an INI file, and whether it lets them be switched."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NEUTRAL = "0 0 0\n"
 
 @dataclass(frozen=True, slots=True)
 class IniLayout:
-    """What an INI file says.
+    """The joints and compensation files of an INI file.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Which set of compensation files the LinuxCNC that runs has loaded: it reads them when it starts.
+"""The set of compensation files that the running LinuxCNC loaded when it started.
 
 Kept beside the sets, at each switch: when it was (on the clock of processes' starts, which nobody
 sets), what ran then, and which set that had loaded.

@@ -66,7 +66,7 @@ class RegisterMap(StoreConfig):
 
 
 class MemoryStatus(NamedTuple):
-    """What the memory holds.
+    """The status of a table memory: what it holds.
 
     Attributes
     ----------

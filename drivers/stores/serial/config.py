@@ -24,7 +24,7 @@ _FIELDS = {
 
 
 class Texts(StoreConfig):
-    """What is said, with ``{length}`` and ``{crc}`` put in, and patterns of the answers."""
+    """The commands of a control, with ``{length}`` and ``{crc}`` put in, and answer patterns."""
 
     identity: str = "ID?"
     identity_answer: str = r"ID (?P<name>[^;]+);(?P<serial>[^;]*)"

@@ -1,4 +1,4 @@
-"""What was on the wire, with its times: all that the checker sees."""
+"""Evidence: the messages on the wire with their times; all that the checker sees."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Taken:
 
 
 class Judge(Protocol):
-    """Who is told what was on the wire."""
+    """A judge of the messages on the wire."""
 
     def sent(self, shown: Shown) -> None:
         """An answer that may be believed went out as a whole."""

@@ -1,4 +1,4 @@
-"""What Abbe was configured to promise, in numbers; what a violation is; how much was judged."""
+"""Promises of a configuration in numbers, violations of them, and how much was judged."""
 
 from __future__ import annotations
 

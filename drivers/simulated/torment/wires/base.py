@@ -1,4 +1,4 @@
-"""What every wire has in common: it is opened, ticks, can be told to go away, and is closed."""
+"""The base of all wires: opened, ticking, told to go away, closed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TICK = 0.02
 
 
 class TormentWire(ABC):
-    """One protocol, served to ``abbe run``.
+    """One protocol on one wire, served to ``abbe run``.
 
     Parameters
     ----------

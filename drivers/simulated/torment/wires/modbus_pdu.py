@@ -25,7 +25,7 @@ _SIZE = 12
 
 
 class ModbusReply(NamedTuple):
-    """What a question is answered.
+    """The reply to one question.
 
     Attributes
     ----------
