@@ -37,7 +37,7 @@ _LENGTHS = (Kind.DISPLACEMENT, Kind.DISTANCE, Kind.BASE_DISTANCE)
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOut:
+class LeftOutErrors:
     """How a fit predicts the blocks of its campaign that were left out, each in its turn.
 
     Attributes
@@ -53,7 +53,7 @@ class HeldOut:
     rotations: float
 
     @classmethod
-    def of(cls, result: FitResult) -> HeldOut:
+    def of(cls, result: FitResult) -> LeftOutErrors:
         """Leave out every block of a fit; exact for what is linear, non-linear values kept."""
         thin = result.thin
         campaign = thin.problem.campaign
@@ -69,7 +69,7 @@ class HeldOut:
 
         return cls(left, rms(*_LENGTHS), rms(Kind.ROTATION))
 
-    def falls_to(self, fuller: HeldOut, result: FitResult, *, bound: bool) -> float:
+    def falls_to(self, fuller: LeftOutErrors, result: FitResult, *, bound: bool) -> float:
         """The part of the left-out χ² that another fit to the same rows leaves.
 
         Parameters
@@ -106,7 +106,7 @@ class Step:
     action: str
     effect: Effect | None
     result: FitResult
-    held_out: HeldOut
+    held_out: LeftOutErrors
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
@@ -199,13 +199,15 @@ class _Course:
         self.steps: list[Step] = []
         self._added: list[Effect] = []
         result = fit(model, campaign)
-        self._make("began", None, result, HeldOut.of(result))
+        self._make("began", None, result, LeftOutErrors.of(result))
 
     @property
     def _last(self) -> Step:
         return self.steps[-1]
 
-    def _make(self, action: str, effect: Effect | None, result: FitResult, out: HeldOut) -> None:
+    def _make(
+        self, action: str, effect: Effect | None, result: FitResult, out: LeftOutErrors
+    ) -> None:
         self.steps.append(Step(action, effect, result, out))
         self._told(self._last)
 
@@ -252,7 +254,7 @@ class _Course:
             result = fit(model, self._campaign)
         except FitError:
             return False
-        out = HeldOut.of(result)
+        out = LeftOutErrors.of(result)
         bound = effect.scope == "instrument"
         if self._last.held_out.falls_to(out, result, bound=bound) > falls:
             return False

@@ -19,7 +19,7 @@ _OTHERS = "ISO/TR 16907, 11.3, asks for other set-ups and other points than thos
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOut:
+class HeldOutCampaigns:
     """Campaigns that were not fitted, joined, and what each shares with those that were."""
 
     campaign: Campaign
@@ -50,7 +50,9 @@ class HeldOut:
                 yield f"{file} repeats fitted set-ups ({names}): {_OTHERS}"
 
 
-def read_held_out(paths: Sequence[Path], machine: Machine, fitted: Campaign) -> HeldOut | None:
+def read_held_out(
+    paths: Sequence[Path], machine: Machine, fitted: Campaign
+) -> HeldOutCampaigns | None:
     """The campaigns of ``--holdout``, beside those that are fitted; None without any.
 
     Raises
@@ -73,10 +75,10 @@ def read_held_out(paths: Sequence[Path], machine: Machine, fitted: Campaign) -> 
                 expected=_OTHERS,
             )
         shared[str(path)] = found
-    return HeldOut(read_campaigns(list(paths), machine), shared)
+    return HeldOutCampaigns(read_campaigns(list(paths), machine), shared)
 
 
-def shares(held_out: HeldOut | None) -> dict[str, Any] | None:
+def shares(held_out: HeldOutCampaigns | None) -> dict[str, Any] | None:
     """What held-out campaigns share with the fitted ones, for JSON."""
     return None if held_out is None else {"rows": held_out.rows, "setups": [*held_out.setups]}
 

@@ -20,7 +20,7 @@ from abbe.compcore.model.model import Model
 from abbe.compcore.units import display
 from abbe.daemon.answers import as_built
 from abbe.daemon.answers.fit import finite, floor_of_lengths
-from abbe.daemon.answers.held_out import HeldOut, read_held_out, shares
+from abbe.daemon.answers.held_out import HeldOutCampaigns, read_held_out, shares
 from abbe.daemon.answers.inputs import abbe_version, now
 
 NOT_FALLEN = 0.995
@@ -51,7 +51,7 @@ class Revision:
     noise: NoiseFloor
     holdout_before: float | None
     holdout_after: float | None
-    held_out: HeldOut | None = None
+    held_out: HeldOutCampaigns | None = None
 
 
 def revise(
