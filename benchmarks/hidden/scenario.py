@@ -13,8 +13,8 @@ from benchmarks.hidden.campaign import STRUCTURES, draw
 from benchmarks.hidden.causes import Cause, catalogue
 from benchmarks.hidden.further import further, left_out
 from benchmarks.hidden.measuring import NOISE
-from benchmarks.hidden.nobody import nobody_knows
 from benchmarks.hidden.scene import Scene
+from benchmarks.hidden.uncatalogued import uncatalogued
 
 MULTIPLES = (3, 6, 12)
 EMPTY = 100
@@ -91,7 +91,7 @@ def _names() -> list[str]:
     names = list(catalogue(machine.axes, machine.travels, rng))
     names += list(further(machine.axes, machine.travels, rng))
     names += list(left_out(machine.axes, rng))
-    return [*names, *nobody_knows(machine.axes, machine.travels, rng)]
+    return [*names, *uncatalogued(machine.axes, machine.travels, rng)]
 
 
 def hide(scenario: Scenario, stage: Scene) -> list[tuple[Cause, float]]:

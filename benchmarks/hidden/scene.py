@@ -14,9 +14,9 @@ from benchmarks.hidden.campaign import STRUCTURES, Machine, draw, model_text, si
 from benchmarks.hidden.causes import Cause, catalogue
 from benchmarks.hidden.further import further, left_out
 from benchmarks.hidden.measuring import Hidden, Simulated
-from benchmarks.hidden.nobody import nobody_knows
 from benchmarks.hidden.rotary import Rotary
 from benchmarks.hidden.rotary_plan import LAYOUTS
+from benchmarks.hidden.uncatalogued import uncatalogued
 
 
 class Scene(Protocol):
@@ -48,7 +48,7 @@ class Usual:
         """All of `causes` and `further`."""
         axes, travels = self.machine.axes, self.machine.travels
         rng = np.random.default_rng((self.seed, 7))
-        found = catalogue(axes, travels, rng) | nobody_knows(axes, travels, rng)
+        found = catalogue(axes, travels, rng) | uncatalogued(axes, travels, rng)
         rng = np.random.default_rng((self.seed, 8))
         found |= further(axes, travels, rng) | left_out(axes, rng)
         return found | beyond(axes, travels, np.random.default_rng((self.seed, 9)))

@@ -12,7 +12,7 @@ from benchmarks.hidden.causes import POINT, Cause, State, six
 F64 = NDArray[np.float64]
 
 
-def nobody_knows(
+def uncatalogued(
     axes: Sequence[str], travels: Mapping[str, tuple[float, float]], rng: np.random.Generator
 ) -> dict[str, Cause]:
     """Causes that are in no catalogue, of several kinds."""
