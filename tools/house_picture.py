@@ -60,6 +60,7 @@ COMPCORE: tuple[Rooms, ...] = (
         ("fitting", "parameters from measurements"),
         ("compensator", "errors at the machine's pace"),
     ),
+    (("figures", "pictures of results, as data"),),
     (("model", "machine + effects + parameters ± sd"),),
     (
         ("effects", "one physical cause, one class"),

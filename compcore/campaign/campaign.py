@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,10 @@ from abbe.compcore.campaign.coverage import Coverage, SetupCoverage
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import nominal_direction
 from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.notebook import data_frame
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 F64 = NDArray[np.float64]
 
@@ -28,6 +33,10 @@ class Kind(IntEnum):
     """Absolute distance from a base point to the functional point, mm."""
     BASE_DISTANCE = 3
     """Distance between two base points, mm."""
+
+
+LENGTHS = (Kind.DISPLACEMENT, Kind.DISTANCE, Kind.BASE_DISTANCE)
+"""The kinds of rows that are lengths, mm; the others are angles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +123,21 @@ class Campaign:
         """Number of rows."""
         return self.conditions.n
 
+    def functional_moves(self) -> F64:
+        """Where the linear axes stand, as a vector, shape (n, 3), mm."""
+        at = np.zeros((self.n, 3))
+        for axis, position in self.conditions.positions.items():
+            if not is_rotary(axis):
+                at += np.outer(position, nominal_direction(axis))
+        return at
+
+    def file_of(self, row: int) -> str:
+        """The file that a row of joined campaigns stands in; the name where none was read."""
+        run = self.conditions.run
+        files = list(self.files)
+        first = 0 if run is None else int(run.min())
+        return files[0 if run is None else int(run[row]) - first] if files else self.name
+
     def rows(self, index: NDArray[np.int64] | NDArray[np.bool_]) -> Campaign:
         """Some of the rows, with the set-ups that still occur in them."""
         conditions = self.conditions.rows(index)
@@ -129,6 +153,30 @@ class Campaign:
             line=self.line[index],
             setups={name: s for name, s in self.setups.items() if name in names},
         )
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The rows as a data frame.
+
+        One column for each axis (mm, rotary: rad), ``s_X`` … its direction of approach where it was
+        recorded, ``time`` (s), one for each signal in its own unit, ``tool_x`` … (mm), ``setup``,
+        ``kind``, ``u_x`` … (the measured direction), ``value`` and ``sd`` (mm or rad), ``line``.
+
+        Raises
+        ------
+        AbbeError
+            When pandas is not installed.
+        """
+        c = self.conditions
+        columns: dict[str, Any] = {**c.positions}
+        columns |= {f"s_{axis}": values for axis, values in c.directions.items()}
+        columns |= {"time": c.time, **c.signals}
+        columns |= {f"tool_{k}": c.tool[:, i] for i, k in enumerate("xyz")}
+        if c.setup is not None:
+            columns["setup"] = c.setup.astype(object)
+        columns["kind"] = [Kind(k).name.lower() for k in self.kind]
+        if c.u is not None:
+            columns |= {f"u_{k}": c.u[:, i] for i, k in enumerate("xyz")}
+        return data_frame({**columns, "value": self.value, "sd": self.sd, "line": self.line})
 
     def coverage(self) -> Coverage:
         """What the campaign recorded and varied; distances between base points left out."""
@@ -161,10 +209,7 @@ class Campaign:
         setups = c.setup_rows()
         order = np.argsort(setups.number, kind="stable")
         ends = np.cumsum(np.bincount(setups.number, minlength=len(setups.index)))
-        at = np.zeros((c.n, 3))
-        for axis, position in c.positions.items():
-            if not is_rotary(axis):
-                at += np.outer(position, nominal_direction(axis))
+        at = self.functional_moves()
         found = {}
         for name, free in ((s.name, s.free) for s in self.setups.values()):
             i = setups.index.get(name)

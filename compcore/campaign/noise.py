@@ -104,6 +104,11 @@ class NoiseFloor:
 
     levels: Mapping[str, NoiseLevel]
 
+    @property
+    def lengths(self) -> NoiseLevel | None:
+        """The noise of displacements, or of distances where there are none."""
+        return self.levels.get("displacement") or self.levels.get("distance")
+
     def value(self, kind: str) -> float | None:
         """Standard deviation of one reading of a kind, mm or rad; None where not known."""
         level = self.levels.get(kind)

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.campaign.campaign import LENGTHS, Campaign, Kind
 from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
 from abbe.compcore.comparison.lines import MeasuredLine, lines
-from abbe.compcore.comparison.tabulate import ResidualTables, tables
+from abbe.compcore.comparison.parts import ComparedRows, Mask, Point
+from abbe.compcore.comparison.pictures import line_figure, part_figures
+from abbe.compcore.comparison.tabulate import tables
+from abbe.compcore.comparison.words import comparison_words, fitted_note
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.errors import FitError
+from abbe.compcore.figures.figure import Figure
+from abbe.compcore.figures.shown import Shown
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.design.row_blocks import rows_at_once
 from abbe.compcore.fitting.design.weights import Uncertainty
@@ -20,71 +27,20 @@ from abbe.compcore.fitting.gauss_newton import gauss_newton
 from abbe.compcore.fitting.reduction import leverage
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
+from abbe.compcore.notebook import html_table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 F64 = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
-LENGTHS = (Kind.DISPLACEMENT, Kind.DISTANCE, Kind.BASE_DISTANCE)
 _UNCERTAINTY_ROUNDS = 4
 WORST = 10
 """How many of the worst points are told."""
 
 
-@dataclass(frozen=True, slots=True)
-class Point:
-    """One of the worst rows.
-
-    Attributes
-    ----------
-    row, line
-        Index in the campaign and line in its file.
-    setup
-        Its set-up.
-    residual, sd
-        mm or rad.
-    """
-
-    row: int
-    line: int
-    setup: str
-    residual: float
-    sd: float
-
-
-@dataclass(frozen=True, eq=False)
-class ComparedRows:
-    """The comparison of one kind of rows: lengths (mm, tables in µm) or rotations (rad, µrad).
-
-    Attributes
-    ----------
-    rows
-        Shape (n,): which rows.
-    rms, max, p95
-        Of the residuals, mm or rad; 95 % of the rows lie within ±p95. NaN without rows.
-    chi2_per_dof
-        χ² per degree of freedom; NaN where there is none.
-    tables
-        Residuals told apart, in µm or µrad.
-    worst
-        The rows with the largest residuals.
-    """
-
-    rows: Mask
-    rms: float
-    max: float
-    p95: float
-    chi2_per_dof: float
-    tables: ResidualTables
-    worst: tuple[Point, ...]
-
-    @property
-    def n(self) -> int:
-        """Number of rows."""
-        return int(self.rows.sum())
-
-
-@dataclass(frozen=True, eq=False)
-class Comparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Shown):
     """A model beside a campaign.
 
     Attributes
@@ -118,6 +74,77 @@ class Comparison:
     noise: NoiseFloor
     uncertainty: Uncertainty
     left_out: tuple[str, ...]
+
+    @property
+    def fitted_files(self) -> tuple[str, ...]:
+        """Those of the campaign's files to which the model was fitted, by their SHA-256."""
+        known = _fitted(self.problem.model)
+        files = self.problem.campaign.files
+        return tuple(file for file, sha256 in files.items() if sha256 in known)
+
+    def words(self) -> Iterator[str]:
+        """What ``abbe compare`` prints: overall, worst set-ups and regions, worst points, lines."""
+        if files := self.fitted_files:
+            yield fitted_note(files)
+        yield from comparison_words(
+            self.problem.campaign,
+            self.lengths,
+            self.rotations,
+            self.lines,
+            self.noise,
+            self.left_out,
+        )
+
+    def summary(self) -> str:
+        """Rows, rms and χ² per degree of freedom."""
+        told = [
+            f"{part.n} {name}, {part.rms * factor:.3g} {unit} rms, χ²/dof {part.chi2_per_dof:.3g}"
+            for part, name, unit, factor in self._parts()
+            if part.n
+        ]
+        return "; ".join(told)
+
+    def _parts(self) -> tuple[tuple[ComparedRows, str, str, float], ...]:
+        return (
+            (self.lengths, "lengths", "µm", 1e3),
+            (self.rotations, "rotations", "µrad", 1e6),
+        )
+
+    def table(self) -> str:
+        """The set-ups, worst first, in HTML."""
+        rows = [
+            [" ".join(str(v) for v in group.of.values()), unit, group.n, group.rms, group.max]
+            for part, _, unit, _ in self._parts()
+            for group in sorted(part.tables.setups, key=lambda g: -g.rms)
+        ]
+        return html_table(["set-up", "unit", "rows", "rms", "largest"], rows)
+
+    def figures(self) -> dict[str, Callable[[], Figure]]:
+        """The pictures of ``abbe compare --report`` by name."""
+        campaign, signals = self.problem.campaign, self.problem.model.machine.signals
+        return {
+            **part_figures(
+                self.lengths, "residuals", campaign, self.residual, self.weighted, signals
+            ),
+            **part_figures(
+                self.rotations, "rotations", campaign, self.residual, self.weighted, signals
+            ),
+            **line_figure(self.lines),
+        }
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The residuals as a data frame: the campaign's columns, what was measured, what is left.
+
+        Further columns beside those of `Campaign.to_pandas`: ``before``, ``residual``, mm or rad,
+        and ``weighted``, in units of the standard uncertainty.
+
+        Raises
+        ------
+        AbbeError
+            When pandas is not installed.
+        """
+        table = self.problem.campaign.to_pandas()
+        return table.assign(before=self.measured, residual=self.residual, weighted=self.weighted)
 
 
 def compare(model: Model, campaign: Campaign) -> Comparison:
@@ -201,8 +228,12 @@ def _without_bound(model: Model) -> Model:
 
 
 def _seen_in_fit(model: Model, campaign: Campaign) -> bool:
-    fitted = {record.get("sha256") for record in model.fit.get("campaigns", ())}
-    return bool(campaign.files) and set(campaign.files.values()) <= fitted
+    return bool(campaign.files) and set(campaign.files.values()) <= _fitted(model)
+
+
+def _fitted(model: Model) -> set[str]:
+    """The SHA-256 of the campaigns to which a model was fitted."""
+    return {str(record.get("sha256")) for record in model.fit.get("campaigns", ())}
 
 
 def _part(

@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.fitting.design.nuisance import Eliminator
-from abbe.compcore.machine.machine import nominal_direction
-from abbe.compcore.machine.structure import is_rotary
 
 F64 = NDArray[np.float64]
 
@@ -62,7 +60,7 @@ def lines(campaign: Campaign, residual: F64, eliminator: Eliminator) -> list[Mea
         The set-ups' nuisances, for the errors before the model.
     """
     found = []
-    point = functional_moves(campaign)
+    point = campaign.functional_moves()
     for block in eliminator.blocks:
         rows = block.rows
         if len(rows) < _FEWEST or (campaign.kind[rows] != Kind.DISPLACEMENT).any():
@@ -91,15 +89,6 @@ def lines(campaign: Campaign, residual: F64, eliminator: Eliminator) -> list[Mea
             )
         )
     return found
-
-
-def functional_moves(campaign: Campaign) -> F64:
-    """Where the linear axes stand, as a vector, shape (n, 3), mm."""
-    at = np.zeros((campaign.n, 3))
-    for axis, position in campaign.conditions.positions.items():
-        if not is_rotary(axis):
-            at += np.outer(position, nominal_direction(axis))
-    return at
 
 
 def split(along: F64, error: F64) -> tuple[float, float]:

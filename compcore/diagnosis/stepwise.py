@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.campaign.campaign import LENGTHS, Campaign, Kind
 from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut, folds
 from abbe.compcore.diagnosis.screening.screening import Basis
 from abbe.compcore.diagnosis.verdict import Diagnosis, diagnose, measured_kinds
@@ -32,8 +32,6 @@ MOST_STEPS = 40
 
 _FALLS = 0.998
 """Part of the left-out χ² below which an addition's or a lag's has fallen."""
-
-_LENGTHS = (Kind.DISPLACEMENT, Kind.DISTANCE, Kind.BASE_DISTANCE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +65,7 @@ class LeftOutErrors:
             rows = np.isin(campaign.kind, kinds) & used
             return float(np.sqrt(np.mean(left.residual[rows] ** 2))) if rows.any() else math.nan
 
-        return cls(left, rms(*_LENGTHS), rms(Kind.ROTATION))
+        return cls(left, rms(*LENGTHS), rms(Kind.ROTATION))
 
     def falls_to(self, fuller: LeftOutErrors, result: FitResult, *, bound: bool) -> float:
         """The part of the left-out χ² that another fit to the same rows leaves.

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.campaign.campaign import LENGTHS, Campaign, Kind
 from abbe.compcore.diagnosis.aliases import Alias, aliases
 from abbe.compcore.diagnosis.screening.all_rows import measured
 from abbe.compcore.diagnosis.screening.candidates import RIGID, Candidate, candidates
@@ -260,9 +260,6 @@ def _predicting(
     return kept
 
 
-_LENGTHS = (Kind.DISPLACEMENT, Kind.DISTANCE, Kind.BASE_DISTANCE)
-
-
 def _compete(
     pool: Pool,
     basis: Basis,
@@ -364,7 +361,7 @@ def _rms_of(result: FitResult, weighted: F64) -> float:
 def measured_kinds(result: FitResult) -> tuple[Kind, ...]:
     """What a campaign's error is told of: lengths, or rotations where it has nothing else."""
     kinds = result.problem.campaign.kind
-    return _LENGTHS if bool(np.isin(kinds, _LENGTHS).any()) else (Kind.ROTATION,)
+    return LENGTHS if bool(np.isin(kinds, LENGTHS).any()) else (Kind.ROTATION,)
 
 
 def _established(

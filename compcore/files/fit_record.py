@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.campaign.campaign import LENGTHS, Kind
 from abbe.compcore.files.model_file import summary
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.model.model import Model
-
-LENGTHS = (Kind.DISPLACEMENT, Kind.DISTANCE, Kind.BASE_DISTANCE)
 
 
 def measured_ranges(conditions: Conditions) -> dict[str, Any]:

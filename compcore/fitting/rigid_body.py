@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.distributions import f_beyond
-from abbe.compcore.fitting.fit import FitResult
+from abbe.compcore.fitting.solution import Solution
 from abbe.compcore.linalg import svd, threads_for
 from abbe.compcore.machine.error_motion import INSTRUMENT, ErrorMotion
 from abbe.compcore.machine.machine import Axis
@@ -60,7 +60,7 @@ class Dependence:
     alike: tuple[str, ...] = ()
 
 
-def rigid_body_test(result: FitResult) -> list[Dependence]:
+def rigid_body_test(result: Solution) -> list[Dependence]:
     """All tests that a campaign allows, most significant first.
 
     What was not measured in several places of the other axis is left out. A large campaign is
@@ -88,7 +88,7 @@ def _alike(test: Dependence, others: list[Dependence]) -> tuple[str, ...]:
     )
 
 
-def _motions(result: FitResult) -> list[ErrorMotion]:
+def _motions(result: Solution) -> list[ErrorMotion]:
     """Error motions of linear axes that the model's effects move."""
     machine = result.problem.model.machine
     found: dict[ErrorMotion, None] = {}
@@ -100,14 +100,14 @@ def _motions(result: FitResult) -> list[ErrorMotion]:
     return list(found)
 
 
-def _pairs(result: FitResult, error_motion: ErrorMotion) -> Iterator[tuple[Axis, Axis]]:
+def _pairs(result: Solution, error_motion: ErrorMotion) -> Iterator[tuple[Axis, Axis]]:
     machine = result.problem.model.machine
     for name in machine.structure.linear:
         if name != error_motion.place:
             yield machine.axes[error_motion.place], machine.axes[name]
 
 
-def _tested(result: FitResult, error_motion: ErrorMotion, own: Axis, other: Axis) -> Dependence:
+def _tested(result: Solution, error_motion: ErrorMotion, own: Axis, other: Axis) -> Dependence:
     problem = result.problem
     conditions = problem.conditions(result.theta)
     x = (own.clamp(conditions.position(own.name)) - own.middle) / own.half_travel

@@ -52,6 +52,12 @@ def seen_factor(machine: Machine, effect: Effect) -> float:
     return -1.0 if places and places <= set(machine.structure.workpiece_side) else 1.0
 
 
+ON_THE_TABLE = (
+    "axes on the workpiece side: a level, an indicator or an R-test on the table itself shows the "
+    "opposite sign of these errors of the tool relative to the workpiece"
+)
+
+
 @dataclass(frozen=True, eq=False)
 class AverageLine:
     """Where the axis average line of a rotary axis lies, all axes at zero.
@@ -253,3 +259,22 @@ def _towards(value: float, sd: float, direction: int, factor: float, unit: str) 
 def _amount(value: float, sd: float, factor: float, unit: str) -> str:
     more = "" if not sd > 0.0 else f" ± {sd * factor:.2g}"
     return f"{value * factor:.4g}{more} {unit}"
+
+
+def average_line_words(model: Model) -> Iterator[str]:
+    """Sentences about the rotary axes' lines."""
+    lines = average_lines(model)
+    for line in lines:
+        yield from line.words()
+    if lines:
+        yield (
+            "entered in the controller, a place is no error any more: take the effect out of the "
+            "model, or it is corrected twice"
+        )
+
+
+def reversed_parameters(machine: Machine, effect: Effect) -> frozenset[str]:
+    """The parameters of an effect that have the opposite sign when measured on the table itself."""
+    if seen_factor(machine, effect) > 0.0:
+        return frozenset()
+    return frozenset(p.name for p in effect.linear(machine))

@@ -17,7 +17,7 @@ from abbe.compcore.files.fit_record import recorded
 from abbe.compcore.files.model_file import save_model
 from abbe.compcore.model.model import Model
 from abbe.compcore.units import display
-from abbe.daemon.answers.fit import finite, floor_of_lengths
+from abbe.daemon.answers.fit import finite
 from abbe.daemon.answers.inputs import abbe_version, now
 
 _SAID = {
@@ -93,7 +93,7 @@ def write(
     course: Course, told: Sequence[Told], noise: NoiseFloor, unseen: Campaign | None, out: Path
 ) -> Model:
     """Write the model that was reached; every step stands in its history."""
-    lengths = floor_of_lengths(noise)
+    lengths = noise.lengths
     record: dict[str, Any] = {
         "date": now(),
         "version": abbe_version(),

@@ -1,4 +1,4 @@
-"""What is physically there, beside an answer's errors: as JSON, as sentences, as a rule of signs.
+"""What is physically there, beside an answer's errors: as JSON.
 
 Errors are of the tool relative to the workpiece. Where a rotary axis' line lies, what to enter for
 it, and what one measures on a table itself, follows from them and is said here for all commands.
@@ -7,18 +7,18 @@ it, and what one measures on a table itself, follows from them and is said here 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.machine.machine import Machine
-from abbe.compcore.model.as_built import AverageLine, average_lines, seen_factor
-from abbe.compcore.model.model import Model, Value
-
-ON_THE_TABLE = (
-    "axes on the workpiece side: a level, an indicator or an R-test on the table itself shows the "
-    "opposite sign of these errors of the tool relative to the workpiece"
+from abbe.compcore.model.as_built import (
+    ON_THE_TABLE,
+    AverageLine,
+    average_lines,
+    reversed_parameters,
 )
+from abbe.compcore.model.model import Model, Value
 
 
 def lines_json(model: Model) -> list[dict[str, Any]]:
@@ -46,23 +46,11 @@ def _line(line: AverageLine) -> dict[str, Any]:
     }
 
 
-def lines_text(model: Model) -> Iterator[str]:
-    """Sentences about the rotary axes' lines."""
-    lines = average_lines(model)
-    for line in lines:
-        yield from line.words()
-    if lines:
-        yield (
-            "entered in the controller, a place is no error any more: take the effect out of the "
-            "model, or it is corrected twice"
-        )
-
-
 def seen_json(
     machine: Machine, effect: Effect, values: Mapping[str, Value]
 ) -> dict[str, Any] | None:
     """What of an effect one measures on the table itself; None on the tool side."""
-    names = reversed_names(machine, effect)
+    names = reversed_parameters(machine, effect)
     if not names or not values:
         return None
     return {
@@ -73,13 +61,6 @@ def seen_json(
             if p.name in values
         },
     }
-
-
-def reversed_names(machine: Machine, effect: Effect) -> frozenset[str]:
-    """The parameters of an effect that have the opposite sign when measured on the table itself."""
-    if seen_factor(machine, effect) > 0.0:
-        return frozenset()
-    return frozenset(p.name for p in effect.linear(machine))
 
 
 def _finite(value: float) -> float | None:

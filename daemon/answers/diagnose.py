@@ -14,7 +14,7 @@ from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPatter
 from abbe.compcore.diagnosis.verdict import Diagnosis, Established
 from abbe.compcore.model.model import Value
 from abbe.daemon.answers import as_built
-from abbe.daemon.answers.fit import finite, floor_of_lengths
+from abbe.daemon.answers.fit import finite
 from abbe.daemon.answers.typed import Adding
 
 _SAID = {
@@ -67,7 +67,7 @@ def noise_of(diagnosis: Diagnosis, noise: NoiseFloor) -> float | None:
     """The noise of what the residuals are told of, mm or rad."""
     if diagnosis.of_rotations:
         return noise.value("rotation")
-    level = floor_of_lengths(noise)
+    level = noise.lengths
     return None if level is None else level.value
 
 

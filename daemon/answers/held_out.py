@@ -9,13 +9,12 @@ from typing import Any
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.overlap import Overlap, overlap
+from abbe.compcore.comparison.words import OTHER_SETUPS
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_file import read_campaign, read_campaigns
 from abbe.compcore.machine.machine import Machine
-from abbe.compcore.model.model import Model
 
 _MOST_TOLD = 6
-_OTHERS = "ISO/TR 16907, 11.3, asks for other set-ups and other points than those of the tables"
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +46,7 @@ class HeldOutCampaigns:
                 names = ", ".join(found.setups[:_MOST_TOLD])
                 more = len(found.setups) - _MOST_TOLD
                 names += f" and {more} more" if more > 0 else ""
-                yield f"{file} repeats fitted set-ups ({names}): {_OTHERS}"
+                yield f"{file} repeats fitted set-ups ({names}): {OTHER_SETUPS}"
 
 
 def read_held_out(
@@ -72,7 +71,7 @@ def read_held_out(
                 file=path,
                 field="--holdout",
                 found=f"{found.rows} of its {found.of} rows are among those of --campaign",
-                expected=_OTHERS,
+                expected=OTHER_SETUPS,
             )
         shared[str(path)] = found
     return HeldOutCampaigns(read_campaigns(list(paths), machine), shared)
@@ -81,18 +80,3 @@ def read_held_out(
 def shares(held_out: HeldOutCampaigns | None) -> dict[str, Any] | None:
     """What held-out campaigns share with the fitted ones, for JSON."""
     return None if held_out is None else {"rows": held_out.rows, "setups": [*held_out.setups]}
-
-
-def fitted_files(model: Model, campaign: Campaign) -> tuple[str, ...]:
-    """Those of a campaign's files to which a model was fitted, by their SHA-256."""
-    known = {c.get("sha256") for c in model.fit.get("campaigns", ())}
-    return tuple(file for file, sha256 in campaign.files.items() if sha256 in known)
-
-
-def fitted_note(files: Sequence[str]) -> str:
-    """What a comparison with fitted campaigns says, and what not."""
-    were = "is a campaign" if len(files) == 1 else "are campaigns"
-    return (
-        f"FITTED: {', '.join(files)} {were} that this model was fitted to: what is left over says "
-        f"how close the fit is, not how well the machine is predicted ({_OTHERS})"
-    )

@@ -37,14 +37,6 @@ def load(
     return loaded, campaign
 
 
-def file_of(campaign: Campaign, row: int) -> str:
-    """The file that a row of joined campaigns stands in."""
-    run = campaign.conditions.run
-    files = list(campaign.files)
-    first = 0 if run is None else int(run.min())
-    return files[0 if run is None else int(run[row]) - first] if files else campaign.name
-
-
 def now() -> str:
     """The date and time of a fit, UTC, ISO 8601."""
     return datetime.now(UTC).isoformat(timespec="seconds")

@@ -7,19 +7,20 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.campaign.campaign import LENGTHS, Campaign
 from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
-from abbe.compcore.comparison.compare import LENGTHS, compare
+from abbe.compcore.comparison.compare import compare
 from abbe.compcore.effects import RotaryLocation
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.files.campaign_file import require_signals
 from abbe.compcore.files.fit_record import recorded
 from abbe.compcore.files.model_file import save_model, summary
 from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.model.as_built import average_line_words, reversed_parameters
 from abbe.compcore.model.model import Model
 from abbe.compcore.units import display
 from abbe.daemon.answers import as_built
-from abbe.daemon.answers.fit import finite, floor_of_lengths
+from abbe.daemon.answers.fit import finite
 from abbe.daemon.answers.held_out import HeldOutCampaigns, read_held_out, shares
 from abbe.daemon.answers.inputs import abbe_version, now
 
@@ -83,7 +84,7 @@ def revise(
     progress("fitting the next version")
     after = fit(new, campaign)
     noise = noise_floor(campaign, old.machine)
-    lengths = floor_of_lengths(noise)
+    lengths = noise.lengths
     record: dict[str, Any] = {
         "date": now(),
         "version": abbe_version(),
@@ -128,7 +129,7 @@ def unfitted(old: Model, new: Model, *, removed: str) -> Model:
 
 def as_json(revision: Revision, effect: Effect | None) -> dict[str, Any]:
     """One object for ``add --json``; lengths in µm."""
-    floor = floor_of_lengths(revision.noise)
+    floor = revision.noise.lengths
     out: dict[str, Any] = {
         "unit": "um",
         "rms_before": finite(revision.before.rms(*LENGTHS), 1e3),
@@ -158,12 +159,12 @@ def as_text(revision: Revision, effect: Effect | None) -> Iterator[str]:
         for name, value, sd, unit in _parameters(revision.after, effect):
             shown, factor = display(unit)
             text = f"{name} = {value * factor:.4g} ± {(sd or 0.0) * factor:.2g} {shown}"
-            if name in as_built.reversed_names(revision.after.model.machine, effect):
+            if name in reversed_parameters(revision.after.model.machine, effect):
                 text += f" (on the table itself {-value * factor:+.4g} {shown})"
             yield text
         if isinstance(effect, RotaryLocation):
-            yield from as_built.lines_text(revision.after.model)
-    floor = floor_of_lengths(revision.noise)
+            yield from average_line_words(revision.after.model)
+    floor = revision.noise.lengths
     at_best = (
         f"; noise floor {floor.value * 1e3:.2f} µm"
         if floor is not None and floor.value is not None

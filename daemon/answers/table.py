@@ -11,6 +11,7 @@ from typing import Any
 from abbe.compcore.compensator.folding.slow_state import SlowState
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.table_set import TableSet, read_text, sha256
+from abbe.compcore.model.as_built import average_line_words
 from abbe.compcore.model.model import Model
 from abbe.compcore.tables import record as records
 from abbe.compcore.tables.capability import RIGID
@@ -141,7 +142,7 @@ def make(order: TableRequest, model: Model | None = None) -> TableAnswer:
         remaining[IDEAL] = trial.remainder(ideal)
     if not {"L-VOL", "L-VOL+"} & set(capability.types):
         remaining[FULL] = trial.remainder(project(error, volume, RIGID).tables)
-    lines = tuple(as_built.lines_text(model))
+    lines = tuple(average_line_words(model))
     notes = tuple(dict.fromkeys((*([order.note] if order.note else []), *found.notes, *lines)))
     record = records.full_record(
         model=records.model_record(

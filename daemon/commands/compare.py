@@ -33,7 +33,6 @@ def compare(
     from abbe.compcore.comparison.compare import compare as compare_model
     from abbe.daemon.answers import compare as answer
     from abbe.daemon.answers import expected_times as expected
-    from abbe.daemon.answers.held_out import fitted_files, fitted_note
     from abbe.daemon.answers.inputs import load
     from abbe.daemon.outputs import REPORT, check_outputs
     from abbe.daemon.progress import shown
@@ -50,14 +49,10 @@ def compare(
 
             tell("drawing")
             comparison_page(comparison).write(report)
-    fitted = fitted_files(loaded, campaign)
     if as_json:
-        told = {**answer.as_json(comparison), "fitted_to": list(fitted)}
+        told = {**answer.as_json(comparison), "fitted_to": list(comparison.fitted_files)}
         say(json.dumps(told, ensure_ascii=False))
         return
-    if fitted:
-        say(fitted_note(fitted))
-    for line in answer.as_text(comparison):
-        say(line)
+    say(comparison.report())
     if report is not None:
         say(f"written: {report}")

@@ -38,7 +38,6 @@ def fit(
     force: Force = False,
 ) -> None:
     """Fit all parameters of a model to campaigns and write the fitted model."""
-    from abbe.compcore.campaign.noise import noise_floor
     from abbe.compcore.files.fit_record import recorded
     from abbe.compcore.files.model_file import save_model
     from abbe.compcore.fitting.fit import fit as fit_model
@@ -57,34 +56,31 @@ def fit(
         loaded, campaign = load(model, campaigns, active)
         result = fit_model(loaded, campaign, robust=robust, frame=chosen, progress=tell)
         tell("noise floor")
-        noise = noise_floor(campaign, loaded.machine)
-        lengths = answer.floor_of_lengths(noise)
+        lengths = result.noise.lengths
         record = recorded(
             result,
             loaded,
             date=now(),
             version=abbe_version(),
             noise_floor=None if lengths is None else lengths.value,
-            noise_floor_rotation=noise.value("rotation"),
+            noise_floor_rotation=result.noise.value("rotation"),
         )
         tell("outliers, and whether bodies are rigid")
         # all that could fail comes before anything is written
         if as_json:
-            reported = [json.dumps(answer.as_json(result, noise), ensure_ascii=False)]
+            reported = json.dumps(answer.as_json(result, result.noise), ensure_ascii=False)
         else:
-            reported = [*answer.as_text(result, noise)]
-            reported += ["  " + line for line in answer.parameter_lines(result)]
+            reported = result.report()
         page = None
         if report is not None:
             from abbe.daemon.report.fit import fit_page
 
             tell("drawing")
-            page = fit_page(result, record, noise)
+            page = fit_page(result, record, result.noise)
         save_model(record, out)
         if page is not None and report is not None:
             page.write(report)
-    for line in reported:
-        say(line)
+    say(reported)
     if as_json:
         return
     say(f"written: {out}" + ("" if report is None else f", {report}"))

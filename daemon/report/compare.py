@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Mapping
 
 from abbe.compcore.campaign.noise import NoiseLevel
-from abbe.compcore.comparison.compare import ComparedRows, Comparison
+from abbe.compcore.comparison.compare import Comparison
+from abbe.compcore.comparison.parts import ComparedRows
 from abbe.compcore.comparison.tabulate import ResidualGroup
-from abbe.daemon.answers.held_out import fitted_files, fitted_note
-from abbe.daemon.report import residuals as pictures
+from abbe.compcore.comparison.words import fitted_note
+from abbe.compcore.figures.figure import Figure
+from abbe.compcore.figures.residuals import MOST_POINTS
 from abbe.daemon.report.page import Page, number
 from abbe.daemon.report.versions import error_of_versions
 
@@ -22,7 +24,7 @@ def comparison_page(comparison: Comparison) -> Page:
     machine = problem.model.machine
     page = Page(f"{machine.name or 'Machine'}: model beside measurements", problem.campaign.name)
     _key_figures(page, comparison)
-    if fitted := fitted_files(problem.model, problem.campaign):
+    if fitted := comparison.fitted_files:
         page.notes([fitted_note(fitted)], warning=True)
     page.notes([str(level) for level in comparison.noise.levels.values()])
     page.notes(
@@ -43,7 +45,7 @@ def comparison_page(comparison: Comparison) -> Page:
     ):
         if part.n:
             page.section(name)
-            _pictures(page, comparison, part, unit)
+            _pictures(page, comparison, part)
             _tables(page, comparison, part, unit)
     if comparison.lines:
         page.section("Lines")
@@ -52,7 +54,7 @@ def comparison_page(comparison: Comparison) -> Page:
             "scale, squareness) and the rest (the form of guideways and scales)."
         )
         ordered = sorted(comparison.lines, key=lambda entry: -entry.rest_before)
-        page.figure(pictures.line_parts(ordered[:_MOST_ROWS]))
+        page.figure(comparison.figures()["lines"]())
         page.table(
             ["Set-up", "Length, mm", "linear before, µm", "after", "rest before, µm", "after"],
             [
@@ -97,39 +99,36 @@ def _known(comparison: Comparison, kinds: tuple[str, ...]) -> NoiseLevel | None:
     return next((level for level in levels if level is not None), None)
 
 
-def _pictures(page: Page, comparison: Comparison, part: ComparedRows, unit: str) -> None:
-    campaign = comparison.problem.campaign
-    drawn = pictures.Residuals.of(
-        campaign, part.rows, comparison.residual, comparison.weighted, unit
-    )
-    if drawn.sampled:
-        page.text(f"The pictures show {len(drawn.rows)} of {part.n} rows, the largest all.")
-    draw_residuals(page, drawn, comparison.problem.model.machine.signals.keys())
+def _pictures(page: Page, comparison: Comparison, part: ComparedRows) -> None:
+    if part.n > MOST_POINTS:
+        page.text(f"The pictures show {MOST_POINTS} of {part.n} rows, the largest all.")
+    what = "rotations" if part is comparison.rotations else "residuals"
+    draw_residuals(page, comparison.figures(), what)
 
 
-def draw_residuals(page: Page, drawn: pictures.Residuals, signals: Collection[str]) -> None:
-    """All pictures of residuals; `signals` the names that are worth a picture."""
-    c = drawn.campaign.conditions
-    page.subsection("In the volume")
-    page.figure(
-        pictures.in_volume(drawn),
+_PARTS = (
+    (
+        "In the volume",
+        ("in the volume",),
         "Each vector stands where the axes stood, along the measured direction, enlarged.",
-    )
-    page.subsection("Along each axis")
-    for axis, position in c.positions.items():
-        if position[drawn.rows].std() > 0.0:
-            page.figure(pictures.along_axis(drawn, axis))
-    page.subsection("Against signals and time")
-    for name, values in c.signals.items():
-        if name in signals and values[drawn.rows].std() > 0.0:
-            page.figure(pictures.against(drawn, values, name))
-    if c.time[drawn.rows].std() > 0.0:
-        page.figure(pictures.against(drawn, c.time / 3600.0, "time (h)"))
-    page.subsection("Against chance")
-    page.figure(
-        pictures.quantiles(drawn),
+    ),
+    ("Along each axis", ("along ",), ""),
+    ("Against signals and time", ("against ", "over time"), ""),
+    (
+        "Beside chance",
+        ("beside chance",),
         "On the dashed line where residuals are normal noise of the stated size.",
-    )
+    ),
+)
+
+
+def draw_residuals(page: Page, figures: Mapping[str, Callable[[], Figure]], what: str) -> None:
+    """All pictures of ``residuals`` or ``rotations`` among those of a result."""
+    for heading, starts, caption in _PARTS:
+        page.subsection(heading)
+        for name, make in figures.items():
+            if name.startswith(tuple(f"{what} {start}" for start in starts)):
+                page.figure(make(), caption)
 
 
 def _tables(page: Page, comparison: Comparison, part: ComparedRows, unit: str) -> None:

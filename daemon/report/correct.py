@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from abbe.compcore.figures.figure import figure
 from abbe.daemon.answers.correct import Corrected
 from abbe.daemon.arguments.effect_name import short
-from abbe.daemon.report.figure import figure
 from abbe.daemon.report.page import Page
 
 _SMALL = 1e-6

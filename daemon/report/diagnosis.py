@@ -20,9 +20,9 @@ from abbe.compcore.diagnosis.explain import (
 from abbe.compcore.diagnosis.measure_next import Advice
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
 from abbe.compcore.diagnosis.verdict import Diagnosis
+from abbe.compcore.figures.figure import COLOURS, Trace, figure, line, points
 from abbe.daemon.answers.diagnose import advice_text, noise_of, thinned_words
 from abbe.daemon.answers.typed import Adding
-from abbe.daemon.report.figure import COLOURS, Trace, figure, line, points
 from abbe.daemon.report.page import Page, number
 
 F64 = NDArray[np.float64]

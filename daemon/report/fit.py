@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 
-import numpy as np
-
-from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.campaign.campaign import LENGTHS, Kind
 from abbe.compcore.campaign.noise import NoiseFloor
-from abbe.compcore.comparison.compare import LENGTHS
+from abbe.compcore.figures.figure import Figure
+from abbe.compcore.figures.motions import plane_of
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.fitting.rigid_body import rigid_body_test
+from abbe.compcore.model.as_built import ON_THE_TABLE, average_line_words, reversed_parameters
 from abbe.compcore.model.error_map import error_map
 from abbe.compcore.model.model import Model
-from abbe.compcore.model.motion_curves import motion_curves
 from abbe.compcore.units import display
-from abbe.daemon.answers import as_built
-from abbe.daemon.report import residuals as pictures
 from abbe.daemon.report.compare import draw_residuals
 from abbe.daemon.report.page import Page, number
 from abbe.daemon.report.versions import error_of_versions
@@ -29,48 +27,45 @@ def fit_page(result: FitResult, model: Model, noise: NoiseFloor) -> Page:
     """The whole page; `model` is the fitted model with its history."""
     problem = result.problem
     page = Page(f"{model.machine.name or 'Machine'}: fit", problem.campaign.name)
-    figures = []
+    key = []
     for kinds, name, unit, factor in (
         (LENGTHS, "lengths, rms left", "µm", 1e3),
         ((Kind.ROTATION,), "rotations, rms left", "µrad", 1e6),
     ):
         rms = result.rms(*kinds)
         if math.isfinite(rms):
-            figures.append((name, number(rms * factor, 3), unit))
-    figures.append(("χ² per degree of freedom", number(result.chi2_per_dof, 3), ""))
-    figures.append(("degrees of freedom", str(result.dof), ""))
-    page.key_figures(figures)
+            key.append((name, number(rms * factor, 3), unit))
+    key.append(("χ² per degree of freedom", number(result.chi2_per_dof, 3), ""))
+    key.append(("degrees of freedom", str(result.dof), ""))
+    page.key_figures(key)
     page.notes([str(level) for level in noise.levels.values()])
     if model.history and (versions := error_of_versions([*model.history, model.fit])):
         page.section("Versions of the model")
         page.figure(versions)
-    _motions(page, model)
+    figures = result.figures()
+    _motions(page, model, figures)
     page.section("Parameters")
     page.text("Effects of one or two parameters; coefficients of shapes stand at the end.")
     _parameters(page, result, few=True)
-    page.notes(list(as_built.lines_text(result.model)))
+    page.notes(list(average_line_words(result.model)))
     page.section("What this campaign does not determine")
     page.notes([u.text for u in result.undetermined if not u.convention], warning=True)
     page.notes([u.text for u in result.undetermined if u.convention])
     if not result.undetermined:
         page.text("Nothing: every combination of parameters is determined.")
     _rigid_body(page, result)
-    _error_map(page, model)
+    _error_map(page, model, figures)
     _outliers(page, result)
     page.section("Residuals")
-    for kinds, unit in ((LENGTHS, "µm"), ((Kind.ROTATION,), "µrad")):
-        rows = np.isin(problem.campaign.kind, kinds)
-        if rows.any():
-            drawn = pictures.Residuals.of(
-                problem.campaign, rows, result.residual, result.weighted, unit
-            )
-            draw_residuals(page, drawn, model.machine.signals.keys())
+    for what in ("residuals", "rotations"):
+        if f"{what} in the volume" in figures:
+            draw_residuals(page, figures, what)
     page.section("Coefficients of shapes")
     _parameters(page, result, few=False)
     return page
 
 
-def _motions(page: Page, model: Model) -> None:
+def _motions(page: Page, model: Model, figures: Mapping[str, Callable[[], Figure]]) -> None:
     page.section("Error motions")
     page.text(
         "At the reference temperature, in the chosen frame, with 95 % intervals; "
@@ -78,14 +73,10 @@ def _motions(page: Page, model: Model) -> None:
     )
     for axis in model.machine.structure.axes:
         if axis in model.machine.structure.workpiece_side:
-            page.text(f"{axis}: {as_built.ON_THE_TABLE}.")
-        curves = motion_curves(model, axis)
-        for rotation in (False, True):
-            chosen = [
-                c for c in curves if c.error_motion.rotation == rotation and np.ptp(c.value) > 0.0
-            ]
-            if chosen:
-                page.figure(pictures.motions(chosen, axis))
+            page.text(f"{axis}: {ON_THE_TABLE}.")
+        for name in (f"error motions of {axis}", f"angular error motions of {axis}"):
+            if name in figures:
+                page.figure(figures[name]())
 
 
 def _parameters(page: Page, result: FitResult, *, few: bool) -> None:
@@ -97,7 +88,7 @@ def _parameters(page: Page, result: FitResult, *, few: bool) -> None:
         for (name, value), unknown in zip(term.values.items(), layout.unknowns[where], strict=True):
             unit, factor = display(unknown.unit)
             sd = None if value.sd is None else value.sd * factor
-            seen = as_built.reversed_names(result.model.machine, term.effect)
+            seen = reversed_parameters(result.model.machine, term.effect)
             on_table = -value.value * factor if name in seen else None
             rows.append([term.effect.spec, name, value.value * factor, sd, unit, on_table])
     heads = ["Effect", "Parameter", "Value", "± standard uncertainty", "Unit"]
@@ -125,12 +116,11 @@ def _rigid_body(page: Page, result: FitResult) -> None:
     )
 
 
-def _error_map(page: Page, model: Model) -> None:
-    linear = [a for a in ("X", "Y", "Z") if a in model.machine.structure.linear]
-    if len(linear) < 2:
+def _error_map(page: Page, model: Model, figures: Mapping[str, Callable[[], Figure]]) -> None:
+    across = plane_of(model)
+    if across is None:
         return
     page.section("Error map")
-    across = (linear[0], linear[1])
     found = error_map(model, across, {})
     ends = [", ".join(number(found.worst[a][k]) for a in across) for k in (0, 1)]
     page.text(
@@ -138,7 +128,7 @@ def _error_map(page: Page, model: Model) -> None:
         f"length errs most between ({ends[0]}) and ({ends[1]}) mm, by "
         f"{number(found.worst_error * 1e3, 3)} µm."
     )
-    page.figure(pictures.plane(found), "The error's component in the plane, enlarged.")
+    page.figure(figures["error map"](), "The error's component in the plane, enlarged.")
 
 
 def _outliers(page: Page, result: FitResult) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from abbe.compcore.figures.figure import COLOURS, Trace, band, figure, line, points
 from abbe.compcore.iso230.diagonals import Diagonals
 from abbe.compcore.iso230.positioning import RESULTS, PositioningResult
 from abbe.daemon.answers.iso230 import (
@@ -14,7 +15,6 @@ from abbe.daemon.answers.iso230 import (
     display,
     finite,
 )
-from abbe.daemon.report.figure import COLOURS, Trace, band, figure, line, points
 from abbe.daemon.report.page import Page
 
 

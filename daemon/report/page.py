@@ -145,7 +145,7 @@ class Page:
         )
 
     def figure(self, figure: Figure, caption: str = "") -> None:
-        """Add a Plotly figure (see `abbe.daemon.report.figure`)."""
+        """Add a Plotly figure (see `abbe.compcore.figures.figure`)."""
         self._figures += 1
         name = f"figure-{self._figures}"
         text = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""

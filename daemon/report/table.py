@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from abbe.compcore.figures.figure import COLOURS, figure, line, points
 from abbe.compcore.tables.table import Table, unit_of_position
 from abbe.daemon.answers.table import FULL, NONE, TableAnswer, remaining_rows, trust_lines
-from abbe.daemon.report.figure import COLOURS, figure, line, points
 from abbe.daemon.report.page import Page, number
 
 _GREY = "#9aa4ae"

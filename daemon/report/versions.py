@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.daemon.report.figure import COLOURS, Trace, figure, line
+from abbe.compcore.figures.figure import COLOURS, Trace, figure, line
 from abbe.daemon.report.page import Figure
 
 F64 = NDArray[np.float64]

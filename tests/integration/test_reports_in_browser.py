@@ -12,8 +12,8 @@ import pytest
 from playwright.sync_api import Browser, sync_playwright
 from typer.testing import CliRunner
 
+from abbe.compcore.figures.figure import figure, line
 from abbe.daemon.application import app
-from abbe.daemon.report.figure import figure, line
 from abbe.daemon.report.page import Page
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]

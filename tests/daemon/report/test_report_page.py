@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from abbe.compcore.errors import InputError
-from abbe.daemon.report.figure import band, figure, line, points
+from abbe.compcore.figures.figure import band, figure, line, points
 from abbe.daemon.report.page import Page, number
 
 VOID = {"meta", "br", "link", "img"}

@@ -19,7 +19,13 @@ _AXIS = {
     "automargin": True,
 }
 
+GREY = "#9aa4ae"
+REACH = 0.12
+"""The longest vector's length in a picture, as a part of the diagonal of what it shows."""
+
 Trace = dict[str, Any]
+Figure = dict[str, Any]
+"""A Plotly figure as plain data: ``{"data": [...], "layout": {...}}``."""
 
 
 def figure(
@@ -30,7 +36,7 @@ def figure(
     title: str = "",
     height: int = 420,
     **layout: Any,
-) -> dict[str, Any]:
+) -> Figure:
     """A figure of traces on plain axes.
 
     Parameters

@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from abbe.compcore.campaign.campaign import Campaign
-from abbe.compcore.comparison.lines import MeasuredLine, functional_moves
-from abbe.compcore.machine.machine import own_component
+from abbe.compcore.figures.figure import COLOURS, GREY, REACH, Figure, figure, line, points
 from abbe.compcore.machine.structure import is_rotary
-from abbe.compcore.model.error_map import ErrorMap
-from abbe.compcore.model.motion_curves import MotionCurve
-from abbe.daemon.report.figure import COLOURS, band, figure, line, points
 
 F64 = NDArray[np.float64]
 Index = NDArray[np.int64]
-Figure = dict[str, Any]
 
 MOST_POINTS = 6000
 """More rows than this are drawn as a sample, with all of the largest residuals."""
 _LARGEST = 500
-_REACH = 0.12
-"""The longest vector's length in the picture, as a part of the volume's diagonal."""
-_GREY = "#9aa4ae"
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,11 +78,11 @@ class Residuals:
 def in_volume(residuals: Residuals) -> Figure:
     """Residuals as vectors along the measured direction, in the machine's volume; can be turned."""
     u = residuals.campaign.conditions.u
-    start = functional_moves(residuals.campaign)[residuals.rows]
+    start = residuals.campaign.functional_moves()[residuals.rows]
     along = np.zeros_like(start) if u is None else u[residuals.rows]
     diagonal = float(np.linalg.norm(np.ptp(start, axis=0))) if len(start) else 1.0
     largest = float(np.abs(residuals.value).max(initial=0.0)) or 1.0
-    enlarged = _REACH * max(diagonal, 1.0) / largest
+    enlarged = REACH * max(diagonal, 1.0) / largest
     end = start + along * (residuals.value * enlarged)[:, None]
     gaps = np.full_like(start, np.nan)
     path = np.stack([start, end, gaps], axis=1).reshape(-1, 3)
@@ -138,7 +131,7 @@ def along_axis(residuals: Residuals, axis: str) -> Figure:
         for sign, name, colour in (
             (1.0, f"{axis} approached upwards", COLOURS[0]),
             (-1.0, f"{axis} approached downwards", COLOURS[1]),
-            (0.0, "not moved or unknown", _GREY),
+            (0.0, "not moved or unknown", GREY),
         )
         if (direction == sign).any()
     ]
@@ -158,72 +151,45 @@ def against(residuals: Residuals, values: F64, title: str) -> Figure:
 
 def quantiles(residuals: Residuals) -> Figure:
     """Sorted residuals in units of their uncertainty against those of a normal distribution."""
+    from scipy.special import ndtri
+
     size = np.sort(residuals.size)
     n = len(size)
     chance = ndtri((np.arange(n) + 0.5) / max(n, 1))
     ends = np.array([chance[0], chance[-1]]) if n else np.zeros(2)
     traces = [
         points(chance, size, "residuals", marker={"size": 4, "color": COLOURS[0]}),
-        line(ends, ends, "as they should be", line={"color": _GREY, "dash": "dash"}),
+        line(ends, ends, "as they should be", line={"color": GREY, "dash": "dash"}),
     ]
     return figure(traces, "normal distribution (standard deviations)", "residual / its uncertainty")
 
 
-def line_parts(lines: list[MeasuredLine]) -> Figure:
-    """Each line's linear part and rest, before and after the model."""
-    names = [f"{entry.setup}" for entry in lines]
-    bars = []
-    for values, name, colour in (
-        ([entry.linear_before for entry in lines], "linear, before", "#a9cfe8"),
-        ([entry.linear_after for entry in lines], "linear, after", COLOURS[0]),
-        ([entry.rest_before for entry in lines], "rest, before", "#f3c9a5"),
-        ([entry.rest_after for entry in lines], "rest, after", COLOURS[1]),
-    ):
-        height = [None if v is None else abs(v) * 1e3 for v in values]
-        bars.append(
-            {"type": "bar", "x": names, "y": height, "name": name, "marker": {"color": colour}}
-        )
-    return figure(bars, "", "µm from end to end; peak to valley", barmode="group")
+def residual_figures(
+    residuals: Residuals, what: str, signals: Collection[str]
+) -> dict[str, Callable[[], Figure]]:
+    """All pictures of residuals by name, made when they are asked for.
 
-
-def motions(curves: list[MotionCurve], axis: str) -> Figure:
-    """Error motions of one axis and kind (all lengths or all angles) with their 95 % bands."""
-    factor, unit = (180.0 / np.pi, "°") if is_rotary(axis) else (1.0, "mm")
-    rotation = curves[0].error_motion.rotation
-    scale = 1e6 if rotation else 1e3
-    traces: list[dict[str, Any]] = []
-    for curve, colour in zip(curves, COLOURS, strict=False):
-        x, y, half = curve.position * factor, curve.value * scale, 1.96 * curve.sd * scale
-        traces += band(x, y - half, y + half, colour)
-        traces.append(line(x, y, str(curve.error_motion), line={"color": colour, "width": 2}))
-    return figure(traces, f"{axis} ({unit})", "µrad" if rotation else "µm", height=340)
-
-
-def plane(found: ErrorMap) -> Figure:
-    """An error map as a grid that the errors distort, and its worst pair of points."""
-    x, y = np.meshgrid(*found.grid, indexing="ij")
-    k = ["XYZ".index(own_component(a)) for a in found.across]
-    within = found.error[:, :, k]
-    largest = float(np.abs(within).max()) or 1.0
-    reach = _REACH * float(max(np.ptp(x), np.ptp(y)))
-    moved_x, moved_y = (c + within[:, :, i] * reach / largest for i, c in enumerate((x, y)))
-    traces = []
-    for nodes_x, nodes_y, name, colour in (
-        (x, y, "as indicated", _GREY),
-        (moved_x, moved_y, f"as it is, errors × {reach / largest:.0f}", COLOURS[0]),
-    ):
-        gap = np.full((1, nodes_x.shape[0]), np.nan)
-        along = [np.vstack([nodes.T, gap]).T.ravel() for nodes in (nodes_x, nodes_y)]
-        other = [np.vstack([nodes, gap]).T.ravel() for nodes in (nodes_x, nodes_y)]
-        path_x, path_y = (np.concatenate([a, b]) for a, b in zip(along, other, strict=True))
-        traces.append(line(path_x, path_y, name, line={"color": colour, "width": 1}))
-    ends = [np.array(found.worst[a]) for a in found.across]
-    marker = {"size": 9, "color": COLOURS[1]}
-    words = f"worst pair: {found.worst_error * 1e3:+.1f} µm"
-    traces.append(points(ends[0], ends[1], words, marker=marker))
-    first, second = found.across
-    equal = {"scaleanchor": "x"}
-    return figure(traces, f"{first} (mm)", f"{second} (mm)", height=620, yaxis=equal)
+    Parameters
+    ----------
+    residuals
+        What is drawn.
+    what
+        The first word of each name: ``residuals``, ``rotations``.
+    signals
+        Names of the signals that are worth a picture.
+    """
+    c, rows = residuals.campaign.conditions, residuals.rows
+    made: dict[str, Callable[[], Figure]] = {"in the volume": partial(in_volume, residuals)}
+    for axis, position in c.positions.items():
+        if position[rows].std() > 0.0:
+            made[f"along {axis}"] = partial(along_axis, residuals, axis)
+    for name, values in c.signals.items():
+        if name in signals and values[rows].std() > 0.0:
+            made[f"against {name}"] = partial(against, residuals, values, name)
+    if c.time[rows].std() > 0.0:
+        made["over time"] = partial(against, residuals, c.time / 3600.0, "time (h)")
+    made["beside chance"] = partial(quantiles, residuals)
+    return {f"{what} {name}": make for name, make in made.items()}
 
 
 def _dots(

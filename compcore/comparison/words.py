@@ -1,0 +1,88 @@
+"""A comparison in words; lengths in µm, angles in µrad."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.campaign.noise import NoiseFloor
+from abbe.compcore.comparison.lines import MeasuredLine
+from abbe.compcore.comparison.parts import ComparedRows
+
+_MOST_TOLD = 8
+OTHER_SETUPS = (
+    "ISO/TR 16907, 11.3, asks for other set-ups and other points than those of the tables"
+)
+
+
+def comparison_words(
+    campaign: Campaign,
+    lengths: ComparedRows,
+    rotations: ComparedRows,
+    lines: Sequence[MeasuredLine],
+    noise: NoiseFloor,
+    left_out: Sequence[str],
+) -> Iterator[str]:
+    """Lines for people: overall, worst set-ups and regions, worst points, lines."""
+    for spec in left_out:
+        yield f"left out: {spec} (belongs to a placing of the instrument in another campaign)"
+    for part, name, unit, factor in (
+        (lengths, "lengths", "µm", 1e3),
+        (rotations, "rotations", "µrad", 1e6),
+    ):
+        if not part.n:
+            continue
+        yield (
+            f"{name}: {part.n} rows, rms {part.rms * factor:.3g} {unit}, "
+            f"95 % within {part.p95 * factor:.3g}, max {part.max * factor:.3g}; "
+            f"χ²/dof {part.chi2_per_dof:.2f}"
+        )
+        yield from _worst_groups(part, unit)
+        for point in part.worst[:3]:
+            yield (
+                f"  worst: {campaign.file_of(point.row)}, line {point.line}, "
+                f"set-up {point.setup}: "
+                f"{point.residual * factor:+.3g} {unit} (sd {point.sd * factor:.2g})"
+            )
+    yield str(noise)
+    if lines:
+        yield "lines: linear part end to end and rest (peak to valley), before → after, µm"
+        ordered = sorted(lines, key=lambda line: -line.rest_after)
+        for line in ordered[:_MOST_TOLD]:
+            linear = (
+                "slope free"
+                if line.linear_before is None or line.linear_after is None
+                else f"{line.linear_before * 1e3:+.1f} → {line.linear_after * 1e3:+.1f}"
+            )
+            yield (
+                f"  {line.setup} ({line.length:.0f} mm): {linear}; "
+                f"{line.rest_before * 1e3:.1f} → {line.rest_after * 1e3:.1f}"
+            )
+
+
+def _worst_groups(part: ComparedRows, unit: str) -> Iterator[str]:
+    for name, groups in (
+        ("set-up", part.tables.setups),
+        ("region", part.tables.regions),
+        ("direction", part.tables.directions),
+        ("signal", part.tables.signals),
+    ):
+        for group in sorted(groups, key=lambda g: -g.rms)[:2]:
+            where = " ".join(_short(v) for v in group.of.values())
+            yield (
+                f"  {name} {where}: rms {group.rms:.3g} {unit}, mean {group.mean:+.3g}, "
+                f"{group.n} rows"
+            )
+
+
+def _short(value: object) -> str:
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
+def fitted_note(files: Sequence[str]) -> str:
+    """What a comparison with fitted campaigns says, and what not."""
+    were = "is a campaign" if len(files) == 1 else "are campaigns"
+    return (
+        f"FITTED: {', '.join(files)} {were} that this model was fitted to: what is left over says "
+        f"how close the fit is, not how well the machine is predicted ({OTHER_SETUPS})"
+    )

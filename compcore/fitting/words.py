@@ -1,0 +1,123 @@
+"""A fit in words; lengths in µm, angles in µrad."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from abbe.compcore.campaign.campaign import LENGTHS, Kind
+from abbe.compcore.campaign.noise import NoiseFloor
+from abbe.compcore.fitting.rigid_body import rigid_body_test
+from abbe.compcore.fitting.solution import Solution
+from abbe.compcore.model.as_built import (
+    ON_THE_TABLE,
+    average_line_words,
+    reversed_parameters,
+)
+from abbe.compcore.units import display
+
+_MOST_TOLD = 20
+_NOTHING = 1e-9
+"""A standard uncertainty below this part of what is believable belongs to a convention."""
+FLEXES = 0.01
+"""Corrected p-value below which a machine counts as not rigid."""
+_SOURCES = {
+    "stated": "as stated in the campaign",
+    "replicates": "from repeated measurements, as the campaign states none",
+    "residuals": "from what the fit leaves over, as the campaign states none: χ²/dof tells nothing",
+}
+
+
+def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
+    """Lines for people, without the parameters."""
+    problem = result.problem
+    layout = problem.layout
+    yield (
+        f"{problem.n} rows of {len(problem.campaign.setups)} set-ups; "
+        f"{len(problem.model.terms)} effects with {layout.model_size} parameters, "
+        f"{result.decomposition.rank} combinations of them determined; "
+        f"{result.eliminator.rank} unknowns of the set-ups"
+    )
+    for kinds, name, factor, unit in (
+        (LENGTHS, "lengths", 1e3, "µm"),
+        ((Kind.ROTATION,), "rotations", 1e6, "µrad"),
+    ):
+        rms = result.rms(*kinds)
+        if math.isfinite(rms):
+            yield f"residuals of {name}: {rms * factor:.3g} {unit} rms"
+    yield f"χ² per degree of freedom: {result.chi2_per_dof:.3f} ({result.dof})"
+    for kind, source in result.uncertainty.source.items():
+        yield f"uncertainty of each {kind.name.lower().replace('_', ' ')}: {_SOURCES[source]}"
+    yield str(noise)
+    for found in result.undetermined:
+        yield ("convention: " if found.convention else "NOT DETERMINED: ") + found.text
+    for test in rigid_body_test(result):
+        if test.adjusted < FLEXES:
+            alike = "".join(f", or {other}" for other in test.alike)
+            yield (
+                f"NOT RIGID: {test.motion} depends on {test.by}{alike} "
+                f"(p = {test.adjusted:.1g}, {test.rms * 1e3:.2g} µm rms)"
+            )
+            break
+    if result.outliers and result.misfit and not result.set_aside:
+        yield (
+            f"{len(result.outliers)} rows stand out, but χ² says that the model lacks something "
+            "rather than that rows are wrong: see `abbe diagnose`"
+        )
+        return
+    reported = "set aside" if result.set_aside else "used; --robust would set it aside"
+    for outlier in result.outliers[:_MOST_TOLD]:
+        value = outlier.residual * _factor(result, outlier.row)
+        unit = "µrad" if problem.campaign.kind[outlier.row] == Kind.ROTATION else "µm"
+        yield (
+            f"outlier: {problem.campaign.file_of(outlier.row)}, line {outlier.line}, "
+            f"set-up {outlier.setup}: {value:+.3g} {unit}, "
+            f"{outlier.size:.1f} standard deviations ({reported})"
+        )
+    if len(result.outliers) > _MOST_TOLD:
+        yield f"and {len(result.outliers) - _MOST_TOLD} more outliers; --json lists them all"
+
+
+def parameter_lines(result: Solution) -> Iterator[str]:
+    """Effects of one or two parameters with value ± standard uncertainty; shapes by their count."""
+    for i, term in enumerate(result.model.terms):
+        if len(term.values) > 2:
+            yield f"{term.effect.spec}: {len(term.values)} coefficients"
+            continue
+        parts = []
+        layout = result.problem.layout
+        unknowns = layout.unknowns[layout.terms[i]]
+        for (name, value), unknown in zip(term.values.items(), unknowns, strict=True):
+            shown, factor = display(unknown.unit)
+            sd = 0.0 if value.sd is None else value.sd
+            if sd < _NOTHING * unknown.scale:
+                parts.append(f"{name} = {value.value * factor:.4g} {shown}, by convention")
+                continue
+            text = f"{name} = {value.value * factor:.4g} ± {sd * factor:.2g} {shown}"
+            if name in reversed_parameters(result.model.machine, term.effect):
+                text += f" (on the table itself {-value.value * factor:+.4g} {shown})"
+            parts.append(text)
+        yield f"{term.effect.spec}: {', '.join(parts)}"
+
+
+def rotary_words(result: Solution) -> Iterator[str]:
+    """Where rotary axes' lines lie, and what a table itself shows with the opposite sign."""
+    yield from average_line_words(result.model)
+    if any(reversed_parameters(result.model.machine, e) for e in result.model.effects):
+        yield ON_THE_TABLE
+
+
+def parameter_rows(result: Solution) -> list[tuple[str, str, float, float | None, str]]:
+    """All parameters: effect, parameter, value, standard uncertainty, unit that people read."""
+    layout = result.problem.layout
+    rows = []
+    for term, where in zip(result.model.terms, layout.terms, strict=True):
+        for (name, value), unknown in zip(term.values.items(), layout.unknowns[where], strict=True):
+            unit, factor = display(unknown.unit)
+            sd = None if value.sd is None else value.sd * factor
+            rows.append((term.effect.spec, name, value.value * factor, sd, unit))
+    return rows
+
+
+def _factor(result: Solution, row: int) -> float:
+    return 1e6 if result.problem.campaign.kind[row] == Kind.ROTATION else 1e3
