@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,8 +84,7 @@ def motions_at(tables: FoldedTables) -> Callable[[Sequence[float], Sequence[floa
     return motions
 
 
-@dataclass(frozen=True, slots=True)
-class _Stage:
+class _Stage(NamedTuple):
     """One step of the walk.
 
     Attributes
@@ -147,6 +146,103 @@ def stages_of(machine: Machine, error_motions: Sequence[ErrorMotion]) -> list[_S
     return [*stages, _Stage("place", motions=six(SPINDLE))]
 
 
+Visit = tuple[tuple[int, ...], Nine, float, float, float]
+"""A place that errs: indices of its six error motions, the orientation of the frame in which they
+are given, and the point about which its angles turn."""
+
+
+def _walk(
+    stages: Sequence[_Stage], positions: Sequence[float]
+) -> tuple[list[Visit], Nine, float, float, float, Nine, list[Nine]]:
+    """From workpiece to tool at one point.
+
+    The places that err; orientation and place of the tool's zero; the bed's orientation; those in
+    which X, Y and Z move. (A plain tuple: a named one takes longer to make than a stage.)
+    """
+    turn = bed = IDENTITY
+    carried = [IDENTITY, IDENTITY, IDENTITY]
+    visits: list[Visit] = []
+    sx = sy = sz = 0.0
+    for kind, axis, direction, point, first, six, letter in stages:
+        frame = turn
+        if kind == "linear":
+            q = positions[axis]
+            mx, my, mz = direction
+            cx, cy, cz = point
+            if turn is not IDENTITY:
+                mx, my, mz = apply(turn, mx, my, mz)
+                cx, cy, cz = apply(turn, cx, cy, cz)
+            if letter >= 0:
+                carried[letter] = turn
+            nx, ny, nz = sx + mx * q, sy + my * q, sz + mz * q
+            if first:
+                cx, cy, cz = sx + cx, sy + cy, sz + cz
+            else:
+                cx, cy, cz = nx + cx, ny + cy, nz + cz
+            sx, sy, sz = nx, ny, nz
+        elif kind == "rotary":
+            lx, ly, lz = point
+            rotation = about(direction, positions[axis])
+            if turn is IDENTITY:
+                cx, cy, cz = sx + lx, sy + ly, sz + lz
+                turn = rotation
+            else:
+                rx, ry, rz = apply(turn, lx, ly, lz)
+                cx, cy, cz = sx + rx, sy + ry, sz + rz
+                turn = product(turn, rotation)
+            rx, ry, rz = apply(turn, lx, ly, lz)
+            sx, sy, sz = cx - rx, cy - ry, cz - rz
+            if first:
+                frame = turn
+        elif kind == "bed":
+            bed = turn
+            continue
+        else:
+            cx, cy, cz = sx, sy, sz
+        if six is not None:
+            visits.append((six, frame, cx, cy, cz))
+    return visits, turn, sx, sy, sz, bed, carried
+
+
+def _first_order(
+    visits: list[Visit], v: Sequence[float], gx: float, gy: float, gz: float
+) -> Triple:
+    """The error at the functional point: ``Σ t + ω × (P − O)``."""
+    ex = ey = ez = wx = wy = wz = 0.0
+    for (i, j, k, a, b, c), frame, cx, cy, cz in visits:
+        tx, ty, tz, ax, ay, az = v[i], v[j], v[k], v[a], v[b], v[c]
+        if frame is not IDENTITY:
+            tx, ty, tz = apply(frame, tx, ty, tz)
+            ax, ay, az = apply(frame, ax, ay, az)
+        ex += tx - ay * cz + az * cy
+        ey += ty - az * cx + ax * cz
+        ez += tz - ax * cy + ay * cx
+        wx += ax
+        wy += ay
+        wz += az
+    return ex + (wy * gz - wz * gy), ey + (wz * gx - wx * gz), ez + (wx * gy - wy * gx)
+
+
+def _exact(visits: list[Visit], v: Sequence[float], gx: float, gy: float, gz: float) -> Triple:
+    """The error at the functional point, with full rotations."""
+    ex = ey = ez = ox = oy = oz = 0.0
+    turned = IDENTITY
+    for (i, j, k, a, b, c), frame, cx, cy, cz in visits:
+        tx, ty, tz = v[i], v[j], v[k]
+        local = about_xyz(v[a], v[b], v[c])
+        if frame is not IDENTITY:
+            tx, ty, tz = apply(frame, tx, ty, tz)
+            local = product(product(frame, local), transposed(frame))
+        dx, dy, dz = shifted(turned, cx - ox, cy - oy, cz - oz)
+        ex += tx + dx
+        ey += ty + dy
+        ez += tz + dz
+        turned = local if turned is IDENTITY else product(turned, local)
+        ox, oy, oz = cx, cy, cz
+    dx, dy, dz = shifted(turned, gx - ox, gy - oy, gz - oz)
+    return ex + dx, ey + dy, ez + dz
+
+
 def chain_step(
     machine: Machine, composition: Composition, tables: FoldedTables, state: SlowState
 ) -> Step:
@@ -155,90 +251,21 @@ def chain_step(
     ux, uy, uz = Chain(machine, state.conditions(zero, {})).tool[0].tolist()
     motions = motions_at(tables)
     stages = stages_of(machine, tables.error_motions)
+    composed = _first_order if composition == "first-order" else _exact
     at_point = [-1, -1, -1]
     for k, error_motion in enumerate(tables.error_motions):
         if error_motion.place == FUNCTIONAL_POINT:
             at_point["XYZ".index(error_motion.component)] = k
     px, py, pz = at_point
-    inexact = composition == "first-order"
-    columns = np.array([machine.axis(letter).direction for letter in "XYZ"]).T
-    inverse: Nine = tuple(np.linalg.inv(columns).reshape(-1).tolist())
-    if inverse == IDENTITY:
-        inverse = IDENTITY
+    axes = [machine.axis(letter).direction for letter in "XYZ"]
+    inverse: Nine = tuple(np.linalg.inv(np.array(axes).T).reshape(-1).tolist())
+    square = inverse == IDENTITY
 
     def step(positions: Sequence[float], directions: Sequence[float]) -> Triple:
         v = motions(positions, directions)
-        turn = bed = IDENTITY
-        carried = [IDENTITY, IDENTITY, IDENTITY]
-        sx = sy = sz = ox = oy = oz = 0.0
-        ex = ey = ez = wx = wy = wz = 0.0
-        turned = IDENTITY
-        for stage in stages:
-            kind = stage.kind
-            frame = turn
-            if kind == "linear":
-                q = positions[stage.axis]
-                mx, my, mz = stage.direction
-                cx, cy, cz = stage.point
-                if turn is not IDENTITY:
-                    mx, my, mz = apply(turn, mx, my, mz)
-                    cx, cy, cz = apply(turn, cx, cy, cz)
-                if stage.letter >= 0:
-                    carried[stage.letter] = turn
-                nx, ny, nz = sx + mx * q, sy + my * q, sz + mz * q
-                if stage.first:
-                    cx, cy, cz = sx + cx, sy + cy, sz + cz
-                else:
-                    cx, cy, cz = nx + cx, ny + cy, nz + cz
-                sx, sy, sz = nx, ny, nz
-            elif kind == "rotary":
-                lx, ly, lz = stage.point
-                rx, ry, rz = apply(turn, lx, ly, lz)
-                cx, cy, cz = sx + rx, sy + ry, sz + rz
-                turn = product(turn, about(stage.direction, positions[stage.axis]))
-                rx, ry, rz = apply(turn, lx, ly, lz)
-                sx, sy, sz = cx - rx, cy - ry, cz - rz
-                if stage.first:
-                    frame = turn
-            elif kind == "bed":
-                bed = turn
-                continue
-            else:
-                cx, cy, cz = sx, sy, sz
-            if stage.motions is None:
-                continue
-            i, j, k, a, b, c = stage.motions
-            tx, ty, tz, ax, ay, az = v[i], v[j], v[k], v[a], v[b], v[c]
-            if inexact:
-                if frame is not IDENTITY:
-                    tx, ty, tz = apply(frame, tx, ty, tz)
-                    ax, ay, az = apply(frame, ax, ay, az)
-                ex += tx - ay * cz + az * cy
-                ey += ty - az * cx + ax * cz
-                ez += tz - ax * cy + ay * cx
-                wx += ax
-                wy += ay
-                wz += az
-                continue
-            local = about_xyz(ax, ay, az)
-            if frame is not IDENTITY:
-                tx, ty, tz = apply(frame, tx, ty, tz)
-                local = product(product(frame, local), transposed(frame))
-            dx, dy, dz = shifted(turned, cx - ox, cy - oy, cz - oz)
-            ex += tx + dx
-            ey += ty + dy
-            ez += tz + dz
-            turned = local if turned is IDENTITY else product(turned, local)
-            ox, oy, oz = cx, cy, cz
-        gx, gy, gz = apply(turn, ux, uy, uz)
-        gx, gy, gz = sx + gx, sy + gy, sz + gz
-        if inexact:
-            ex += wy * gz - wz * gy
-            ey += wz * gx - wx * gz
-            ez += wx * gy - wy * gx
-        else:
-            dx, dy, dz = shifted(turned, gx - ox, gy - oy, gz - oz)
-            ex, ey, ez = ex + dx, ey + dy, ez + dz
+        visits, turn, sx, sy, sz, bed, carried = _walk(stages, positions)
+        gx, gy, gz = (ux, uy, uz) if turn is IDENTITY else apply(turn, ux, uy, uz)
+        ex, ey, ez = composed(visits, v, sx + gx, sy + gy, sz + gz)
         hx, hy, hz = v[px], v[py], v[pz]
         if bed is not IDENTITY:
             hx, hy, hz = apply(bed, hx, hy, hz)
@@ -247,9 +274,7 @@ def chain_step(
         if one is two is three:
             if one is not IDENTITY:
                 ex, ey, ez = apply(transposed(one), ex, ey, ez)
-            return (ex, ey, ez) if inverse is IDENTITY else apply(inverse, ex, ey, ez)
-        moves = [apply(t, *machine_direction[i]) for i, t in enumerate(carried)]
-        return solved(moves, ex, ey, ez)
+            return (ex, ey, ez) if square else apply(inverse, ex, ey, ez)
+        return solved([apply(t, *axes[i]) for i, t in enumerate(carried)], ex, ey, ez)
 
-    machine_direction = [machine.axis(letter).direction for letter in "XYZ"]
     return step
