@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-import abbe.drivers.simulated
+import abbe.drivers.simulated.can
 from abbe.drivers.can.dbc.config import DbcConfig
 from abbe.drivers.can.dbc.file import MOST_BYTES
 from abbe.drivers.can.dbc.link import DbcLink
 from tests.support.hostile import mutate
 from tests.support.hostile.forked import Case, Content, faults, run
 
-GOOD = Path(abbe.drivers.simulated.__file__).with_name("machine.dbc").read_bytes()
+GOOD = Path(abbe.drivers.simulated.can.__file__).with_name("machine.dbc").read_bytes()
 SECTION = {
     "interface": "udp_multicast",
     "channel": "239.74.163.2",

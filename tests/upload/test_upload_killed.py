@@ -43,8 +43,8 @@ def control() -> Iterator[SimulatedProcess]:
 @pytest.fixture(scope="module")
 def abbe() -> Iterator[subprocess.Popen[str]]:
     with subprocess.Popen(
-        [sys.executable, str(Path(__file__).parent / "forking.py")],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        [sys.executable, "-m", "tests.support.daemon.forking"],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parents[2],
     ) as process:  # fmt: skip
         yield process
         process.stdin.close()
