@@ -20,6 +20,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from abbe.drivers.quarantine import QuarantineConfig
+from abbe.drivers.scaled import ScaledNumber
 
 _STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -32,7 +33,7 @@ Coordinates = Literal[
 _SIGNALS_EVERY = 1.0
 
 
-class IppChannelConfig(BaseModel):
+class IppChannelConfig(ScaledNumber):
     """One value: of an axis, of a property, or the temperature of a scale."""
 
     model_config = _STRICT
@@ -49,9 +50,6 @@ class IppChannelConfig(BaseModel):
     """Which number of a property that has several, from 1."""
     every: Annotated[float, Field(ge=0)] | None = None
     """s between two questions; 0 asks at every call. Default 0 for an axis, else 1."""
-    scale: float = 1.0
-    """value = number · scale + offset, in `unit`."""
-    offset: float = 0.0
     unit: str | None = None
     """Unit of the value; default mm for X, Y, Z, deg for angles, degC for scale temperatures."""
 
@@ -86,8 +84,6 @@ class IppChannelConfig(BaseModel):
             )
         if self.item != 1 and self.prop is None:
             raise ValueError("item: only for a property")
-        if self.scale == 0.0:
-            raise ValueError("scale is 0: every reading would be the offset")
         return self
 
 

@@ -123,8 +123,7 @@ class IppLink(Link):
             parts = [f"temperature of the {channel.scale_temperature} scale"]
         if every:
             parts.append(f"every {every:g} s")
-        if (channel.scale, channel.offset) != (1.0, 0.0):
-            parts.append(f"× {channel.scale:g} + {channel.offset:g}")
+        parts += channel.scaling
         if channel.value_unit:
             parts.append(f"in {channel.value_unit}")
         return ", ".join(parts)

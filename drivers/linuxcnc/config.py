@@ -23,6 +23,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from abbe.drivers.reconnect import ReconnectConfig
+from abbe.drivers.scaled import Scale
 
 _STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -52,7 +53,7 @@ class LinuxCncChannelConfig(BaseModel):
     """Largest offset either way, mm (degrees); required for an offset."""
     resolution: Annotated[float, Field(gt=0)] = 1e-5
     """Step of an offset, mm (degrees)."""
-    scale: float = 1.0
+    scale: Scale = 1.0
     """For a pin: value = pin · scale."""
     unit: str = ""
     """Unit of a pin's value, for people."""
@@ -67,8 +68,6 @@ class LinuxCncChannelConfig(BaseModel):
             raise ValueError("resolution: only for an offset")
         if self.pin is None and {"scale", "unit"} & self.model_fields_set:
             raise ValueError("scale and unit: only for a pin")
-        if self.scale == 0.0:
-            raise ValueError("scale is 0: every reading would be 0")
         if self.max is not None and self.max / self.resolution > 1e9:
             raise ValueError("max is more than 1e9 steps of resolution: LinuxCNC counts in 32 bits")
         return self

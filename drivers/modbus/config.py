@@ -42,6 +42,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from abbe.drivers.modbus.codec import WORDS, NumberType, Order, raw_range
 from abbe.drivers.quarantine import QuarantineConfig
+from abbe.drivers.scaled import ScaledNumber
 from abbe.drivers.serial.port.settings import SerialSettings
 
 Table = Literal["holding", "input", "coil", "discrete"]
@@ -66,7 +67,7 @@ class BlockConfig(BaseModel):
     """Unit of the block's channels, where a channel does not name its own."""
 
 
-class ModbusChannelConfig(BaseModel):
+class ModbusChannelConfig(ScaledNumber):
     """One named value: where it sits, how it is encoded, what it stands for."""
 
     model_config = _STRICT
@@ -83,9 +84,6 @@ class ModbusChannelConfig(BaseModel):
     unit_id: UnitId | None = None
     """Of the device on the bus; default the block's, then the link's."""
     block: str = DEFAULT_BLOCK
-    scale: float = 1.0
-    """value = raw · scale + offset, in `unit`."""
-    offset: float = 0.0
     unit: str = ""
     """Unit of the value, for people."""
     writable: bool = False
@@ -136,10 +134,8 @@ class ModbusChannelConfig(BaseModel):
             raise ValueError("verify is for channels with writable = true")
         if self.number_type == "bit" and (self.scale, self.offset) != (1.0, 0.0):
             raise ValueError("a bit has neither scale nor offset")
-        if self.scale == 0.0:
-            raise ValueError("scale is 0: every reading would be the offset")
         whole = "float" not in self.number_type
-        ends = [end * self.scale + self.offset for end in raw_range(self.number_type)]
+        ends = [self.value_of(end) for end in raw_range(self.number_type)]
         if whole and not all(map(math.isfinite, ends)):
             raise ValueError(f"scale {self.scale} takes {self.type} beyond a float64")
         return self

@@ -144,8 +144,7 @@ class ModbusLink(Link):
         parts = [f"unit {config.unit_of(name)} {channel.place}", channel.number_type]
         if channel.width > 1 or channel.order != "ABCD":
             parts[1] += f" {channel.order}"
-        if (channel.scale, channel.offset) != (1.0, 0.0):
-            parts.append(f"× {channel.scale:g} + {channel.offset:g}")
+        parts += channel.scaling
         if channel.unit:
             parts.append(f"in {channel.unit}")
         if every := config.period_of(name):

@@ -39,13 +39,13 @@ def place_of(config: ModbusConfig, name: str) -> WirePlace:
 def info_of(config: ModbusConfig, name: str) -> ChannelInfo:
     """What a channel's section says of its values: unit, range and step of its type."""
     channel = config.channels[name]
-    ends = [end * channel.scale + channel.offset for end in raw_range(channel.number_type)]
+    low, high = channel.range_of(*raw_range(channel.number_type))
     return ChannelInfo(
         unit=channel.unit,
         writable=channel.writable,
         every=config.period_of(name),
-        low=min(ends),
-        high=max(ends),
+        low=low,
+        high=high,
         step=0.0 if "float" in channel.number_type else abs(channel.scale),
         read_back=channel.writable,
     )

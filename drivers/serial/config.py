@@ -28,6 +28,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from abbe.drivers.quarantine import QuarantineConfig
+from abbe.drivers.scaled import ScaledNumber
 from abbe.drivers.serial.checksum import ChecksumConfig
 from abbe.drivers.serial.patterns import LinePattern, checked
 from abbe.drivers.serial.port.settings import PortSettings
@@ -102,7 +103,7 @@ class SerialMessageConfig(BaseModel):
         return self
 
 
-class SerialChannelConfig(BaseModel):
+class SerialChannelConfig(ScaledNumber):
     """One value: a field of a message, or a command that sets something."""
 
     model_config = _STRICT
@@ -117,9 +118,6 @@ class SerialChannelConfig(BaseModel):
     decimal: Literal[".", ","] = "."
     values: dict[str, float] | None = None
     """Instead of a number: text of the field → value, e.g. ``{ OK = 1, ERR = 0 }``."""
-    scale: float = 1.0
-    """value = number · scale + offset, in `unit`."""
-    offset: float = 0.0
     unit: str = ""
     """Unit of the value, for people."""
     command: str | None = None
@@ -151,8 +149,7 @@ class SerialChannelConfig(BaseModel):
             low, step = 0.0, 1.0
             if self.bits is not None:
                 low, high = -(2.0 ** (self.bits - 1)), 2.0 ** (self.bits - 1) - 1.0
-        ends = sorted((low * self.scale + self.offset, high * self.scale + self.offset))
-        return ends[0], ends[1], step * abs(self.scale)
+        return *self.range_of(low, high), step * abs(self.scale)
 
     def text_of(self, value: float) -> str:
         """The command that sets a value (in the channel's unit).
@@ -162,7 +159,7 @@ class SerialChannelConfig(BaseModel):
         ValueError
             When the value is not finite.
         """
-        number = (value - self.offset) / self.scale
+        number = self.number_of(value)
         whole = self._form[-1:] in tuple(_WHOLE)
         if number - number != 0.0:
             raise ValueError(f"{value} cannot be sent")
@@ -183,8 +180,6 @@ class SerialChannelConfig(BaseModel):
     def _consistent(self) -> SerialChannelConfig:
         if (self.message is None) == (self.command is None):
             raise ValueError("needs either message (it is read) or command (it is written)")
-        if self.scale == 0.0:
-            raise ValueError("scale is 0: every reading would be the offset")
         if self.command is None:
             for key in ("acknowledge", "refused", "checksum"):
                 if getattr(self, key) is not None:

@@ -148,8 +148,7 @@ class SerialLink(Link):
                     parts.append(f"every {message.every:g} s")
             if message.checksum is not None:
                 parts.append(f"{message.checksum.kind} checked")
-        if (channel.scale, channel.offset) != (1.0, 0.0):
-            parts.append(f"× {channel.scale:g} + {channel.offset:g}")
+        parts += channel.scaling
         if channel.unit:
             parts.append(f"in {channel.unit}")
         return ", ".join(parts)

@@ -27,6 +27,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from abbe.drivers.can.canopen.objects import Type
 from abbe.drivers.can.interface import InterfaceConfig
+from abbe.drivers.scaled import ScaledNumber
 
 _STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -52,7 +53,7 @@ class NodeConfig(BaseModel):
     """What an emergency of the node does: make its values bad, or be told only."""
 
 
-class CanopenChannelConfig(BaseModel):
+class CanopenChannelConfig(ScaledNumber):
     """One value: an object of a node."""
 
     model_config = _STRICT
@@ -75,10 +76,8 @@ class CanopenChannelConfig(BaseModel):
     as missing."""
     every: Annotated[float, Field(ge=0)] = 0.0
     """For ``sdo``: s between two; 0 asks at every call."""
-    scale: float = 1.0
-    """value = number · scale + offset, in `unit`."""
-    offset: float = 0.0
     unit: str = ""
+    """Unit of the value, for people."""
     writable: bool = False
     """Written by SDO."""
     verify: bool = False
@@ -118,8 +117,6 @@ class CanopenChannelConfig(BaseModel):
             raise ValueError("writable and every: only for by = 'sdo'")
         if self.by == "sdo" and "within" in self.model_fields_set:
             raise ValueError("within: only for by = 'pdo'")
-        if self.scale == 0.0:
-            raise ValueError("scale is 0: every reading would be the offset")
         return self
 
 

@@ -72,7 +72,7 @@ class CanopenLink(Link):
         low, high, step = range_of(section.number_type)
         if section.profile == "cia404":
             low, high, step = -math.inf, math.inf, 0.0
-        low, high = sorted(end * section.scale + section.offset for end in (low, high))
+        low, high = section.range_of(low, high)
         return ChannelInfo(
             section.unit,
             section.writable,
@@ -221,8 +221,7 @@ class CanopenLink(Link):
         ]
         if section.every:
             parts.append(f"every {section.every:g} s")
-        if (section.scale, section.offset) != (1.0, 0.0):
-            parts.append(f"× {section.scale:g} + {section.offset:g}")
+        parts += section.scaling
         if section.unit:
             parts.append(f"in {section.unit}")
         if section.writable:

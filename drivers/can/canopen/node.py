@@ -287,7 +287,7 @@ class Node(Member):
         except ValueError as error:
             return Sample(_NAN, at, Quality.BAD, f"{name}: {error}")
         channel = self._channels[name]
-        value = number * self._found.scales[name] * channel.scale + channel.offset
+        value = channel.value_of(number * self._found.scales[name])
         return Sample(value, at)
 
     # What it says by itself

@@ -60,7 +60,7 @@ class CanopenWriter:
         for name, value in values.items():
             section = channels[name]
             try:
-                number = (value - section.offset) / section.scale
+                number = section.number_of(value)
                 data[name] = encode(section.number_type, number)
             except ValueError as error:
                 raise batch.refused(f"{name}: {error}") from None

@@ -25,6 +25,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from abbe.drivers.can.interface import InterfaceConfig
+from abbe.drivers.scaled import ScaledNumber
 
 _STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -63,7 +64,7 @@ class DbcMessageConfig(BaseModel):
     """With a request: s between two; 0 asks at every call."""
 
 
-class DbcChannelConfig(BaseModel):
+class DbcChannelConfig(ScaledNumber):
     """One value: a signal of a message."""
 
     model_config = _STRICT
@@ -72,20 +73,10 @@ class DbcChannelConfig(BaseModel):
     """Its name in the DBC file."""
     signal: str | None = None
     """Its name in the message; default the channel's own."""
-    scale: float = 1.0
-    """value = physical value · scale + offset; on top of the file's own."""
-    offset: float = 0.0
     unit: str | None = None
-    """For people; default the file's."""
+    """For people; default the file's. The scale is on top of the file's own."""
     writable: bool = False
     """Whether Abbe sends the message."""
-
-    @field_validator("scale")
-    @classmethod
-    def _is_not_zero(cls, scale: float) -> float:
-        if scale == 0.0:
-            raise ValueError("scale is 0: every reading would be the offset")
-        return scale
 
 
 class DbcConfig(InterfaceConfig):

@@ -74,7 +74,7 @@ class DbcLink(Link):
             received.pace.every if received is not None and received.request is not None else 0.0
         )
         low, high, step = range_of(signal)
-        low, high = sorted(end * section.scale + section.offset for end in (low, high))
+        low, high = section.range_of(low, high)
         return ChannelInfo(unit, section.writable, every, low, high, step * abs(section.scale))
 
     def places(self, channel: str) -> tuple[WirePlace, ...]:
@@ -212,8 +212,7 @@ class DbcLink(Link):
             )
         elif received is not None:
             parts.append(f"missing after {received.within:g} s")
-        if (section.scale, section.offset) != (1.0, 0.0):
-            parts.append(f"× {section.scale:g} + {section.offset:g}")
+        parts += section.scaling
         if unit := self.info(name).unit:
             parts.append(f"in {unit}")
         return ", ".join(parts)

@@ -99,7 +99,7 @@ class Sending:
 
     def _physical(self, channel: str, value: float) -> float:
         section = self._channels[channel]
-        return (value - section.offset) / section.scale
+        return section.number_of(value)
 
     def _frame(self, name: str, signals: Mapping[str, float]) -> can.Message:
         import can

@@ -1,0 +1,47 @@
+"""What every link's channels have in common: a number that stands for a value in a unit."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel
+
+
+def _not_zero(scale: float) -> float:
+    if scale == 0.0:
+        raise ValueError("scale is 0: every reading would be the same")
+    return scale
+
+
+Scale = Annotated[float, AfterValidator(_not_zero)]
+"""A factor that can be taken back."""
+
+
+class ScaledNumber(BaseModel):
+    """Base of a channel's section: value = number · scale + offset, in `unit`."""
+
+    scale: Scale = 1.0
+    """value = number · scale + offset, in `unit`."""
+    offset: float = 0.0
+    unit: str | None = ""
+    """Unit of the value, for people."""
+
+    def value_of(self, number: float) -> float:
+        """The value, in `unit`, that a number stands for."""
+        return number * self.scale + self.offset
+
+    def number_of(self, value: float) -> float:
+        """The number that stands for a value in `unit`."""
+        return (value - self.offset) / self.scale
+
+    def range_of(self, low: float, high: float) -> tuple[float, float]:
+        """Smallest and largest value, of the smallest and largest number."""
+        one, other = self.value_of(low), self.value_of(high)
+        return min(one, other), max(one, other)
+
+    @property
+    def scaling(self) -> tuple[str, ...]:
+        """``× 0.1 + 20``, for people; nothing where the number is the value."""
+        if (self.scale, self.offset) == (1.0, 0.0):
+            return ()
+        return (f"× {self.scale:g} + {self.offset:g}",)
