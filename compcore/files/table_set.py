@@ -38,7 +38,7 @@ class TableSet:
     files
         Name → text, exactly as the controller takes it.
     record
-        What ISO/TR 16907, 12, asks for; see `abbe.compcore.tables.record`.
+        What ISO/TR 16907, 9.1, asks for; see `abbe.compcore.tables.record`.
     tables
         What the files hold, as errors; empty where only the files are known.
     """

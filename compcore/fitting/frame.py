@@ -39,16 +39,19 @@ class ReferenceFrame:
     Attributes
     ----------
     primary, secondary
-        Linear axes. The line along the primary axis through the middle of the volume has no error
-        across it at its ends; the line along the secondary axis none in the third direction; the
-        middle of the volume has no error. Empty: the frame of the least errors all over the volume.
+        Linear axes. The middle of the volume has no error; along the primary axis through it the
+        error across is the same at both ends, along the secondary axis that in the third
+        direction. Empty: the frame of the least errors all over the volume, without tool.
+    tool
+        The tool's offset (mm) with which that holds; None: that of most of the campaign's rows.
     """
 
     primary: str = ""
     secondary: str = ""
+    tool: tuple[float, float, float] | None = None
 
     @classmethod
-    def parse(cls, text: str) -> ReferenceFrame:
+    def parse(cls, text: str, tool: tuple[float, float, float] | None = None) -> ReferenceFrame:
         """``least-squares``, or the primary and the secondary axis: ``X,Y``.
 
         Raises
@@ -57,6 +60,12 @@ class ReferenceFrame:
             For anything else.
         """
         if text == "least-squares":
+            if tool is not None:
+                raise InputError(
+                    "the frame of the least errors has no tool",
+                    field="frame-tool",
+                    expected="--frame with a primary and a secondary axis",
+                )
             return cls()
         axes = [part.strip() for part in text.split(",")]
         if len(axes) != 2 or not all(axes) or axes[0] == axes[1]:
@@ -66,7 +75,7 @@ class ReferenceFrame:
                 found=text,
                 expected="least-squares, or primary and secondary axis such as X,Y",
             )
-        return cls(*axes)
+        return cls(axes[0], axes[1], tool)
 
     def check(self, machine: Machine) -> None:
         """Refuse axes that the machine lacks or that do not span a frame.
@@ -88,6 +97,16 @@ class ReferenceFrame:
             raise InputError("a frame needs two directions", field="frame", found=self.primary)
 
 
+def most_used(tools: F64) -> tuple[float, float, float]:
+    """The tool offset of most rows, shape (n, 3) → mm; of equally many the first."""
+    if not len(tools):
+        return (0.0, 0.0, 0.0)
+    found, first, count = np.unique(tools, axis=0, return_index=True, return_counts=True)
+    most = count == count.max()
+    x, y, z = found[most][np.argmin(first[most])].tolist()
+    return x, y, z
+
+
 def alignment(
     model: Model,
     campaign: Campaign,
@@ -103,7 +122,7 @@ def alignment(
     if not null.convention.shape[1]:
         return np.eye(layout.size)
     places, combine = (
-        _volume(model.machine, campaign) if not frame.primary else _axes(model.machine, frame)
+        _axes(model.machine, frame) if frame.primary else _volume(model.machine, campaign)
     )
     values = layout.values(theta, np.zeros(layout.size))
     translation, _ = sensitivities(model.with_values(values), places)
@@ -138,14 +157,16 @@ def _carried(model: Model, layout: UnknownLayout, unseen: F64) -> F64:
     )
 
 
-def _at(machine: Machine, positions: dict[str, F64]) -> Conditions:
-    """A machine at its reference temperature, without tool, coming from nowhere."""
+def _at(
+    machine: Machine, positions: dict[str, F64], tool: tuple[float, float, float] | None = None
+) -> Conditions:
+    """A machine at its reference temperature, coming from nowhere."""
     n = len(next(iter(positions.values())))
     signals = {
         s.name: np.full(n, machine.reference_temperature if s.temperature else 0.0)
         for s in machine.signals.values()
     }
-    return Conditions(positions, signals=signals)
+    return Conditions(positions, tool=np.tile(tool or (0.0, 0.0, 0.0), (n, 1)), signals=signals)
 
 
 def _volume(machine: Machine, campaign: Campaign) -> tuple[Conditions, F64]:
@@ -160,7 +181,7 @@ def _axes(machine: Machine, frame: ReferenceFrame) -> tuple[Conditions, F64]:
     stops = [middle]
     for name in (frame.primary, frame.secondary):
         stops += [{**middle, name: end} for end in machine.axes[name].travel]
-    places = _at(machine, {a: np.array([s[a] for s in stops]) for a in middle})
+    places = _at(machine, {a: np.array([s[a] for s in stops]) for a in middle}, frame.tool)
     first = "XYZ".index(own_component(frame.primary))
     second = "XYZ".index(own_component(frame.secondary))
     third = 3 - first - second

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self
 
@@ -18,7 +18,7 @@ from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.design.nuisance import Eliminator
 from abbe.compcore.fitting.design.weights import Uncertainty
 from abbe.compcore.fitting.determinacy import Decomposition
-from abbe.compcore.fitting.frame import ReferenceFrame, alignment
+from abbe.compcore.fitting.frame import ReferenceFrame, alignment, most_used
 from abbe.compcore.fitting.gauss_newton import gauss_newton
 from abbe.compcore.fitting.reduction import leverage
 from abbe.compcore.fitting.robust import Outlier, outliers_of, studentised
@@ -63,6 +63,8 @@ class Solution:
         The rows' standard uncertainties and where they come from.
     set_aside
         Outliers that a robust fit gave no weight.
+    frame
+        The reference frame, with the tool for which it holds.
     """
 
     model: Model
@@ -77,6 +79,7 @@ class Solution:
     chi2: float
     uncertainty: Uncertainty
     set_aside: tuple[Outlier, ...]
+    frame: ReferenceFrame = field(default_factory=ReferenceFrame)
 
     @property
     def chi2_per_dof(self) -> float:
@@ -173,7 +176,7 @@ class Solution:
         theta, decomposition
             The solution in any frame, and what of it is determined.
         """
-        theta, decomposition, null, align = _in_frame(problem, theta, decomposition, frame)
+        theta, decomposition, null, align, frame = _in_frame(problem, theta, decomposition, frame)
         eliminator = problem.eliminator(theta)
         misfit = problem.campaign.value - problem.predicted(theta)
         raw = misfit * problem.weight
@@ -204,6 +207,7 @@ class Solution:
             chi2,
             uncertainty,
             set_aside,
+            frame,
         )
 
     def _on_rows(self, rows: NDArray[np.int64]) -> Self:
@@ -218,12 +222,15 @@ class Solution:
 
 def _in_frame(
     problem: Problem, theta: F64, decomposition: Decomposition, frame: ReferenceFrame
-) -> tuple[F64, Decomposition, NullSpace, F64]:
-    """The solution with its frame chosen, what of it is not determined, and `alignment`."""
+) -> tuple[F64, Decomposition, NullSpace, F64, ReferenceFrame]:
+    """The solution with its frame chosen, what of it is not determined, `alignment`, the frame."""
     arguments = (problem.model, problem.campaign, problem.layout)
     for _ in range(_FRAME_ROUNDS):
         null = split_null_space(*arguments, theta, decomposition)
-        align = alignment(*arguments, theta, null, frame)
+        held = frame
+        if frame.primary and frame.tool is None:
+            held = replace(frame, tool=most_used(problem.conditions(theta).tool))
+        align = alignment(*arguments, theta, null, held)
         chosen = align @ theta
         moved = np.abs((chosen - theta) / problem.layout.scale)
         theta = chosen
@@ -231,4 +238,4 @@ def _in_frame(
             break
         # base points turn with the frame along circles, of which the null space is the tangent
         theta, decomposition = gauss_newton(problem, theta)
-    return theta, decomposition, null, align
+    return theta, decomposition, null, align, held

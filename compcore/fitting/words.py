@@ -48,6 +48,12 @@ def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
     yield f"χ² per degree of freedom: {result.chi2_per_dof:.3f} ({result.dof})"
     for kind, source in result.uncertainty.source.items():
         yield f"uncertainty of each {kind.name.lower().replace('_', ' ')}: {_SOURCES[source]}"
+    if result.frame.tool is not None:
+        offset = ", ".join(f"{v:g}" for v in result.frame.tool)
+        yield (
+            f"frame by {result.frame.primary} and {result.frame.secondary} through the middle of "
+            f"the volume, tool ({offset}) mm"
+        )
     yield str(noise)
     for found in result.undetermined:
         yield ("convention: " if found.convention else "NOT DETERMINED: ") + found.text

@@ -17,7 +17,7 @@
 ``project``       all of these: the best tables that a controller can hold
 ``remainder``     what is left of the error with a set of tables
 ``form``          reversal as a column, a difference or a single value; increments
-``table_set``     tables, files and their record (ISO/TR 16907, 12) as one thing
+``table_set``     tables, files and their record (ISO/TR 16907, 9.1) as one thing
 ================ =====================================================================
 """
 

@@ -216,6 +216,24 @@ def expand(names: Iterable[str]) -> frozenset[str]:
     return frozenset(found)
 
 
+def on_machine(names: Iterable[str], machine: Machine) -> tuple[str, ...]:
+    """What types come to on a machine: without two rotary axes no orientation is corrected.
+
+    L-VOL+ and R-VOL+ move rotary axes to correct the orientation (8.2.8, 8.2.14). With fewer than
+    two, what is left of them is L-VOL and R-VOL; without any, types of rotary axes hold nothing.
+    """
+    rotary = len(machine.structure.rotary)
+    found: dict[str, None] = {}
+    for name in names:
+        if TYPES[name].orientation and rotary < 2:
+            name = name.removesuffix("+")
+            if name == "FOR":
+                continue
+        if rotary or not name.startswith("R-"):
+            found[name] = None
+    return tuple(found)
+
+
 def representable(motion: MotionDependence, types: Iterable[str], machine: Machine) -> bool:
     """Whether tables of these types can hold an error motion exactly, but for interpolation."""
     role = motion.role(machine)

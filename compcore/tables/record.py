@@ -1,4 +1,4 @@
-"""The record that goes with a table: what, when, conditions, by whom (ISO/TR 16907, 12)."""
+"""The record that goes with a table: what, when, conditions, by whom (ISO/TR 16907, 9.1)."""
 
 from __future__ import annotations
 

@@ -34,6 +34,11 @@ def as_json(result: FitResult, noise: NoiseFloor) -> dict[str, Any]:
         "dof": result.dof,
         "parameters": len(result.problem.layout.unknowns),
         "determined": result.decomposition.rank,
+        "frame": {
+            "primary": result.frame.primary or None,
+            "secondary": result.frame.secondary or None,
+            "tool_mm": None if result.frame.tool is None else list(result.frame.tool),
+        },
         "nuisances": result.eliminator.rank,
         "rotation": {
             "unit": "urad",

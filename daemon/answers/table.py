@@ -15,7 +15,7 @@ from abbe.compcore.model.as_built import average_line_words
 from abbe.compcore.model.model import Model
 from abbe.compcore.tables import record as records
 from abbe.compcore.tables.capability import RIGID
-from abbe.compcore.tables.compensation_types import types_needed
+from abbe.compcore.tables.compensation_types import on_machine, types_needed
 from abbe.compcore.tables.field import ErrorField
 from abbe.compcore.tables.projection.project import TOLERANCE, project
 from abbe.compcore.tables.remainder import Remainder, TrialPoints
@@ -190,7 +190,7 @@ def as_json(done: TableAnswer, written: Sequence[Path]) -> dict[str, Any]:
     return {
         "controller": controller.name,
         "title": controller.title,
-        "types": list(controller.capability.types),
+        "types": list(held_types(done)),
         "types_needed": list(needed.types),
         "beyond_tables": sorted({m.effect for m in needed.beyond}),
         "sign": controller.sign,
@@ -275,9 +275,7 @@ def remaining_rows(done: TableAnswer) -> list[tuple[str, Remainder]]:
 
 def held_types(done: TableAnswer) -> tuple[str, ...]:
     """Types of the controller that this machine can use."""
-    types = done.order.controller.capability.types
-    rotary = bool(done.model.machine.structure.rotary)
-    return tuple(t for t in types if rotary or not t.startswith("R-"))
+    return on_machine(done.order.controller.capability.types, done.model.machine)
 
 
 def _conditions(done: TableAnswer) -> str:

@@ -38,6 +38,7 @@ def controllers(
         types = ", ".join(_example(cls).capability.types)
         typer.echo(f"{key:<{wide}}  {cls.trust.least:<10}  {types:<28}  {cls.title}")
     typer.echo("\nhow sure: the least of syntax, sign and activation; see `abbe controllers NAME`")
+    typer.echo("L-VOL+ and R-VOL+ need two rotary axes; without, they are L-VOL and R-VOL")
 
 
 def _example(cls: type[Controller]) -> Controller:

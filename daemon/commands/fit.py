@@ -27,6 +27,12 @@ def fit(
         str,
         typer.Option(help="Reference frame: least-squares, or primary and secondary axis: X,Y."),
     ] = "least-squares",
+    frame_tool: Annotated[
+        str | None,
+        typer.Option(
+            help="Tool offset (mm) for which the frame holds: x,y,z; the campaign's if not given."
+        ),
+    ] = None,
     active: Annotated[
         Path | None,
         typer.Option(help="Compensation that was active while measuring.", metavar="MODEL.toml"),
@@ -45,10 +51,13 @@ def fit(
     from abbe.daemon.answers import expected_times as expected
     from abbe.daemon.answers import fit as answer
     from abbe.daemon.answers.inputs import abbe_version, load, now
+    from abbe.daemon.arguments.assignments import tool_offset
     from abbe.daemon.outputs import MODEL, REPORT, check_outputs
     from abbe.daemon.progress import shown
 
-    chosen = ReferenceFrame.parse(frame)
+    chosen = ReferenceFrame.parse(
+        frame, None if frame_tool is None else tool_offset("frame-tool", frame_tool)
+    )
     say = check_outputs(
         [model, *campaigns, active], [(out, MODEL), (report, REPORT)], force=force, as_json=as_json
     )

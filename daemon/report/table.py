@@ -136,7 +136,7 @@ def _what(table: Table) -> str:
 
 
 def _conditions(page: Page, done: TableAnswer) -> None:
-    page.section("Record (ISO/TR 16907, 12)")
+    page.section("Record (ISO/TR 16907, 9.1)")
     record = done.made.record
     conditions, model = record["conditions"], record["model"]
     rows: list[list[str | float | None]] = [

@@ -35,7 +35,7 @@ class UploadPlan:
     tables
         What they hold, as errors.
     record
-        What goes with them (ISO/TR 16907, 12).
+        What goes with them (ISO/TR 16907, 9.1).
     tool
         Tool offset for which they were made, mm.
     warnings

@@ -30,7 +30,7 @@ class GridCsvOptions(ControllerOptions):
     """Options of `GridCsv`."""
 
     sign: Sign = Sign.COMPENSATION
-    """compensation, as in ISO/TR 16907, table 3; or error."""
+    """compensation, as in ISO/TR 16907, tables 2 and 3; or error."""
     decimals: Annotated[int, Field(ge=3, le=9)] = 6
     """Decimals of lengths, mm; angles (degrees) have two more."""
 
@@ -39,7 +39,9 @@ class GridCsv(Controller):
     """One grid over X, Y, Z, and one over the rotary axes, relative to their zero; they add up."""
 
     name: ClassVar[str] = "grid-csv"
-    title: ClassVar[str] = "CSV, spatial grids (table 3) of ISO/TR 16907"
+    title: ClassVar[str] = (
+        "CSV, spatial grids of ISO/TR 16907: table 2 (linear axes), table 3 (rotary axes)"
+    )
     sign: ClassVar[str] = (
         "as the option sign says, in each file's head: compensation (−error) or error; mm, degrees"
     )

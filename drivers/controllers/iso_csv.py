@@ -60,7 +60,9 @@ class IsoCsv(Controller):
     """Plain tables with ISO 230-1 names, for people, spreadsheets and converters."""
 
     name: ClassVar[str] = "csv"
-    title: ClassVar[str] = "CSV, tables 1 and 2 of ISO/TR 16907"
+    title: ClassVar[str] = (
+        "CSV, one column an error motion, with reversal as in table 1 of ISO/TR 16907"
+    )
     sign: ClassVar[str] = (
         "as the option sign says, in each file's head: error or compensation; mm, rad"
     )

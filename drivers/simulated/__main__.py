@@ -15,14 +15,13 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-_COMMANDS = ("serial", "can", "controller", "ipp")
-"""Commands with a file of their own, so that what others import does not slow them down."""
+from abbe.drivers.simulated.commands import OWN_FILE
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status."""
     words = sys.argv[1:] if arguments is None else list(arguments)
-    command = words[0] if words and words[0] in _COMMANDS else "bridge"
+    command = words[0] if words and words[0] in OWN_FILE else "bridge"
     status: int = import_module(f"abbe.drivers.simulated.commands.{command}").main(words)
     return status
 

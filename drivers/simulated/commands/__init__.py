@@ -1,1 +1,10 @@
 """``python -m abbe.drivers.simulated DEVICE``: one file a device."""
+
+OWN_FILE = {
+    "serial": "ASCII devices on a serial line",
+    "can": "devices on CAN",
+    "controller": "a control with a memory for compensation tables",
+    "ipp": "the bridge CMM over I++ DME",
+}
+"""Commands with a file of their own, so that what others import does not slow them down; what each
+serves, for people."""

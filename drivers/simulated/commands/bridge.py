@@ -25,16 +25,10 @@ from abbe.drivers.simulated.bridge.registers import (
     register_map,
     transducer_configs,
 )
+from abbe.drivers.simulated.commands import OWN_FILE
 from abbe.drivers.simulated.commands.point_argument import point
 from abbe.drivers.simulated.modbus.server import SimulatedServer
 from abbe.drivers.simulated.pseudo_terminals.pty_pair import PtyPair
-
-_ELSEWHERE = {
-    "serial": "ASCII devices on a serial line",
-    "can": "devices on CAN",
-    "ipp": "the bridge CMM over I++ DME",
-}
-"""Commands that have a file of their own."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -97,7 +91,7 @@ def _parser() -> argparse.ArgumentParser:
     measure.add_argument("-o", "--output", type=FilePath, help="file; default: standard output")
 
     commands.add_parser("registers", help="print the register map as Markdown")
-    for name, what in _ELSEWHERE.items():
+    for name, what in OWN_FILE.items():
         commands.add_parser(name, help=f"serve {what}; see {name} --help")
     return parser
 

@@ -1,15 +1,19 @@
 """The reference frame: chosen where it is free, never against what was measured."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.errors import InputError
 from abbe.compcore.fitting.fit import fit
-from abbe.compcore.fitting.frame import ReferenceFrame
+from abbe.compcore.fitting.frame import ReferenceFrame, most_used
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.model.sensitivity import prediction_sd
 from benchmarks.sources.campaigns import Rows
 from tests.support.compcore.fit_cases import (
+    DIRECTIONS,
     GEOMETRY,
     bridge,
     model,
@@ -85,3 +89,54 @@ def test_frames_that_make_no_sense_are_refused() -> None:
         ReferenceFrame.parse("X")
     with pytest.raises(InputError, match="no such axis"):
         fit(wanted, campaign, frame=ReferenceFrame("X", "W"))
+
+
+LONG = (0.8, 0.0, -200.37)
+
+
+def bridge_error(model, at, tool) -> np.ndarray:
+    """Error of the functional point of ``w b Y X Z t``, by the levers of docs/conventions.md."""
+    conditions = Conditions({a: np.array([v]) for a, v in zip("XYZ", at, strict=True)})
+    motion = {str(m): float(v[0]) for m, v in model.error_motions(conditions).items()}
+    levers = {"Y": (at[0], 0.0, at[2]), "X": (0.0, 0.0, at[2]), "Z": (0.0, 0.0, 0.0)}
+    total = np.zeros(3)
+    for axis, lever in levers.items():
+        total += [motion.get(f"E_{k}{axis}", 0.0) for k in "XYZ"]
+        turn = [motion.get(f"E_{k}{axis}", 0.0) for k in "ABC"]
+        total += np.cross(turn, np.add(lever, tool))
+    return total
+
+
+@pytest.mark.parametrize(("asked", "holds"), [(None, LONG), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))])
+def test_the_frame_holds_for_the_tool_that_measured_or_for_the_one_that_is_asked(asked, holds):
+    rng = np.random.default_rng(4)
+    rows = Rows(("X", "Y", "Z"))
+    plane_rows(rows)
+    for axis, other in (("X", "Y"), ("Y", "X")):  # levels, against gravity
+        way = {axis: np.linspace(0.0, 700.0, 15), other: 400.0, "Z": -180.0}
+        for about in ("X", "Y"):
+            u = DIRECTIONS[about]
+            rows.add(f"l{axis}{about}", Kind.ROTATION, way, np.zeros(15), 0.5e-6, u=u, free=())
+    angles = [f"angular axis={a} about={k} shape=polynomial:2" for a in "XY" for k in "XY"]
+    straight = "straightness axis=Y direction=X shape=polynomial:3"
+    wanted = model(bridge(), *GEOMETRY, straight, *angles)
+    plain = rows.campaign("plane")
+    tool = np.tile(LONG, (plain.n, 1))
+    campaign = replace(plain, conditions=replace(plain.conditions, tool=tool))
+    campaign = with_truth(wanted, campaign, random_theta(wanted, campaign, rng), rng)
+    result = fit(wanted, campaign, frame=ReferenceFrame.parse("X,Y", asked))
+    assert result.frame.tool == holds
+    middle = bridge_error(result.model, (350.0, 450.0, -180.0), holds)
+    low, high = (bridge_error(result.model, (x, 450.0, -180.0), holds) for x in (0.0, 700.0))
+    np.testing.assert_allclose(middle[:2], 0.0, atol=1e-9)  # Z was not measured
+    assert low[1] == pytest.approx(high[1], abs=1e-9)
+    assert abs(low[1]) > 1e-4, "the bow of X, which no frame takes away"
+    other = (0.0, 0.0, 0.0) if asked is None else LONG
+    assert np.abs(bridge_error(result.model, (350.0, 450.0, -180.0), other)[:2]).max() > 1e-4
+
+
+def test_of_several_tools_the_one_of_most_rows_counts_and_of_equals_the_first():
+    short, long = [0.0, 0.0, -100.0], [0.0, 0.0, -200.0]
+    assert most_used(np.array([short, long, long])) == (0.0, 0.0, -200.0)
+    assert most_used(np.array([long, short])) == (0.0, 0.0, -200.0)
+    assert most_used(np.array([short, long])) == (0.0, 0.0, -100.0)

@@ -10,12 +10,15 @@ from abbe.compcore.effects.base import FUNCTIONAL_POINT, SPINDLE, WORKPIECE
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain
+from abbe.compcore.machine.machine import Axis, Machine
+from abbe.compcore.machine.structure import Structure
 from abbe.compcore.model.model import Model, Term
 from abbe.compcore.tables.compensation_types import (
     TYPES,
     MotionDependence,
     error_motions,
     expand,
+    on_machine,
     representable,
     types_needed,
 )
@@ -185,3 +188,22 @@ def test_every_effect_says_what_it_moves(row):
         assert motion.role(row.machine)
         timed = row.kind in ("warm_up", "drift", "event")
         assert motion.varies == (timed or bool(effect.signals_needed()) or "t/" in effect.spec)
+
+
+@pytest.mark.parametrize(
+    ("code", "held"),
+    [
+        ("w b Y X Z t", ("L-VOL",)),
+        ("w C' b X Y Z t", ("L-VOL", "R-VOL")),
+        ("w C' A' b X Y Z t", ("L-VOL+", "R-VOL+")),
+        ("w b X Y Z C B t", ("L-VOL+", "R-VOL+")),
+        ("w C' b X Y Z B t", ("L-VOL+", "R-VOL+")),
+    ],
+)
+def test_orientation_needs_two_rotary_axes(code, held):
+    """ISO/TR 16907, 8.2.8: a grid on a three-axis machine is L-VOL."""
+    structure = Structure.parse(code)
+    axes = {a: Axis(a, (0.0, 100.0) if a in "XYZ" else (-1.0, 1.0)) for a in structure.axes}
+    assert on_machine(["L-VOL+", "R-VOL+"], Machine("", structure, axes)) == held
+    alone = on_machine(["FOR"], Machine("", structure, axes))
+    assert bool(alone) is (len(structure.rotary) == 2)

@@ -59,7 +59,7 @@ def fanuc_manual() -> list[Table]:
 
 
 def grid_of_the_standard() -> list[Table]:
-    """ISO/TR 16907, table 3: X 0, 50, 100, compensations; as errors, in mm and rad."""
+    """ISO/TR 16907, table 2: X 0, 50, 100, compensations; here as errors, in mm and rad."""
     rows = np.array(
         [
             [0, 0, 0, 0, 0, 0],
