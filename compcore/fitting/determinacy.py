@@ -15,6 +15,12 @@ changes the measured values, all together, by more than this many standard uncer
 measurement's own estimate would be less certain than what anyone knew beforehand."""
 
 
+DEMANDED = 5.0
+"""Standard deviations of the residuals by which they ask for a move along a combination that no
+believable amount of it would make: it is followed all the same, or a model with one more effect
+could fit worse than without."""
+
+
 class Decomposition:
     """The singular value decomposition of a weighted Jacobian in units of the unknowns' scales.
 
@@ -45,7 +51,40 @@ class Decomposition:
         self.directions = vt.T
         self._left = u
         rounding = np.finfo(np.float64).eps * max(rows, m) * float(s[0] if m else 0.0)
+        self._rounding = rounding
         self.rank = int((self.singular > max(LEAST_INFORMATION, rounding)).sum())
+
+    def follow(self, projected: F64, apart: F64, spread: float) -> None:
+        """Count combinations as determined that the residuals ask for beyond any doubt.
+
+        They come behind the others in `directions`.
+
+        Parameters
+        ----------
+        projected
+            Qᵀr as for `solve`, shape (k,).
+        apart
+            How far the unknowns are from where a combination that is not determined would stay,
+            shape (m,).
+        spread
+            Standard deviation of what is left over, in units of the weights.
+        """
+        count = min(len(self._left.T), len(self.singular))
+        asked = np.zeros(len(self.singular))
+        asked[:count] = self._left.T[:count] @ projected
+        asked += self.singular * (self.directions.T @ (apart / self.scale))
+        beyond = np.abs(asked) > DEMANDED * max(spread, 1.0)
+        beyond &= self.singular > self._rounding
+        more = np.flatnonzero(beyond[self.rank :]) + self.rank
+        if not len(more):
+            return
+        rest = np.setdiff1d(np.arange(self.rank, len(self.singular)), more)
+        order = np.concatenate([np.arange(self.rank), more, rest])
+        self.singular, self.directions = self.singular[order], self.directions[:, order]
+        left = np.zeros((len(self._left), len(self.singular)))
+        left[:, :count] = self._left[:, :count]
+        self._left = left[:, order]
+        self.rank += len(more)
 
     @property
     def determined(self) -> F64:

@@ -24,7 +24,7 @@ from abbe.compcore.fitting.gauss_newton import gauss_newton
 from abbe.compcore.fitting.pictures import fit_figures
 from abbe.compcore.fitting.reduction import leverage
 from abbe.compcore.fitting.robust import Outlier, reject
-from abbe.compcore.fitting.separable import search
+from abbe.compcore.fitting.separable import Profile, search
 from abbe.compcore.fitting.solution import Solution
 from abbe.compcore.fitting.words import fit_words, parameter_lines, parameter_rows, rotary_words
 from abbe.compcore.linalg import threads_for
@@ -139,7 +139,7 @@ def _fit(
     theta = problem.start()
     if problem.layout.searched:
         tell("searching time constants, periods and moments")
-        theta = search(problem, theta)
+        theta = _searched(problem, theta)
     tell("least squares")
     problem, theta, decomposition, uncertainty = _with_uncertainty(problem, theta, uncertainty)
     set_aside: tuple[Outlier, ...] = ()
@@ -153,6 +153,25 @@ def _fit(
         problem, theta, decomposition, uncertainty = _with_uncertainty(problem, theta, uncertainty)
     tell("what is not determined")
     return FitResult.of(problem, theta, decomposition, frame, uncertainty, set_aside)
+
+
+def _searched(problem: Problem, theta: F64) -> F64:
+    """θ with the best non-linear parameters, found from everywhere and from the model's own.
+
+    So an effect more never leads to a worse fit: the search may begin where the model without it
+    stood.
+    """
+    own = problem.layout.of_model(problem.model, problem.campaign)
+    at = list(problem.layout.searched)
+    found = search(problem, theta)
+    if np.array_equal(own[at], theta[at]):
+        return found
+    here = theta.copy()
+    here[at] = own[at]
+    profile = Profile(problem, theta)
+    return min(
+        (found, search(problem, problem.layout.within(here))), key=lambda t: profile.cost(t[at])
+    )
 
 
 def _with_uncertainty(

@@ -17,6 +17,9 @@ _HALVINGS = 20
 _CONVERGED = 1e-9
 """The cost ½χ² may still fall by this part of itself, or of the number of rows, at the end."""
 
+_ROUNDING = 1e-6
+"""Part by which ½χ², or that of each row, may rise where what is not determined is moved."""
+
 
 def gauss_newton(
     problem: Problem, theta: F64, free: Index | None = None
@@ -35,6 +38,8 @@ def gauss_newton(
         reduced = triangle(problem, theta, free)
         before = 0.5 * float(reduced[:, m] @ reduced[:, m])
         decomposition = Decomposition(reduced[:m, :m], scale, problem.n)
+        left = float(np.linalg.norm(reduced[m:, m])) / np.sqrt(max(problem.n - m, 1))
+        decomposition.follow(reduced[:m, m], (theta - start)[free], left)
         if cost - before <= _CONVERGED * max(before, 1e-3 * problem.n):
             break
         cost = before
@@ -44,9 +49,39 @@ def gauss_newton(
             theta = theta + step
             break
         theta = _line_search(problem, theta, step, before)
-    theta = theta.copy()
-    theta[free] = decomposition.minimum_norm(theta[free], start[free])
-    return theta, decomposition
+    calm = theta.copy()
+    calm[free] = decomposition.minimum_norm(theta[free], start[free])
+    if not direct:
+        # along a curve, of which what is not determined is only the tangent, χ² may rise
+        calm = _no_worse(problem, theta, calm)
+    return calm, decomposition
+
+
+def risen(problem: Problem, theta: F64, moved: F64) -> bool:
+    """Whether χ² is higher at another solution, by more than rounding."""
+    return _cost(problem, moved) > _allowed(problem, theta)
+
+
+def _allowed(problem: Problem, theta: F64) -> float:
+    before = _cost(problem, theta)
+    return before + _ROUNDING * (before + problem.n)
+
+
+def _no_worse(problem: Problem, theta: F64, calm: F64) -> F64:
+    """As far from θ towards another solution as ½χ² does not rise."""
+    allowed = _allowed(problem, theta)
+    part = 1.0
+    for _ in range(_HALVINGS):
+        tried = problem.layout.within(theta + part * (calm - theta))
+        if _cost(problem, tried) <= allowed:
+            return tried
+        part *= 0.5
+    return theta
+
+
+def _cost(problem: Problem, theta: F64) -> float:
+    left = problem.eliminator(theta).project(problem.residual(theta))
+    return 0.5 * float(left @ left)
 
 
 def _line_search(problem: Problem, theta: F64, step: F64, before: float) -> F64:
@@ -54,8 +89,7 @@ def _line_search(problem: Problem, theta: F64, step: F64, before: float) -> F64:
     part = 1.0
     for _ in range(_HALVINGS):
         tried = problem.layout.within(theta + part * step)
-        left = problem.eliminator(tried).project(problem.residual(tried))
-        if 0.5 * float(left @ left) <= before:
+        if _cost(problem, tried) <= before:
             return tried
         part *= 0.5
     return theta

@@ -19,7 +19,7 @@ from abbe.compcore.fitting.design.nuisance import Eliminator
 from abbe.compcore.fitting.design.weights import Uncertainty
 from abbe.compcore.fitting.determinacy import Decomposition
 from abbe.compcore.fitting.frame import ReferenceFrame, alignment, most_used
-from abbe.compcore.fitting.gauss_newton import gauss_newton
+from abbe.compcore.fitting.gauss_newton import gauss_newton, risen
 from abbe.compcore.fitting.reduction import leverage
 from abbe.compcore.fitting.robust import Outlier, outliers_of, studentised
 from abbe.compcore.fitting.separable import step_widths
@@ -232,6 +232,10 @@ def _in_frame(
             held = replace(frame, tool=most_used(problem.conditions(theta).tool))
         align = alignment(*arguments, theta, null, held)
         chosen = align @ theta
+        if problem.linear and risen(problem, theta, chosen):
+            # values far beyond belief, or time constants that nothing determines: what is not
+            # felt by believable moves is felt here, and no convention is worth a worse fit
+            return theta, decomposition, null, np.eye(len(theta))
         moved = np.abs((chosen - theta) / problem.layout.scale)
         theta = chosen
         if problem.linear or float(moved.max(initial=0.0)) < _SETTLED:

@@ -7,22 +7,31 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from abbe.compcore.campaign.campaign import LENGTHS, Campaign
 from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
 from abbe.compcore.comparison.compare import compare
 from abbe.compcore.effects import RotaryLocation
 from abbe.compcore.effects.base import Effect
+from abbe.compcore.errors import FitError
 from abbe.compcore.files.campaign_file import require_signals
 from abbe.compcore.files.fit_record import recorded
 from abbe.compcore.files.model_file import save_model, summary
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.model.as_built import average_line_words, reversed_parameters
-from abbe.compcore.model.model import Model
+from abbe.compcore.model.model import Model, Term
 from abbe.compcore.units import display
 from abbe.daemon.answers import as_built
 from abbe.daemon.answers.fit import finite
 from abbe.daemon.answers.held_out import HeldOutCampaigns, read_held_out, shares
 from abbe.daemon.answers.inputs import abbe_version, now
+
+_RISEN = 1.005
+_ROUNDING = 1e-3
+"""χ² of a model with more effects may stand above that without by this part, and this much a row:
+kinds of rows whose uncertainties come from residuals are weighed anew, and what is not determined
+is left where it is believable."""
 
 NOT_FALLEN = 0.995
 """A held-out error above this part of the one before has not fallen."""
@@ -82,7 +91,8 @@ def revise(
     progress("fitting the model as it is")
     before = fit(old, campaign)
     progress("fitting the next version")
-    after = fit(new, campaign)
+    after = fit(_from(before.model, new), campaign)
+    require_no_worse(before, after)
     noise = noise_floor(campaign, old.machine)
     lengths = noise.lengths
     record: dict[str, Any] = {
@@ -111,6 +121,33 @@ def revise(
     written = replace(kept, fit={**kept.fit, **extra})
     save_model(written, out)
     return Revision(written, before, after, noise, *errors, held)
+
+
+def _from(fitted: Model, new: Model) -> Model:
+    """The next version with the values that its effects have in this one, where to begin."""
+    values = {term.effect: term.values for term in fitted.terms}
+    terms = tuple(Term(t.effect, values.get(t.effect, t.values)) for t in new.terms)
+    return replace(new, terms=terms)
+
+
+def require_no_worse(before: FitResult, after: FitResult) -> None:
+    """Refuse a model with more effects that fits worse than without: least squares cannot.
+
+    Raises
+    ------
+    FitError
+        Where χ² rose, both in the uncertainties of the first fit.
+    """
+    if not set(before.model.effects) <= set(after.model.effects):
+        return
+    weight = before.problem.weight
+    one, two = (float(np.sum((r.residual * weight) ** 2)) for r in (before, after))
+    if two > _RISEN * one + _ROUNDING * before.problem.n:
+        raise FitError(
+            f"χ² rose from {one:.6g} to {two:.6g} although the model has one effect more: that is "
+            "a mistake of Abbe's fit, not of the campaign. Nothing is written; please report it "
+            "with the model and the campaign"
+        )
 
 
 def _fitted_to(model: Model, campaign: Campaign) -> bool:
