@@ -235,7 +235,7 @@ def _in_frame(
         if problem.linear and risen(problem, theta, chosen):
             # values far beyond belief, or time constants that nothing determines: what is not
             # felt by believable moves is felt here, and no convention is worth a worse fit
-            return theta, decomposition, null, np.eye(len(theta))
+            return theta, decomposition, null, np.eye(len(theta)), held
         moved = np.abs((chosen - theta) / problem.layout.scale)
         theta = chosen
         if problem.linear or float(moved.max(initial=0.0)) < _SETTLED:
