@@ -68,7 +68,7 @@ class Holder:
         return cls(os.getpid(), datetime.now().astimezone().isoformat(" ", "seconds"), what)
 
     @classmethod
-    def reported(cls, text: bytes) -> Self:
+    def parsed(cls, text: bytes) -> Self:
         """What a lock file says; everything is optional, because anybody may write there."""
         with contextlib.suppress(ValueError, KeyError, TypeError, RecursionError):
             found = json.loads(text)
@@ -132,7 +132,7 @@ def _take(resource: str, me: Holder, folder: Path | None, held: ExitStack) -> No
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        raise _in_use(resource, Holder.reported(os.pread(file, _ABOUT, 0))) from None
+        raise _in_use(resource, Holder.parsed(os.pread(file, _ABOUT, 0))) from None
     # only what is known of the holder depends on it; the lock is held in any case
     with contextlib.suppress(OSError):
         os.ftruncate(file, 0)
@@ -159,7 +159,7 @@ def _bind(resource: str, file: int | None, held: ExitStack) -> bool:
         if error.errno != errno.EADDRINUSE:
             return False
         pid = _listener(name)
-        reported = Holder() if file is None else Holder.reported(os.pread(file, _ABOUT, 0))
+        reported = Holder() if file is None else Holder.parsed(os.pread(file, _ABOUT, 0))
         raise _in_use(
             resource, reported if not pid or reported.pid == pid else Holder(pid)
         ) from None

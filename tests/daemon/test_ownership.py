@@ -178,5 +178,7 @@ def test_what_lies_in_everybodys_folder_is_neither_followed_nor_believed(
 
 
 def test_what_a_file_tells_is_one_line() -> None:
-    told = ownership.Holder.told(b'{"pid": 1, "since": "now", "what": "a\\nb\\u001b[31m\\ud800"}')
-    assert told.words() == "process 1 since now (a?b?[31m?)"
+    holder = ownership.Holder.parsed(
+        b'{"pid": 1, "since": "now", "what": "a\\nb\\u001b[31m\\ud800"}'
+    )
+    assert holder.words() == "process 1 since now (a?b?[31m?)"

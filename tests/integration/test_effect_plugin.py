@@ -41,7 +41,7 @@ from abbe.compcore.files.model_file import load_model
 from abbe.compcore.campaign.coverage import Coverage
 import sys
 machine = load_model(sys.argv[1]).machine
-survey = Coverage(signals={"p_supply": (4.5, 5.5)})
+coverage = Coverage(signals={"p_supply": (4.5, 5.5)})
 found = effect_kinds()["air_bearing_lift"].candidates(machine, coverage)
 print(next(iter(found)).spec)
 """

@@ -13,7 +13,7 @@ from abbe.compcore.fitting.design.nuisance import Eliminator
 F64 = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-PIECE_BYTES = 16_000_000
+BLOCK_BYTES = 16_000_000
 """A larger design matrix is never formed as a whole, but in blocks of about this size."""
 FEWEST_ROWS = 1000
 """Smaller blocks would cost more than they save."""
@@ -41,7 +41,7 @@ class RowBlock:
 
 def rows_at_once(columns: int) -> int:
     """How many rows of a matrix with so many columns are formed at once."""
-    return max(FEWEST_ROWS, PIECE_BYTES // (8 * max(columns, 1)))
+    return max(FEWEST_ROWS, BLOCK_BYTES // (8 * max(columns, 1)))
 
 
 def row_blocks(eliminator: Eliminator, columns: int) -> Iterator[RowBlock]:

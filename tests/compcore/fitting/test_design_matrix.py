@@ -1,11 +1,11 @@
-"""The design matrix against finite differences, dense least squares and itself in pieces."""
+"""The design matrix against finite differences, dense least squares and itself in row blocks."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from abbe.compcore.fitting.design import row_blocks as rows_in_pieces
+from abbe.compcore.fitting.design import row_blocks
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.fit import fit
 from abbe.compcore.fitting.reduction import leverage
@@ -106,18 +106,18 @@ def test_elimination_is_the_same_as_one_dense_least_squares(free: tuple[str, ...
 
 
 @pytest.mark.parametrize("most", [7, 20, 90])
-def test_pieces_give_what_the_whole_gives(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
+def test_row_blocks_give_what_the_whole_gives(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
     wanted, campaign, _ = plane("zero", "slope")
     whole = fit(wanted, campaign)
     absorbed = leverage(whole.problem, whole.theta, whole.decomposition)
-    monkeypatch.setattr(rows_in_pieces, "PIECE_BYTES", most * 8 * (whole.problem.layout.size + 1))
-    monkeypatch.setattr(rows_in_pieces, "FEWEST_ROWS", 1)
-    pieces = fit(wanted, campaign)
-    assert pieces.problem.large
-    assert len(list(pieces.problem.pieces(pieces.theta))) > 1
-    assert pieces.theta == pytest.approx(whole.theta, abs=1e-12)
-    assert pieces.residual == pytest.approx(whole.residual, abs=1e-12)
-    assert leverage(pieces.problem, pieces.theta, pieces.decomposition) == pytest.approx(
+    monkeypatch.setattr(row_blocks, "BLOCK_BYTES", most * 8 * (whole.problem.layout.size + 1))
+    monkeypatch.setattr(row_blocks, "FEWEST_ROWS", 1)
+    in_blocks = fit(wanted, campaign)
+    assert in_blocks.problem.large
+    assert len(list(in_blocks.problem.row_blocks(in_blocks.theta))) > 1
+    assert in_blocks.theta == pytest.approx(whole.theta, abs=1e-12)
+    assert in_blocks.residual == pytest.approx(whole.residual, abs=1e-12)
+    assert leverage(in_blocks.problem, in_blocks.theta, in_blocks.decomposition) == pytest.approx(
         absorbed, abs=1e-9
     )
 
