@@ -97,12 +97,12 @@ class Comparison(Shown):
 
     def summary(self) -> str:
         """Rows, rms and χ² per degree of freedom."""
-        told = [
+        reported = [
             f"{part.n} {name}, {part.rms * factor:.3g} {unit} rms, χ²/dof {part.chi2_per_dof:.3g}"
             for part, name, unit, factor in self._parts()
             if part.n
         ]
-        return "; ".join(told)
+        return "; ".join(reported)
 
     def _parts(self) -> tuple[tuple[ComparedRows, str, str, float], ...]:
         return (

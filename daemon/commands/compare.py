@@ -50,8 +50,8 @@ def compare(
             tell("drawing")
             comparison_page(comparison).write(report)
     if as_json:
-        told = {**answer.as_json(comparison), "fitted_to": list(comparison.fitted_files)}
-        say(json.dumps(told, ensure_ascii=False))
+        reported = {**answer.as_json(comparison), "fitted_to": list(comparison.fitted_files)}
+        say(json.dumps(reported, ensure_ascii=False))
         return
     say(comparison.report())
     if report is not None:

@@ -76,7 +76,7 @@ def import_grid(
         travel or [],
         name,
     )
-    model, told = imported(order)
+    model, reported = imported(order)
     save_model(model, out)
-    for line in told:
+    for line in reported:
         say(line)

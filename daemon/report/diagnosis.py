@@ -206,9 +206,9 @@ def _structure(out: Page, diagnosis: Diagnosis, adding: Adding) -> None:
     out.section("What no cause explains")
     for s in diagnosis.structure:
         share = s.drop / diagnosis.basis.chi2
-        told = description(s)
+        words = description(s)
         out.text(
-            f"{told[0].upper()}{told[1:]}. It makes up {share:.0%} of the residuals' χ²; depends "
+            f"{words[0].upper()}{words[1:]}. It makes up {share:.0%} of the residuals' χ²; depends "
             f"on {', '.join(s.depends_on)}."
         )
         out.figure(

@@ -33,8 +33,8 @@ async def serve_orders(orders: Orders, *, die_with_stdin: bool) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.set)
     if die_with_stdin:
-        told = threading.Thread(target=_read_orders, args=(loop, orders, stop), daemon=True)
-        told.start()
+        reader = threading.Thread(target=_read_orders, args=(loop, orders, stop), daemon=True)
+        reader.start()
     await stop.wait()
 
 

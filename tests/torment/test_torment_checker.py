@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import pytest
 
 from abbe.drivers.simulated.torment.judge.checker import Checker
-from abbe.drivers.simulated.torment.judge.evidence import Shown, Taken
+from abbe.drivers.simulated.torment.judge.evidence import ShownPicture, Taken
 from abbe.drivers.simulated.torment.judge.promises import Promises
 from abbe.drivers.simulated.torment.loop import Moment
 from abbe.drivers.simulated.torment.machine import REFERENCED
@@ -26,9 +26,9 @@ class Scene:
         self.beat = 0
         self.number = 0
 
-    def show(self, now: float, **changes: object) -> Shown:
+    def show(self, now: float, **changes: object) -> ShownPicture:
         self.number += 1
-        shown = Shown(
+        shown = ShownPicture(
             number=self.number,
             sampled=now,
             place=(50.0 + SPEED * now, 200.0, -50.0 - SPEED * now / 2),
@@ -41,7 +41,7 @@ class Scene:
         self.checker.sent(shown)
         return shown
 
-    def corrected(self, shown: Shown, share: float = 1.0) -> dict[str, float]:
+    def corrected(self, shown: ShownPicture, share: float = 1.0) -> dict[str, float]:
         self.beat += 1
         x, y, z = shown.place
         return {

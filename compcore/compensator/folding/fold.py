@@ -126,11 +126,11 @@ class Fold:
     ) -> dict[FoldedEffect, dict[str, list[float]] | None]:
         """What hides from samples in those effects that are expressions."""
         self._ranges = Ranges.among(states)
-        told = [s for s in self._sources if s.expressions() is not None]
-        self._proven = frozenset[str]().union(*map(slow_keys, told))
-        allowed = _UNSEEN * self._tolerance / max(len(told), 1)
+        expressed = [s for s in self._sources if s.expressions() is not None]
+        self._proven = frozenset[str]().union(*map(slow_keys, expressed))
+        allowed = _UNSEEN * self._tolerance / max(len(expressed), 1)
         found = {}
-        for source in told:
+        for source in expressed:
             per_unit = sum(
                 self._metric.largest(self.error_motions.index(c)) for c in source.error_motions
             )

@@ -178,7 +178,7 @@ class FoldingPlan:
             grids = [
                 DIRECTIONS
                 if v.kind == "direction"
-                else np.union1d(np.linspace(*v.travel(self._machine), size), self._told(group, v))
+                else np.union1d(np.linspace(*v.travel(self._machine), size), self._stated(group, v))
                 for v in variables
             ]
             if math.prod(map(len, grids)) > _MOST_PIVOTS:
@@ -195,9 +195,9 @@ class FoldingPlan:
 
         def some(v: FoldingVariable) -> F64:
             values = v.some(self._machine, 64, rng)
-            told = self._told(group, v)
-            if len(told):
-                values[::2] = rng.choice(told, len(values[::2]))
+            stated = self._stated(group, v)
+            if len(stated):
+                values[::2] = rng.choice(stated, len(values[::2]))
             return values
 
         rows = np.stack([some(v) for v in group.variables], axis=1)
@@ -212,7 +212,7 @@ class FoldingPlan:
                     break
         return active
 
-    def _told(self, group: EffectGroup, variable: FoldingVariable) -> F64:
+    def _stated(self, group: EffectGroup, variable: FoldingVariable) -> F64:
         """Where a group's effects are narrow along a position."""
         found = [
             (self._narrow.get(source) or {}).get(variable.axis, ())
@@ -236,7 +236,7 @@ class FoldingPlan:
 
         if variable.kind == "phase":
             return SampledFunctions(profile, self._metric.size, sorted(breaks)), 0.0
-        breaks.update(self._extra.get(variable.axis, ()), self._told(group, variable).tolist())
+        breaks.update(self._extra.get(variable.axis, ()), self._stated(group, variable).tolist())
         for source in group.sources:
             breaks.update(source.kinks.get(variable.axis, ()))
         ends = min(breaks), max(breaks)

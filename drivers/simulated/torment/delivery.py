@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from abbe.drivers.simulated.torment.judge.evidence import Shown, WireLog
+from abbe.drivers.simulated.torment.judge.evidence import ShownPicture, WireLog
 from abbe.drivers.simulated.torment.loop import Loop
 from abbe.drivers.simulated.torment.machine import TormentMachine
 
@@ -49,7 +49,7 @@ class Delivery:
         self._machine = machine
         self._script = machine.script
         self._log = log
-        self._kept: list[tuple[Send, bytes, Shown | None]] = []
+        self._kept: list[tuple[Send, bytes, ShownPicture | None]] = []
         self._under_way = False
         self._waiting: deque[Callable[[], object]] = deque()
 
@@ -57,7 +57,7 @@ class Delivery:
         self,
         send: Send,
         data: bytes,
-        shown: Shown | None = None,
+        shown: ShownPicture | None = None,
         *,
         foreign: Sequence[bytes] = (),
         refusal: bytes = b"",
@@ -105,7 +105,7 @@ class Delivery:
             self._loop.at(now + twice.amount, lambda: self.aside(send, data, again))
 
     def send_own(
-        self, send: Send, data: bytes, shown: Shown, covers: frozenset[str], foreign: bytes
+        self, send: Send, data: bytes, shown: ShownPicture, covers: frozenset[str], foreign: bytes
     ) -> None:
         """Send a frame: not at all, with foreign ones, in pieces or twice."""
         now = time.monotonic()
@@ -120,7 +120,7 @@ class Delivery:
         if active("duplicated", now):
             self.aside(send, data)
 
-    def in_pieces(self, send: Send, data: bytes, shown: Shown) -> None:
+    def in_pieces(self, send: Send, data: bytes, shown: ShownPicture) -> None:
         """Send several messages as one text in pieces; each counts from its beginning."""
         self._machine.judge.sent(dataclasses.replace(shown, sent=time.monotonic()))
         self._pieces(send, data, None, cuttable=False)
@@ -134,7 +134,9 @@ class Delivery:
         """Whether an answer is under way in pieces: nothing else goes out in between."""
         return self._under_way
 
-    def _pieces(self, send: Send, data: bytes, shown: Shown | None, cuttable: bool = True) -> None:
+    def _pieces(
+        self, send: Send, data: bytes, shown: ShownPicture | None, cuttable: bool = True
+    ) -> None:
         now = time.monotonic()
         if self._under_way:
             self._waiting.append(partial(self._pieces, send, data, shown, cuttable))
@@ -156,7 +158,7 @@ class Delivery:
         self._under_way = True
         self._loop.at(last, lambda: self._last(send, chunks[-1], shown))
 
-    def _last(self, send: Send, data: bytes, shown: Shown | None) -> None:
+    def _last(self, send: Send, data: bytes, shown: ShownPicture | None) -> None:
         """The last piece; what waited for it goes out."""
         self._whole(send, data, shown)
         self._under_way = False
@@ -167,12 +169,12 @@ class Delivery:
         self._log.say(">", data)
         return send(data)
 
-    def _whole(self, send: Send, data: bytes, shown: Shown | None) -> None:
+    def _whole(self, send: Send, data: bytes, shown: ShownPicture | None) -> None:
         before = time.monotonic()
         if self._put(send, data) and shown is not None:
             self._machine.judge.sent(dataclasses.replace(shown, sent=before))
 
-    def aside(self, send: Send, data: bytes, shown: Shown | None = None) -> None:
+    def aside(self, send: Send, data: bytes, shown: ShownPicture | None = None) -> None:
         """Send something whole, but never into the middle of an answer; judged where `shown`."""
         if self._under_way:
             self._waiting.append(partial(self.aside, send, data, shown))

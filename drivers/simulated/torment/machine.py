@@ -7,7 +7,7 @@ import math
 import random
 from collections.abc import Mapping
 
-from abbe.drivers.simulated.torment.judge.evidence import AXES, Judge, Shown, Taken
+from abbe.drivers.simulated.torment.judge.evidence import AXES, Judge, ShownPicture, Taken
 from abbe.drivers.simulated.torment.loop import Moment
 from abbe.drivers.simulated.torment.motion import Place, RandomMotion
 from abbe.drivers.simulated.torment.script import Script
@@ -48,12 +48,12 @@ class TormentMachine:
         self.judge = judge
         self.held: dict[str, float] = {}
         self._number = 0
-        self._picture: Shown | None = None
+        self._picture: ShownPicture | None = None
         self._stopped_beat: int | None = None
         self._mirrored: Place | None = None
         self._chance = random.Random(1)
 
-    def look(self, now: float) -> Shown:
+    def look(self, now: float) -> ShownPicture:
         """The machine at a monotonic time (s), as it shows itself."""
         active = self.script.active
         if active("frozen", now) and self._picture is not None:
@@ -78,17 +78,17 @@ class TormentMachine:
             mirrored = self._mirrored = self._mirrored or (x, y, z)
         self._number += 1
         place = (x, y, z)
-        self._picture = Shown(
+        self._picture = ShownPicture(
             self._number, now, place, beat, status, temperature, mirrored=mirrored
         )
         return self._picture
 
-    def poisoned(self, now: float) -> Shown:
+    def poisoned(self, now: float) -> ShownPicture:
         """A picture of another machine, for answers that are not to be believed."""
         sign = self._chance.choice((-1.0, 1.0))
         x, y, z = (rounded(p + sign * POISON) for p in self.motion.at(now))
         number = self._chance.randrange(1, 1 << 30)
-        return Shown(number, now, (x, y, z), number, REFERENCED, 35.0)
+        return ShownPicture(number, now, (x, y, z), number, REFERENCED, 35.0)
 
     def take(self, moment: Moment, values: Mapping[str, float]) -> None:
         """The controller takes a message."""

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field
 
-from abbe.drivers.simulated.torment.judge.evidence import AXES, Shown, Taken
+from abbe.drivers.simulated.torment.judge.evidence import AXES, ShownPicture, Taken
 from abbe.drivers.simulated.torment.judge.promises import Promises, Tally, Violation
 from abbe.drivers.simulated.torment.judge.steps import StepJudge
 from abbe.drivers.simulated.torment.judge.words import (
@@ -61,7 +61,7 @@ class Checker:
     ending: float = math.inf
 
     def __post_init__(self) -> None:
-        self._shown: deque[Shown] = deque()
+        self._shown: deque[ShownPicture] = deque()
         self._steps = StepJudge(self.promises, self.tally, self._fail)
         self._beats: dict[int, float] = {}
         self._unfit_since = math.inf
@@ -77,7 +77,7 @@ class Checker:
 
     # What Abbe was told
 
-    def sent(self, shown: Shown) -> None:
+    def sent(self, shown: ShownPicture) -> None:
         """An answer that may be believed went out as a whole."""
         self.tally.pictures += 1
         self._shown.append(shown)
@@ -113,7 +113,7 @@ class Checker:
                 if axis in values:
                     self._steps.forget(axis)
             return
-        sources: dict[str, list[Shown]] = {}
+        sources: dict[str, list[ShownPicture]] = {}
         for axis in AXES:
             if axis in values:
                 found = self._sources(axis, values[axis], values.get("echo"), moment)
@@ -130,7 +130,7 @@ class Checker:
     def _fail(self, moment: Moment, promise: str, text: str) -> None:
         self.violations.append(Violation(moment.early, promise, text))
 
-    def _fresh(self, shown: Shown, moment: Moment) -> bool:
+    def _fresh(self, shown: ShownPicture, moment: Moment) -> bool:
         """Whether a picture was young enough when the message can first have come."""
         p = self.promises
         slack = p.slack + p.blind + self.waited(shown.sampled, moment.late)
@@ -141,7 +141,9 @@ class Checker:
             return not shown.frozen
         return moment.early - beat <= p.heartbeat_within + p.stale_after + slack
 
-    def _sources(self, axis: str, value: float, echo: float | None, moment: Moment) -> list[Shown]:
+    def _sources(
+        self, axis: str, value: float, echo: float | None, moment: Moment
+    ) -> list[ShownPicture]:
         """The pictures that a position can belong to; judges their age and that there is one."""
         p = self.promises
         self.tally.positions += 1
@@ -227,7 +229,11 @@ class Checker:
                 )
 
     def _judge_word(
-        self, word: int, values: dict[str, float], sources: dict[str, list[Shown]], moment: Moment
+        self,
+        word: int,
+        values: dict[str, float],
+        sources: dict[str, list[ShownPicture]],
+        moment: Moment,
     ) -> None:
         p = self.promises
         self._word = word
@@ -266,7 +272,9 @@ class Checker:
         for axis, found in sources.items():
             self._as_modelled(axis, values[axis], found, moment)
 
-    def _as_modelled(self, axis: str, value: float, found: list[Shown], moment: Moment) -> None:
+    def _as_modelled(
+        self, axis: str, value: float, found: list[ShownPicture], moment: Moment
+    ) -> None:
         """In full correction what is written is what the model says."""
         p = self.promises
         since = moment.early - p.signals_stale_after - 1.0
@@ -292,7 +300,7 @@ class Checker:
             self._fail(Moment(now, now), "end", text)
 
 
-def _fit(shown: Shown) -> bool:
+def _fit(shown: ShownPicture) -> bool:
     """Whether a machine that shows this of itself may be believed."""
     return bool(shown.status & REFERENCED) and not shown.status & FAULT
 

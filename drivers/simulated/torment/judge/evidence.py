@@ -16,7 +16,7 @@ EVERYTHING = frozenset((*AXES, "number", "heartbeat", "status", "T_x"))
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class ShownPicture:
     """One picture of the machine, as an answer that Abbe may believe carried it.
 
     Attributes
@@ -74,7 +74,7 @@ class Taken:
 class Judge(Protocol):
     """A judge of the messages on the wire."""
 
-    def sent(self, shown: Shown) -> None:
+    def sent(self, shown: ShownPicture) -> None:
         """An answer that may be believed went out as a whole."""
 
     def taken(self, taken: Taken) -> None:

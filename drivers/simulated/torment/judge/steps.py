@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from abbe.drivers.simulated.torment.judge.evidence import AXES, Shown
+from abbe.drivers.simulated.torment.judge.evidence import AXES, ShownPicture
 from abbe.drivers.simulated.torment.judge.promises import Promises, Tally
 from abbe.drivers.simulated.torment.loop import Moment
 from abbe.drivers.simulated.torment.machine import TRUE_TEMPERATURES
@@ -53,7 +53,7 @@ class StepJudge:
         """The next correction of this axis is judged against none before."""
         self._steps[axis].clear()
 
-    def judge(self, axis: str, value: float, sources: list[Shown], moment: Moment) -> None:
+    def judge(self, axis: str, value: float, sources: list[ShownPicture], moment: Moment) -> None:
         """How fast the correction that the controller has changed."""
         p = self._promises
         k = AXES.index(axis)

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import ClassVar
 
-from abbe.drivers.simulated.torment.judge.evidence import AXES, Shown, WireLog
+from abbe.drivers.simulated.torment.judge.evidence import AXES, ShownPicture, WireLog
 from abbe.drivers.simulated.torment.loop import Loop, Moment
 from abbe.drivers.simulated.torment.machine import RESOLUTION, TormentMachine
 from abbe.drivers.simulated.torment.wires.base import TormentWire
@@ -60,7 +60,7 @@ _MESSAGES = {
 }
 
 
-def frames(shown: Shown) -> list[tuple[SlcanFrame, frozenset[str]]]:
+def frames(shown: ShownPicture) -> list[tuple[SlcanFrame, frozenset[str]]]:
     """The machine in three frames, and what each tells."""
     x, y, z = (round(p / RESOLUTION) for p in shown.place)
     warm = round(100.0 * shown.temperature)
@@ -163,7 +163,7 @@ class CanDbc(TormentWire):
         self.loop.after(PERIOD, self._send_all)
 
     @staticmethod
-    def _foreign(shown: Shown) -> list[bytes]:
+    def _foreign(shown: ShownPicture) -> list[bytes]:
         """Frames that are none of ours: 29-bit ids with our number, too short ones."""
         return [
             SlcanFrame(f.id, f.data, extended=True).text() + SlcanFrame(f.id, f.data[:3]).text()

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
-from abbe.drivers.simulated.torment.judge.evidence import AXES, Shown, WireLog
+from abbe.drivers.simulated.torment.judge.evidence import AXES, ShownPicture, WireLog
 from abbe.drivers.simulated.torment.loop import Loop, Moment
 from abbe.drivers.simulated.torment.machine import RESOLUTION, TormentMachine
 from abbe.drivers.simulated.torment.wires.base import TormentWire
@@ -270,7 +270,7 @@ T_x = {{ node = "c", index = 0x2000, subindex = 4, type = "int16", scale = 0.01,
         node: int,
         answer: bytes,
         refused: bytes,
-        shown: Shown | None = None,
+        shown: ShownPicture | None = None,
         covers: frozenset[str] = frozenset(),
     ) -> None:
         other = SlcanFrame(0x580 + node, answer[:1] + b"\x77\x77\x01" + os.urandom(4)).text()
@@ -284,11 +284,11 @@ T_x = {{ node = "c", index = 0x2000, subindex = 4, type = "int16", scale = 0.01,
         )
 
 
-def _covering(shown: Shown, covers: frozenset[str]) -> Shown:
+def _covering(shown: ShownPicture, covers: frozenset[str]) -> ShownPicture:
     return dataclasses.replace(shown, covers=covers)
 
 
-def _pdos(shown: Shown) -> dict[int, tuple[bytes, frozenset[str]]]:
+def _pdos(shown: ShownPicture) -> dict[int, tuple[bytes, frozenset[str]]]:
     """What each node sends at SYNC, and what that tells."""
     counts = [round(p / RESOLUTION) for p in shown.place]
     found: dict[int, tuple[bytes, frozenset[str]]] = {
@@ -301,7 +301,7 @@ def _pdos(shown: Shown) -> dict[int, tuple[bytes, frozenset[str]]]:
 
 
 def _shown_object(
-    node: int, index: int, sub: int, shown: Shown
+    node: int, index: int, sub: int, shown: ShownPicture
 ) -> tuple[bytes | None, frozenset[str]]:
     """An object that shows the machine, and what it tells."""
     if node == CONTROLLER and (index, sub) == (0x2000, 4):

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import ClassVar
 
-from abbe.drivers.simulated.torment.judge.evidence import AXES, Shown, WireLog
+from abbe.drivers.simulated.torment.judge.evidence import AXES, ShownPicture, WireLog
 from abbe.drivers.simulated.torment.loop import Loop, Moment
 from abbe.drivers.simulated.torment.machine import TormentMachine
 from abbe.drivers.simulated.torment.wires.base import TormentWire
@@ -113,7 +113,7 @@ quarantine_max = 1.0
         taken = f"{tag} &\r\n".encode()
         done = f"{tag} %\r\n".encode()
         refusal = taken + f'{tag} ! Error(2, 2500, "{method}", "Refused")\r\n'.encode() + done
-        shown: Shown | None = None
+        shown: ShownPicture | None = None
         foreign: list[bytes] = []
         data = b""
         if method == "Get":
@@ -138,7 +138,7 @@ quarantine_max = 1.0
         )
 
 
-def _place(shown: Shown) -> str:
+def _place(shown: ShownPicture) -> str:
     return ", ".join(f"{axis}({p:.5f})" for axis, p in zip(AXES, shown.place, strict=True))
 
 

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Collection
 from typing import NamedTuple
 
-from abbe.drivers.simulated.torment.judge.evidence import AXES, Shown
+from abbe.drivers.simulated.torment.judge.evidence import AXES, ShownPicture
 from abbe.drivers.simulated.torment.loop import Moment
 from abbe.drivers.simulated.torment.machine import RESOLUTION, TormentMachine
 from abbe.drivers.simulated.torment.script import Torment
@@ -40,12 +40,12 @@ class ModbusReply(NamedTuple):
     """
 
     pdu: bytes
-    shown: Shown | None
+    shown: ShownPicture | None
     foreign: bytes
     refusal: bytes
 
 
-def shown_registers(shown: Shown) -> bytes:
+def shown_registers(shown: ShownPicture) -> bytes:
     """All registers that show the machine: U16 U16 U32 3×S32 (0.01 µm) F32, high word first."""
     counts = (round(p / RESOLUTION) for p in shown.place)
     return struct.pack(
@@ -160,8 +160,8 @@ def _words(name: str) -> int:
     return 1 if name in ("status", "heartbeat") else 2
 
 
-def _answer(table: int, at: int, count: int) -> Callable[[Shown], bytes]:
-    def make(shown: Shown) -> bytes:
+def _answer(table: int, at: int, count: int) -> Callable[[ShownPicture], bytes]:
+    def make(shown: ShownPicture) -> bytes:
         data = shown_registers(shown)[2 * at : 2 * (at + count)]
         return bytes((table, len(data))) + data
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from abbe.drivers.simulated.torment.delivery import FAMILIAR
-from abbe.drivers.simulated.torment.judge.evidence import AXES, Shown, WireLog
+from abbe.drivers.simulated.torment.judge.evidence import AXES, ShownPicture, WireLog
 from abbe.drivers.simulated.torment.loop import Loop, Moment
 from abbe.drivers.simulated.torment.machine import TormentMachine
 from abbe.drivers.simulated.torment.wires.base import TormentWire
@@ -116,7 +116,7 @@ late_reply_max = 2.0
         self.log.say(">", noise)
         self._port.send(noise)
 
-    def line(self, shown: Shown) -> bytes:
+    def line(self, shown: ShownPicture) -> bytes:
         """The machine as one line."""
         x, y, z = shown.place
         bad = shown.temperature != shown.temperature
@@ -127,7 +127,7 @@ late_reply_max = 2.0
         )
         return self._ended(text)
 
-    def foreign(self, shown: Shown) -> list[bytes]:
+    def foreign(self, shown: ShownPicture) -> list[bytes]:
         """Lines that do not fit: cut short, of another shape, or with a wrong checksum."""
         good = self.line(shown)
         lines = [good[: len(good) // 2] + b"\r\n", good.replace(b"Y", b"W")]
