@@ -7,10 +7,12 @@ line, and everything that does not need it goes on.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from importlib.metadata import EntryPoint
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, TypeVar
+
+from abbe.compcore.errors import InputError
 
 logger = logging.getLogger("abbe.plugins")
 
@@ -72,38 +74,117 @@ def load_plugin(entry: EntryPoint, base: type[T], what: str) -> type[T]:
     return cls
 
 
-def load_plugins(
-    entries: Iterable[EntryPoint],
-    base: type[T],
-    what: str,
-    name_of: Callable[[type[T]], str],
-    taken: Collection[str],
-) -> Plugins[T]:
-    """All plugins of a group; each that is broken is logged and left out.
+class PluginGroup(Generic[T]):
+    """Classes of one kind, Abbe's own and those of plugin packages, by the name that users give.
 
     Parameters
     ----------
-    entries, base, what
-        As `load_plugin`.
+    group
+        The entry-point group.
+    base
+        What every class is a subclass of.
+    noun
+        What one is called, for people: ``controller``.
+    own
+        Gives Abbe's own by name, those apart that are entry points themselves.
     name_of
-        The name by which users ask for a class.
-    taken
-        Names that Abbe itself has.
+        The name by which users ask for a class; None: the entry point's own name, and nothing is
+        imported but what is asked for.
     """
-    found: dict[str, type[T]] = {}
-    left_out: dict[str, str] = {}
-    for entry in entries:
-        try:
-            cls = load_plugin(entry, base, what)
-            name = _name(entry, cls, name_of)
-            if name in taken or name in found:
-                owner = "Abbe's own" if name in taken else "another plugin's"
-                raise BrokenPluginError(f"plugin {entry.value} claims {owner} name {name!r}")
-            found[name] = cls
-        except BrokenPluginError as error:
-            left_out[entry.name] = str(error)
-            logger.warning("%s: it is left out", error)
-    return Plugins(found, left_out)
+
+    def __init__(
+        self,
+        group: str,
+        base: Any,  # abstract, which mypy does not take for a type
+        noun: str,
+        *,
+        own: Callable[[], Mapping[str, type[T]]] = dict,
+        name_of: Callable[[type[T]], str] | None = None,
+    ) -> None:
+        self.group = group
+        self.noun = noun
+        self._base: type[T] = base
+        self._own = own
+        self._name_of = name_of
+        self._found: Plugins[T] | None = None
+
+    @property
+    def _what(self) -> str:
+        return f"{'an' if self.noun[0] in 'aeiou' else 'a'} {self.noun}"
+
+    def entries(self) -> dict[str, EntryPoint]:
+        """The installed entry points by name; of two with one name Abbe's own, else the first."""
+        found: dict[str, EntryPoint] = {}
+        for entry in entry_points(group=self.group):
+            if entry.name not in found or entry.value.startswith("abbe."):
+                found[entry.name] = entry
+        return dict(sorted(found.items()))
+
+    def plugins(self) -> Plugins[T]:
+        """All plugins; each that is broken is logged, once, and left out."""
+        if self._found is None:
+            own = self._own()
+            found: dict[str, type[T]] = {}
+            left_out: dict[str, str] = {}
+            for entry in entry_points(group=self.group):
+                try:
+                    cls = load_plugin(entry, self._base, self._what)
+                    name = _name(entry, cls, self._name_of) if self._name_of else entry.name
+                    if name in own or name in found:
+                        owner = "Abbe's own" if name in own else "another plugin's"
+                        raise BrokenPluginError(
+                            f"plugin {entry.value} claims {owner} name {name!r}"
+                        )
+                    found[name] = cls
+                except BrokenPluginError as error:
+                    left_out[entry.name] = str(error)
+                    logger.warning("%s: it is left out", error)
+            self._found = Plugins(found, left_out)
+        return self._found
+
+    def forget(self) -> None:
+        """Look for plugins anew when they are next asked for."""
+        self._found = None
+
+    def get(self, name: str, *, field: str | None = None) -> type[T]:
+        """A class by its name.
+
+        Parameters
+        ----------
+        name
+            What a user gave.
+        field
+            Where it was given, for the error.
+
+        Raises
+        ------
+        InputError
+            When there is none of that name, or its plugin is broken; lists those that there are.
+        """
+        own = self._own()
+        if name in own:
+            return own[name]
+        if self._name_of is None:
+            entries = self.entries()
+            if name in entries:
+                try:
+                    return load_plugin(entries[name], self._base, self._what)
+                except BrokenPluginError as error:
+                    raise InputError(str(error), field=field, found=name) from None
+            known, missing = [*own, *entries], ""
+        else:
+            plugins = self.plugins()
+            if name in plugins.found:
+                return plugins.found[name]
+            if name in plugins.left_out:
+                raise InputError(plugins.left_out[name], field=field, found=name)
+            known, missing = [*own, *plugins.found], plugins.missing()
+        raise InputError(
+            f"unknown {self.noun}",
+            field=field,
+            found=name,
+            expected="one of " + (", ".join(known) or "none") + missing,
+        )
 
 
 def _name(entry: EntryPoint, cls: type[T], name_of: Callable[[type[T]], str]) -> str:

@@ -25,13 +25,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from importlib.metadata import entry_points
 from itertools import repeat
 from typing import ClassVar, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict
 
-from abbe.compcore.plugins import BrokenPluginError, load_plugin
+from abbe.compcore.errors import InputError
+from abbe.compcore.plugins import PluginGroup
 
 LINK_GROUP = "abbe.links"
 
@@ -380,9 +380,12 @@ class Link(ABC):
         """End the link and all its tasks; safe to call twice."""
 
 
+PLUGINS: PluginGroup[Link] = PluginGroup(LINK_GROUP, Link, "link driver")
+
+
 def available_links() -> dict[str, str]:
     """Names of all installed link plugins → where each lives (``module:Class``)."""
-    return {ep.name: ep.value for ep in sorted(entry_points(group=LINK_GROUP))}
+    return {name: entry.value for name, entry in PLUGINS.entries().items()}
 
 
 def link_class(driver: str) -> type[Link]:
@@ -393,11 +396,7 @@ def link_class(driver: str) -> type[Link]:
     LinkConfigError
         When there is none of that name, or it is not a `Link`; lists those that exist.
     """
-    found = [ep for ep in entry_points(group=LINK_GROUP) if ep.name == driver]
-    if not found:
-        known = ", ".join(available_links()) or "none"
-        raise LinkConfigError(f"no link driver {driver!r}; installed: {known}")
     try:
-        return load_plugin(found[0], Link, "a link")  # type: ignore[type-abstract]
-    except BrokenPluginError as error:
-        raise LinkConfigError(f"link driver {driver!r}: {error}") from None
+        return PLUGINS.get(driver)
+    except InputError as error:
+        raise LinkConfigError(str(error)) from None

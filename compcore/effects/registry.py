@@ -8,15 +8,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
 from types import ModuleType
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
 from abbe.compcore.effects.base import Effect
-from abbe.compcore.errors import InputError
-from abbe.compcore.plugins import Plugins, load_plugins
+from abbe.compcore.plugins import PluginGroup
 from abbe.compcore.validation import invalid_key
 
 EFFECT_GROUP = "abbe.effects"
@@ -52,6 +50,10 @@ COMMON: dict[str, str] = {
 
 _BUILT_IN: dict[str, type[Effect]] = {}
 
+PLUGINS: PluginGroup[Effect] = PluginGroup(
+    EFFECT_GROUP, Effect, "kind of effect", own=lambda: _BUILT_IN, name_of=lambda cls: cls.kind
+)
+
 E = TypeVar("E", bound=type[Effect])
 
 
@@ -75,20 +77,12 @@ def load_families() -> dict[str, ModuleType]:
     return {name: import_module(f"abbe.compcore.effects.catalogue.{name}") for name in FAMILIES}
 
 
-@cache
-def _plugins() -> Plugins[Effect]:
-    """The effects of plugin packages; the built-in ones are all registered by now."""
-    entries = entry_points(group=EFFECT_GROUP)
-    base: Any = Effect  # abstract, which mypy does not take for a type
-    return load_plugins(entries, base, "an effect", lambda cls: cls.kind, _BUILT_IN)
-
-
 def effect_kinds() -> dict[str, type[Effect]]:
     """All kinds: built-in ones in catalogue order, then plugins'; broken plugins are left out."""
     load_families()
     order = list(FAMILIES)
     kinds = sorted(_BUILT_IN, key=lambda kind: order.index(_module(_BUILT_IN[kind])))
-    return {**{kind: _BUILT_IN[kind] for kind in kinds}, **_plugins().found}
+    return {**{kind: _BUILT_IN[kind] for kind in kinds}, **PLUGINS.plugins().found}
 
 
 def _module(cls: type[Effect]) -> str:
@@ -112,19 +106,7 @@ def effect_class(kind: str) -> type[Effect]:
         import_module(f"abbe.compcore.effects.catalogue.{COMMON[kind]}")
     if kind not in _BUILT_IN:
         load_families()
-    if kind in _BUILT_IN:
-        return _BUILT_IN[kind]
-    plugins = _plugins()
-    if kind in plugins.found:
-        return plugins.found[kind]
-    if kind in plugins.left_out:
-        raise InputError(plugins.left_out[kind], field="kind", found=kind)
-    raise InputError(
-        "unknown kind of effect",
-        field="kind",
-        found=kind,
-        expected="one of " + ", ".join(effect_kinds()) + plugins.missing(),
-    )
+    return PLUGINS.get(kind, field="kind")
 
 
 def make_effect(kind: str, keys: Mapping[str, Any]) -> Effect:

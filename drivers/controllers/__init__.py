@@ -9,12 +9,10 @@ import pkgutil
 from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
 from typing import Any
 
-from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Machine
-from abbe.compcore.plugins import Plugins, load_plugins
+from abbe.compcore.plugins import PluginGroup
 from abbe.drivers.controllers.base import (
     CONTROLLER_GROUP,
     Confidence,
@@ -52,12 +50,9 @@ def _built_in() -> dict[str, type[Controller]]:
     return dict(sorted(found.items()))
 
 
-@cache
-def _plugins() -> Plugins[Controller]:
-    """The dialects of plugin packages."""
-    entries = entry_points(group=CONTROLLER_GROUP)
-    base: Any = Controller  # abstract, which mypy does not take for a type
-    return load_plugins(entries, base, "a controller", lambda cls: cls.name, _built_in())
+PLUGINS: PluginGroup[Controller] = PluginGroup(
+    CONTROLLER_GROUP, Controller, "controller", own=_built_in, name_of=lambda cls: cls.name
+)
 
 
 def controller_kinds() -> dict[str, type[Controller]]:
@@ -65,7 +60,7 @@ def controller_kinds() -> dict[str, type[Controller]]:
 
     A plugin that cannot be loaded is told in one line (the log) and left out.
     """
-    return {**_built_in(), **_plugins().found}
+    return {**_built_in(), **PLUGINS.plugins().found}
 
 
 def controller_class(name: str) -> type[Controller]:
@@ -76,19 +71,7 @@ def controller_class(name: str) -> type[Controller]:
     InputError
         When there is none, or its plugin cannot be loaded; lists those that exist.
     """
-    if name in _built_in():
-        return _built_in()[name]
-    plugins = _plugins()
-    if name in plugins.found:
-        return plugins.found[name]
-    if name in plugins.left_out:
-        raise InputError(plugins.left_out[name], field="controller", found=name)
-    raise InputError(
-        "unknown controller",
-        field="controller",
-        found=name,
-        expected="one of " + ", ".join(controller_kinds()) + plugins.missing(),
-    )
+    return PLUGINS.get(name, field="controller")
 
 
 def make_controller(

@@ -16,12 +16,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import entry_points
 from typing import ClassVar
 
 from pydantic import BaseModel, ConfigDict
 
-from abbe.compcore.plugins import BrokenPluginError, load_plugin
+from abbe.compcore.errors import InputError
+from abbe.compcore.plugins import PluginGroup
 from abbe.drivers.link import LinkConfigError, LinkError
 
 STORE_GROUP = "abbe.stores"
@@ -193,9 +193,12 @@ class Store(ABC):
         """What the active table does now, as the controller shows it; empty where it shows none."""
 
 
+PLUGINS: PluginGroup[Store] = PluginGroup(STORE_GROUP, Store, "store")
+
+
 def available_stores() -> dict[str, str]:
     """Names of all installed stores → where each lives (``module:Class``)."""
-    return {ep.name: ep.value for ep in sorted(entry_points(group=STORE_GROUP))}
+    return {name: entry.value for name, entry in PLUGINS.entries().items()}
 
 
 def store_class(kind: str) -> type[Store]:
@@ -206,11 +209,7 @@ def store_class(kind: str) -> type[Store]:
     LinkConfigError
         When there is none of that name, or it is not a `Store`; lists those that exist.
     """
-    found = [ep for ep in entry_points(group=STORE_GROUP) if ep.name == kind]
-    if not found:
-        known = ", ".join(available_stores()) or "none"
-        raise LinkConfigError(f"no store {kind!r}; installed: {known}")
     try:
-        return load_plugin(found[0], Store, "a store")  # type: ignore[type-abstract]
-    except BrokenPluginError as error:
-        raise LinkConfigError(f"store {kind!r}: {error}") from None
+        return PLUGINS.get(kind)
+    except InputError as error:
+        raise LinkConfigError(str(error)) from None

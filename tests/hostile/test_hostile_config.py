@@ -172,8 +172,8 @@ def beside(arguments: tuple[str, ...]):  # type: ignore[no-untyped-def]
         from abbe.daemon.application import app
 
         # the process that this one was forked from may have looked for plugins already
-        registry._plugins.cache_clear()
-        abbe.drivers.controllers._plugins.cache_clear()
+        registry.PLUGINS.forget()
+        abbe.drivers.controllers.PLUGINS.forget()
         sys.dont_write_bytecode = True
         sys.path.insert(0, ".")
         sys.argv = ["abbe", *arguments]

@@ -187,7 +187,11 @@ def test_a_journal_that_was_changed_stops_everything(place: Place, made: Path):
 @pytest.mark.parametrize(
     ("found", "put", "words"),
     [
-        ('driver = "modbus"\nhost', 'driver = "morse"\nhost', "no store 'morse'; installed:"),
+        (
+            'driver = "modbus"\nhost',
+            'driver = "morse"\nhost',
+            "unknown store: found 'morse'",
+        ),
         ('host = "127.0.0.1"', "hast = 1", "field 'upload.store.hast': unknown key"),
         ('controller = "csv"', 'controller = "csw"', "field 'upload.controller'"),
         ('holds = "moves"', 'hold = "moves"', "field 'upload.options'"),

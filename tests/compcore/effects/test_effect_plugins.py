@@ -30,12 +30,12 @@ def plugin(tmp_path, monkeypatch):
         lines = [f"{name} = strange_effect:Thing" for name in names]
         (info / "entry_points.txt").write_text("\n".join(["[abbe.effects]", *lines, ""]))
         monkeypatch.syspath_prepend(str(tmp_path))
-        registry._plugins.cache_clear()
+        registry.PLUGINS.forget()
 
     yield install
     sys.modules.pop("strange_effect", None)
     monkeypatch.undo()
-    registry._plugins.cache_clear()
+    registry.PLUGINS.forget()
 
 
 def test_a_plugin_s_effect_is_one_like_the_others(plugin):
@@ -57,8 +57,8 @@ def test_without_it_the_kind_is_unknown():
         ("import nowhere_at_all", "cannot be loaded (ModuleNotFoundError: No module"),
         ("raise RuntimeError('no licence')", "cannot be loaded (RuntimeError: no licence)"),
         ("", "cannot be loaded (AttributeError"),
-        ("Thing = 3", "is not an effect"),
-        ("class Thing: kind = 'creep'", "is not an effect"),
+        ("Thing = 3", "is not a kind of effect"),
+        ("class Thing: kind = 'creep'", "is not a kind of effect"),
         ("import sys; sys.exit('no licence')", "cannot be loaded (SystemExit: no licence)"),
         ("raise ValueError('two\\nlines')", "cannot be loaded (ValueError: two lines)"),
         (GOOD.replace('"creep"', "3"), "does not say what it is called"),
@@ -85,7 +85,7 @@ def test_a_broken_plugin_is_named_and_spares_all_other_effects(plugin, code, sai
 def test_two_plugins_cannot_claim_one_kind(plugin):
     plugin(GOOD, names=("thing", "other"))
     assert "creep" in registry.effect_kinds(), "the first has it"
-    assert list(registry._plugins().left_out) == ["other"]
+    assert list(registry.PLUGINS.plugins().left_out) == ["other"]
 
 
 def test_two_built_in_effects_cannot_either():

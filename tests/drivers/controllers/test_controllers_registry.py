@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import abbe.drivers.controllers as registry
+from abbe.compcore import plugins
 from abbe.compcore.errors import InputError
 from abbe.compcore.tables.compensation_types import TYPES
 from abbe.drivers.controllers import (
@@ -112,12 +113,12 @@ def plugged(tmp_path, monkeypatch):
 
     def plug(value: str, name: str = "mine") -> None:
         entry = EntryPoint(name, value, registry.CONTROLLER_GROUP)
-        monkeypatch.setattr(registry, "entry_points", lambda group: [entry])
-        registry._plugins.cache_clear()
+        monkeypatch.setattr(plugins, "entry_points", lambda group: [entry])
+        registry.PLUGINS.forget()
 
     yield plug
     monkeypatch.undo()
-    registry._plugins.cache_clear()
+    registry.PLUGINS.forget()
     sys.modules.pop("my_control", None)
 
 
