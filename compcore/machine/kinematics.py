@@ -100,6 +100,7 @@ class Chain:
                 self._bed = turn
             before_turn, before_shift = turn, shift
             if axis.rotary:
+                self._directions[name] = _apply(turn, move, n)
                 own = rotation_about(move, position)
                 line = np.asarray(axis.location)
                 shift = shift + _apply(turn, line - own @ line)
@@ -134,6 +135,32 @@ class Chain:
     def to_workpiece(self, vector: F64) -> F64:
         """Vectors in machine axes, shape (n, 3), as seen in the workpiece's frame."""
         return vector if self._bed is None else np.einsum("nij,nj->ni", self._bed, vector)
+
+    @property
+    def orientation(self) -> F64:
+        """Nominal orientation of the tool in the workpiece's frame, shape (n, 3, 3)."""
+        turn = self._orientation[SPINDLE]
+        return np.broadcast_to(np.eye(3), (self.conditions.n, 3, 3)) if turn is None else turn
+
+    def screw(self, axis: str) -> tuple[F64, F64]:
+        """What a unit move of an axis does to the tool, in the workpiece's frame.
+
+        Returns
+        -------
+        translation
+            Of the functional point, shape (n, 3), mm per mm (rotary: per rad).
+        rotation
+            Shape (n, 3), rad per rad; zeros for a linear axis.
+
+        Raises
+        ------
+        InputError
+            When the machine has no such axis.
+        """
+        direction = self._directions[self.machine.axis(axis).name]
+        if not self.machine.axis(axis).rotary:
+            return direction, np.zeros_like(direction)
+        return crossed(direction, self.point - self._origin[axis]), direction
 
     def lever(self, place: str) -> F64:
         """Vector from a place's error frame to the functional point, (n, 3), mm, machine axes.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,10 +15,29 @@ from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.inverse import invert_model
 from abbe.compcore.model.model import Model
+from abbe.compcore.model.pose import command_of
 from abbe.daemon.arguments.effect_name import short
 
 F64 = NDArray[np.float64]
 Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class OrientationLeft:
+    """What of the tool's orientation a command does not bring back.
+
+    Attributes
+    ----------
+    direction, spin
+        Angle between the tool and where it should point, and its turn about itself, rad.
+    damped, limited
+        Whether a rotary axis stands near a pole, or would have to turn farther than it may.
+    """
+
+    direction: float
+    spin: float
+    damped: bool
+    limited: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +60,8 @@ class Corrected:
         What full rotations add to the sum of the parts, mm.
     contraction, iterations
         Of the iteration that found the command.
+    left
+        Of a command on a machine with rotary axes: what of the tool's orientation it leaves.
     """
 
     asked: Mapping[str, float]
@@ -51,14 +72,17 @@ class Corrected:
     second_order: Triple
     contraction: float = 0.0
     iterations: int = 0
+    left: OrientationLeft | None = None
 
     def correction(self, axis: str) -> float:
-        """The answer minus what was asked, mm."""
+        """The answer minus what was asked, mm (rotary: degrees)."""
         return self.answer[axis] - self.asked[axis]
 
 
-def correct_point(model: Model, at: Conditions, *, command: bool) -> Corrected:
-    """Answer for one row of conditions.
+def correct_point(
+    model: Model, at: Conditions, *, command: bool, held: Collection[str] = ()
+) -> Corrected:
+    """Answer for one row of conditions; rotary axes in `held` are not moved by a command.
 
     Raises
     ------
@@ -68,8 +92,18 @@ def correct_point(model: Model, at: Conditions, *, command: bool) -> Corrected:
         When a command cannot be found.
     """
     contraction, iterations = 0.0, 0
-    place = at
-    if command:
+    place, left = at, None
+    if command and model.machine.structure.rotary:
+        posed = command_of(model, at, held=held)
+        place, iterations = posed.conditions, posed.rounds
+        contraction = float(posed.contraction[0])
+        left = OrientationLeft(
+            float(posed.direction_left[0]),
+            float(posed.spin_left[0]),
+            bool(posed.damped[0]),
+            bool(posed.limited[0]),
+        )
+    elif command:
         place, solved = invert_model(model, at)
         contraction, iterations = float(solved.contraction[0]), solved.iterations
     error = _triple(model.axis_error(place))
@@ -93,6 +127,7 @@ def correct_point(model: Model, at: Conditions, *, command: bool) -> Corrected:
         _triple_of(np.asarray(error) - summed),
         contraction,
         iterations,
+        left,
     )
 
 
@@ -109,6 +144,17 @@ def as_json(found: Corrected, warnings: list[str], *, explain: bool) -> dict[str
     if found.command:
         reported["contraction"] = found.contraction
         reported["iterations"] = found.iterations
+    if found.left is not None:
+        rotary = {a: found.correction(a) for a in found.asked if is_rotary(a)}
+        reported["rotary_correction"] = {a: round(v, 12) for a, v in rotary.items()}
+        reported["rotary_unit"] = "deg"
+        reported["orientation_left"] = {
+            "direction": found.left.direction * 1e6,
+            "spin": found.left.spin * 1e6,
+            "unit": "urad",
+            "near_pole": found.left.damped,
+            "limited": found.left.limited,
+        }
     if explain:
         reported["effects"] = [
             {"effect": spec, **dict(zip("XYZ", part, strict=True))}
@@ -126,7 +172,11 @@ def as_text(found: Corrected, *, explain: bool) -> Iterator[str]:
     yield f"     {heads[0]:>14}   {heads[1]:>14}     correction"
     for axis, asked in found.asked.items():
         if is_rotary(axis):
-            yield f"{axis:<4} {asked:>13.4f}°   {found.answer[axis]:>13.4f}°"
+            told = ""
+            if found.left is not None:
+                turned = math.radians(found.correction(axis)) * 1e6
+                told = f"  {round(turned, 2) + 0.0:>9.2f} µrad"
+            yield f"{axis:<4} {asked:>13.4f}°   {found.answer[axis]:>13.4f}°{told}"
         else:
             yield (
                 f"{axis:<4} {asked:>11.4f} mm   {found.answer[axis]:>11.4f} mm  "
@@ -135,7 +185,10 @@ def as_text(found: Corrected, *, explain: bool) -> Iterator[str]:
     turn = found.orientation
     angles = (turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1])
     a, b, c = (f"{round(0.5e6 * angle, 1) + 0.0:.1f}" for angle in angles)
-    yield f"the tool is turned by A {a}, B {b}, C {c} µrad"
+    if found.left is None:
+        yield f"the tool is turned by A {a}, B {b}, C {c} µrad"
+    else:
+        yield from _left_told(found.left)
     if found.command:
         yield (
             f"found in {found.iterations} rounds; each shrinks what is left to "
@@ -144,6 +197,20 @@ def as_text(found: Corrected, *, explain: bool) -> Iterator[str]:
     if explain:
         yield ""
         yield from _explained(found)
+
+
+def _left_told(left: OrientationLeft) -> Iterator[str]:
+    yield (
+        f"the tool then points {left.direction * 1e6:.2f} µrad beside where it should, and is "
+        f"turned about itself by {left.spin * 1e6:.2f} µrad"
+    )
+    if left.damped:
+        yield (
+            "near a pole: the axis that would turn the tool stands almost along it, and is not "
+            "made to turn far for little"
+        )
+    if left.limited:
+        yield "a rotary axis would have to turn farther than it may; it stops there"
 
 
 def _explained(found: Corrected) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.streamed_conditions import Lags, StreamedConditions
 from abbe.compcore.model.inverse import invert_model
 from abbe.compcore.model.model import Model
+from abbe.compcore.model.pose import command_of
 from abbe.compcore.model.required_inputs import RequiredInputs
 from abbe.daemon.arguments.point_arguments import Given, beyond, unfitted
 
@@ -69,11 +70,12 @@ def correct_file(
     given: Given,
     *,
     command: bool,
+    held: Collection[str] = (),
     tell: Callable[[str], None],
 ) -> CorrectedFile:
     """Correct every point of a file; the output appears whole or not at all.
 
-    `given` stands for columns that the file lacks.
+    `given` stands for columns that the file lacks; a command does not move rotary axes in `held`.
 
     Raises
     ------
@@ -87,7 +89,7 @@ def correct_file(
     required = RequiredInputs.of(model)
     with PointsFile(path, model.machine, tuple(model.machine.signals)) as source:
         reader = _Reader(model, required, source, given)
-        write_atomically(out, _lines(model, source, reader, summary, command, tell))
+        write_atomically(out, _lines(model, source, reader, summary, command, held, tell))
     summary.warnings = beyond(model, summary.ranges) + unfitted(model)
     return summary
 
@@ -98,9 +100,12 @@ def _lines(
     reader: _Reader,
     summary: CorrectedFile,
     command: bool,
+    held: Collection[str],
     tell: Callable[[str], None],
 ) -> Iterator[str]:
-    added = [f"{a}_corrected" for a in "XYZ"]
+    turned = model.machine.structure.rotary if command else ()
+    added = [f"{a}_corrected" for a in (*"XYZ", *turned)]
+    added += ["orientation_left_urad"] if turned else []
     for name in added:
         if name in source.columns:
             raise InputError(
@@ -113,22 +118,33 @@ def _lines(
     for block in source.blocks():
         at = reader.conditions(block)
         start = np.stack([at.position(a) for a in "XYZ"], axis=1)
+        angles: list[F64] = []
         if command:
             try:
-                _, solved = invert_model(model, at)
+                if turned:
+                    posed = command_of(model, at, held=held)
+                    place = posed.conditions.position
+                    answer = np.stack([place(a) for a in "XYZ"], axis=1)
+                    angles = [np.degrees(place(a)) for a in turned]
+                    angles.append(posed.direction_left * 1e6)
+                else:
+                    answer = invert_model(model, at)[1].positions
             except NotContractionError as error:
                 lines = f"lines {block.line[0]} to {block.line[-1]}"
                 raise NotContractionError(f"{source.file}, {lines}: {error}") from None
-            answer = solved.positions
         else:
             moved = model.axis_error(at)
             answer = start + np.stack([moved[a] for a in "XYZ"], axis=1)
         reader.settle()
         summary.add(dict(at.positions), answer - start)
         tell(f"correcting: {summary.rows:,} rows")
+        more = [""] * len(block.text)
+        if angles:
+            rows = np.stack(angles, axis=1).tolist()
+            more = ["".join(f",{q:.9f}" for q in row[:-1]) + f",{row[-1]:.3f}" for row in rows]
         yield "".join(
-            f"{text},{x:.7f},{y:.7f},{z:.7f}\n"
-            for text, (x, y, z) in zip(block.text, answer.tolist(), strict=True)
+            f"{text},{x:.7f},{y:.7f},{z:.7f}{rest}\n"
+            for text, (x, y, z), rest in zip(block.text, answer.tolist(), more, strict=True)
         )
     if not summary.rows:
         raise InputError("no points", file=source.file, expected="a row below the header")

@@ -193,3 +193,23 @@ def _keys(machine: Machine) -> list[str]:
 
 def _unit(machine: Machine, signal: str) -> str:
     return f" ({machine.signals[signal].unit})"
+
+
+def held_axes(text: str, machine: Machine) -> frozenset[str]:
+    """``"B,C"`` or ``"all"`` → rotary axes that a command does not move.
+
+    Raises
+    ------
+    InputError
+        For an axis that the machine lacks or that is linear.
+    """
+    rotary = machine.structure.rotary
+    if text == "all":
+        return frozenset(rotary)
+    names = frozenset(name.strip() for name in text.split(",") if name.strip())
+    for name in sorted(names - set(rotary)):
+        raise InputError(
+            "not a rotary axis of the machine", field="hold", found=name,
+            expected="one of " + (", ".join(rotary) or "none on this machine"),
+        )  # fmt: skip
+    return names

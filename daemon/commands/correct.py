@@ -30,6 +30,13 @@ def correct(
         bool,
         typer.Option("--command", help="What a CNC must be commanded to reach the given target."),
     ] = False,
+    hold: Annotated[
+        str,
+        typer.Option(
+            help="With --command: rotary axes that are not to be moved, comma-separated, or `all`.",
+            metavar="AXES",
+        ),
+    ] = "",
     explain: Annotated[
         bool, typer.Option("--explain", help="Each effect's part of the correction.")
     ] = False,
@@ -52,24 +59,27 @@ def correct(
     An example: abbe correct model.toml X=200 Y=600 Z=-150 tool=0,0,-80 T_x=21.3
     """
     from abbe.compcore.files.model_file import load_model
-    from abbe.daemon.arguments.point_arguments import Given
+    from abbe.daemon.arguments.point_arguments import Given, held_axes
     from abbe.daemon.outputs import CORRECTED, REPORT, check_outputs
 
     if (points is None) != (out is None):
         raise typer.BadParameter("--points IN.csv and -o OUT.csv go together")
     if points is not None and (explain or report):
         raise typer.BadParameter("--explain and --report are for one point")
+    if hold and not command:
+        raise typer.BadParameter("--hold goes with --command")
     say = check_outputs(
         [model, points], [(out, CORRECTED), (report, REPORT)], force=force, as_json=as_json
     )
     loaded = load_model(model)
     given = Given.parse(arguments or [], loaded.machine)
+    held = held_axes(hold, loaded.machine)
     if points is not None and out is not None:
         from abbe.daemon.answers.correct_file import correct_file
         from abbe.daemon.progress import shown
 
         with shown("correcting") as tell:
-            done = correct_file(loaded, points, out, given, command=command, tell=tell)
+            done = correct_file(loaded, points, out, given, command=command, held=held, tell=tell)
         _warn(done.warnings)
         if as_json:
             say(json.dumps(done.as_json(out), ensure_ascii=False))
@@ -80,7 +90,7 @@ def correct(
     from abbe.daemon.arguments.point_arguments import doubts
 
     at = given.conditions(loaded)
-    found = answer.correct_point(loaded, at, command=command)
+    found = answer.correct_point(loaded, at, command=command, held=held)
     warnings = doubts(loaded, given)
     _warn(warnings)
     if report is not None:

@@ -27,6 +27,10 @@ def corrected_page(found: Corrected, warnings: list[str], title: str, file: str)
     page.key_figures(
         [(f"correction in {a}", f"{found.correction(a) * 1e3:+.2f}", "µm") for a in "XYZ"]
     )
+    if found.left is not None:
+        page.key_figures(
+            [("direction of the tool left", f"{found.left.direction * 1e6:.2f}", "µrad")]
+        )
     if warnings:
         page.notes(warnings, warning=True)
     heads = ("target", "command") if found.command else ("indicated", "corrected")

@@ -12,9 +12,12 @@ import numpy as np
 import pytest
 
 from abbe.compcore.effects import make_effect
+from abbe.compcore.effects.catalogue.error_grid import ErrorGrid, MeasuredTable
+from abbe.compcore.files.grid_file import checksum, format_grid
 from abbe.compcore.files.map_file import load_map
 from abbe.compcore.files.model_file import load_model, save_model
 from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.machine.lag import first_order_lag
 from abbe.compcore.machine.machine import Axis, Machine, Signal
 from abbe.compcore.machine.structure import Structure
@@ -460,3 +463,70 @@ def test_a_command_that_cannot_be_found_names_the_lines(tmp_path):
     done = abbe("correct", tmp_path / "m.toml", "X=5", "Y=0", "Z=0", "--command")
     assert done.status == 1
     assert "1.2 mm per mm of travel" in done.err
+
+
+@pytest.fixture
+def head(tmp_path):
+    """A head whose B stands 80 µrad farther than it says."""
+    axes = {a: Axis(a, (-500.0, 500.0)) for a in "XYZ"}
+    axes |= {"C": Axis("C", (-3.0, 3.0)), "B": Axis("B", (-1.8, 1.8), location=(0.0, 0.0, 100.0))}
+    m = Machine("head", Structure.parse("w b X Y Z C B (C1) t"), axes)
+    table = MeasuredTable(ErrorMotion("B", "B"), ("B",), (np.zeros(1),), np.array([80e-6]))
+    text = format_grid([table], {})
+    grid = ErrorGrid(file="b.json").holding([table], checksum(text), text)
+    path = tmp_path / "head.toml"
+    save_model(Model(m, (Term(grid),), "exact"), path)
+    return path
+
+
+FIVE = ("X=100", "Y=20", "Z=-30", "C=0", "B=40", "tool=0,0,-150")
+
+
+def test_a_command_turns_rotary_axes_back(head):
+    done = abbe("correct", head, *FIVE, "--command", "--json")
+    assert done.status == 0, done.err
+    told = json.loads(done.out)
+    # E_BB of B is 80 µrad whatever else: B is sent back by just that, X Y Z stay
+    assert told["rotary_correction"]["B"] == pytest.approx(-math.degrees(80e-6), abs=1e-9)
+    assert told["rotary_correction"]["C"] == pytest.approx(0.0, abs=1e-9)
+    assert told["correction"] == pytest.approx({"X": 0.0, "Y": 0.0, "Z": 0.0}, abs=1e-6)
+    assert told["orientation_left"]["direction"] == pytest.approx(0.0, abs=1e-3)
+    assert told["orientation_left"]["near_pole"] is False
+
+
+def test_held_axes_stay_and_what_is_left_is_told(head):
+    done = abbe("correct", head, *FIVE, "--command", "--hold", "all", "--json")
+    told = json.loads(done.out)
+    assert told["corrected"]["B"] == 40.0
+    assert told["orientation_left"]["direction"] == pytest.approx(80.0, abs=1e-3)
+    # 80 µrad about Y over the arm from B's line to the tip, R_y(40°)·(0, 0, −250)
+    arm_x, arm_z = -250.0 * math.sin(math.radians(40.0)), -250.0 * math.cos(math.radians(40.0))
+    assert told["correction"]["X"] == pytest.approx(-80e-6 * arm_z, abs=1e-5)
+    assert told["correction"]["Z"] == pytest.approx(80e-6 * arm_x, abs=1e-5)
+    text = abbe("correct", head, *FIVE, "--command", "--hold", "C,B").out
+    assert "points 80.00 µrad beside where it should" in text
+
+
+def test_points_with_rotary_commands(head, tmp_path):
+    points, out = tmp_path / "in.csv", tmp_path / "out.csv"
+    points.write_text("X,Y,Z,C,B\n100,20,-30,0,40\n100,20,-30,50,-20\n", encoding="utf-8")
+    done = abbe("correct", head, "--points", points, "-o", out, "tool=0,0,-150", "--command")
+    assert done.status == 0, done.err
+    rows = list(csv.DictReader(out.read_text(encoding="utf-8").splitlines()))
+    for row, b in zip(rows, (40.0, -20.0), strict=True):
+        assert float(row["B_corrected"]) == pytest.approx(b - math.degrees(80e-6), abs=1e-8)
+        assert float(row["orientation_left_urad"]) == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--hold", "B"), "--hold goes with --command"),
+        (("--command", "--hold", "X"), "not a rotary axis"),
+        (("--command", "--hold", "Q"), "not a rotary axis"),
+    ],
+)
+def test_what_cannot_be_held_is_refused(head, words, said):
+    done = abbe("correct", head, *FIVE, *words)
+    assert done.status in (1, 2)
+    assert said in done.err

@@ -1,0 +1,296 @@
+"""What to command so that the tool gets to a point *and* stands there as it should.
+
+Errors turn the tool as well as move it. Where the structure has rotary axes they can turn it back
+(ISO/TR 16907, 8.2: FOR, R-POS … L-VOL+), and the linear axes then bring its tip to where it
+belongs. What counts is the direction of the tool; its turn about itself counts only where an axis
+of the machine can do nothing else (a rotary table whose axis stands along the tool).
+
+Near a *kinematic pole* the direction of an axis falls in with that of the tool: it would have to
+turn ever farther for ever less (1/sin B on a head). Below `POLE` its part is damped, and the
+solution is the best compromise between what is left and how far axes have to turn; what is left is
+told, never hidden: an axis turns by at most 26 times the lean that it corrects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.errors import NotContractionError
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.kinematics import Chain, crossed
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.model.model import Model
+
+F64 = NDArray[np.float64]
+
+POLE = 0.05
+"""Sine of the angle between axis and tool (2.9°) below which a rotary axis is damped."""
+_DAMPING = 0.5 * POLE
+MOST_TURN = 5e-3
+"""rad: farther than this (0.29°) no rotary axis is moved for the sake of orientation."""
+_SPINS = 1e-9
+"""Sine below which an axis, everywhere, only turns the tool about itself."""
+_ROUNDS = 60
+_AT_PLACE = 1e-10
+"""mm: farther than this the found command is not from its solution."""
+_AT_ANGLE = 1e-12
+_RUNAWAY = 1e4
+_LEFT = 1e-9
+"""rad: less than this counts as nothing left."""
+_SPINDLE_AXIS = {"A": 0, "B": 1, "C": 2}
+
+
+@dataclass(frozen=True, eq=False)
+class Command:
+    """What to command at n points, and what of the pose it does not reach.
+
+    Attributes
+    ----------
+    conditions
+        The target's conditions with the commanded positions.
+    direction_left, spin_left
+        Angle between the tool and where it should point, and its turn about itself against what it
+        should be, each (n,), rad. The second does not matter where a spindle turns the tool.
+    damped
+        Whether something is left because a rotary axis stands near a pole, (n,).
+    limited
+        Whether a rotary axis would have to turn by more than allowed, or out of its travel, (n,).
+    rounds
+        Of the iteration, at the slowest point.
+    contraction
+        Estimated factor by which a round brought the point nearer, shape (n,).
+    """
+
+    conditions: Conditions
+    direction_left: F64
+    spin_left: F64
+    damped: NDArray[np.bool_]
+    limited: NDArray[np.bool_]
+    rounds: int
+    contraction: F64
+
+
+def tool_letter(machine: Machine) -> str:
+    """The tool's own direction at zero: that of the spindle in brackets, else Z.
+
+    >>> from abbe.compcore.machine.structure import Structure
+    >>> from abbe.compcore.machine.machine import Axis
+    >>> tool_letter(Machine("", Structure.parse("w b X (B) t"), {"X": Axis("X", (0.0, 1.0))}))
+    'Y'
+    """
+    spindle = machine.structure.spindle
+    return "XYZ"[_SPINDLE_AXIS[spindle[0]]] if spindle else "Z"
+
+
+def command_of(
+    model: Model,
+    target: Conditions,
+    *,
+    held: Collection[str] = (),
+    most: float = MOST_TURN,
+) -> Command:
+    """What to command so that the tool takes the pose that the nominal machine has at a target.
+
+    Parameters
+    ----------
+    model
+        The model; composed as it says (`Model.composition`).
+    target
+        Wanted positions of all axes, with tool, temperatures and whatever the effects read.
+    held
+        Rotary axes that are not to be moved.
+    most
+        rad: farther than this no rotary axis is moved.
+
+    Raises
+    ------
+    InputError
+        When the machine has no X, Y or Z.
+    NotContractionError
+        When no command can be found: the error changes too fast with position.
+    """
+    machine = model.machine
+    wanted = Chain(machine, target)
+    axis = "XYZ".index(tool_letter(machine))
+    spinning = _spinning(machine, axis)
+    turning = [a for a in machine.structure.rotary if a not in held]
+    wanted.axis_moves()  # refuses a machine without X, Y or Z
+    linear = [*"XYZ"]
+    pose = _Pose(model, wanted, axis)
+    n = target.n
+    moved = {a: np.zeros(n) for a in [*linear, *turning]}
+    before, factor = np.full(n, np.inf), np.zeros(n)
+    limited = np.zeros(n, dtype=np.bool_)
+    for count in range(1, _ROUNDS + 1):
+        at = target.moved(moved)
+        found = pose.at(at)
+        turned, limited = _turns(found, target, moved, turning, spinning, machine, most)
+        shift = found.place
+        for a in turning:
+            shift = shift - found.chain.screw(a)[0] * (turned[a] - moved[a])[:, None]
+        axes = np.stack([found.chain.screw(a)[0] for a in linear], axis=2)
+        step = np.linalg.solve(axes, shift[:, :, None])[:, :, 0]
+        size = np.linalg.norm(step, axis=1)
+        change = np.zeros(n)
+        for a in turning:
+            change = np.maximum(change, np.abs(turned[a] - moved[a]))
+            moved[a] = turned[a]
+        for k, a in enumerate(linear):
+            moved[a] = moved[a] + step[:, k]
+        large = (before > 1e3 * _AT_PLACE) & np.isfinite(before)
+        factor[large] = np.maximum(factor[large], size[large] / before[large])
+        before = size
+        if not np.isfinite(size).all() or size.max(initial=0.0) > _RUNAWAY:
+            break
+        if size.max(initial=0.0) < _AT_PLACE and change.max(initial=0.0) < _AT_ANGLE:
+            at = target.moved(moved)
+            return _command(pose.at(at), at, turning, spinning, limited, count, factor)
+    row = int(np.argmax(np.where(np.isfinite(before), before, np.inf)))
+    where = ", ".join(f"{a}={target.position(a)[row]:g}" for a in machine.structure.axes)
+    raise NotContractionError(
+        f"no command was found for {where} (mm, rad): the error changes too fast with position; "
+        "look for a wrong unit"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Where the tool is, seen from where it should be; vectors in the workpiece's frame."""
+
+    chain: Chain
+    place: F64
+    """From the tool's place to the wanted one, (n, 3), mm."""
+    direction: F64
+    """Wanted direction of the tool, (n, 3)."""
+    across: F64
+    """By what it has to be turned to point there, (n, 3), rad, square to `direction`."""
+    spin: F64
+    """By what it then has to be turned about itself, (n,), rad."""
+
+
+class _Pose:
+    """The wanted pose, and how far a machine that errs is from it."""
+
+    def __init__(self, model: Model, wanted: Chain, axis: int) -> None:
+        self._model, self._wanted, self._axis = model, wanted, axis
+
+    def at(self, conditions: Conditions) -> _Found:
+        """The pose at commanded positions."""
+        chain = Chain(self._model.machine, conditions)
+        predicted = self._model.predict(conditions)
+        place = chain.point + chain.to_workpiece(predicted.translation)
+        axes = chain.orientation  # columns: directions at the tool
+        turned = np.stack(
+            [
+                chain.to_workpiece(
+                    np.einsum(
+                        "nij,nj->ni", predicted.orientation, chain.to_machine_axes(axes[:, :, k])
+                    )
+                )
+                for k in range(3)
+            ],
+            axis=2,
+        )
+        wanted = self._wanted.orientation
+        turn = 0.5 * sum(crossed(turned[:, :, k], wanted[:, :, k]) for k in range(3))
+        direction = wanted[:, :, self._axis]
+        actual = turned[:, :, self._axis]
+        across = crossed(actual / np.linalg.norm(actual, axis=1)[:, None], direction)
+        spin = np.einsum("ni,ni->n", np.asarray(turn), direction)
+        return _Found(chain, self._wanted.point - place, direction, across, spin)
+
+
+def _turns(
+    found: _Found,
+    target: Conditions,
+    moved: dict[str, F64],
+    turning: list[str],
+    spinning: frozenset[str],
+    machine: Machine,
+    most: float,
+) -> tuple[dict[str, F64], NDArray[np.bool_]]:
+    """By what each rotary axis is to stand elsewhere than at the target, (n,), rad."""
+    n = len(found.spin)
+    limited = np.zeros(n, dtype=np.bool_)
+    turned: dict[str, F64] = {}
+    pointing = [a for a in turning if a not in spinning]
+    if pointing:
+        now = np.stack([moved[a] for a in pointing], axis=1)
+        columns = _across(found, pointing)
+        need = found.across + np.einsum("nij,nj->ni", columns, now)
+        u, s, vt = np.linalg.svd(columns, full_matrices=False)
+        share = s / (s**2 + _damping(s) ** 2 + 1e-300)
+        along = np.einsum("nij,ni->nj", u, need) * share
+        best = np.einsum("nji,nj->ni", vt, along)
+        turned = {a: best[:, k] for k, a in enumerate(pointing)}
+    for a in turning:
+        if a in spinning:
+            rotation = found.chain.screw(a)[1]
+            about = np.einsum("ni,ni->n", rotation, found.direction)
+            first = a == next(b for b in turning if b in spinning)
+            turned[a] = moved[a] + found.spin / about if first else moved[a]
+    for a in turning:
+        low, high = machine.axis(a).travel
+        here = target.position(a)
+        least = np.maximum(-most, np.minimum(low - here, 0.0))
+        greatest = np.minimum(most, np.maximum(high - here, 0.0))
+        held = np.clip(turned[a], least, greatest)
+        limited |= np.abs(held - turned[a]) > _LEFT
+        turned[a] = held
+    return turned, limited
+
+
+def _across(found: _Found, axes: list[str]) -> F64:
+    """What a unit turn of each axis does to the tool's direction, as turns, (n, 3, axes)."""
+    columns = []
+    for a in axes:
+        rotation = found.chain.screw(a)[1]
+        along = np.einsum("ni,ni->n", rotation, found.direction)
+        columns.append(rotation - along[:, None] * found.direction)
+    return np.stack(columns, axis=2)
+
+
+def _damping(sine: F64) -> F64:
+    """Damping of axes that stand at these sines to the tool: none from `POLE` on, smooth there."""
+    return _DAMPING * np.maximum(0.0, 1.0 - (sine / POLE) ** 2)
+
+
+def _command(
+    found: _Found,
+    at: Conditions,
+    turning: list[str],
+    spinning: frozenset[str],
+    limited: NDArray[np.bool_],
+    rounds: int,
+    factor: F64,
+) -> Command:
+    left = np.linalg.norm(found.across, axis=1)
+    damped = np.zeros(len(left), dtype=np.bool_)
+    pointing = [a for a in turning if a not in spinning]
+    if pointing:
+        sines = np.linalg.svd(_across(found, pointing), compute_uv=False)
+        damped = (sines[:, : min(2, len(pointing))].min(axis=1) < POLE) & (left > _LEFT)
+    return Command(at, left, np.abs(found.spin), damped, limited, rounds, factor)
+
+
+def _spinning(machine: Machine, axis: int) -> frozenset[str]:
+    """Rotary axes that, wherever the machine stands, only turn the tool about itself."""
+    rotary = machine.structure.rotary
+    if not rotary:
+        return frozenset()
+    rng = np.random.default_rng(1954)
+    n = 16
+    where = {
+        a: rng.uniform(*machine.axis(a).travel, n) if a in rotary else np.zeros(n)
+        for a in machine.structure.axes
+    }
+    chain = Chain(machine, Conditions(where))
+    tool = chain.orientation[:, :, axis]
+    found = {}
+    for a in rotary:
+        found[a] = float(np.linalg.norm(crossed(chain.screw(a)[1], tool), axis=1).max())
+    return frozenset(a for a, sine in found.items() if sine < _SPINS)
