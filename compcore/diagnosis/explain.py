@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.diagnosis.findings import Established, Findings
 from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
-from abbe.compcore.diagnosis.verdict import Diagnosis, Established
 from abbe.compcore.effects import RotaryLocation
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.model.as_built import average_lines, seen_factor
@@ -23,7 +23,7 @@ F64 = NDArray[np.float64]
 _MOST_SETUPS = 3
 
 
-def explanation(established: Established, diagnosis: Diagnosis) -> str:
+def explanation(established: Established, diagnosis: Findings) -> str:
     """A paragraph: what it is, the evidence, the parameters, cause and cure, the expected error."""
     effect = established.found.candidate.effect
     campaign = diagnosis.result.problem.campaign
@@ -55,7 +55,7 @@ def explanation(established: Established, diagnosis: Diagnosis) -> str:
     return " ".join(parts)
 
 
-def _as_built(established: Established, diagnosis: Diagnosis) -> list[str]:
+def _as_built(established: Established, diagnosis: Findings) -> list[str]:
     """What is physically there: of a rotary axis's line, of a table itself."""
     effect, model = established.found.candidate.effect, diagnosis.result.problem.model
     values = {e.name: Value(e.value, e.sd) for e in established.estimates}
@@ -68,7 +68,7 @@ def _as_built(established: Established, diagnosis: Diagnosis) -> list[str]:
     return ["On the table itself (level, indicator, R-test) it has the opposite sign."]
 
 
-def _evidence(established: Established, diagnosis: Diagnosis, campaign: Campaign) -> str:
+def _evidence(established: Established, diagnosis: Findings, campaign: Campaign) -> str:
     found = established.found
     unit, _, factor = diagnosis.unit
     shown = campaign.kind == (Kind.ROTATION if diagnosis.of_rotations else Kind.DISPLACEMENT)
@@ -97,7 +97,7 @@ def _chance(log_p: float) -> str:
     return "chance: none" if power < -99 else f"chance: 1 in 10^{-power:.0f}"
 
 
-def _where(signature: F64, campaign: Campaign, diagnosis: Diagnosis) -> str:
+def _where(signature: F64, campaign: Campaign, diagnosis: Findings) -> str:
     setup = campaign.conditions.setup
     if setup is None:
         return ""

@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from abbe.compcore.campaign.campaign import LENGTHS, Campaign, Kind
+from abbe.compcore.diagnosis.findings import measured_kinds
 from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut, folds
 from abbe.compcore.diagnosis.screening.screening import Basis
-from abbe.compcore.diagnosis.verdict import Diagnosis, diagnose, measured_kinds
+from abbe.compcore.diagnosis.verdict import Diagnosis, diagnose
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.signals import LaggedEffect
 from abbe.compcore.errors import FitError

@@ -8,33 +8,39 @@ clearly more: a wrong cause is worse than none. What the catalogue cannot explai
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.campaign.campaign import LENGTHS, Campaign, Kind
-from abbe.compcore.diagnosis.aliases import Alias, aliases
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
+from abbe.compcore.diagnosis.advice import Advice, advise
+from abbe.compcore.diagnosis.aliases import aliases
+from abbe.compcore.diagnosis.explain import headline, parameter
+from abbe.compcore.diagnosis.findings import Established, Findings, Verdict, measured_kinds
+from abbe.compcore.diagnosis.pictures import diagnosis_figures
 from abbe.compcore.diagnosis.screening.all_rows import measured
 from abbe.compcore.diagnosis.screening.candidates import RIGID, Candidate, candidates
 from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut, folds, gain
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING
 from abbe.compcore.diagnosis.screening.independence import independent_share
-from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.screening import Basis
 from abbe.compcore.diagnosis.screening.search import joint_value, search
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import Patterns, ResidualPattern
+from abbe.compcore.diagnosis.words import diagnosis_words
 from abbe.compcore.errors import FitError
+from abbe.compcore.figures.figure import Figure
+from abbe.compcore.figures.shown import Shown
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
+from abbe.compcore.notebook import html_table
 
 F64 = NDArray[np.float64]
-
-Verdict = Literal["complete", "missing", "unexplained"]
 
 _SAME = 2.0
 """Difference in χ² that is none."""
@@ -49,86 +55,66 @@ BEYOND_DOUBT = 40.0
 """Least evidence of a cause that is found beside structure which no cause explains."""
 
 
-@dataclass(frozen=True, eq=False)
-class Established:
-    """A cause that the data establish.
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis(Findings, Shown):
+    """What is missing in a model, by a campaign: `Findings`, in words, tables and pictures.
 
-    Attributes
-    ----------
-    found
-        The candidate and its evidence, beside the other established causes.
-    estimates
-        Its parameters with standard deviations and plausibility.
-    rms_after
-        RMS of the residuals of lengths if it alone were added, mm; of rotations, rad, where the
-        campaign has nothing else.
-    cross_validated_gain
-        Part of the variance of unseen set-ups that it removes.
-    aliases
-        What this campaign cannot tell from it, closest first.
-    signature
-        What it explains in each row beyond what the model can imitate, (n,), mm or rad.
+    `verdict` says whether something is missing, `established` what, the first to add first.
     """
 
-    found: WeighedCandidate
-    estimates: tuple[Estimate, ...]
-    rms_after: float
-    cross_validated_gain: float
-    aliases: tuple[Alias, ...]
-    signature: F64
+    @cached_property
+    def noise(self) -> NoiseFloor:
+        """What repeated measurements of the campaign say that no model can beat."""
+        problem = self.whole.problem
+        return noise_floor(problem.campaign, problem.model.machine)
+
+    @cached_property
+    def advice(self) -> tuple[Advice, ...]:
+        """What to measure next, the most useful first."""
+        return tuple(advise(self))
+
+    def words(self) -> Iterator[str]:
+        """What ``abbe diagnose`` prints, with what to call instead of what to type.
+
+        How wrong the model is, what is missing and why, what else it could be, what to do.
+        """
+        return diagnosis_words(self, self.noise, self.advice, _call)
+
+    def summary(self) -> str:
+        """The verdict, with the causes that are established."""
+        unit, _, factor = self.unit
+        names = "".join(f" {e.effect.spec}," for e in self.established)
+        return (
+            f"{self.verdict}:{names} {self.rms * factor:.3g} {unit} rms left by the model as it is"
+        )
+
+    def table(self) -> str:
+        """The causes that are established, in HTML; without any the strongest candidates."""
+        if self.established:
+            rows = [
+                [
+                    e.effect.spec,
+                    headline(e.effect),
+                    ", ".join(parameter(v) for v in e.estimates[:3]),
+                ]
+                for e in self.established
+            ]
+            return html_table(["missing", "what it is", "fitted"], rows)
+        strongest = [
+            [f.candidate.effect.spec, headline(f.candidate.effect), float(f.evidence.value)]
+            for f in self.ranked[:3]
+            if np.isfinite(f.evidence.value)
+        ]
+        head = ["strongest of those tested", "what it is", "evidence (12 is convincing)"]
+        return html_table(head, strongest)
+
+    def figures(self) -> dict[str, Callable[[], Figure]]:
+        """The pictures of ``abbe diagnose --report`` by name."""
+        return diagnosis_figures(self)
 
 
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
-    """What is missing in a model, by a campaign.
-
-    Attributes
-    ----------
-    verdict
-        ``complete``, ``missing`` or ``unexplained``.
-    whole
-        The fit of the model as it is to all rows.
-    result
-        The same fit on the rows on which candidates were tested: all, or some of a large campaign
-        (`abbe.compcore.campaign.thinning`).
-    rms
-        RMS of the residuals of lengths of all rows, mm; of rotations, rad, where the campaign has
-        nothing else.
-    established
-        Causes, the first to add first.
-    structure
-        Descriptions of what no cause explains, strongest first.
-    ranked
-        All candidates against the model as it is, strongest evidence first.
-    left
-        χ² per degree of freedom once the established causes are added.
-    tests
-        Number of candidates tested.
-    pool, basis
-        For further questions: the candidates' columns, what the model leaves.
-    """
-
-    verdict: Verdict
-    whole: FitResult
-    result: FitResult
-    rms: float
-    established: tuple[Established, ...]
-    structure: tuple[ResidualPattern, ...]
-    ranked: tuple[WeighedCandidate, ...]
-    left: float
-    tests: int
-    pool: Pool = field(repr=False)
-    basis: Basis = field(repr=False)
-
-    @property
-    def of_rotations(self) -> bool:
-        """Whether `rms` is of rotations, rad."""
-        return measured_kinds(self.whole) == (Kind.ROTATION,)
-
-    @property
-    def unit(self) -> tuple[str, str, float]:
-        """The unit in which people and JSON are told of residuals, and its factor: µm or µrad."""
-        return ("µrad", "urad", 1e6) if self.of_rotations else ("µm", "um", 1e3)
+def _call(spec: str) -> str:
+    return f"abbe.add_effect(model, {spec!r})"
 
 
 Progress = Callable[[str], None]
@@ -356,12 +342,6 @@ def _rms_of(result: FitResult, weighted: F64) -> float:
     rows = np.isin(result.problem.campaign.kind, measured_kinds(result)) & used
     left = weighted[rows] / result.problem.weight[rows]
     return float(np.sqrt(np.mean(left**2))) if rows.any() else math.nan
-
-
-def measured_kinds(result: FitResult) -> tuple[Kind, ...]:
-    """What a campaign's error is told of: lengths, or rotations where it has nothing else."""
-    kinds = result.problem.campaign.kind
-    return LENGTHS if bool(np.isin(kinds, LENGTHS).any()) else (Kind.ROTATION,)
 
 
 def _established(

@@ -46,6 +46,8 @@ class SetupRows:
 class Conditions:
     """n rows of what was recorded when the machine stood, or will stand, somewhere.
 
+    A number, or an array of one value, stands for all rows: one temperature beside many positions.
+
     Attributes
     ----------
     positions
@@ -94,6 +96,11 @@ class Conditions:
     _setups: tuple[NDArray[np.str_], F64, SetupRows] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
+        columns = (*self.positions.values(), *self.directions.values(), *self.signals.values())
+        if not all(isinstance(v, np.ndarray) and v.ndim for v in (*columns, self.time)) or (
+            len({len(v) for v in columns}) > 1 or np.ndim(self.tool) != 2
+        ):
+            self._broadcast()
         n = len(next(iter(self.positions.values()))) if self.positions else len(self.time)
         object.__setattr__(self, "n", n)
         if not self.tool.size and self.tool.shape[0] != n:
@@ -113,6 +120,27 @@ class Conditions:
             raise ValueError(f"tool has shape {self.tool.shape}, expected {(n, 3)}")
 
     n: int = field(init=False, default=0)
+
+    def _broadcast(self) -> None:
+        """Numbers, lists and arrays of one value become as long as the others."""
+        tables: dict[str, dict[str, F64]] = {
+            name: {k: np.atleast_1d(np.asarray(v, dtype=np.float64)) for k, v in table.items()}
+            for name in ("positions", "directions", "signals")
+            for table in (getattr(self, name),)
+        }
+        time = np.atleast_1d(np.asarray(self.time, dtype=np.float64))
+        tool = np.asarray(self.tool, dtype=np.float64)
+        lengths = [len(v) for table in tables.values() for v in table.values()]
+        lengths += [len(time)] * bool(time.size) + [len(tool)] * (tool.ndim == 2 and tool.size > 0)
+        n = next((length for length in lengths if length != 1), 1)
+        for name, table in tables.items():
+            # one of another length than the others is named by the check that follows
+            fitting = {k: np.broadcast_to(v, n) if len(v) == 1 else v for k, v in table.items()}
+            object.__setattr__(self, name, fitting)
+        object.__setattr__(self, "time", np.broadcast_to(time, n) if len(time) == 1 else time)
+        if tool.shape in ((3,), (1, 3)):
+            tool = np.broadcast_to(tool, (n, 3))
+        object.__setattr__(self, "tool", tool)
 
     @classmethod
     def at(

@@ -14,6 +14,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain, exact, first_order
 from abbe.compcore.machine.machine import Machine
+from abbe.compcore.notebook import html_table
 
 F64 = NDArray[np.float64]
 Composition = Literal["first-order", "exact"]
@@ -70,7 +71,7 @@ class Prediction:
     orientation: F64
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Model:
     """A machine and the effects that make it err.
 
@@ -149,6 +150,24 @@ class Model:
         if self.covariance is None or other.covariance is None:
             return alike and self.covariance is other.covariance
         return alike and np.array_equal(self.covariance, other.covariance)
+
+    def __repr__(self) -> str:
+        return f"<Model: {self.summary()}>"
+
+    def summary(self) -> str:
+        """The machine, its structure, how much of the model is fitted, in one line."""
+        fitted = sum(len(term.values) for term in self.terms)
+        name = f"{self.machine.name}, " if self.machine.name else ""
+        text = f"{name}{self.machine.structure}, {len(self.terms)} effects"
+        if not fitted:
+            return f"{text}, not fitted"
+        text += f" with {fitted} parameters"
+        rms = self.fit.get("rms")
+        return text if rms is None else f"{text}, {rms:.3g} µm rms left where it was fitted"
+
+    def _repr_html_(self) -> str:
+        rows = [[term.effect.spec, len(term.values) or None] for term in self.terms]
+        return html_table(["effect", "parameters fitted"], rows, f"Model: {self.summary()}")
 
     @property
     def effects(self) -> tuple[Effect, ...]:

@@ -49,6 +49,7 @@ def diagnose(
     from abbe.compcore.diagnosis import advise
     from abbe.compcore.diagnosis import diagnose as diagnose_model
     from abbe.compcore.diagnosis.stepwise import Step, to_the_verdict
+    from abbe.compcore.diagnosis.words import diagnosis_words
     from abbe.compcore.errors import InputError
     from abbe.daemon.answers import apply as applied
     from abbe.daemon.answers import diagnose as diagnosed
@@ -114,7 +115,7 @@ def diagnose(
         for line in applied.as_text(course, reached):
             say(line)
         say("")
-    for line in diagnosed.as_text(found, noise, advice, adding):
+    for line in diagnosis_words(found, noise, advice, adding.command):
         say(line)
     if written := [str(path) for path in (out, report) if path is not None]:
         say(f"written: {', '.join(written)}")

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.diagnosis.explain import (
     amount,
@@ -18,10 +17,10 @@ from abbe.compcore.diagnosis.explain import (
     parameter,
 )
 from abbe.compcore.diagnosis.measure_next import Advice
-from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
+from abbe.compcore.diagnosis.pictures import CANDIDATES, IN_VOLUME, OVER_TIME
 from abbe.compcore.diagnosis.verdict import Diagnosis
-from abbe.compcore.figures.figure import COLOURS, Trace, figure, line, points
-from abbe.daemon.answers.diagnose import advice_text, noise_of, thinned_words
+from abbe.compcore.diagnosis.words import advice_text, noise_of, thinned_words
+from abbe.compcore.figures.figure import Figure
 from abbe.daemon.answers.typed import Adding
 from abbe.daemon.report.page import Page, number
 
@@ -32,7 +31,6 @@ _TITLES = {
     "missing": "A cause is missing",
     "unexplained": "Something is left that no effect of the catalogue explains",
 }
-_BARS = 12
 
 
 def page(
@@ -45,12 +43,13 @@ def page(
     """The whole story on one page."""
     out = Page(_TITLES[diagnosis.verdict], subtitle)
     _how_wrong(out, diagnosis, noise)
-    _where(out, diagnosis)
+    figures = diagnosis.figures()
+    _where(out, figures)
     if diagnosis.established:
-        _why(out, diagnosis)
+        _why(out, diagnosis, figures)
     if diagnosis.structure:
-        _structure(out, diagnosis, adding)
-    _candidates(out, diagnosis)
+        _structure(out, diagnosis, adding, figures)
+    _candidates(out, diagnosis, figures)
     _what_to_do(out, diagnosis, advice, adding)
     return out
 
@@ -77,78 +76,22 @@ def _how_wrong(out: Page, diagnosis: Diagnosis, noise: NoiseFloor) -> None:
         out.text(f"Pictures show those rows only: {thinned_words(diagnosis)}.")
 
 
-def _where(out: Page, diagnosis: Diagnosis) -> None:
-    campaign = diagnosis.result.problem.campaign
-    conditions = campaign.conditions
-    rows = np.flatnonzero(campaign.kind == Kind.DISPLACEMENT)
-    if not rows.size or conditions.u is None:
+def _where(out: Page, figures: Mapping[str, Callable[[], Figure]]) -> None:
+    if IN_VOLUME not in figures:
         return
-    residual = diagnosis.result.residual[rows] * 1e3
     out.section("Where")
-    point = diagnosis.result.problem.observation(diagnosis.result.theta).chain.point[rows]
     out.figure(
-        _vectors(point, conditions.u[rows], residual),
+        figures[IN_VOLUME](),
         "Residuals in the volume: each line points along the measured direction and is as long as "
         "the residual, enlarged. Turn the picture with the mouse.",
     )
-    traces: list[Trace] = []
-    hours = conditions.time[rows] / 3600.0
-    for k, letter in enumerate("XYZ"):
-        mine = np.abs(conditions.u[rows][:, k]) > 0.9
-        if mine.any():
-            traces.append(
-                points(
-                    hours[mine],
-                    residual[mine],
-                    f"along {letter}",
-                    marker={"size": 4, "color": COLOURS[k]},
-                )
-            )
-    mixed = np.abs(conditions.u[rows]).max(axis=1) <= 0.9
-    if mixed.any():
-        traces.append(
-            points(hours[mixed], residual[mixed], "diagonals", marker={"size": 4, "color": "#777"})
-        )
     out.figure(
-        figure(traces, "time in h", "residual in µm", height=320),
+        figures[OVER_TIME](),
         "Residuals over time, by measured direction: a slope or a wave in time is no noise.",
     )
 
 
-def _vectors(point: F64, u: F64, residual: F64) -> dict[str, object]:
-    size = float(np.ptp(point, axis=0).max()) or 1.0
-    largest = float(np.abs(residual).max()) or 1.0
-    ends = point + u * residual[:, None] / largest * 0.08 * size
-    gaps = np.full((len(point), 3), np.nan)
-    segments = np.stack([point, ends, gaps], axis=1).reshape(-1, 3)
-    colour = np.repeat(residual, 3)
-    trace: Trace = {
-        "type": "scatter3d",
-        "mode": "lines",
-        "x": segments[:, 0],
-        "y": segments[:, 1],
-        "z": segments[:, 2],
-        "line": {
-            "width": 4,
-            "color": colour,
-            "colorscale": "RdBu",
-            "cmin": -largest,
-            "cmax": largest,
-            "showscale": True,
-            "colorbar": {"title": {"text": "µm"}, "thickness": 14},
-        },
-        "hoverinfo": "skip",
-    }
-    axes = {f"{k}axis": {"title": {"text": f"{k.upper()} in mm"}} for k in "xyz"}
-    camera = {"eye": {"x": 1.7, "y": 1.7, "z": 1.1}}
-    scene = {**axes, "aspectmode": "data", "camera": camera}
-    out = figure([trace], height=520, scene=scene)
-    out["layout"].pop("xaxis")
-    out["layout"].pop("yaxis")
-    return out
-
-
-def _why(out: Page, diagnosis: Diagnosis) -> None:
+def _why(out: Page, diagnosis: Diagnosis, figures: Mapping[str, Callable[[], Figure]]) -> None:
     out.section("Why")
     for i, established in enumerate(diagnosis.established, start=1):
         effect = established.found.candidate.effect
@@ -169,42 +112,20 @@ def _why(out: Page, diagnosis: Diagnosis) -> None:
         )
         spec = effect.spec
         out.figure(
-            _signature(diagnosis, established.signature, "what the cause would add"),
+            figures[f"cause {i}"](),
             f"Residuals of the model without '{spec}' against what it would add. Means on the "
             "dashed line: it explains them.",
         )
 
 
-def _signature(diagnosis: Diagnosis, signature: F64, what: str) -> dict[str, object]:
-    """Residual against a signature, (n,), mm or rad: on the diagonal what it explains."""
-    campaign = diagnosis.result.problem.campaign
-    rows = campaign.kind == Kind.DISPLACEMENT
-    factor, unit = 1e3, "µm"
-    if not rows.any():
-        rows, factor, unit = campaign.kind == Kind.ROTATION, 1e6, "µrad"
-    x = signature[rows] * factor
-    y = diagnosis.result.residual[rows] * factor
-    order = np.argsort(x)
-    count = max(1, min(24, len(x) // 25))
-    bins = np.array_split(order, count)
-    middle = np.array([x[b].mean() for b in bins])
-    mean = np.array([y[b].mean() for b in bins])
-    ends = np.array([x.min(), x.max()])
-    return figure(
-        [
-            points(x, y, "rows", marker={"size": 3, "color": "#9aa4ae"}),
-            line(ends, ends, "explained fully", line={"color": COLOURS[0], "dash": "dash"}),
-            points(middle, mean, "mean of residuals", marker={"size": 9, "color": COLOURS[1]}),
-        ],
-        f"{what}, {unit}",
-        f"residual without it, {unit}",
-        height=380,
-    )
-
-
-def _structure(out: Page, diagnosis: Diagnosis, adding: Adding) -> None:
+def _structure(
+    out: Page,
+    diagnosis: Diagnosis,
+    adding: Adding,
+    figures: Mapping[str, Callable[[], Figure]],
+) -> None:
     out.section("What no cause explains")
-    for s in diagnosis.structure:
+    for i, s in enumerate(diagnosis.structure, start=1):
         share = s.drop / diagnosis.basis.chi2
         words = description(s)
         out.text(
@@ -212,7 +133,7 @@ def _structure(out: Page, diagnosis: Diagnosis, adding: Adding) -> None:
             f"on {', '.join(s.depends_on)}."
         )
         out.figure(
-            _signature(diagnosis, _described(diagnosis, s), "what is described"),
+            figures[f"structure {i}"](),
             "Residuals of the model as it is against what this describes. Means on the dashed "
             "line: it says all of it.",
         )
@@ -220,17 +141,10 @@ def _structure(out: Page, diagnosis: Diagnosis, adding: Adding) -> None:
             out.notes([f"Empirical, describes without explaining: {adding.command(spec)}"])
 
 
-def _described(diagnosis: Diagnosis, structure: ResidualPattern) -> F64:
-    """What a description says of each row, beyond what the model can imitate, (n,), mm or rad."""
-    basis = diagnosis.basis
-    columns = basis.project(structure.columns)
-    fitted = columns @ np.linalg.lstsq(columns, basis.residual, rcond=1e-10)[0]
-    return np.asarray(fitted / diagnosis.result.problem.weight)
-
-
-def _candidates(out: Page, diagnosis: Diagnosis) -> None:
-    leading = [f for f in diagnosis.ranked if np.isfinite(f.evidence.value)][:_BARS]
-    if not leading:
+def _candidates(
+    out: Page, diagnosis: Diagnosis, figures: Mapping[str, Callable[[], Figure]]
+) -> None:
+    if CANDIDATES not in figures:
         return
     out.section("What else it could be")
     out.text(
@@ -238,19 +152,7 @@ def _candidates(out: Page, diagnosis: Diagnosis) -> None:
         "−2·ln(likelihood), after the price of each coefficient: 12 is convincing, a lead of 10 "
         "over the next is a clear distinction."
     )
-    names = [f.candidate.effect.spec for f in leading][::-1]
-    values = [f.evidence.value for f in leading][::-1]
-    bar: Trace = {
-        "type": "bar",
-        "orientation": "h",
-        "x": values,
-        "y": names,
-        "marker": {"color": [COLOURS[0] if v > 12.0 else "#c3cad1" for v in values]},
-    }
-    out.figure(
-        figure([bar], "evidence", height=60 + 26 * len(leading), yaxis={"automargin": True}),
-        "The strongest single candidates against the model as it is.",
-    )
+    out.figure(figures[CANDIDATES](), "The strongest single candidates against the model as it is.")
     for established in diagnosis.established:
         if not established.aliases:
             continue

@@ -15,7 +15,7 @@ BACKLASH = make_effect("backlash", {"axis": "Z"})
 
 @pytest.mark.parametrize("by", [BACKLASH, "backlash axis=Z", BACKLASH.spec])
 def test_an_effect_and_its_spec_say_the_same(by: object) -> None:
-    assert add_effect(Model(MACHINE), by).effects == (BACKLASH,)  # type: ignore[arg-type]
+    assert add_effect(Model(MACHINE), by).effects == (BACKLASH,)
 
 
 def test_kind_and_keys() -> None:

@@ -1,0 +1,39 @@
+"""What to measure next after a diagnosis: what would tell causes apart, or sharpen the model."""
+
+from __future__ import annotations
+
+from abbe.compcore.diagnosis.findings import Findings
+from abbe.compcore.diagnosis.measure_next import Advice, separable
+from abbe.compcore.diagnosis.measure_next import advise as _advise
+from abbe.compcore.linalg import threads_for
+
+__all__ = ["Advice", "advise"]
+
+_LEAST = 0.005
+"""Part of the model's uncertainty that a measurement takes away to be worth its effort."""
+
+
+def advise(diagnosis: Findings, most: int = 4) -> list[Advice]:
+    """The set-ups that would best tell the leading cause from its aliases, or sharpen the model."""
+    result = diagnosis.result
+    if not result.problem.model.terms or not result.problem.model.machine.structure.linear:
+        return []  # nothing yet to be sharpened, or no line that could be measured
+    with threads_for(result.problem.n * result.problem.layout.size):
+        return _advised(diagnosis, most)
+
+
+def _advised(diagnosis: Findings, most: int) -> list[Advice]:
+    return [a for a in _advised_all(diagnosis, most) if a.separates or _worth(a)]
+
+
+def _worth(advice: Advice) -> bool:
+    return advice.uncertainty_falls_by >= _LEAST
+
+
+def _advised_all(diagnosis: Findings, most: int) -> list[Advice]:
+    for established in diagnosis.established:
+        effect = established.found.candidate.effect
+        rivals = [a.found for a in established.aliases if separable(a.found.candidate.effect)]
+        if rivals and separable(effect):
+            return _advise(diagnosis.result, established.found, rivals, most)
+    return _advise(diagnosis.result, None, (), most)

@@ -1,0 +1,85 @@
+"""A diagnosis in words; lengths in µm, or angles in µrad where there is nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+from abbe.compcore.campaign.noise import NoiseFloor
+from abbe.compcore.diagnosis.explain import description, explanation, formula
+from abbe.compcore.diagnosis.findings import Findings
+from abbe.compcore.diagnosis.measure_next import Advice
+
+_SAID = {
+    "complete": "complete: the residuals are noise; this campaign shows nothing that is missing.",
+    "missing": "missing: {0}.",
+    "unexplained": "unexplained: there is structure left that no effect of the catalogue explains.",
+}
+
+
+def noise_of(diagnosis: Findings, noise: NoiseFloor) -> float | None:
+    """The noise of what the residuals are told of, mm or rad."""
+    if diagnosis.of_rotations:
+        return noise.value("rotation")
+    level = noise.lengths
+    return None if level is None else level.value
+
+
+def diagnosis_words(
+    diagnosis: Findings,
+    noise: NoiseFloor,
+    advice: Sequence[Advice],
+    adding: Callable[[str], str],
+) -> Iterator[str]:
+    """Lines for people: how wrong, what is missing and why, what else it could be, what to do.
+
+    `adding` says how an effect is added, from its spec: what to type, or what to call.
+    """
+    floor = noise_of(diagnosis, noise)
+    unit, _, factor = diagnosis.unit
+    yield (
+        f"residuals: {diagnosis.rms * factor:.2f} {unit} rms, "
+        + (
+            f"noise floor {floor * factor:.2f} {unit}"
+            if floor is not None
+            else "noise floor unknown (no repeats)"
+        )
+        + f"; χ² per degree of freedom {diagnosis.whole.chi2_per_dof:.3f}"
+    )
+    if diagnosis.result is not diagnosis.whole:
+        yield thinned_words(diagnosis)
+    names = " and ".join(e.found.candidate.effect.spec for e in diagnosis.established)
+    yield _SAID[diagnosis.verdict].format(names)
+    for i, established in enumerate(diagnosis.established, start=1):
+        yield ""
+        yield f"{i}. {established.found.candidate.effect.spec}"
+        yield "   " + explanation(established, diagnosis)
+        yield f"   add it: {adding(established.found.candidate.effect.spec)}"
+    for structure in diagnosis.structure:
+        yield ""
+        yield f"structure: {description(structure)}"
+        if spec := formula(structure):
+            yield f"   empirical, describes without explaining: {adding(spec)}"
+    if advice:
+        yield ""
+        yield "what to measure next:"
+        for a in advice:
+            yield "  - " + advice_text(a)
+
+
+def thinned_words(diagnosis: Findings) -> str:
+    """On how many rows of a large campaign causes were told apart."""
+    n, some = diagnosis.whole.problem.n, diagnosis.result.problem.n
+    return (
+        f"causes were told apart on {some} of {n} rows, evenly from every set-up; evidence and "
+        "parameters of what was found are those of all rows"
+    )
+
+
+def advice_text(advice: Advice) -> str:
+    """One piece of advice as a line."""
+    if advice.separates is not None:
+        return (
+            f"{advice.what}: tells it from '{advice.separates}' with χ² {advice.separation:.0f} "
+            f"(now {advice.separation_now:.1f}; 14 is certain)"
+        )
+    return f"{advice.what}: the model's uncertainty falls by {advice.uncertainty_falls_by:.0%}"
