@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import LENGTHS, Campaign, Kind
 from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
+from abbe.compcore.campaign.suspicions import of_chi2, of_ratio, of_signals, of_values
 from abbe.compcore.comparison.lines import MeasuredLine, lines
 from abbe.compcore.comparison.parts import ComparedRows, Mask, Point
 from abbe.compcore.comparison.pictures import line_figure, part_figures
@@ -82,8 +84,25 @@ class Comparison(Shown):
         files = self.problem.campaign.files
         return tuple(file for file, sha256 in files.items() if sha256 in known)
 
+    @cached_property
+    def suspicions(self) -> tuple[str, ...]:
+        """Wrong units, turned signs, absurd uncertainties, as far as they can be seen here."""
+        campaign = self.problem.campaign
+        weight = self.problem.weight
+        stated = not self.uncertainty.open
+        found = [
+            *of_values(campaign, self.measured),
+            *of_signals(campaign, self.problem.model.machine),
+            *of_ratio(campaign, self.measured, self.measured - self.residual, weight),
+        ]
+        for part in (self.lengths, self.rotations):
+            found += of_chi2(part.chi2_per_dof, part.n, stated=stated)
+        return tuple(found)
+
     def words(self) -> Iterator[str]:
         """What ``abbe compare`` prints: overall, worst set-ups and regions, worst points, lines."""
+        for suspicion in self.suspicions:
+            yield f"SUSPICIOUS: {suspicion}"
         if files := self.fitted_files:
             yield fitted_note(files)
         yield from comparison_words(

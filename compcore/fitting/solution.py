@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.campaign.suspicions import of_chi2, of_ratio, of_signals, of_values
 from abbe.compcore.campaign.thinning import thinned
 from abbe.compcore.distributions import chi2_beyond
 from abbe.compcore.effects.base import Effect
@@ -93,6 +94,29 @@ class Solution:
         Never where uncertainties were taken from the residuals themselves.
         """
         return not self.uncertainty.open and bool(chi2_beyond(self.chi2, self.dof) < _MISFIT)
+
+    @cached_property
+    def suspicions(self) -> tuple[str, ...]:
+        """Wrong units, turned signs, absurd uncertainties, as far as they can be seen here.
+
+        Signs and units of values are seen against the model as it was, where that was fitted.
+        """
+        problem, campaign = self.problem, self.problem.campaign
+        used = problem.weight > 0.0
+        sd = np.where(used, problem.sd, 0.0)
+        small = np.where(campaign.kind < Kind.DISTANCE, problem.weight, 0.0)
+
+        def seen(values: F64) -> F64:
+            return np.asarray(self.eliminator.project(values * small) * sd)
+
+        measured = seen(campaign.value)
+        found = [*of_values(campaign, measured), *of_signals(campaign, problem.model.machine)]
+        if problem.model.fit:
+            before = problem.layout.of_model(problem.model, campaign)
+            predicted = seen(problem.predicted(before))
+            found += of_ratio(campaign, measured, predicted, problem.weight)
+        found += of_chi2(self.chi2_per_dof, self.dof, stated=not self.uncertainty.open)
+        return tuple(found)
 
     def rms(self, *kinds: Kind) -> float:
         """Root mean square of the residuals of some kinds of rows, mm or rad; NaN without rows.

@@ -32,6 +32,8 @@ def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
     """Lines for people, without the parameters."""
     problem = result.problem
     layout = problem.layout
+    for suspicion in result.suspicions:
+        yield f"SUSPICIOUS: {suspicion}"
     yield (
         f"{problem.n} rows of {len(problem.campaign.setups)} set-ups; "
         f"{len(problem.model.terms)} effects with {layout.model_size} parameters, "

@@ -32,6 +32,7 @@ def as_json(comparison: Comparison) -> dict[str, Any]:
         ],
         "uncertainty": {k.name.lower(): s for k, s in comparison.uncertainty.source.items()},
         "left_out": list(comparison.left_out),
+        "suspicions": list(comparison.suspicions),
         "rotation": {
             **_part(comparison, comparison.rotations, "urad", 1e6),
             "noise_floor": (

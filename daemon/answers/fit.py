@@ -32,6 +32,7 @@ def as_json(result: FitResult, noise: NoiseFloor) -> dict[str, Any]:
         "noise_floor": None if floor is None else floor * 1e3,
         "chi2_per_dof": finite(result.chi2_per_dof),
         "dof": result.dof,
+        "suspicions": list(result.suspicions),
         "parameters": len(result.problem.layout.unknowns),
         "determined": result.decomposition.rank,
         "frame": {

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from abbe.compcore.campaign.suspicions import of_temperature
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
@@ -17,6 +18,9 @@ from abbe.compcore.model.model import Model
 from abbe.compcore.model.required_inputs import RequiredInputs, validity
 from abbe.daemon.arguments.assignments import number, split_assignments, tool_offset
 from abbe.daemon.arguments.effect_name import short
+
+_BESIDE = 0.5
+"""Part of a signal's measured range by which it may be beside it without a word."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +151,11 @@ class Given:
 def doubts(model: Model, given: Given) -> list[str]:
     """Warnings about one point, in words."""
     found = beyond(model, {a: (q, q) for a, q in given.positions.items()})
+    for name, value in given.signals.items():
+        signal = model.machine.signals.get(name)
+        if signal is not None and signal.unit == "degC":
+            found += of_temperature(name, value, signal.role)
+        found += _unmeasured(model, name, value)
     required = RequiredInputs.of(model)
     for axis in required.directions:
         if given.directions.get(axis, 0.0) == 0.0:
@@ -158,6 +167,17 @@ def doubts(model: Model, given: Given) -> list[str]:
         slow = ", ".join(required.lagged)
         found.append(f"{slow}: taken as steady for long (the model follows them slowly)")
     return found + unfitted(model)
+
+
+def _unmeasured(model: Model, name: str, value: float) -> list[str]:
+    """A warning about a signal far from where it was while the model was measured."""
+    if name not in model.measured_signals:
+        return []
+    low, high = model.measured_signals[name]
+    if low - _BESIDE * (high - low) <= value <= high + _BESIDE * (high - low):
+        return []
+    unit = model.machine.signals[name].unit if name in model.machine.signals else ""
+    return [f"{name}={value:g} {unit} is outside {low:g} … {high:g} {unit}, where it was measured"]
 
 
 def unfitted(model: Model) -> list[str]:

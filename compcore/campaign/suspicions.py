@@ -1,0 +1,187 @@
+"""What looks like a wrong unit, a turned sign or an absurd uncertainty, said before anything else.
+
+Nothing here is refused: a machine may be that good or that bad. But a fit that is too good is as
+suspicious as one that is too bad, and both have causes that are found in a minute once they are
+named.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.machine.machine import Machine
+
+F64 = NDArray[np.float64]
+
+_FEW = 10
+"""Rows below which values say nothing."""
+_STILL = 2e-5
+"""mm: displacements over a travel that vary by less were hardly read in µm."""
+_STILL_ANGLE = 2e-8
+"""rad, likewise."""
+_WILD, _WILD_ANGLE = 1.0, 5e-3
+"""mm and rad: errors that vary by more were hardly read in µm, µrad."""
+_TRAVEL = 10.0
+"""mm that an axis must have moved for its errors to vary."""
+_LITTLE, _MUCH = 0.1, 25.0
+"""χ² per degree of freedom beyond which the stated uncertainties are doubted."""
+_ENOUGH = 20
+"""Degrees of freedom from which on χ² is judged."""
+_FAHRENHEIT = (53.6, 95.0)
+"""What 12 to 35 °C read in °F: no shop, scale or casting is that warm in °C."""
+_BODIES = ("scale", "structure", "workpiece", "ambient", "air", "other")
+"""Roles of thermometers that show about the shop's temperature."""
+_ALIKE = 0.8
+"""Correlation of measured and predicted values from which on their ratio means something."""
+_SEEN = 3.0
+"""Standard uncertainties that predicted values must differ by, rms, for that."""
+_RATIOS = {
+    1e3: "1000: were nm or µm taken for µm or mm",
+    1e-3: "1/1000: were mm written where µm belong",
+    25.4: "25.4: were they written in thousandths of an inch",
+    1.0 / 25.4: "1/25.4: inches and millimetres are confused",
+}
+_RATIOS_OF_ANGLES = {
+    1e3: "1000: nrad and µrad are confused",
+    1e-3: "1/1000: were mm/m (mrad) written where µrad belong",
+    0.2062648: "0.206: were arc seconds written where µrad belong",
+    4.848137: "4.85: µrad were taken for arc seconds",
+    5.729578e-5: "1/17453: were degrees written where µrad belong",
+}
+_TURNED = 0.5
+"""From which negative ratio on a sign counts as turned."""
+_CLOSE = 0.05
+"""Part by which a ratio may be off and still be that of two units."""
+
+
+def of_values(campaign: Campaign, values: F64) -> Iterator[str]:
+    """Measured values that vary far too little, or far too much, for their unit.
+
+    Parameters
+    ----------
+    values
+        Shape (n,): measured values without the set-ups' zeros, mm or rad.
+    """
+    for kind, name, unit, other, factor, least, most in (
+        (Kind.DISPLACEMENT, "displacements", "µm", "mm", 1e3, _STILL, _WILD),
+        (Kind.ROTATION, "rotations", "µrad", "mm/m", 1e6, _STILL_ANGLE, _WILD_ANGLE),
+    ):
+        rows = campaign.kind == kind
+        if rows.sum() < _FEW or not _moved(campaign, rows):
+            continue
+        size = float(np.sqrt(np.mean(values[rows] ** 2)))
+        if size < least:
+            told = "are all 0" if size == 0.0 else f"vary by {size * factor:.2g} {unit} rms only"
+            yield (
+                f"the {name} {told}: the column 'value' is in {unit}; were they written in {other}?"
+            )
+        elif size > most:
+            yield (
+                f"the {name} vary by {size * factor:.3g} {unit} rms: no machine errs that much; "
+                f"the column 'value' is in {unit}"
+            )
+
+
+def of_signals(campaign: Campaign, machine: Machine) -> Iterator[str]:
+    """Thermometers that seem to read °F."""
+    for name, values in campaign.conditions.signals.items():
+        signal = machine.signals.get(name)
+        known = values[np.isfinite(values)]
+        if signal is None or signal.unit != "degC" or signal.role not in _BODIES or not len(known):
+            continue
+        yield from of_temperature(name, float(np.median(known)), signal.role)
+
+
+def of_temperature(name: str, value: float, role: str) -> Iterator[str]:
+    """A temperature (°C) that makes sense only as °F; `role` as in the model file."""
+    if role in _BODIES and _FAHRENHEIT[0] <= value <= _FAHRENHEIT[1]:
+        yield (
+            f"{name} reads {value:.4g} °C; {value:.4g} °F would be {(value - 32.0) / 1.8:.3g} °C: "
+            "is it in the unit that the model states?"
+        )
+
+
+def of_chi2(chi2_per_dof: float, dof: int, *, stated: bool) -> Iterator[str]:
+    """χ² per degree of freedom far from 1, where the campaign states its uncertainties."""
+    if not stated or dof < _ENOUGH or not math.isfinite(chi2_per_dof):
+        return
+    times = math.sqrt(chi2_per_dof)
+    if chi2_per_dof < _LITTLE:
+        by = f"{1 / times:.3g} times less is left" if times > 0.0 else "nothing is left"
+        yield (
+            f"χ²/dof is {chi2_per_dof:.2g}: {by} than the stated uncertainties say. They are too "
+            "large, the values are in another unit, or rows were smoothed or copied"
+        )
+    elif chi2_per_dof > _MUCH:
+        yield (
+            f"χ²/dof is {chi2_per_dof:.3g}: what is left is {times:.3g} times the stated "
+            "uncertainties. The model lacks something (abbe diagnose), a sign or a unit is wrong, "
+            "or the uncertainties are too small"
+        )
+
+
+def of_ratio(campaign: Campaign, measured: F64, predicted: F64, weight: F64) -> Iterator[str]:
+    """Measured values that are a multiple, or the opposite, of what a model predicts.
+
+    Parameters
+    ----------
+    measured, predicted
+        Shape (n,): mm or rad, both without what the set-ups leave unknown.
+    weight
+        Shape (n,): one over the standard uncertainty.
+    """
+    setup = campaign.conditions.setup
+    for kind, name, ratios in (
+        (Kind.DISPLACEMENT, "displacements", _RATIOS),
+        (Kind.ROTATION, "rotations", _RATIOS_OF_ANGLES),
+    ):
+        rows = campaign.kind == kind
+        whole = _ratio(measured, predicted, weight, rows)
+        if whole is not None and whole < -_TURNED:
+            yield f"{name}: {_SIGN} ({whole:.3g} times)"
+        elif setup is not None:
+            turned = [
+                str(one)
+                for one in dict.fromkeys(setup[rows].tolist())
+                if (_ratio(measured, predicted, weight, rows & (setup == one)) or 1.0) < -_TURNED
+            ]
+            if turned:
+                yield f"{name}: {_SIGN} in the set-up{'s' * (len(turned) > 1)} {_list(turned)}"
+        for ratio, words in ratios.items():
+            if whole is not None and abs(abs(whole) / ratio - 1.0) < _CLOSE:
+                yield f"{name}: measured is predicted times {words}?"
+
+
+_SIGN = (
+    "measured is the opposite of predicted. Is it nominal − actual, a compensation, or an artefact "
+    "that was measured? (error = actual − indicated)"
+)
+
+
+def _ratio(measured: F64, predicted: F64, weight: F64, rows: NDArray[np.bool_]) -> float | None:
+    """Measured over predicted, where the two go together over some of the rows."""
+    m, p = measured[rows] * weight[rows], predicted[rows] * weight[rows]
+    if len(m) < _FEW or float(np.sqrt(np.mean(p**2))) < _SEEN:
+        return None
+    size = float(np.linalg.norm(m) * np.linalg.norm(p))
+    if size == 0.0 or abs(float(m @ p)) < _ALIKE * size:
+        return None
+    return float(m @ p / (p @ p))
+
+
+def _moved(campaign: Campaign, rows: NDArray[np.bool_]) -> bool:
+    return any(
+        float(np.ptp(q[rows])) > _TRAVEL
+        for axis, q in campaign.conditions.positions.items()
+        if axis[0] in "XYZUVW"
+    )
+
+
+def _list(names: list[str]) -> str:
+    shown = ", ".join(names[:6])
+    return shown if len(names) <= 6 else f"{shown} and {len(names) - 6} more"
