@@ -39,6 +39,10 @@ LENGTHS = (Kind.DISPLACEMENT, Kind.DISTANCE, Kind.BASE_DISTANCE)
 """The kinds of rows that are lengths, mm; the others are angles."""
 
 
+_ALONG = 0.98
+"""Cosine from which a measured direction counts as one component."""
+
+
 @dataclass(frozen=True, slots=True)
 class Setup:
     """One placing of the instrument: what it leaves unknown is fitted along and thrown away.
@@ -122,6 +126,15 @@ class Campaign:
     def n(self) -> int:
         """Number of rows."""
         return self.conditions.n
+
+    def measured_components(self) -> NDArray[np.str_]:
+        """What each row measured along, shape (n,): X, Y, Z, or ``oblique``."""
+        u = self.conditions.u
+        if u is None:
+            return np.full(self.n, "oblique")
+        size = np.abs(u)
+        along = np.array(["X", "Y", "Z"])[size.argmax(axis=1)]
+        return np.where(size.max(axis=1) > _ALONG, along, "oblique")
 
     def functional_moves(self) -> F64:
         """Where the linear axes stand, as a vector, shape (n, 3), mm."""

@@ -13,11 +13,17 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import LENGTHS, Campaign, Kind
 from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
 from abbe.compcore.campaign.suspicions import of_chi2, of_ratio, of_signals, of_values
+from abbe.compcore.comparison.approach import (
+    SideDifference,
+    by_side_and_component,
+    side_differences,
+)
 from abbe.compcore.comparison.lines import MeasuredLine, lines
 from abbe.compcore.comparison.parts import ComparedRows, Mask, Point
 from abbe.compcore.comparison.pictures import line_figure, part_figures
-from abbe.compcore.comparison.tabulate import tables
+from abbe.compcore.comparison.tabulate import ResidualGroup, group, tables
 from abbe.compcore.comparison.words import comparison_words, fitted_note
+from abbe.compcore.distributions import chi2_limit
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.errors import FitError
 from abbe.compcore.figures.figure import Figure
@@ -37,6 +43,8 @@ if TYPE_CHECKING:
 F64 = NDArray[np.float64]
 
 _UNCERTAINTY_ROUNDS = 4
+_MISFIT = 1e-4
+"""Chance of so large a χ² from which on the model is said not to hold."""
 WORST = 10
 """How many of the worst points are told."""
 
@@ -99,12 +107,54 @@ class Comparison(Shown):
             found += of_chi2(part.chi2_per_dof, part.n, stated=stated)
         return tuple(found)
 
+    @property
+    def holds(self) -> bool:
+        """Whether what is left is noise: χ² no larger than 1 in 10 000 by chance, of any kind."""
+        return not any(
+            part.n and part.chi2_per_dof > chi2_limit(_MISFIT, part.freedom) / part.freedom
+            for part, _, _, _ in self._parts()
+            if part.freedom > 0.5
+        )
+
+    @cached_property
+    def sides(self) -> list[SideDifference]:
+        """What differs between the two sides from which an axis came, the largest first."""
+        problem = self.problem
+        return side_differences(problem.campaign, self.residual, problem.weight)
+
+    def by_side(self, part: ComparedRows) -> list[ResidualGroup]:
+        """Residuals by side of approach and measured component, in µm or µrad."""
+        factor = 1e6 if part is self.rotations else 1e3
+        return [
+            group(of, self.residual[mask] * factor)
+            for of, mask in by_side_and_component(self.problem.campaign, part.rows)
+        ]
+
+    def verdict(self) -> Iterator[str]:
+        """Whether the model holds, what stands out, and the next command."""
+        told = [
+            f"{name} are off by {part.rms * factor:.3g} {unit} rms (χ²/dof {part.chi2_per_dof:.3g})"
+            for part, name, unit, factor in self._parts()
+            if part.n
+        ]
+        if self.uncertainty.open:
+            yield f"Whether this is noise is open, the campaign states none; {'; '.join(told)}."
+        elif self.holds:
+            yield f"The model holds: what is left is noise; {'; '.join(told)}."
+            return
+        else:
+            yield f"The model does not hold for this campaign: {'; '.join(told)}."
+        for side in self.sides:
+            yield f"{side.words}: {side.share:.0%} of what is left."
+        yield "Next: abbe diagnose MODEL CAMPAIGN names what is missing."
+
     def words(self) -> Iterator[str]:
         """What ``abbe compare`` prints: overall, worst set-ups and regions, worst points, lines."""
         for suspicion in self.suspicions:
             yield f"SUSPICIOUS: {suspicion}"
         if files := self.fitted_files:
             yield fitted_note(files)
+        yield from self.verdict()
         yield from comparison_words(
             self.problem.campaign,
             self.lengths,
@@ -272,6 +322,7 @@ def _part(
         float(size.max()) if size.size else nothing,
         float(np.quantile(size, 0.95)) if size.size else nothing,
         chi2 / freedom if freedom > 0.5 else nothing,
+        freedom,
         tables(problem.model.machine, campaign, residual * unit, rows),
         tuple(
             Point(

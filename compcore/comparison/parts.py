@@ -45,6 +45,8 @@ class ComparedRows:
         Of the residuals, mm or rad; 95 % of the rows lie within ±p95. NaN without rows.
     chi2_per_dof
         χ² per degree of freedom; NaN where there is none.
+    freedom
+        Degrees of freedom: rows less what the placing of instruments (and the fit) absorbed.
     tables
         Residuals told apart, in µm or µrad.
     worst
@@ -56,6 +58,7 @@ class ComparedRows:
     max: float
     p95: float
     chi2_per_dof: float
+    freedom: float
     tables: ResidualTables
     worst: tuple[Point, ...]
 

@@ -17,6 +17,9 @@ from abbe.compcore.machine.structure import is_rotary
 F64 = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+_SIGNED = ((0.0, COLOURS[0]), (0.5, "#d8dce0"), (1.0, COLOURS[1]))
+"""Minus, nothing, plus."""
+_SYMBOLS = {"X": "circle", "Y": "square", "Z": "diamond", "oblique": "x"}
 MOST_POINTS = 6000
 """More rows than this are drawn as a sample, with all of the largest residuals."""
 _LARGEST = 500
@@ -86,7 +89,8 @@ def in_volume(residuals: Residuals) -> Figure:
     end = start + along * (residuals.value * enlarged)[:, None]
     gaps = np.full_like(start, np.nan)
     path = np.stack([start, end, gaps], axis=1).reshape(-1, 3)
-    colour = np.repeat(np.abs(residuals.value), 3)
+    colour = np.repeat(residuals.value, 3)
+    signed = {"colorscale": _SIGNED, "cmin": -largest, "cmax": largest}
     shared: dict[str, Any] = {"type": "scatter3d", "showlegend": False}
     vectors = {
         **shared,
@@ -97,7 +101,7 @@ def in_volume(residuals: Residuals) -> Figure:
         "line": {
             "width": 4,
             "color": colour,
-            "colorscale": "Viridis",
+            **signed,
             "showscale": True,
             "colorbar": {"title": {"text": residuals.unit}, "thickness": 14},
         },
@@ -109,7 +113,7 @@ def in_volume(residuals: Residuals) -> Figure:
         "x": end[:, 0],
         "y": end[:, 1],
         "z": end[:, 2],
-        "marker": {"size": 2, "color": np.abs(residuals.value), "colorscale": "Viridis"},
+        "marker": {"size": 2, "color": residuals.value, **signed},
         "text": [
             f"{label}: {value:+.2f} {residuals.unit}"
             for label, value in zip(residuals.labels, residuals.value, strict=True)
@@ -126,15 +130,20 @@ def along_axis(residuals: Residuals, axis: str) -> Figure:
     factor, unit = (180.0 / np.pi, "°") if is_rotary(axis) else (1.0, "mm")
     position = c.position(axis)[residuals.rows] * factor
     direction = c.direction(axis)[residuals.rows]
-    traces = [
-        _dots(residuals, position, direction == sign, name, colour)
-        for sign, name, colour in (
-            (1.0, f"{axis} approached upwards", COLOURS[0]),
-            (-1.0, f"{axis} approached downwards", COLOURS[1]),
-            (0.0, "not moved or unknown", GREY),
-        )
-        if (direction == sign).any()
-    ]
+    component = residuals.campaign.measured_components()[residuals.rows]
+    several = len(np.unique(component)) > 1
+    traces = []
+    for sign, name, colour in (
+        (1.0, f"{axis} approached upwards", COLOURS[0]),
+        (-1.0, f"{axis} approached downwards", COLOURS[1]),
+        (0.0, "not moved or unknown", GREY),
+    ):
+        for measured, symbol in _SYMBOLS.items():
+            chosen = (direction == sign) & (component == measured)
+            if chosen.any():
+                how = "obliquely" if measured == "oblique" else f"in {measured}"
+                words = f"{name}, measured {how}" if several else name
+                traces.append(_dots(residuals, position, chosen, words, colour, symbol))
     return _scatter(traces, f"{axis} ({unit})", residuals.unit)
 
 
@@ -193,7 +202,12 @@ def residual_figures(
 
 
 def _dots(
-    residuals: Residuals, x: F64, chosen: NDArray[np.bool_], name: str, colour: str
+    residuals: Residuals,
+    x: F64,
+    chosen: NDArray[np.bool_],
+    name: str,
+    colour: str,
+    symbol: str = "circle",
 ) -> dict[str, Any]:
     labels = residuals.labels
     return points(
@@ -201,7 +215,7 @@ def _dots(
         residuals.value[chosen],
         name,
         text=[labels[i] for i in np.flatnonzero(chosen)],
-        marker={"size": 4, "opacity": 0.6, "color": colour},
+        marker={"size": 4, "opacity": 0.6, "color": colour, "symbol": symbol},
     )
 
 

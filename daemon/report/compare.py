@@ -23,6 +23,7 @@ def comparison_page(comparison: Comparison) -> Page:
     problem = comparison.problem
     machine = problem.model.machine
     page = Page(f"{machine.name or 'Machine'}: model beside measurements", problem.campaign.name)
+    _verdict(page, comparison)
     _key_figures(page, comparison)
     if fitted := comparison.fitted_files:
         page.notes([fitted_note(fitted)], warning=True)
@@ -71,6 +72,11 @@ def comparison_page(comparison: Comparison) -> Page:
             digits=3,
         )
     return page
+
+
+def _verdict(page: Page, comparison: Comparison) -> None:
+    """What the reader came for, and what to do next."""
+    page.notes(list(comparison.verdict()), warning=not comparison.holds)
 
 
 def _key_figures(page: Page, comparison: Comparison) -> None:
@@ -134,18 +140,19 @@ def draw_residuals(page: Page, figures: Mapping[str, Callable[[], Figure]], what
 def _tables(page: Page, comparison: Comparison, part: ComparedRows, unit: str) -> None:
     page.subsection("Told apart")
     for title, groups in (
+        ("Side of approach, by what was measured", comparison.by_side(part)),
+        ("Set-ups", part.tables.setups),
         ("Regions of the axes", part.tables.regions),
-        ("Directions of approach", part.tables.directions),
         ("Tools", part.tables.tools),
         ("Signals, in parts with equal numbers of rows", part.tables.signals),
         ("Time, s", part.tables.time),
-        ("Set-ups, worst first", sorted(part.tables.setups, key=lambda g: -g.rms)),
     ):
         if groups:
+            worst = sorted(groups, key=lambda g: -g.rms)[:_MOST_ROWS]
             page.table(
                 ["", "n", f"rms, {unit}", f"largest, {unit}", f"mean, {unit}"],
-                [[_where(g), g.n, g.rms, g.max, g.mean] for g in groups[:_MOST_ROWS]],
-                caption=title,
+                [[_where(g), g.n, g.rms, g.max, g.mean] for g in worst],
+                caption=f"{title}, worst first",
                 digits=3,
             )
     campaign = comparison.problem.campaign
@@ -164,7 +171,9 @@ def _where(group: ResidualGroup) -> str:
         ends = f"{number(parts.pop('from'))} … {number(parts.pop('to'))}"
         return " ".join([*(str(v) for v in parts.values()), ends])
     if "direction" in parts:
-        return f"{parts['axis']} {'upwards' if parts['direction'] > 0 else 'downwards'}"
+        side = f"{parts['axis']} {'upwards' if parts['direction'] > 0 else 'downwards'}"
+        measured = parts["measured"]
+        return f"{side}, measured {'obliquely' if measured == 'oblique' else f'in {measured}'}"
     return " ".join(
         ", ".join(number(x) for x in v) if isinstance(v, list) else str(v) for v in parts.values()
     )

@@ -41,9 +41,19 @@ function draw(node) {
   inView.unobserve(node);
   const place = node.querySelector("div");
   const figure = JSON.parse(document.getElementById(node.dataset.plot).textContent);
-  Plotly.newPlot(place, figure.data, figure.layout,
+  const drawn = Plotly.newPlot(place, figure.data, figure.layout,
     {responsive: true, displaylogo: false, showSendToCloud: false});
   place.style.minHeight = "";
+  // a printer gets nothing of a picture in space: a still of it stands in on paper
+  if ("space" in node.dataset) drawn.then((plot) => still(node, plot));
+}
+async function still(node, plot) {
+  const {clientWidth: width, clientHeight: height} = plot;
+  const image = new Image();
+  image.src = await Plotly.toImage(plot, {format: "png", width, height, scale: 2});
+  image.className = "paper";
+  node.prepend(image);
+  node.classList.add("has-still");
 }
 function drawNext() {
   if (!waiting.length) return;

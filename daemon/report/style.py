@@ -28,6 +28,7 @@ ul.notes { list-style: none; margin: .8rem 0; padding: .5rem .9rem; background: 
   border-left: 3px solid var(--accent); max-width: 44rem; }
 ul.warning { border-color: #d55e00; }
 figure { margin: 1rem 0; break-inside: avoid; }
+img.paper { display: none; max-width: 100%; }
 figcaption { color: var(--quiet); font-size: .9rem; max-width: 44rem; margin-top: .3rem; }
 footer { max-width: 66rem; margin: 0 auto; padding: 0 1.5rem 2rem; color: var(--quiet);
   font-size: .85rem; }
@@ -38,6 +39,8 @@ footer { max-width: 66rem; margin: 0 auto; padding: 0 1.5rem 2rem; color: var(--
   h2, h3 { break-after: avoid; }
   tr, ul.notes, dl.key { break-inside: avoid; }
   thead { display: table-header-group; }
+  img.paper { display: block; }
+  figure.has-still > div { display: none; }
   .modebar { display: none !important; }
   .wide { overflow: visible; }
 }
