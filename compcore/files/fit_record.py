@@ -12,11 +12,12 @@ from abbe.compcore.campaign.campaign import LENGTHS, Kind
 from abbe.compcore.files.model_file import summary
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.model import Model
 
 
 def measured_ranges(conditions: Conditions) -> dict[str, Any]:
-    """Where the recorded signals (each in its unit) and the tool's offset (mm) ranged.
+    """Where signals (each in its unit), axes (mm, degrees) and the tool's offset (mm) ranged.
 
     A live correction is no better founded elsewhere, and a sensor that shows something far from
     it is more likely to be broken.
@@ -27,8 +28,14 @@ def measured_ranges(conditions: Conditions) -> dict[str, Any]:
         if known.size:
             found[name] = [float(known.min()), float(known.max())]
     tool = conditions.tool
+    stood = {
+        a: [float(e) for e in np.round(np.degrees(ends) if is_rotary(a) else ends, 9)]
+        for a, q in conditions.positions.items()
+        if len(q) and np.isfinite(ends := np.array([q.min(), q.max()])).all()
+    }
     return {
         "signals": found,
+        "positions": stood,
         "tool": [[float(column.min()), float(column.max())] for column in tool.T],
     }
 

@@ -113,10 +113,11 @@ class _Record(BaseModel):
 
 
 class _Ranges(BaseModel):
-    """Where the recorded signals and the tool's offset ranged: least and greatest of each."""
+    """Where signals, axes and the tool's offset ranged: least and greatest of each."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
     signals: dict[str, tuple[Finite, Finite]] = {}
+    positions: dict[str, tuple[Finite, Finite]] = {}
     tool: list[tuple[Finite, Finite]] = []
 
 

@@ -197,6 +197,18 @@ class Model:
         ranges = self.fit.get("measured", {}).get("signals", {})
         return {name: (float(low), float(high)) for name, (low, high) in ranges.items()}
 
+    @property
+    def measured_positions(self) -> Mapping[str, tuple[float, float]]:
+        """Axis → where it stood in the campaigns that were fitted, mm (rotary: degrees)."""
+        ranges = self.fit.get("measured", {}).get("positions", {})
+        return {name: (float(low), float(high)) for name, (low, high) in ranges.items()}
+
+    @property
+    def measured_tool(self) -> tuple[tuple[float, float], ...]:
+        """Where x, y, z of the tool's offset ranged, mm; empty where that is not known."""
+        ranges = self.fit.get("measured", {}).get("tool", [])
+        return tuple((float(low), float(high)) for low, high in ranges)
+
     def amended(self, conditions: Conditions) -> Conditions:
         """The recorded conditions as the fitted effects say that they truly were.
 

@@ -16,6 +16,7 @@ from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.inverse import invert_model
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.pose import command_of
+from abbe.compcore.model.uncertainty import COVERAGE, UNKNOWN, Uncertainty, expanded, uncertainty
 from abbe.daemon.arguments.effect_name import short
 
 F64 = NDArray[np.float64]
@@ -62,6 +63,8 @@ class Corrected:
         Of the iteration that found the command.
     left
         Of a command on a machine with rotary axes: what of the tool's orientation it leaves.
+    sure
+        How sure the model is there; None where nobody knows.
     """
 
     asked: Mapping[str, float]
@@ -73,6 +76,7 @@ class Corrected:
     contraction: float = 0.0
     iterations: int = 0
     left: OrientationLeft | None = None
+    sure: Uncertainty | None = None
 
     def correction(self, axis: str) -> float:
         """The answer minus what was asked, mm (rotary: degrees)."""
@@ -128,6 +132,7 @@ def correct_point(
         contraction,
         iterations,
         left,
+        uncertainty(model, place),
     )
 
 
@@ -144,6 +149,18 @@ def as_json(found: Corrected, warnings: list[str], *, explain: bool) -> dict[str
     if found.command:
         reported["contraction"] = found.contraction
         reported["iterations"] = found.iterations
+    reported["uncertainty"] = None
+    if found.sure is not None:
+        wide = {a: v * 1e3 for a, v in expanded(found.sure).items()}
+        reported["uncertainty"] = {
+            **wide,
+            "unit": "um",
+            "k": COVERAGE,
+            "beyond": [
+                {"name": b.name, "value": b.value, "measured": [b.low, b.high], "unit": b.unit}
+                for b in found.sure.beyond
+            ],
+        }
     if found.left is not None:
         rotary = {a: found.correction(a) for a in found.asked if is_rotary(a)}
         reported["rotary_correction"] = {a: round(v, 12) for a, v in rotary.items()}
@@ -178,9 +195,10 @@ def as_text(found: Corrected, *, explain: bool) -> Iterator[str]:
                 told = f"  {round(turned, 2) + 0.0:>9.2f} µrad"
             yield f"{axis:<4} {asked:>13.4f}°   {found.answer[axis]:>13.4f}°{told}"
         else:
+            wide = "" if found.sure is None else _plus_minus(found.sure, axis)
             yield (
                 f"{axis:<4} {asked:>11.4f} mm   {found.answer[axis]:>11.4f} mm  "
-                f"{round(found.correction(axis) * 1e3, 2) + 0.0:>9.2f} µm"
+                f"{round(found.correction(axis) * 1e3, 2) + 0.0:>9.2f} µm{wide}"
             )
     turn = found.orientation
     angles = (turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1])
@@ -194,9 +212,15 @@ def as_text(found: Corrected, *, explain: bool) -> Iterator[str]:
             f"found in {found.iterations} rounds; each shrinks what is left to "
             f"{found.contraction:.2g} of it"
         )
+    yield UNKNOWN if found.sure is None else f"± with k = {COVERAGE:g}"
     if explain:
         yield ""
         yield from _explained(found)
+
+
+def _plus_minus(sure: Uncertainty, axis: str) -> str:
+    wide = expanded(sure).get(axis)
+    return "" if wide is None else f" ± {wide * 1e3:.2f}"
 
 
 def _left_told(left: OrientationLeft) -> Iterator[str]:

@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 import getpass
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from abbe.compcore.compensator.folding.slow_state import SlowState
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.table_set import TableSet, read_text, sha256
 from abbe.compcore.model.as_built import average_line_words
 from abbe.compcore.model.model import Model
+from abbe.compcore.model.uncertainty import (
+    COVERAGE,
+    UNKNOWN,
+    Uncertainty,
+    in_words,
+    uncertainty,
+)
 from abbe.compcore.tables import record as records
 from abbe.compcore.tables.capability import RIGID
 from abbe.compcore.tables.compensation_types import on_machine, types_needed
@@ -24,6 +35,8 @@ from abbe.compcore.tables.volume import Volume
 from abbe.daemon.answers import as_built
 from abbe.daemon.answers.inputs import abbe_version, now
 from abbe.drivers.controllers import Confidence, Controller
+
+F64 = NDArray[np.float64]
 
 NONE = "no compensation"
 IDEAL = "without limits"
@@ -91,6 +104,10 @@ class TableAnswer:
         with all error motions of a rigid machine.
     notes
         Where limits were felt.
+    trial
+        Points all over the working volume.
+    sure
+        How sure the model is there; None where nobody knows.
     """
 
     order: TableRequest
@@ -100,6 +117,7 @@ class TableAnswer:
     remaining: Mapping[str, Remainder]
     notes: tuple[str, ...]
     trial: TrialPoints
+    sure: Uncertainty | None
 
 
 def make(order: TableRequest, model: Model | None = None) -> TableAnswer:
@@ -129,6 +147,7 @@ def make(order: TableRequest, model: Model | None = None) -> TableAnswer:
     files = controller.write(tables)
     new = _less(tables, present)
     trial = TrialPoints.over(error, volume)
+    sure = uncertainty(model, error.conditions(trial.positions, trial.directions))
     remaining = {NONE: trial.remainder()}
     if capability.form("product") is not None:
         single = project(
@@ -143,7 +162,8 @@ def make(order: TableRequest, model: Model | None = None) -> TableAnswer:
     if not {"L-VOL", "L-VOL+"} & set(capability.types):
         remaining[FULL] = trial.remainder(project(error, volume, RIGID).tables)
     lines = tuple(average_line_words(model))
-    notes = tuple(dict.fromkeys((*([order.note] if order.note else []), *found.notes, *lines)))
+    said = ([order.note] if order.note else [], found.notes, lines, in_words(sure))
+    notes = tuple(dict.fromkeys(itertools.chain(*said)))
     record = records.full_record(
         model=records.model_record(
             model, str(order.model_path), sha256(read_text(order.model_path))
@@ -160,7 +180,7 @@ def make(order: TableRequest, model: Model | None = None) -> TableAnswer:
         superposed={name: sha256(text) for name, text in order.present.items()},
     )
     made = TableSet(controller.name, dict(order.options), files, record, tuple(tables))
-    return TableAnswer(order, model, made, new, remaining, notes, trial)
+    return TableAnswer(order, model, made, new, remaining, notes, trial, sure)
 
 
 def _less(tables: Sequence[Table], present: Sequence[Table]) -> tuple[Table, ...]:
@@ -197,6 +217,7 @@ def as_json(done: TableAnswer, written: Sequence[Path]) -> dict[str, Any]:
         "trust": controller.trust.as_dict(),
         "activation": list(controller.activation()),
         "rotary_axes": as_built.lines_json(done.model),
+        "uncertainty": _sure_json(done),
         "written": [str(p) for p in written],
         **done.made.document(),
     }
@@ -230,6 +251,7 @@ def as_text(done: TableAnswer, written: Sequence[Path]) -> Iterator[str]:
     yield f"  {'':<{wide}}{'largest':>9}{'rms':>9}"
     for name, left in rows:
         yield f"  {name:<{wide}}{left.largest * 1e3:>9.1f}{left.rms * 1e3:>9.1f}"
+    yield _sure_line(done)
     for note in done.notes:
         yield f"note: {note}"
     yield ""
@@ -237,6 +259,34 @@ def as_text(done: TableAnswer, written: Sequence[Path]) -> Iterator[str]:
     for step in controller.activation():
         yield f"  - {step}"
     yield "written: " + ", ".join(str(p) for p in written)
+
+
+def _lengths(sure: Uncertainty) -> F64:
+    """± of the error vector's length all over the volume, k = 2, (n,), mm."""
+    return np.asarray(COVERAGE * np.linalg.norm(sure.translation, axis=1))
+
+
+def _sure_line(done: TableAnswer) -> str:
+    if done.sure is None:
+        return f"How sure the model is: {UNKNOWN}"
+    wide = _lengths(done.sure) * 1e3
+    return (
+        f"How sure the model is there: ± {wide.max():.1f} µm at most, "
+        f"± {np.sqrt((wide**2).mean()):.1f} rms (k = {COVERAGE:g})"
+    )
+
+
+def _sure_json(done: TableAnswer) -> dict[str, Any] | None:
+    if done.sure is None:
+        return None
+    wide = _lengths(done.sure) * 1e3
+    return {
+        "largest": float(wide.max()),
+        "rms": float(np.sqrt((wide**2).mean())),
+        "unit": "um",
+        "k": COVERAGE,
+        "beyond": [b.name for b in done.sure.beyond],
+    }
 
 
 def trust_lines(controller: Controller) -> Iterator[str]:

@@ -86,12 +86,13 @@ def correct(
         else:
             say(f"{done.rows} points, greatest correction {done.worst * 1e3:.2f} µm: {out}")
         return
+    from abbe.compcore.model.uncertainty import in_words
     from abbe.daemon.answers import correct as answer
     from abbe.daemon.arguments.point_arguments import doubts
 
     at = given.conditions(loaded)
     found = answer.correct_point(loaded, at, command=command, held=held)
-    warnings = doubts(loaded, given)
+    warnings = [*doubts(loaded, given), *in_words(found.sure)]
     _warn(warnings)
     if report is not None:
         from abbe.daemon.report.correct import corrected_page

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abbe.compcore.figures.figure import figure
+from abbe.compcore.model.uncertainty import expanded
 from abbe.daemon.answers.correct import Corrected
 from abbe.daemon.arguments.effect_name import short
 from abbe.daemon.report.page import Page
@@ -24,8 +25,14 @@ def corrected_page(found: Corrected, warnings: list[str], title: str, file: str)
         The machine's name, the model's file.
     """
     page = Page(f"{title or 'Machine'}: one point corrected", file)
+    wide: dict[str, str] = {}
+    if found.sure is not None:
+        wide = {a: f" ± {v * 1e3:.2f}" for a, v in expanded(found.sure).items()}
     page.key_figures(
-        [(f"correction in {a}", f"{found.correction(a) * 1e3:+.2f}", "µm") for a in "XYZ"]
+        [
+            (f"correction in {a}", f"{found.correction(a) * 1e3:+.2f}{wide.get(a, '')}", "µm")
+            for a in "XYZ"
+        ]
     )
     if found.left is not None:
         page.key_figures(

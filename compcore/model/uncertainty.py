@@ -1,0 +1,140 @@
+"""How sure a prediction is (ISO/TR 16907, 11.1): the fit's part, and what nobody measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.model.model import Model
+from abbe.compcore.model.sensitivity import prediction_sd
+
+F64 = NDArray[np.float64]
+
+COVERAGE = 2.0
+"""The factor k by which ± stands for more than the standard uncertainty: 95 %."""
+_RECTANGULAR = 1.0 / np.sqrt(3.0)
+_SLACK = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Beyond:
+    """A quantity that lies outside of what was measured.
+
+    Attributes
+    ----------
+    name
+        An axis, a signal, or ``tool x`` ….
+    value
+        Where it is, at the row that is farthest out: mm, degrees or the signal's unit.
+    low, high, unit
+        Where it was when the machine was measured.
+    """
+
+    name: str
+    value: float
+    low: float
+    high: float
+    unit: str
+
+    def __str__(self) -> str:
+        unit = f" {self.unit}" if self.unit else ""
+        measured = f"at {self.low:g}" if self.low == self.high else f"{self.low:g} … {self.high:g}"
+        return f"{self.name} = {self.value:g}{unit} was not measured ({measured}{unit})"
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """Standard uncertainty of a prediction at n rows.
+
+    Attributes
+    ----------
+    translation, rotation
+        Of the error of the functional point, (n, 3), mm, and of the orientation, (n, 3), rad,
+        machine axes; what lies outside of what was measured included.
+    beyond
+        What lies outside.
+    """
+
+    translation: F64
+    rotation: F64
+    beyond: tuple[Beyond, ...]
+
+
+def uncertainty(model: Model, conditions: Conditions) -> Uncertainty | None:
+    """The standard uncertainty of a fitted model's prediction; None without a covariance.
+
+    Two parts, independent of each other: that of the fitted parameters
+    (`sensitivity.prediction_sd`), and, outside of the positions, signals and tools of the campaigns
+    that were fitted, the change of the prediction since the nearest condition that was measured,
+    as a rectangular distribution of that half width: nobody has seen whether the machine goes on
+    as the model does.
+    """
+    if model.covariance is None:
+        return None
+    moved, turned = prediction_sd(model, conditions)
+    nearest, beyond = _nearest(model, conditions)
+    if beyond:
+        here, there = model.predict(conditions), model.predict(nearest)
+        change = _RECTANGULAR * (here.translation - there.translation)
+        moved = np.hypot(moved, change)
+        turned = np.hypot(turned, _RECTANGULAR * (here.rotation - there.rotation))
+    return Uncertainty(moved, turned, tuple(beyond))
+
+
+def _nearest(model: Model, conditions: Conditions) -> tuple[Conditions, list[Beyond]]:
+    """The nearest conditions that were measured, and what had to be moved to get there."""
+    beyond: list[Beyond] = []
+    positions = dict(conditions.positions)
+    for axis, ends in model.measured_positions.items():
+        if axis in positions:
+            unit, scale = ("°", 180.0 / np.pi) if is_rotary(axis) else ("mm", 1.0)
+            held = _held(axis, positions[axis] * scale, ends, unit, beyond)
+            positions[axis] = positions[axis] if held is None else held / scale
+    needed = set(model.signals_needed())
+    signals = dict(conditions.signals)
+    for name, ends in model.measured_signals.items():
+        if name in needed and name in signals:
+            known = model.machine.signals.get(name)
+            held = _held(name, signals[name], ends, known.unit if known else "", beyond)
+            signals[name] = signals[name] if held is None else held
+    tool = np.array(conditions.tool)
+    for k, ends in enumerate(model.measured_tool):
+        held = _held(f"tool {'xyz'[k]}", tool[:, k], ends, "mm", beyond)
+        tool[:, k] = tool[:, k] if held is None else held
+    if not beyond:
+        return conditions, beyond
+    found = replace(conditions, positions=positions, signals=signals, tool=tool, _lags={}, _made={})
+    return found, beyond
+
+
+def _held(
+    name: str, values: F64, ends: tuple[float, float], unit: str, beyond: list[Beyond]
+) -> F64 | None:
+    """Values brought into a range; None where they are there already."""
+    low, high = ends
+    slack = _SLACK * (1.0 + abs(low) + abs(high))
+    out = np.maximum(low - values, values - high)
+    if not (out > slack).any():
+        return None
+    beyond.append(Beyond(name, float(values[int(np.nanargmax(out))]), low, high, unit))
+    return np.clip(values, low, high)
+
+
+UNKNOWN = "± is not known: imported, typed in, or changed since the model was fitted"
+"""Said in place of an uncertainty where the model has no covariance."""
+
+
+def in_words(found: Uncertainty | None) -> Iterator[str]:
+    """Warnings about what lies outside of what was measured."""
+    for one in () if found is None else found.beyond:
+        yield f"{one}: the ± is wider for it"
+
+
+def expanded(found: Uncertainty, row: int = 0) -> Mapping[str, float]:
+    """± of the error of the functional point in X, Y, Z at one row, with k = 2, mm."""
+    return {a: float(COVERAGE * found.translation[row, k]) for k, a in enumerate("XYZ")}
