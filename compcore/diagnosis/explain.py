@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import inspect
 import re
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.diagnosis.changed import Change, Standing
 from abbe.compcore.diagnosis.findings import Established, Findings
 from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
@@ -21,6 +23,7 @@ from abbe.compcore.units import display
 F64 = NDArray[np.float64]
 
 _MOST_SETUPS = 3
+_MOST_CHANGED = 3
 
 
 def explanation(established: Established, diagnosis: Findings) -> str:
@@ -173,3 +176,35 @@ def formula(structure: ResidualPattern) -> str | None:
         return None
     terms = ",".join(term.replace(" ", "") for term in pattern.terms)
     return f"formula channel={pattern.error_motion} terms={terms}"
+
+
+def changed(standing: Standing) -> Iterator[str]:
+    """What no longer holds of a model as it was given; what is suspicious first."""
+    for suspicion in standing.suspicions:
+        yield f"SUSPICIOUS: {suspicion}"
+    since = f" since {standing.since}" if standing.since else ""
+    for change in standing.changes:
+        unit, factor = ("µrad", 1e6) if change.of_rotations else ("µm", 1e3)
+        text = f"{change.effect.spec} changed{since}: "
+        text += f"{_told(change)}, " if len(change.parameters) <= _MOST_CHANGED else ""
+        text += f"up to {change.largest * factor:.3g} {unit} in this campaign"
+        if change.aliases:
+            text += f"; this campaign cannot tell it from a change of {'; '.join(change.aliases)}"
+        yield text
+    if standing.changes and standing.else_holds:
+        yield "everything else of the model holds"
+    elif standing.changes:
+        yield "and more than these has changed: fit the whole model again"
+
+
+def _told(change: Change) -> str:
+    """Each parameter that moved by more than its uncertainty."""
+    told = []
+    for p in change.parameters:
+        unit, factor = display(p.unit)
+        if abs(p.by) > p.sd:
+            told.append(
+                f"{p.name} by {p.by * factor:+.3g} ± {p.sd * factor:.2g} {unit} "
+                f"(from {p.before * factor:.4g} to {p.after * factor:.4g})"
+            )
+    return ", ".join(told)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import LENGTHS, Kind
 from abbe.compcore.diagnosis.aliases import Alias
+from abbe.compcore.diagnosis.changed import Standing
 from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.screening import Basis
@@ -19,7 +20,7 @@ from abbe.compcore.fitting.fit import FitResult
 
 F64 = NDArray[np.float64]
 
-Verdict = Literal["complete", "missing", "unexplained"]
+Verdict = Literal["complete", "missing", "unexplained", "changed"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +64,8 @@ class Findings:
     Attributes
     ----------
     verdict
-        ``complete``, ``missing`` or ``unexplained``.
+        ``changed`` where effects of the model as it was given no longer hold; else ``complete``,
+        ``missing`` or ``unexplained``.
     whole
         The fit of the model as it is to all rows.
     result
@@ -84,6 +86,8 @@ class Findings:
         Number of candidates tested.
     pool, basis
         For further questions: the candidates' columns, what the model leaves.
+    standing
+        Whether the model as it was given holds, and what has changed; None where it was not fitted.
     """
 
     verdict: Verdict
@@ -97,6 +101,7 @@ class Findings:
     tests: int
     pool: Pool = field(repr=False)
     basis: Basis = field(repr=False)
+    standing: Standing | None = None
 
     @property
     def of_rotations(self) -> bool:

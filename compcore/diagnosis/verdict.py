@@ -19,6 +19,7 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
 from abbe.compcore.diagnosis.advice import Advice, advise
 from abbe.compcore.diagnosis.aliases import aliases
+from abbe.compcore.diagnosis.changed import standing
 from abbe.compcore.diagnosis.explain import headline, parameter
 from abbe.compcore.diagnosis.findings import Established, Findings, Verdict, measured_kinds
 from abbe.compcore.diagnosis.pictures import diagnosis_figures
@@ -121,12 +122,13 @@ Progress = Callable[[str], None]
 
 
 def diagnose(model: Model, campaign: Campaign, *, progress: Progress = lambda _: None) -> Diagnosis:
-    """Find out which physical effect a model lacks, or that it lacks none.
+    """Find out what has changed, and which physical effect a model lacks, or that it lacks none.
 
     Parameters
     ----------
     model
-        The model; its effects are refitted to the campaign.
+        The model. As it was given it is laid beside the campaign first, where it has values with
+        their covariance; then its effects are refitted.
     campaign
         The measurements.
     progress
@@ -190,8 +192,12 @@ def _diagnosed(model: Model, whole: FitResult, result: FitResult, progress: Prog
         progress("what was found, on all rows")
         established, left = _on_all_rows(whole, result, established, len(tried))
         variance = variance if unexplained else left
-    if established:
-        verdict: Verdict = "missing"
+    progress("what has changed")
+    holds = standing(model, result, [pool.found_columns(e.found) for e in established])
+    if holds is not None and (holds.changes or holds.suspicions):
+        verdict: Verdict = "changed"
+    elif established:
+        verdict = "missing"
     elif unexplained:
         verdict = "unexplained"
     else:
@@ -208,6 +214,7 @@ def _diagnosed(model: Model, whole: FitResult, result: FitResult, progress: Prog
         len(tried),
         pool,
         basis,
+        holds,
     )
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 from abbe.compcore.campaign.noise import NoiseFloor
-from abbe.compcore.diagnosis.explain import description, explanation, formula
+from abbe.compcore.diagnosis.explain import changed, description, explanation, formula
 from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.diagnosis.measure_next import Advice
 
 _SAID = {
     "complete": "complete: the residuals are noise; this campaign shows nothing that is missing.",
     "missing": "missing: {0}.",
+    "changed": "changed: the model as it was given does not hold on this campaign.",
     "unexplained": "unexplained: there is structure left that no effect of the catalogue explains.",
 }
 
@@ -49,6 +50,12 @@ def diagnosis_words(
         yield thinned_words(diagnosis)
     names = " and ".join(e.found.candidate.effect.spec for e in diagnosis.established)
     yield _SAID[diagnosis.verdict].format(names)
+    if diagnosis.verdict == "changed" and diagnosis.standing is not None:
+        for line in changed(diagnosis.standing):
+            yield f"   {line}"
+        yield "   the new values: fit the model to this campaign (abbe fit MODEL CAMPAIGN -o NEXT)"
+        if names:
+            yield f"missing besides: {names}."
     for i, established in enumerate(diagnosis.established, start=1):
         yield ""
         yield f"{i}. {established.found.candidate.effect.spec}"

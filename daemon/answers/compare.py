@@ -4,9 +4,19 @@ from __future__ import annotations
 
 from typing import Any
 
+from scipy.special import chdtrc
+
+from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.comparison.compare import Comparison
 from abbe.compcore.comparison.parts import ComparedRows
+from abbe.compcore.diagnosis.changed import standing
+from abbe.compcore.diagnosis.explain import changed
+from abbe.compcore.fitting.fit import fit
+from abbe.compcore.model.model import Model
 from abbe.daemon.answers.fit import finite
+
+_UNLIKELY = 1e-4
+"""Chance of so large a χ² below which a model does not hold."""
 
 
 def as_json(comparison: Comparison) -> dict[str, Any]:
@@ -40,6 +50,23 @@ def as_json(comparison: Comparison) -> dict[str, Any]:
             ),
         },
     }
+
+
+def holding(model: Model, campaign: Campaign, comparison: Comparison) -> list[str]:
+    """Whether the model holds on the campaign, in a sentence or two, and the next command."""
+    parts = [p for p in (comparison.lengths, comparison.rotations) if p.n]
+    unlikely = [p for p in parts if chdtrc(p.n, p.chi2_per_dof * p.n) < _UNLIKELY]
+    if not unlikely or not model.terms or any(not t.fitted for t in model.terms):
+        return []
+    holds = standing(model, fit(model, campaign).thin)
+    said = [] if holds is None else list(changed(holds))
+    worst = max(p.chi2_per_dof for p in unlikely)
+    return [
+        f"THE MODEL DOES NOT HOLD on this campaign: χ² per degree of freedom is {worst:.3g} and "
+        "would be 1",
+        *said,
+        "next: abbe diagnose MODEL CAMPAIGN",
+    ]
 
 
 def _part(comparison: Comparison, part: ComparedRows, unit: str, factor: float) -> dict[str, Any]:

@@ -28,6 +28,8 @@ def as_json(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice]) -
         "unit": unit,
         "rms": finite(diagnosis.rms, factor),
         "noise_floor": None if floor is None else floor * factor,
+        "changed": _changed(diagnosis),
+        "suspicious": [] if diagnosis.standing is None else list(diagnosis.standing.suspicions),
         "chi2_per_dof": finite(diagnosis.whole.chi2_per_dof),
         "chi2_per_dof_after": finite(diagnosis.left),
         "tested": diagnosis.tests,
@@ -56,6 +58,33 @@ def as_json(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice]) -
             for a in advice
         ],
     }
+
+
+def _changed(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """The effects of the given model that no longer hold."""
+    if diagnosis.standing is None:
+        return []
+    return [
+        {
+            "kind": change.effect.kind,
+            "where": change.effect.where(),
+            "spec": change.effect.spec,
+            "since": diagnosis.standing.since,
+            "evidence": finite(change.evidence),
+            "confusable_with": list(change.aliases),
+            "parameters": {
+                p.name: {
+                    "before": p.before,
+                    "after": p.after,
+                    "by": p.by,
+                    "sd": p.sd,
+                    "unit": p.unit,
+                }
+                for p in change.parameters
+            },
+        }
+        for change in diagnosis.standing.changes
+    ]
 
 
 def _candidate(established: Established, diagnosis: Diagnosis) -> dict[str, Any]:

@@ -49,10 +49,14 @@ def compare(
 
             tell("drawing")
             comparison_page(comparison).write(report)
+        tell("whether it holds")
+        held = answer.holding(loaded, campaign, comparison)
     if as_json:
         reported = {**answer.as_json(comparison), "fitted_to": list(comparison.fitted_files)}
         say(json.dumps(reported, ensure_ascii=False))
         return
+    for line in held:
+        say(line)
     say(comparison.report())
     if report is not None:
         say(f"written: {report}")

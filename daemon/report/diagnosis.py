@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.diagnosis.explain import (
     amount,
+    changed,
     description,
     explanation,
     formula,
@@ -29,6 +30,7 @@ F64 = NDArray[np.float64]
 _TITLES = {
     "complete": "Nothing is missing",
     "missing": "A cause is missing",
+    "changed": "The machine has changed",
     "unexplained": "Something is left that no effect of the catalogue explains",
 }
 
@@ -42,6 +44,9 @@ def page(
 ) -> Page:
     """The whole story on one page."""
     out = Page(_TITLES[diagnosis.verdict], subtitle)
+    if diagnosis.verdict == "changed" and diagnosis.standing is not None:
+        out.section("What has changed")
+        out.notes(list(changed(diagnosis.standing)))
     _how_wrong(out, diagnosis, noise)
     figures = diagnosis.figures()
     _where(out, figures)

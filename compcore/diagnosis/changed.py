@@ -1,0 +1,375 @@
+"""What has changed: the least set of a fitted model's effects that a new campaign asks to move.
+
+The model as it was given is the prior: its values with their covariance. With J the Jacobian, y
+what the campaign measured beyond the given prediction and P the covariance, y is expected with
+covariance ``I + J·P·Jᵀ`` (set-ups' nuisances projected out). Where it does not fit, one effect
+after another is let go, as if nothing were known of its parameters: the one that explains most
+first, until what is left agrees with what was known. What establishes a missing cause establishes
+a change.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.diagnosis.screening.evidence import CONVINCING, INDISTINCT
+from abbe.compcore.diagnosis.screening.independence import independent_share
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.fitting.design.unknowns import BASE_SCALE
+from abbe.compcore.fitting.fit import FitResult
+from abbe.compcore.linalg import threads_for
+from abbe.compcore.model.model import Model
+
+F64 = NDArray[np.float64]
+
+_AGREES = 1e-4
+"""Chance above which a campaign agrees with what was known."""
+_FREE = 30.0
+"""Of its scale: how far an effect that is let go may be from where it was."""
+_MOST = 6
+_MATERIAL = 0.01
+"""Least fall of χ² per independent observation that is worth a change."""
+_WHOLE = 0.7
+"""Part of what the given values predict that another factor on all of them must explain."""
+_SUSPICIOUS = 0.5
+"""A factor on all values that is further from 1 than this is suspicious."""
+_ABSURD = 10.0
+"""Where signals were recorded so many times their fitted range away, their unit is doubted."""
+
+
+@dataclass(frozen=True)
+class ChangedParameter:
+    """One parameter of an effect that has changed.
+
+    Attributes
+    ----------
+    name, unit
+        As in the model file; unit inside the code.
+    before, after, by, sd
+        The given value, the new one, their difference and its standard deviation, in `unit`.
+    """
+
+    name: str
+    unit: str
+    before: float
+    after: float
+    by: float
+    sd: float
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """An effect of a fitted model whose values no longer hold.
+
+    Attributes
+    ----------
+    effect
+        The effect.
+    parameters
+        What changed, by how much.
+    evidence
+        In units of −2·ln(likelihood), after the price of its coefficients.
+    largest
+        The greatest that it changes in a row of the campaign, beyond set-ups' zeros, mm or rad.
+    of_rotations
+        Whether that is rad.
+    aliases
+        Specs of other effects of the model whose change would say the same.
+    """
+
+    effect: Effect
+    parameters: tuple[ChangedParameter, ...]
+    evidence: float
+    largest: float
+    of_rotations: bool
+    aliases: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """Whether a model as it was given holds on a campaign.
+
+    Attributes
+    ----------
+    chance
+        Of so large a disagreement between what was known and the campaign.
+    changes
+        The least set of effects that have changed, the largest first; empty where the model holds.
+    suspicions
+        What is wrong with model or campaign as a whole: a sign, a unit; in words, said first.
+    since
+        When the model was fitted (ISO 8601 date), or None.
+    else_holds
+        Whether, with the changes, the rest of the model agrees with the campaign.
+    """
+
+    chance: float
+    changes: tuple[Change, ...]
+    suspicions: tuple[str, ...]
+    since: str | None
+    else_holds: bool = True
+
+
+def standing(given: Model, result: FitResult, beside: Sequence[F64] = ()) -> Standing | None:
+    """Lay a campaign beside a model as it was given; None where nothing was known of its values.
+
+    Parameters
+    ----------
+    given
+        The model with values and covariance.
+    result
+        The same effects fitted to the campaign.
+    beside
+        Weighted columns (n, k) of causes that the campaign shows and the model lacks: what they
+        explain is no change.
+    """
+    if given.covariance is None or not all(t.fitted for t in given.terms) or not given.terms:
+        return None
+    with threads_for(result.problem.n * result.problem.layout.size):
+        return _standing(_Known(given, given.covariance, result, beside))
+
+
+class _Known:
+    """A campaign's normal equations about the given values, and what was known of them."""
+
+    def __init__(
+        self, given: Model, covariance: F64, result: FitResult, beside: Sequence[F64]
+    ) -> None:
+        problem = result.problem
+        self.given, self.result, self.layout = given, result, problem.layout
+        theta = problem.layout.of_model(given, problem.campaign)
+        self.theta = theta
+        eliminator = problem.eliminator(theta)
+        nuisances = [c / np.maximum(np.linalg.norm(c, axis=0), 1e-300) for c in beside]
+        columns = np.hstack([problem.columns(theta) * self.layout.scale, *nuisances])
+        self._columns = eliminator.project(columns)
+        self.y = eliminator.project(problem.residual(theta))
+        self._predicted = eliminator.project(problem.campaign.value * problem.weight) - self.y
+        free = self._columns @ np.linalg.lstsq(self._columns, self.y, rcond=1e-9)[0]
+        left = self.y - free
+        self.dof = max(1, problem.n - eliminator.rank - result.decomposition.rank)
+        share = independent_share(left, problem.campaign.conditions)
+        self.variance = max(1.0, float(left @ left) / self.dof) / share
+        self.independent = max(2.0, share * problem.n)
+        self.free = float(left @ left) / self.variance
+        self.square = float(self.y @ self.y) / self.variance
+        self._a = self._columns.T @ self._columns / self.variance
+        self._b = self._columns.T @ self.y / self.variance
+        m = self.layout.model_size
+        scaled = covariance / np.outer(self.layout.scale[:m], self.layout.scale[:m])
+        values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
+        half = vectors * np.sqrt(np.maximum(values, 0.0))
+        size = self._a.shape[0]
+        self._known = np.zeros((size, m + size - m))
+        self._known[:m, :m] = half
+        # base points and tools are placed anew, causes beside the model are free
+        self._known[m:, m:] = np.eye(size - m) * 1e3 / BASE_SCALE
+
+    def _half(self, let_go: Sequence[int]) -> F64:
+        size = self._a.shape[0]
+        more = []
+        for term in let_go:
+            where = self.layout.terms[term]
+            own = np.zeros((size, where.stop - where.start))
+            own[where] = _FREE * np.eye(own.shape[1])
+            more.append(own)
+        return np.hstack([self._known, *more])
+
+    def chi2(self, let_go: Sequence[int]) -> float:
+        """χ² of the campaign beside what was known, nothing known of the effects let go."""
+        half = self._half(let_go)
+        inner = np.eye(half.shape[1]) + half.T @ self._a @ half
+        moment = half.T @ self._b
+        return self.square - float(moment @ np.linalg.solve(inner, moment))
+
+    def moved(self, let_go: Sequence[int]) -> tuple[F64, F64]:
+        """How far the parameters move, and standard deviations, (m,), in their units."""
+        half = self._half(let_go)
+        inner = np.eye(half.shape[1]) + half.T @ self._a @ half
+        spread = half @ np.linalg.solve(inner, half.T)
+        m = self.layout.model_size
+        scale = self.layout.scale[:m]
+        sd = np.sqrt(np.maximum(np.diag(spread)[:m], 0.0)) * scale
+        return np.asarray((spread @ self._b)[:m] * scale), sd
+
+    def coefficients(self, term: int) -> int:
+        """How many combinations of an effect's parameters the campaign shows."""
+        where = self.layout.terms[term]
+        return int((np.linalg.eigvalsh(self._a[where, where]) > 1.0).sum())
+
+    def price(self, term: int) -> float:
+        """What letting an effect go costs, in units of evidence."""
+        return self.coefficients(term) * math.log(self.independent)
+
+    def largest(self, term: int, moved: F64) -> tuple[float, bool]:
+        """The greatest that an effect's change makes in a row, mm, or rad and True."""
+        where = self.layout.terms[term]
+        problem = self.result.problem
+        rows = self._columns[:, where] @ (moved[where] / self.layout.scale[where])
+        rows = np.where(problem.weight > 0.0, rows * problem.sd, 0.0)
+        rotations = problem.campaign.kind == Kind.ROTATION
+        lengths = np.abs(rows[~rotations])
+        if lengths.size and float(lengths.max()) > 0.0:
+            return float(lengths.max()), False
+        return float(np.abs(rows[rotations]).max(initial=0.0)), True
+
+    def disagrees(self, chi2: float) -> float:
+        """The chance of so large a disagreement."""
+        return float(chdtrc(max(1, self.result.decomposition.rank), max(0.0, chi2 - self.free)))
+
+    def factor(self) -> tuple[float, float]:
+        """The factor on all given values that fits best, and the part of y that it explains."""
+        p = self._predicted
+        square = float(p @ p)
+        if square <= 0.0 or self.square <= 0.0:
+            return 1.0, 0.0
+        by = float(p @ self.y) / square
+        return 1.0 + by, by**2 * square / self.variance / self.square
+
+
+def _standing(known: _Known) -> Standing:
+    chi2 = known.chi2(())
+    chance = known.disagrees(chi2)
+    since = str(known.given.fit.get("date", ""))[:10] or None
+    suspicions = [*_units(known)]
+    if chance > _AGREES:
+        return Standing(chance, (), tuple(suspicions), since)
+    factor, explains = known.factor()
+    if explains > _WHOLE and abs(factor - 1.0) > _SUSPICIOUS:
+        return Standing(chance, (), (_factor_words(factor), *suspicions), since, else_holds=False)
+    found = _least_set(known, chi2)
+    moved, sd = known.moved(found)
+    changes = []
+    for term in found:
+        rest = [t for t in found if t != term]
+        without, with_it = known.chi2(rest), known.chi2(found)
+        price = known.price(term)
+        swapped = [
+            known.given.effects[t].spec
+            for t in range(len(known.given.terms))
+            if t not in found
+            and known.chi2([*rest, t]) + known.price(t) - with_it - price < INDISTINCT
+        ]
+        where = known.layout.terms[term]
+        parameters = tuple(
+            ChangedParameter(
+                u.name,
+                u.unit,
+                float(known.theta[j]),
+                float(known.theta[j] + moved[j]),
+                float(moved[j]),
+                float(sd[j]),
+            )
+            for j, u in zip(
+                range(where.start, where.stop), known.layout.unknowns[where], strict=True
+            )
+        )
+        changes.append(
+            Change(
+                known.given.effects[term],
+                parameters,
+                without - with_it - price,
+                *known.largest(term, moved),
+                tuple(swapped),
+            )
+        )
+    changes.sort(key=lambda c: -c.evidence)
+    holds = known.disagrees(known.chi2(found)) > _AGREES
+    return Standing(chance, tuple(changes), tuple(suspicions), since, holds)
+
+
+def _least_set(known: _Known, chi2: float) -> list[int]:
+    """The terms to let go, the one that explains most first; none that became superfluous."""
+    found: list[int] = []
+    while len(found) < _MOST and known.disagrees(chi2) < _AGREES:
+        best: tuple[float, int, float] | None = None
+        for term in range(len(known.given.terms)):
+            count = known.coefficients(term) if term not in found else 0
+            if not count:
+                continue
+            after = known.chi2([*found, term])
+            value = chi2 - after - known.price(term)
+            if best is None or value > best[0]:
+                best = (value, term, after)
+        if best is None or best[0] < CONVINCING:
+            break
+        if chi2 - best[2] < _MATERIAL * known.independent:
+            break
+        found.append(best[1])
+        chi2 = best[2]
+    found = _exchanged(known, found)
+    for term in list(found):
+        rest = [t for t in found if t != term]
+        fall = known.chi2(rest) - known.chi2(found)
+        if fall - known.price(term) < CONVINCING:
+            found = rest
+    return found
+
+
+def _exchanged(known: _Known, found: list[int]) -> list[int]:
+    """The same number of terms; each in turn gives place to one that says more beside the others.
+
+    What was let go first was chosen while the others were still held.
+    """
+
+    def paid(terms: Sequence[int]) -> float:
+        return known.chi2(terms) + sum(known.price(t) for t in terms)
+
+    best = paid(found)
+    for _ in range(_MOST):
+        changed = False
+        for term in found:
+            rest = [t for t in found if t != term]
+            others = [t for t in range(len(known.given.terms)) if t not in found]
+            tried = [(paid([*rest, t]), t) for t in others if known.coefficients(t)]
+            least = min(tried, default=(math.inf, -1))
+            if least[0] < best - 1e-6:
+                best, found, changed = least[0], [*rest, least[1]], True
+        if not changed:
+            break
+    return found
+
+
+def _factor_words(factor: float) -> str:
+    if abs(factor + 1.0) < _SUSPICIOUS:
+        return (
+            "the campaign shows the opposite of what the model says, everywhere: a sign is wrong, "
+            "of the measured values or of the model (error = actual − indicated)"
+        )
+    return (
+        f"the campaign shows {factor:.3g} times what the model says, everywhere: look for a wrong "
+        "unit of the measured values"
+    )
+
+
+def _units(known: _Known) -> list[str]:
+    """Signals that were recorded where no campaign of the fit came near."""
+    said = []
+    recorded = known.result.problem.campaign.conditions.signals
+    machine = known.given.machine
+    for name, (low, high) in known.given.measured_signals.items():
+        if name not in recorded or name not in machine.signals:
+            continue
+        now = float(np.median(recorded[name]))
+        wide = max(high - low, 1.0)
+        if low - _ABSURD * wide <= now <= high + _ABSURD * wide:
+            continue
+        text = (
+            f"{name} stands at {now:.4g}, and was between {low:.4g} and {high:.4g} when the model "
+            "was fitted"
+        )
+        celsius = (now - 32.0) / 1.8
+        if machine.signals[name].temperature:
+            if low - 2.0 * wide <= celsius <= high + 2.0 * wide:
+                text += ": it is recorded in °F"
+            elif low - 2.0 * wide <= now - 273.15 <= high + 2.0 * wide:
+                text += ": it is recorded in K"
+        said.append(text)
+    return said

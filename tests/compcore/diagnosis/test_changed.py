@@ -1,0 +1,148 @@
+"""What has changed in a fitted model, and what is wrong with it or a campaign as a whole."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.diagnosis import diagnose
+from abbe.compcore.diagnosis.changed import standing
+from abbe.compcore.files.campaign_file import read_campaign
+from abbe.compcore.files.fit_record import recorded
+from abbe.compcore.files.model_file import load_model, save_model
+from abbe.compcore.fitting.fit import fit
+from abbe.compcore.model.model import Model, Value
+from abbe.daemon.application import app
+
+DATA = Path(__file__).parents[2] / "data" / "p02-bridge"
+Case = tuple[Model, Campaign]
+
+
+@pytest.fixture(scope="module")
+def case() -> Case:
+    """A bridge fitted one day, and another day's campaign."""
+    model = load_model(DATA / "model.toml")
+    result = fit(model, read_campaign(DATA / "fit.csv", model.machine))
+    day = "2026-03-02T08:00:00+00:00"
+    fitted = recorded(result, model, date=day, version="0", noise_floor=None)
+    return fitted, read_campaign(DATA / "check.csv", model.machine)
+
+
+def _moved(model: Model, spec: str, name: str, by: float) -> Model:
+    terms = list(model.terms)
+    (i,) = [i for i, t in enumerate(terms) if t.effect.spec == spec]
+    values = dict(terms[i].values)
+    values[name] = Value(values[name].value + by, values[name].sd)
+    terms[i] = replace(terms[i], values=values)
+    return replace(model, terms=tuple(terms))
+
+
+def test_another_day_agrees_with_the_model(case: Case) -> None:
+    model, campaign = case
+    holds = standing(model, fit(model, campaign).thin)
+    assert holds is not None
+    assert holds.chance > 1e-3
+    assert not holds.changes
+    assert not holds.suspicions
+    assert diagnose(model, campaign).verdict == "complete"
+
+
+@pytest.mark.parametrize(
+    ("spec", "name", "by"),
+    [
+        ("squareness axes=Y,X", "angle", 50e-6),
+        ("squareness axes=Y,X", "angle", -5e-6),
+        ("scale_expansion axis=Y signals=T_y", "alpha", 4e-6),
+        ("straightness axis=X direction=Y", "c4", 6e-3),
+    ],
+)
+def test_the_effect_that_changed_is_named(case: Case, spec: str, name: str, by: float) -> None:
+    model, campaign = case
+    given = _moved(model, spec, name, by)
+    found = diagnose(given, campaign)
+    assert found.verdict == "changed"
+    assert found.standing is not None
+    (change,) = found.standing.changes
+    assert change.effect.spec == spec
+    assert found.standing.since == "2026-03-02"
+    assert found.standing.else_holds
+    if len(change.parameters) == 1:
+        (p,) = change.parameters
+        assert abs(p.by + by) < 4.0 * p.sd
+        assert p.sd < 0.1 * abs(by)
+
+
+def test_two_changes_are_both_named(case: Case) -> None:
+    model, campaign = case
+    given = _moved(model, "squareness axes=Y,X", "angle", 30e-6)
+    given = _moved(given, "scale_expansion axis=Y signals=T_y", "alpha", -5e-6)
+    holds = standing(given, fit(given, campaign).thin)
+    assert holds is not None
+    assert {c.effect.spec for c in holds.changes} == {
+        "squareness axes=Y,X",
+        "scale_expansion axis=Y signals=T_y",
+    }
+
+
+def test_all_signs_flipped_is_said_before_anything_else(case: Case) -> None:
+    model, campaign = case
+    turned = [{k: Value(-v.value, v.sd) for k, v in t.values.items()} for t in model.terms]
+    found = diagnose(model.with_values(turned), campaign)
+    assert found.verdict == "changed"
+    assert found.standing is not None
+    assert "sign" in found.standing.suspicions[0]
+    assert not found.standing.changes
+
+
+def test_degrees_fahrenheit_are_recognised(case: Case) -> None:
+    model, campaign = case
+    conditions = campaign.conditions
+    signals = {
+        n: v * 1.8 + 32.0 if model.machine.signals[n].temperature else np.asarray(v)
+        for n, v in conditions.signals.items()
+    }
+    hot = replace(campaign, conditions=replace(conditions, signals=signals))
+    holds = standing(model, fit(model, hot).thin)
+    assert holds is not None
+    assert any("°F" in s for s in holds.suspicions)
+
+
+def test_a_model_without_values_cannot_have_changed(case: Case) -> None:
+    model, campaign = case
+    blank = replace(model, terms=tuple(replace(t, values={}) for t in model.terms), covariance=None)
+    assert standing(blank, fit(blank, campaign).thin) is None
+
+
+def test_the_commands_say_it(case: Case, tmp_path: Path) -> None:
+    model, _ = case
+    path, check = tmp_path / "given.toml", DATA / "check.csv"
+    save_model(_moved(model, "squareness axes=Y,X", "angle", 50e-6), path)
+    runner = CliRunner()
+    said = runner.invoke(app, ["diagnose", str(path), str(check)])
+    assert said.exit_code == 0, said.output
+    assert "squareness axes=Y,X changed since 2026-03-02: angle by -" in said.stdout
+    assert "everything else of the model holds" in said.stdout
+    answer = json.loads(runner.invoke(app, ["diagnose", str(path), str(check), "--json"]).stdout)
+    assert answer["verdict"] == "changed"
+    assert answer["changed"][0]["parameters"]["angle"]["by"] == pytest.approx(-50e-6, abs=2e-6)
+    said = runner.invoke(app, ["compare", str(path), str(check)])
+    assert said.exit_code == 0, said.output
+    first, second = said.stdout.splitlines()[:2]
+    assert "DOES NOT HOLD" in first
+    assert "squareness axes=Y,X changed" in second
+    assert "next: abbe diagnose" in said.stdout
+
+
+def test_a_model_that_holds_is_compared_without_a_warning(case: Case, tmp_path: Path) -> None:
+    model, _ = case
+    path = tmp_path / "given.toml"
+    save_model(model, path)
+    said = CliRunner().invoke(app, ["compare", str(path), str(DATA / "check.csv")])
+    assert said.exit_code == 0, said.output
+    assert "DOES NOT HOLD" not in said.stdout
