@@ -1,10 +1,11 @@
-"""Everything that ISO 230 makes of a campaign: positioning of axes (part 2), diagonals (part 6)."""
+"""Everything that ISO 230 makes of a campaign: positioning, circles, diagonals (parts 2, 4, 6)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.iso230.circular import CircularResult, evaluate_circles
 from abbe.compcore.iso230.diagonals import Diagonals, evaluate_diagonals
 from abbe.compcore.iso230.positioning import (
     PositioningResult,
@@ -24,18 +25,23 @@ class Iso230:
         One result for each set-up that measured the positioning of one axis; may be empty.
     diagonals
         The face and body diagonals, with the squareness that they hint at.
+    circles
+        One result for each set-up that went round a circle (ball bar, grid encoder).
     """
 
     positioning: tuple[PositioningResult, ...]
     diagonals: Diagonals
+    circles: tuple[CircularResult, ...] = ()
 
 
 def evaluate_iso230(campaign: Campaign, machine: Machine) -> Iso230:
-    """Evaluate a campaign's positioning tests (ISO 230-2) and diagonals (ISO 230-6).
+    """Evaluate a campaign's positioning tests (ISO 230-2), circles (230-4), diagonals (230-6).
 
-    Set-ups that are neither count for nothing.
+    Set-ups that are none of these count for nothing.
     """
     runs = positioning_runs(campaign, machine)
     return Iso230(
-        tuple(evaluate_positioning(r) for r in runs), evaluate_diagonals(campaign, machine)
+        tuple(evaluate_positioning(r) for r in runs),
+        evaluate_diagonals(campaign, machine),
+        evaluate_circles(campaign),
     )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_file import bare_machine, read_campaign
+from abbe.compcore.iso230.circular import CircularResult
 from abbe.compcore.iso230.diagonals import Diagonals
 from abbe.compcore.iso230.evaluate import evaluate_iso230
 from abbe.compcore.iso230.positioning import RESULTS, PositioningResult
@@ -37,10 +38,11 @@ class Evaluation:
     file: str
     positioning: tuple[PositioningResult, ...]
     diagonals: Diagonals
+    circles: tuple[CircularResult, ...] = ()
 
 
 def evaluate(path: Path, machine: Machine | None = None) -> Evaluation:
-    """Read a campaign and evaluate its positioning tests and diagonals.
+    """Read a campaign and evaluate its positioning tests, circles and diagonals.
 
     Raises
     ------
@@ -50,14 +52,14 @@ def evaluate(path: Path, machine: Machine | None = None) -> Evaluation:
     machine = machine or bare_machine(path)
     campaign = read_campaign(path, machine)
     found = evaluate_iso230(campaign, machine)
-    if not found.positioning and not found.diagonals.diagonals:
+    if not found.positioning and not found.diagonals.diagonals and not found.circles:
         raise InputError(
-            "no set-up measures the positioning of one axis, or a diagonal",
+            "no set-up measures the positioning of one axis, a circle or a diagonal",
             file=path,
             found="set-ups " + ", ".join(campaign.setups),
             expected="rows along one moving axis with u along it, at more than one position",
         )
-    return Evaluation(str(path), found.positioning, found.diagonals)
+    return Evaluation(str(path), found.positioning, found.diagonals, found.circles)
 
 
 def display(result: PositioningResult) -> tuple[str, float, str, float]:
@@ -76,6 +78,7 @@ def as_json(evaluation: Evaluation) -> dict[str, Any]:
             {"axis": p.runs.axis, **_result(p), "targets": _targets(p)}
             for p in evaluation.positioning
         ],
+        "circles": [_circle(c) for c in evaluation.circles],
         "diagonals": [
             {"direction": d.name, "length": d.length, "slope_ppm": d.slope * 1e6}
             | _result(d.result)
@@ -88,6 +91,46 @@ def as_json(evaluation: Evaluation) -> dict[str, Any]:
             for axes, angle in diagonals.squareness.items()
         ],
     }
+
+
+def _circle(circle: CircularResult) -> dict[str, Any]:
+    def um(value: float | None) -> float | None:
+        return None if value is None else value * 1e3
+
+    return {
+        "setup": circle.setup,
+        "plane": "".join(circle.plane),
+        "radius": circle.radius,
+        "centre": list(circle.centre),
+        "unit": "um",
+        "G": {n: um(v) for n, v in circle.G.items()} | {"both": um(circle.G_both)},
+        "H": um(circle.H),
+        "F_max": {n: um(v) for n, v in circle.F_max.items()},
+        "F_min": {n: um(v) for n, v in circle.F_min.items()},
+        "D": um(circle.D),
+        "eccentricity": [um(v) for v in circle.eccentricity],
+        "full_circle": circle.full,
+        "notes": list(circle.notes),
+    }
+
+
+def _circle_lines(circles: Sequence[CircularResult]) -> Iterator[str]:
+    def um(value: float | None) -> str:
+        return f"{'–' if value is None else format(value * 1e3, 'z.1f'):>8}"
+
+    width = max(len(c.setup) for c in circles) + 4
+    heads = ("G ccw", "G cw", "G both", "H", "Fmax", "Fmin", "D")
+    yield " " * (width + 2) + "".join(f"{head:>8}" for head in heads)
+    for c in circles:
+        cells = [
+            c.G.get("ccw"), c.G.get("cw"), c.G_both, c.H, max(c.F_max.values()),
+            min(c.F_min.values()), c.D,
+        ]  # fmt: skip
+        name = f"{''.join(c.plane)}  {c.setup}"
+        yield f"{name:<{width}}  " + "".join(map(um, cells)) + f"  µm, radius {c.radius:.4g} mm"
+        for note in c.notes:
+            yield f"  {c.setup}: {note}"
+    yield "  F and D hold where the instrument's length was calibrated; G and H always"
 
 
 def _result(result: PositioningResult) -> dict[str, Any]:
@@ -129,6 +172,10 @@ def as_text(evaluation: Evaluation) -> Iterator[str]:
     if rows:
         yield "Positioning, ISO 230-2"
         yield from _table(rows)
+        yield ""
+    if evaluation.circles:
+        yield "Circles, ISO 230-4"
+        yield from _circle_lines(evaluation.circles)
         yield ""
     diagonals = evaluation.diagonals
     if diagonals.diagonals:

@@ -1,4 +1,4 @@
-"""``abbe iso230``: accuracy, repeatability and reversal by ISO 230-2, diagonals by ISO 230-6."""
+"""``abbe iso230``: positioning by ISO 230-2, circles by ISO 230-4, diagonals by ISO 230-6."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def iso230(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Evaluate positioning runs and diagonals by ISO 230-2 and ISO 230-6."""
+    """Evaluate positioning runs, circles and diagonals by ISO 230-2, ISO 230-4 and ISO 230-6."""
     from abbe.compcore.files.model_file import load_model
     from abbe.daemon.answers import iso230 as analysis
     from abbe.daemon.outputs import REPORT, check_outputs

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from abbe.compcore.figures.figure import COLOURS, Trace, band, figure, line, points
+from abbe.compcore.iso230.circular import CircularResult
 from abbe.compcore.iso230.diagonals import Diagonals
 from abbe.compcore.iso230.positioning import RESULTS, PositioningResult
 from abbe.daemon.answers.iso230 import (
@@ -22,7 +23,7 @@ def page(evaluation: Evaluation) -> Page:
     """Lay out an evaluation."""
     made = Page("Accuracy and repeatability of positioning", evaluation.file)
     made.text(
-        "Evaluated by ISO 230-2 (single axes) and ISO 230-6 (diagonals). "
+        "Evaluated by ISO 230-2 (single axes), ISO 230-4 (circles) and ISO 230-6 (diagonals). "
         "Errors are actual minus indicated. A band is the mean ± 2 s of one direction."
     )
     if evaluation.positioning:
@@ -36,6 +37,8 @@ def page(evaluation: Evaluation) -> Page:
         made.table(["Axis", "Set-up", "Unit", *(SYMBOLS[n] for n in RESULTS)], rows, digits=3)
     for result in evaluation.positioning:
         _positioning(made, result)
+    for circle in evaluation.circles:
+        _circle(made, circle)
     if evaluation.diagonals.diagonals:
         _diagonals(made, evaluation.diagonals)
     return made
@@ -59,6 +62,26 @@ def _positioning(made: Page, result: PositioningResult) -> None:
         [[q, *(column[i] for column in columns)] for i, q in enumerate(positions)],
         caption=f"Targets, {unit}",
         digits=3,
+    )
+
+
+def _circle(made: Page, circle: CircularResult) -> None:
+    made.section(f"Circle {''.join(circle.plane)}: {circle.setup}")
+    figures: list[tuple[str, float | None]]
+    figures = [(f"G, {name}", value) for name, value in circle.G.items()]
+    figures += [("G, both directions", circle.G_both), ("H, hysteresis", circle.H)]
+    figures += [("F max", max(circle.F_max.values())), ("F min", min(circle.F_min.values()))]
+    figures += [("D, mean radius", circle.D)]
+    made.key_figures([(name, _short(value, 1e3), "µm") for name, value in figures])
+    made.notes(circle.notes, warning=True)
+    traces = [
+        line(np.degrees(path.angle), circle.centred(name) * 1e3, name)
+        for name, path in circle.paths.items()
+    ]
+    first, second = circle.plane
+    made.figure(
+        figure(traces, f"angle from {first} to {second} in degrees", "radial deviation in µm"),
+        f"Radius measured minus nominal, centre by least squares; radius {circle.radius:.4g} mm.",
     )
 
 
