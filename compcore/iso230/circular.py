@@ -182,7 +182,7 @@ def _zone(angle: F64, deviation: F64, full: bool) -> float:
         b_ub=np.concatenate([-d, d]),
         bounds=[(None, None)] * 4,
     )
-    return float(solved.fun) * scale
+    return float(solved.fun or 0.0) * scale
 
 
 def _apart(paths: Mapping[str, Path], left: Mapping[str, F64]) -> float:
