@@ -1,4 +1,4 @@
-"""``abbe table --watch``: tables made anew when the machine has warmed, upload proposed when idle.
+"""``abbe watch-tables``: tables made anew when the machine has warmed, upload proposed when idle.
 
 The daemon's configuration says where positions and signals are read; nothing is ever written to the
 machine. The tables that were made last hold for the signals of that moment; when the model predicts
@@ -27,8 +27,7 @@ from abbe.compcore.model.model import Model
 from abbe.compcore.tables.change import predicted_change
 from abbe.compcore.tables.volume import Volume
 from abbe.daemon.answers.table import TableRequest, make
-from abbe.daemon.arguments import table_arguments
-from abbe.daemon.config import Configuration, load_config
+from abbe.daemon.config import Configuration
 from abbe.daemon.outputs import check_folder
 from abbe.daemon.ownership.claims import held_by_watch
 from abbe.daemon.ownership.lock import hold
@@ -222,7 +221,7 @@ def _make(configuration: Configuration, target: TableTarget, state: SlowState) -
         target.volume,
         target.points,
         by=target.by,
-        note="made by abbe table --watch",
+        note="made by abbe watch-tables",
     )
     done = make(order, configuration.model)
     reads = (configuration.path, configuration.model_path)
@@ -257,40 +256,69 @@ def words(event: Mapping[str, Any], config: Path) -> str:
     )
 
 
-def watch_tables(
-    config: Path,
-    controller: str,
-    folder: Path,
-    options: Mapping[str, str],
-    volume: Sequence[str],
-    points: int | None,
+@dataclass(frozen=True)
+class WatchTask:
+    """What ``abbe watch-tables`` was told.
+
+    Attributes
+    ----------
+    controller, options
+        The dialect's name, and its options.
+    ranges
+        Axis → least and greatest position of the working volume, mm (rotary: rad).
+    points
+        Most points of a table; None: as many as it takes.
+    folder
+        Where the tables go.
+    by
+        Who makes them, for the record.
+    force
+        Whether foreign files in `folder` are overwritten.
+    """
+
+    controller: str
+    options: Mapping[str, str]
+    ranges: Mapping[str, tuple[float, float]]
+    points: int | None
+    folder: Path
+    by: str
+    force: bool
+
+
+def watch(
+    configuration: Configuration,
+    task: WatchTask,
     limit: float,
     idle: float,
     duration: float | None,
-    by: str,
     as_json: bool,
-    force: bool = False,
 ) -> None:
-    """Run ``abbe table --watch`` until Ctrl-C, or for `duration` s; lengths in mm, times in s."""
-    configuration = load_config(config)
+    """Follow a machine until Ctrl-C, or for `duration` s; `limit` in mm, `idle` in s.
+
+    Raises
+    ------
+    InputError
+        For an unknown controller, or options that it does not have.
+    """
     model = configuration.model
-    machine = model.machine
     target = TableTarget(
-        make_controller(controller, machine, options),
-        options,
-        Volume.of(machine, table_arguments.ranges(volume, machine)),
-        points,
-        folder,
-        by,
-        force,
+        make_controller(task.controller, model.machine, task.options),
+        task.options,
+        Volume.of(model.machine, task.ranges),
+        task.points,
+        task.folder,
+        task.by,
+        task.force,
     )
     follower = Follower(model, target.volume, limit, idle, configuration.file.tool.offset)
 
     def tell(event: dict[str, Any]) -> None:
-        text = json.dumps(event, ensure_ascii=False) if as_json else words(event, config)
+        text = (
+            json.dumps(event, ensure_ascii=False) if as_json else words(event, configuration.path)
+        )
         typer.echo(text)
 
-    doing = f"table --watch with {config.resolve()}"
+    doing = f"watch-tables with {configuration.path.resolve()}"
 
     async def run() -> None:
         links = configuration.make_links()

@@ -22,6 +22,7 @@ NAMES = (
     "iso230",
     "correct",
     "table",
+    "watch_tables",
     "upload",
     "controllers",
     "import_map",

@@ -11,6 +11,14 @@ import typer
 
 from abbe.daemon.arguments.bounded import within
 from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.table_options import (
+    ControllerName,
+    Folder,
+    MadeBy,
+    MostPoints,
+    Settings,
+    WorkingVolume,
+)
 
 
 def register(app: typer.Typer) -> None:
@@ -19,18 +27,9 @@ def register(app: typer.Typer) -> None:
 
 
 def table(
-    model: Annotated[
-        Path | None,
-        typer.Argument(
-            help="Model file; beside --watch the configuration's own.", metavar="MODEL.toml"
-        ),
-    ] = None,
-    controller: Annotated[
-        str, typer.Option(help="Its dialect; `abbe controllers` lists them.", metavar="NAME")
-    ] = "",
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Folder for the files.", metavar="DIR")
-    ] = None,
+    model: Annotated[Path, typer.Argument(help="Model file.", metavar="MODEL.toml")],
+    controller: ControllerName,
+    out: Folder,
     at: Annotated[
         list[str] | None,
         typer.Option(
@@ -40,19 +39,8 @@ def table(
         ),
     ] = None,
     tool: Annotated[str, typer.Option(help="Tool or probe offset, mm.", metavar="X,Y,Z")] = "0,0,0",
-    volume: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Working volume, mm (rotary: degrees); the travel where not given.",
-            metavar="AXIS=LOW,HIGH",
-        ),
-    ] = None,
-    points: Annotated[
-        int | None,
-        typer.Option(
-            min=2, max=100_000, help="Most points of a table; otherwise as many as it takes."
-        ),
-    ] = None,
+    volume: WorkingVolume = None,
+    points: MostPoints = None,
     tolerance: Annotated[
         float,
         typer.Option(
@@ -66,38 +54,9 @@ def table(
             metavar="DIR_OR_FILE",
         ),
     ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="Option of the controller.", metavar="KEY=VALUE"),
-    ] = None,
-    by: Annotated[str, typer.Option(help="Who makes them, for the record.")] = "",
+    settings: Settings = None,
+    by: MadeBy = "",
     note: Annotated[str, typer.Option(help="A remark for the record.")] = "",
-    watch: Annotated[
-        Path | None,
-        typer.Option(
-            help="Follow the machine of this configuration: make the tables anew when the "
-            "predicted error has changed.",
-            metavar="CONFIG.toml",
-        ),
-    ] = None,
-    change: Annotated[
-        float,
-        typer.Option(
-            callback=within(0.01, 1e5, "µm"),
-            help="With --watch: change anywhere, µm, that asks for it.",
-        ),
-    ] = 5.0,
-    idle: Annotated[
-        float,
-        typer.Option(
-            callback=within(0.0, 1e6, "s"),
-            help="With --watch: s without motion that count as idle.",
-        ),
-    ] = 10.0,
-    duration: Annotated[
-        float | None,
-        typer.Option(callback=within(0.1, 1e9, "s"), help="With --watch: end after so many s."),
-    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
     report: Annotated[
         Path | None, typer.Option(help="A page with pictures.", metavar="FILE.html")
@@ -119,26 +78,10 @@ def table(
     from abbe.daemon.progress import shown
     from abbe.drivers.controllers import make_controller
 
-    if not controller or out is None:
-        raise typer.BadParameter("--controller NAME and -o DIR are needed")
-    if (model is None) == (watch is None):
-        raise typer.BadParameter("give a model, or --watch CONFIG.toml")
     checked = partial(
-        check_folder, out, [model, on, watch], [(report, REPORT)], force=force, as_json=as_json
+        check_folder, out, [model, on], [(report, REPORT)], force=force, as_json=as_json
     )
     say = checked({})
-    if watch is not None:
-        if at or report or on:
-            raise typer.BadParameter("--at, --on and --report do not go with --watch")
-        from abbe.daemon.table_watch import watch_tables
-
-        watch_tables(
-            watch, controller, out, arguments.options(settings or []), volume or [], points,
-            change * 1e-3, idle, duration, by or "", as_json, force,
-        )  # fmt: skip
-        return
-    if model is None:
-        return
     loaded = load_model(model)
     made_for = make_controller(controller, loaded.machine, arguments.options(settings or []))
     order = TableRequest(

@@ -1,4 +1,4 @@
-"""``abbe table --watch``: when tables are out of date, when a machine is idle, and a real one."""
+"""``abbe watch-tables``: when tables are out of date, when a machine is idle, and a real one."""
 
 from __future__ import annotations
 
@@ -176,8 +176,7 @@ def test_a_machine_that_warms_up_is_followed_over_modbus(tmp_path):
             sys.executable,
             "-m",
             "abbe.daemon",
-            "table",
-            "--watch",
+            "watch-tables",
             str(config),
             "-o",
             folder,

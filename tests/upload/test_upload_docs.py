@@ -1,4 +1,4 @@
-"""docs/upload.md names every key, the example loads, what --watch proposes can be typed."""
+"""docs/upload.md names every key, the example loads, what watch-tables proposes can be typed."""
 
 from __future__ import annotations
 
