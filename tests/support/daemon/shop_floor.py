@@ -36,6 +36,13 @@ ROWS = "".join(
     for run in range(4)
     for i in (range(11) if run % 2 == 0 else reversed(range(11)))
 )
+OTHER_ROWS = "".join(
+    f"{60 * run + i},other{run},displacement,{50 * i + 20},250,-100,{1 - 2 * (run % 2)},1,0,0,"
+    f"{0.4 * i + 0.01 * i * i + 0.05 * run}\n"
+    for run in range(2)
+    for i in range(11)
+)
+"""Lines that nothing is fitted to."""
 POINTS = "X,Y,Z\n1,2,-3\n"
 MAP = "".join(
     f"{a} Axis\nPosition Lx Ly Lz Rx Ry Rz\n0 0 0 0 0 0 0\n100 0.001 0 0 0 0 0\n" for a in "XYZ"
@@ -156,7 +163,7 @@ def furnish(folder: Path) -> None:
         "fitted.toml": FITTED,
         "two.toml": two,
         "day.csv": HEAD + COLUMNS + ROWS,
-        "other.csv": HEAD + COLUMNS + ROWS,
+        "other.csv": HEAD + COLUMNS + OTHER_ROWS,
         "points.csv": POINTS,
         "map.txt": MAP,
         "grid.csv": GRID,
