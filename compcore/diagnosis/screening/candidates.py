@@ -36,6 +36,10 @@ PLAIN = ("scale", "squareness", "rotary_location", "spindle_squareness")
 """The plain geometry that every machine has: constants of its axes."""
 
 
+OF_A_LASER = ("dead_path", "air_refraction", "cosine")
+"""What only a light beam does to its readings."""
+
+
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """An effect to be tried.
@@ -67,7 +71,10 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
     present = {identity(effect) for effect in model.effects}
     found: list[Candidate] = []
     seen: set[str] = set()
+    lasers = stated_laser(campaign)
     for cls in effect_kinds().values():
+        if cls.kind in OF_A_LASER and not lasers:
+            continue
         for effect in cls.candidates(machine, coverage):
             if identity(effect) in present or effect.spec in seen:
                 continue
@@ -82,6 +89,12 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
             found.append(Candidate(effect, cost, tuple(_choices(effect, machine, coverage))))
     found += list(_refinements(model, campaign))
     return found
+
+
+def stated_laser(campaign: Campaign) -> bool:
+    """Whether a campaign's head says that its instrument, or one of them, measures by laser."""
+    stated = " ".join(str(head.get("instrument", "")) for head in campaign.metadata)
+    return any(word in stated.lower() for word in ("laser", "interferom", "tracker", "etalon"))
 
 
 def _refinements(model: Model, campaign: Campaign) -> Iterator[Candidate]:

@@ -128,12 +128,15 @@ def cost_of(effect: Effect, machine: Machine, setups: int) -> float:
     cost = 0.0
     if effect.scope == "instrument":
         cost += 2.0
-        if getattr(effect, "setup", None) or getattr(effect, "setups", None):
+        # one set-up picked out of many; what holds for several was not picked
+        if getattr(effect, "setup", None) or len(getattr(effect, "setups", None) or ()) == 1:
             cost += 2.0 * math.log(max(1, setups))
     if effect.kind == "formula":
         cost += 12.0
     if effect.kind == "local_defect":
         cost += 8.0  # any shape with too few knots looks a little like a dent somewhere
+    if effect.kind == "reversal_angle":
+        cost += 2.0  # one that no lever tells from a backlash is a backlash
     if getattr(effect, "tau", None) == "fit":
         cost += 1.0
     if effect.kind == "thermal_tilt":

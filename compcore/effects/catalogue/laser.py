@@ -191,11 +191,18 @@ class DeadPath(LaserEffect):
 
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[DeadPath]:
-        """Each laser set-up, where a signal of the air varied."""
-        if _air_varied(machine, coverage):
-            for name, seen in coverage.setup_details.items():
-                if seen.kinds == {"displacement"} and seen.rows > 2:
-                    yield cls(setups=(name,))
+        """Where a signal of the air varied: all laser set-ups, as on one stand; then each alone."""
+        if not _air_varied(machine, coverage):
+            return
+        lasers = tuple(
+            name
+            for name, seen in coverage.setup_details.items()
+            if seen.kinds == {"displacement"} and seen.rows > 2
+        )
+        if len(lasers) > 1:
+            yield cls(setups=lasers)
+        for name in lasers:
+            yield cls(setups=(name,))
 
 
 @register

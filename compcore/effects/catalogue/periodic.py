@@ -110,5 +110,7 @@ class Cyclic(Effect):
 
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Cyclic]:
-        """Each linear axis that moved, its period to be found."""
-        return (cls(axis=a) for a in machine.structure.linear if a in coverage.moving)
+        """Each linear axis that moved, its period to be found; a wave, and one that is no sine."""
+        for axis in (a for a in machine.structure.linear if a in coverage.moving):
+            yield cls(axis=axis)
+            yield cls(axis=axis, harmonics=2)
