@@ -50,7 +50,7 @@ def _run() -> int:
     except SystemExit as done:
         status = done.code if isinstance(done.code, int) else int(done.code is not None)
     except (AbbeError, LinkError) as error:
-        reported = str(error)
+        reported = str(error) + _elsewhere(error)
     except BrokenPipeError:
         status = 0
     except OSError as error:
@@ -64,6 +64,18 @@ def _run() -> int:
     if unprinted and not reported:
         _tell(unprinted)
     return status or int(bool(unprinted))
+
+
+def _elsewhere(error: Exception) -> str:
+    """The command that reads the file, where it was given to another one."""
+    from abbe.compcore.errors import InputError
+
+    if not isinstance(error, InputError) or len(sys.argv) < 2:
+        return ""
+    from abbe.compcore.files.recognised import elsewhere
+
+    other = elsewhere(error, sys.argv[1:])
+    return "" if other is None else f"; {other}"
 
 
 def _tell(text: str) -> None:

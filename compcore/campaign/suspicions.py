@@ -87,6 +87,20 @@ def of_values(campaign: Campaign, values: F64) -> Iterator[str]:
             )
 
 
+def without_zeros(campaign: Campaign) -> F64:
+    """Measured values less the mean of their set-up and kind, shape (n,), mm or rad."""
+    out = campaign.value.copy()
+    setup = campaign.conditions.setup
+    names = np.zeros(campaign.n, dtype=np.int64)
+    if setup is not None:
+        names = np.unique(setup, return_inverse=True)[1].reshape(-1)
+    group = names * len(Kind) + campaign.kind
+    _, index = np.unique(group, return_inverse=True)
+    index = index.reshape(-1)
+    mean = np.bincount(index, weights=out) / np.bincount(index)
+    return np.asarray(out - mean[index])
+
+
 def of_signals(campaign: Campaign, machine: Machine) -> Iterator[str]:
     """Thermometers that seem to read °F."""
     for name, values in campaign.conditions.signals.items():

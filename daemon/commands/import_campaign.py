@@ -64,6 +64,27 @@ def import_campaign(
     unit: Annotated[
         str | None, typer.Option(help="Unit of the deviations: um, mm, mrad, arcsec, ...")
     ] = None,
+    normalised: Annotated[
+        bool | None,
+        typer.Option(
+            "--normalised/--not-normalised",
+            help="rtl: readings are normalised to 20 °C (and are turned back), or not.",
+        ),
+    ] = None,
+    expansion: Annotated[
+        float | None,
+        typer.Option(
+            callback=within(-100.0, 100.0, "ppm/K"),
+            help="rtl: coefficient with which they were normalised, ppm/K; else the file's.",
+        ),
+    ] = None,
+    material_temperature: Annotated[
+        float | None,
+        typer.Option(
+            callback=within(-30.0, 100.0, "°C"),
+            help="rtl: temperature at which they were normalised, °C; else the file's.",
+        ),
+    ] = None,
     plane: Annotated[str | None, typer.Option(help="ballbar: XY, YZ or ZX.")] = None,
     centre: Annotated[
         str | None, typer.Option(help="ballbar: centre in the plane, mm: 350,450.")
@@ -81,6 +102,7 @@ def import_campaign(
     force: Force = False,
 ) -> None:
     """Import a table of runs, a Renishaw rtl, a ball bar test or a compensation map."""
+    from abbe.compcore.campaign.suspicions import of_values, without_zeros
     from abbe.compcore.files.campaign_file import write_campaign
     from abbe.compcore.files.model_file import load_model
     from abbe.compcore.machine.plausible import TRAVEL
@@ -98,10 +120,19 @@ def import_campaign(
             file, _needed(axis, "axis"), placing, component=component, unit=unit, machine=machine
         )
     elif layout is ForeignLayout.RTL:
+        from abbe.compcore.files.importers.laser_environment import Normalisation
         from abbe.compcore.files.importers.rtl import import_rtl
 
         campaign = import_rtl(
-            file, placing, axis=axis, component=component, unit=unit, machine=machine
+            file,
+            placing,
+            axis=axis,
+            component=component,
+            unit=unit,
+            machine=machine,
+            normalisation=Normalisation(
+                normalised, None if expansion is None else expansion * 1e-6, material_temperature
+            ),
         )
     elif layout is ForeignLayout.BALLBAR:
         from abbe.compcore.files.importers.ballbar import import_ballbar
@@ -118,6 +149,8 @@ def import_campaign(
 
         campaign = import_map_rows(file, _structure(structure, machine), placing)
     write_campaign(campaign, output)
+    for suspicion in of_values(campaign, without_zeros(campaign)):
+        say(f"SUSPICIOUS: {suspicion}")
     for note in str(campaign.metadata[0]["notes"]).split("; "):
         say(note)
     say(f"{campaign.n} rows in {_setups(campaign)} → {output}")

@@ -27,6 +27,7 @@ from abbe.compcore.files.importers.words import (
     number,
     read_sheet,
     split_unit,
+    unit_of,
 )
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.plausible import TRAVEL, TRAVEL_ROTARY
@@ -74,7 +75,7 @@ def import_ballbar(
     middle = centre or _centre(sheet)
     size = radius if radius is not None else _said(sheet, "radius", "the nominal radius, mm")
     angle, sense, deviation, line, stated = _readings(sheet)
-    unit = unit or stated or "um"
+    unit = unit_of(unit, stated, deviation.tolist(), sheet.file, rotation=False)
     value = deviation * to_internal(1.0, unit, "mm")
     theta = np.deg2rad(angle)
     outward = np.stack([np.cos(theta), np.sin(theta)], axis=1)

@@ -27,6 +27,7 @@ from abbe.compcore.files.importers.words import (
     number,
     read_sheet,
     split_unit,
+    unit_of,
     whole,
 )
 from abbe.compcore.machine.machine import Machine
@@ -61,7 +62,7 @@ def import_iso230_table(
     component
         What was measured (X Y Z A B C); the axis's own positioning where None.
     unit
-        Unit of the deviations; where None the header's, else µm (angles: µrad).
+        Unit of the deviations; where None the header's, else µm where that is believable.
 
     Raises
     ------
@@ -72,7 +73,9 @@ def import_iso230_table(
     sheet = read_sheet(source)
     component = component_of(axis, component)
     readings, layout, stated = _readings(sheet)
-    unit = unit or stated or ("urad" if component in "ABC" else "um")
+    values, rotation = [r[3] for r in readings], component in "ABC"
+    said = unit is not None or stated is not None
+    unit = unit_of(unit, stated, values, sheet.file, rotation=rotation)
     scale = to_internal(1.0, unit, "rad" if component in "ABC" else "mm")
     # runs in their order, each up before down, targets in the order of travel
     readings.sort(key=lambda r: (r[1], -r[2], r[0] * r[2]))
@@ -84,7 +87,7 @@ def import_iso230_table(
         f"imported from {source.name} (ISO 230-2 table, {layout})",
         f"sign: error = {'−' if reversed_ else ''}deviation as tabulated"
         + (" (actual − target, ISO 230-2)" if not reversed_ else " (reversed as told)"),
-        f"deviations in {unit}",
+        f"deviations in {unit}" + ("" if said else ", as no heading and no --unit says otherwise"),
         "the file has no times: order of the standard test cycle assumed",
     ]
     return place(source, sheet.data, [rows], placing or ForeignPlacing(), notes, None, machine)

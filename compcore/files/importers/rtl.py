@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_csv.columns import AXIS
+from abbe.compcore.files.importers.laser_environment import LaserEnvironment, Normalisation
 from abbe.compcore.files.importers.placing import (
     ForeignPlacing,
     along_line,
@@ -24,12 +25,11 @@ from abbe.compcore.files.importers.placing import (
     place,
     read_bytes,
 )
-from abbe.compcore.machine.machine import Machine
+from abbe.compcore.files.text.encodings import decoded
+from abbe.compcore.machine.machine import Machine, own_component
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.units import to_internal
 
-ENCODINGS = ("utf-8-sig", "gbk", "latin-1")
-"""Tried in this order; the numbers read alike in all of them."""
 _SECTION = re.compile(r"[A-Z][A-Z -]*::")
 
 
@@ -41,6 +41,8 @@ class _File:
     target_count: int | None = None
     run_count: int | None = None
     texts: dict[str, str] = field(default_factory=dict)
+    environment: dict[str, str] = field(default_factory=dict)
+    equipment: dict[str, str] = field(default_factory=dict)
     rows: list[tuple[int, int, float, int]] = field(default_factory=list)
 
 
@@ -52,6 +54,7 @@ def import_rtl(
     component: str | None = None,
     unit: str | None = None,
     machine: Machine | None = None,
+    normalisation: Normalisation | None = None,
 ) -> Campaign:
     """Read a Renishaw laser measurement.
 
@@ -63,6 +66,8 @@ def import_rtl(
         What was measured (X Y Z A B C); the axis's own positioning where None.
     unit
         Unit of the deviations where it is not µm (rotary: mrad).
+    normalisation
+        Whether the readings were normalised to 20 °C; asked for where the file tells a coefficient.
 
     Raises
     ------
@@ -71,7 +76,7 @@ def import_rtl(
     """
     source = Path(path)
     data = read_bytes(source)
-    file = _parse(_decoded(data), str(source))
+    file = _parse(decoded(data), str(source))
     axis = axis or _own_axis(file, str(source))
     component = component_of(axis, component)
     unit = unit or ("mrad" if component in "ABC" else "um")
@@ -80,7 +85,12 @@ def import_rtl(
     run, target, deviation, line = (np.array(column) for column in zip(*file.rows, strict=True))
     position = targets[target - 1]
     direction, against = _directions(run, position)
-    readings = along_line(axis, component, position, direction, deviation * scale, line)
+    environment = LaserEnvironment.read(file.environment)
+    value, normalised = deviation * scale, ""
+    if component == own_component(axis) and not is_rotary(axis):
+        kept = normalisation or Normalisation()
+        value, normalised = kept.undone(value, position, environment, str(source))
+    readings = along_line(axis, component, position, direction, value, line)
     sign = "laser − target, as assumed of this format"
     notes = [
         f"imported from {source.name} (Renishaw rtl)",
@@ -89,6 +99,8 @@ def import_rtl(
         f"deviations in {unit}",
         "the file has no times",
     ]
+    if normalised:
+        notes.append(normalised)
     if against:
         notes.append("directions by the order of the targets, which is not odd runs up, even down")
     metadata = {"instrument": "Renishaw laser interferometer"}
@@ -96,16 +108,15 @@ def import_rtl(
         metadata["machine"] = machine_name
     if date := file.texts.get("date"):
         metadata["date"] = date
-    return place(source, data, [readings], placing or ForeignPlacing(), notes, metadata, machine)
-
-
-def _decoded(data: bytes) -> str:
-    for encoding in ENCODINGS:
-        try:
-            return data.decode(encoding)
-        except UnicodeDecodeError:
-            continue
-    return data.decode("latin-1")
+    for name, lines in (("environment", file.environment), ("equipment", file.equipment)):
+        if lines:
+            metadata[name] = "; ".join(f"{k}: {v}" for k, v in lines.items())
+    if environment.signals:
+        told = ", ".join(f"{k} {v:.5g}" for k, v in environment.signals.items())
+        notes.append(f"conditions from the file: {told}")
+    placing = placing or ForeignPlacing()
+    placing = replace(placing, signals={**environment.signals, **placing.signals})
+    return place(source, data, [readings], placing, notes, metadata, machine)
 
 
 def _own_axis(file: _File, name: str) -> str:
@@ -161,6 +172,10 @@ def _parse(text: str, name: str) -> _File:
             file.targets += _numbers(line, name, number)
         elif section == "USER-TEXT" and colon:
             file.texts[key.strip().lower()] = value.strip()
+        elif section in ("ENVIRONMENT", "EQUIPMENT") and line:
+            kept = file.environment if section == "ENVIRONMENT" else file.equipment
+            name_of_line = key.strip() if colon else f"line {number}"
+            kept[name_of_line] = value.strip() if colon else line
         elif section == "RUNS" and key.strip().lower() == "run-count":
             file.run_count = _integer(value, name, number, "Run-count")
         elif section == "DEVIATIONS" and not colon:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.importers.placing import read_bytes
+from abbe.compcore.files.text.encodings import decoded
 
 _UP = {"+", "+1", "1", "up", "u", "forward", "fwd", "f", "positive", "pos", "p", "↑", "ccw"}
 _DOWN = {
@@ -31,6 +33,8 @@ _UNITS = {"um", "µm", "mm", "nm", "deg", "rad", "mrad", "urad", "µrad", "arcse
 
 
 MOST_RUNS = 100_000
+_WONDER = 1.0
+"""µm: deviations that are all smaller were hardly written in µm."""
 
 
 @dataclass(frozen=True)
@@ -59,14 +63,10 @@ def read_sheet(path: Path) -> Sheet:
     Raises
     ------
     InputError
-        When it is not UTF-8 text, or holds no rows below a header.
+        When it holds no rows below a header.
     """
     data = read_bytes(path)
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        before = data.count(b"\n", 0, error.start)
-        raise InputError("not UTF-8 text", file=path, line=before + 1) from None
+    text = decoded(data)
     rows: list[tuple[int, list[str]]] = []
     comments: dict[str, str] = {}
     separator = ","
@@ -100,6 +100,33 @@ def read_sheet(path: Path) -> Sheet:
                 expected=f"{width}, as the header has",
             )
     return Sheet(str(path), rows, comments, data)
+
+
+def unit_of(
+    unit: str | None, stated: str | None, values: Sequence[float], file: str, *, rotation: bool
+) -> str:
+    """The unit of deviations: as told, as the heading says, else µm where that is believable.
+
+    Raises
+    ------
+    InputError
+        When nobody says it and it could as well be another one: angles, or deviations that are all
+        below 1, which in µm would be a wonder and in mm are common.
+    """
+    if unit or stated:
+        return unit or stated or ""
+    largest = max((abs(v) for v in values), default=0.0)
+    if rotation or 0.0 < largest < _WONDER:
+        told = f"the largest is {largest:g}"
+        likely = "--unit urad, mrad or arcsec" if rotation else "--unit mm, or --unit um"
+        raise InputError(
+            "the unit of the deviations is not stated",
+            file=file,
+            field="unit",
+            found=told,
+            expected=f"{likely}; or a heading such as deviation [{'urad' if rotation else 'mm'}]",
+        )
+    return "um"
 
 
 def whole(text: str, sheet: Sheet, line: int, field: str) -> int:

@@ -271,9 +271,8 @@ def test_tables_that_are_damaged(tmp_path, text, line, words):
 
 def test_tables_in_another_encoding(tmp_path):
     path = write(tmp_path, "x.csv", ("# µ\n" + LONG).encode("latin-1"))
-    with pytest.raises(InputError, match="UTF-8") as caught:
-        import_iso230_table(path, "X", AT)
-    assert caught.value.line == 1
+    plain = import_iso230_table(write(tmp_path, "y.csv", LONG), "X", AT)
+    np.testing.assert_array_equal(import_iso230_table(path, "X", AT).value, plain.value)
 
 
 def test_the_other_axes_must_be_stated(tmp_path):
@@ -281,7 +280,7 @@ def test_the_other_axes_must_be_stated(tmp_path):
     with pytest.raises(InputError, match="position of axis Z is not stated"):
         import_iso230_table(path, "X", ForeignPlacing(at={"Y": 1.0}), machine=CMM)
     with pytest.raises(InputError, match="no such axis"):
-        import_iso230_table(path, "A", AT, machine=CMM)
+        import_iso230_table(path, "A", AT, machine=CMM, unit="urad")
     with pytest.raises(InputError, match="not the name of an axis"):
         import_iso230_table(path, "Q", AT)
     with pytest.raises(InputError, match="not a component"):

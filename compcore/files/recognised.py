@@ -1,0 +1,169 @@
+"""What a file is, from how it begins, and which command reads it.
+
+For the message about a file that was given to another command: it names the right one.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.text.encodings import decoded
+
+_BEGINNING = 1 << 16
+"""Bytes that are looked at."""
+
+
+@dataclass(frozen=True)
+class FileKind:
+    """A kind of file.
+
+    Attributes
+    ----------
+    name
+        With its article: ``a campaign``.
+    reader
+        Which of Abbe's readers it is for.
+    commands
+        The commands that take it.
+    usage
+        How the first of them is typed; ``FILE`` stands for the file.
+    """
+
+    name: str
+    reader: str
+    commands: frozenset[str]
+    usage: str
+
+
+def _kind(name: str, reader: str, commands: str, usage: str) -> FileKind:
+    return FileKind(name, reader, frozenset(commands.split()), usage)
+
+
+CAMPAIGN = _kind(
+    "a campaign", "campaign", "fit compare diagnose add iso230 new", "abbe compare MODEL.toml FILE"
+)
+MODEL = _kind(
+    "a model", "model", "fit compare diagnose add remove correct table history import-grid",
+    "abbe correct FILE X=…, or abbe compare FILE CAMPAIGN.csv",
+)  # fmt: skip
+CONFIG = _kind("a configuration", "config", "run check upload demo", "abbe check FILE")
+POINTS = _kind(
+    "a list of points with the correction on and off", "points", "identify-convention",
+    "abbe identify-convention MAP.txt FILE",
+)  # fmt: skip
+MAP = _kind(
+    "a compensation map", "map", "import-map identify-convention import-campaign",
+    'abbe import-map FILE --structure "w b Y X Z t" -o MODEL.toml',
+)  # fmt: skip
+GRID = _kind(
+    "a spatial grid of errors", "grid", "import-grid table upload",
+    "abbe import-grid FILE --controller grid-csv -o MODEL.toml",
+)  # fmt: skip
+TABLE = _kind(
+    "a compensation table", "table", "import-grid table upload",
+    "abbe import-grid FILE --controller csv -o MODEL.toml",
+)  # fmt: skip
+RTL = _kind(
+    "a Renishaw laser measurement", "rtl", "import-campaign",
+    "abbe import-campaign FILE --as rtl -o CAMPAIGN.csv",
+)  # fmt: skip
+RUNS = _kind(
+    "a table of runs and directions (ISO 230-2)", "runs", "import-campaign",
+    "abbe import-campaign FILE --as iso230-2 --axis X -o CAMPAIGN.csv",
+)  # fmt: skip
+BALLBAR = _kind(
+    "a circular test", "ballbar", "import-campaign",
+    "abbe import-campaign FILE --as ballbar --plane XY -o CAMPAIGN.csv",
+)  # fmt: skip
+
+_FORMATS = {
+    "abbe-campaign/": CAMPAIGN,
+    "abbe-model/": MODEL,
+    "abbe-config/": CONFIG,
+    "abbe-points/": POINTS,
+    "abbe-grid/": GRID,
+    "abbe-table/": TABLE,
+}
+_FORMAT = re.compile(r"^(?:\"?#\s*)?format\s*=\s*\"{1,2}([a-z-]+/)", re.MULTILINE)
+_LOOKS = (
+    (re.compile(r"^TARGET DATA::\s*$", re.MULTILINE), RTL),
+    (re.compile(r"\A\s*\S+ Axis\s*\n\s*Position\s+Lx", re.IGNORECASE), MAP),
+    (re.compile(r"^X_off\s*,", re.MULTILINE), POINTS),
+    (re.compile(r"^angle[^\n]*?[,;\t]\s*(?:ccw|cw|deviation|dir)", re.M | re.IGNORECASE), BALLBAR),
+    (re.compile(r"^(?:position|target)[^\n]*?[,;\t](?:[^\n]*\b(?:run|dir|deviation)|\s*1\s*[+↑])",
+                re.M | re.IGNORECASE), RUNS),
+    (re.compile(r"^run\s*[,;\t]\s*dir", re.M | re.IGNORECASE), RUNS),
+)  # fmt: skip
+
+
+def recognised(path: str | Path) -> FileKind | None:
+    """The kind of a file; None for one that is not known, or cannot be read."""
+    try:
+        with Path(path).open("rb") as stream:
+            beginning = decoded(stream.read(_BEGINNING))
+    except (OSError, ValueError):
+        return None
+    if (found := _FORMAT.search(beginning)) is not None:
+        return _FORMATS.get(found[1])
+    return next((kind for look, kind in _LOOKS if look.search(beginning)), None)
+
+
+_LAYOUTS = {"rtl": "rtl", "iso230-2": "runs", "ballbar": "ballbar", "map": "map"}
+"""What ``import-campaign --as`` is told → reader."""
+
+
+def elsewhere(error: InputError, words: Sequence[str]) -> str | None:
+    """Which command reads a file that was refused; None where it was the right one.
+
+    Parameters
+    ----------
+    error
+        Why it was refused.
+    words
+        What was typed: the command that refused it, and its arguments.
+    """
+    command = words[0] if words else ""
+    if error.file is None or (kind := recognised(error.file)) is None:
+        return None
+    told = [_LAYOUTS.get(word.removeprefix("--as=")) for word in words]
+    layout = next((name for name in told if name), None) if command == "import-campaign" else None
+    reader = layout or _reader_of(error)
+    if kind.reader == reader or (reader is None and command in kind.commands):
+        return None
+    return f"this is {kind.name}: {kind.usage.replace('FILE', Path(error.file).name)}"
+
+
+def _reader_of(error: InputError) -> str | None:
+    """Which reader refused a file, as far as its message tells."""
+    if error.field == "format":
+        expected = error.expected or ""
+        return next((k.reader for f, k in _FORMATS.items() if f in expected), None)
+    problem = error.problem
+    if problem.startswith("not valid TOML"):
+        return None if _commented(error) else "model"
+    for beginning, reader in (
+        ("no axis yet", "map"),
+        ("no targets", "rtl"),
+        ("no deviations", "rtl"),
+        ("not a circular test", "ballbar"),
+        ("not a table of runs", "runs"),
+        ("not a campaign file", "campaign"),
+    ):
+        if problem.startswith(beginning):
+            return reader
+    return None
+
+
+def _commented(error: InputError) -> bool:
+    """Whether a line of TOML is one of those that stand behind ``#`` in other files."""
+    try:
+        with Path(error.file or "").open("rb") as stream:
+            lines = stream.read(_BEGINNING * 64).splitlines()
+    except OSError:
+        return False
+    at = (error.line or 0) - 1
+    return 0 <= at < len(lines) and lines[at].lstrip(b'"').startswith(b"#")
