@@ -196,6 +196,14 @@ SCENES: Mapping[str, Scene] = {
         state={"Y_dir": 1.0},
         versus={"Y_dir": -1.0},
     ),
+    "lateral_reversal": Scene(
+        {"axis": "X", "direction": "Y"},
+        {"b": 0.02},
+        Curve("X", (0.0, 700.0), "X in mm", _both("X")),
+        "the carriage steps aside: blue arriving in +X, orange in −X",
+        state={"X_dir": 1.0},
+        versus={"X_dir": -1.0},
+    ),
     "local_defect": Scene(
         {"axis": "X", "error": "E_ZX", "centre": 250.0, "width": 90.0},
         {"depth": -0.02},

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     )
     from abbe.compcore.effects.catalogue.local import LocalDefect
     from abbe.compcore.effects.catalogue.periodic import Cyclic
-    from abbe.compcore.effects.catalogue.reversal import Backlash, ReversalAngle
+    from abbe.compcore.effects.catalogue.reversal import Backlash, LateralReversal, ReversalAngle
     from abbe.compcore.effects.catalogue.rotary_axes import (
         RotaryAxial,
         RotaryLocation,
@@ -63,6 +63,7 @@ __all__ = [
     "FeedLag",
     "Formula",
     "InstrumentDrift",
+    "LateralReversal",
     "LengthBias",
     "LoadBending",
     "LocalDefect",

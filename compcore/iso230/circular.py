@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.errors import AbbeError
 
 F64 = NDArray[np.float64]
 
@@ -182,7 +183,9 @@ def _zone(angle: F64, deviation: F64, full: bool) -> float:
         b_ub=np.concatenate([-d, d]),
         bounds=[(None, None)] * 4,
     )
-    return float(solved.fun or 0.0) * scale
+    if solved.fun is None:
+        raise AbbeError(f"the least zone of a circle was not found: {solved.message}")
+    return float(solved.fun) * scale
 
 
 def _apart(paths: Mapping[str, Path], left: Mapping[str, F64]) -> float:

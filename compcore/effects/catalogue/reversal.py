@@ -8,7 +8,7 @@ from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import ABOUT, AxisLetter, Component, ErrorMotion, Motion, Parameter
 from abbe.compcore.effects.catalogue.shaped import ShapedEffect
 from abbe.compcore.effects.registry import register
-from abbe.compcore.effects.targets import along
+from abbe.compcore.effects.targets import TRANSLATIONS, along
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine, own_component
@@ -153,3 +153,60 @@ class ReversalAngle(ReversalEffect):
                 for about in ("X", "Y", "Z"):
                     if ABOUT[about] != own_component(axis):
                         yield cls(axis=axis, about=about)
+
+
+@register
+class LateralReversal(ReversalEffect):
+    """The carriage steps aside when it reverses: a reversal value of straightness.
+
+    A guide with play, or a drive that does not push along it, leaves the carriage at one flank on
+    the way there and at the other on the way back. A straightedge shows two lines side by side; on
+    a circle the step stands where the *other* axis moves fastest. A rotary axis that is driven from
+    one side leaves its average line by direction: radial, or axial for a ``direction`` along it.
+
+    Formula
+        ``E_da = ½·b·s_a``, d the direction, s_a as for backlash; optionally with a shape along the
+        axis, ``½·s_a·Σ b_i·B_i(q_a)``: a squareness or straightness that depends on the direction.
+    Parameters
+    ----------
+        b in mm, place after arrival in the positive direction minus place after arrival in the
+        negative one; within ±50 µm. Preloaded guides stay below 1 µm, sliding ones with gibs reach
+        5 to 20 µm.
+    Signals
+        None beyond the approach directions.
+    Typical causes
+        Play in gibs or rollers, a belt, rack or screw that pulls aside, a worm that presses its
+        wheel against the bearing.
+    Cure
+        Gib and preload adjustment, the drive nearer to the guide, clamping while cutting; tables
+        with two directions (ISO/TR 16907, 8.4 and 9.2); arriving from one side only.
+    Source
+        ISO/TR 16907:2015, 8.4 and 9.2.3; ISO 230-1 for straightness by direction.
+    """
+
+    kind = "lateral_reversal"
+    direction: AxisLetter
+
+    def component(self) -> Component:
+        """The stated direction."""
+        return self.direction
+
+    def check(self, machine: Machine) -> None:
+        """A step aside, not along the axis itself."""
+        super().check(machine)
+        if self.direction == own_component(self.axis):
+            raise InputError(
+                "along its own travel the effect is 'backlash'",
+                field="direction",
+                found=self.direction,
+                expected="one of " + ", ".join(d for d in "XYZ" if d != self.direction),
+            )
+
+    @classmethod
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[LateralReversal]:
+        """Two for each linear axis that arrived from both sides, three for a rotary one."""
+        for axis in machine.structure.axes:
+            if axis in coverage.reversing:
+                for direction in TRANSLATIONS:
+                    if direction != own_component(axis):
+                        yield cls(axis=axis, direction=direction)

@@ -291,6 +291,27 @@ ROWS: tuple[Row, ...] = (
         lambda w: {"E_CY": 1.5e-5 * w.s["Y"]},
     ),
     Row(
+        "lateral_reversal",
+        {"axis": "X", "direction": "Z"},
+        {"b": 0.004},
+        lambda w: {"E_ZX": 0.002 * w.s["X"]},
+    ),
+    Row(
+        "lateral_reversal",
+        {"axis": "Y", "direction": "X", "shape": "polynomial:1"},
+        {"c0": 0.004, "c1": -0.006},
+        lambda w: {"E_XY": 0.5 * w.s["Y"] * (0.004 - 0.006 * w.q["Y"] / 250.0)},
+        spec="lateral_reversal, a squareness by direction",
+    ),
+    Row(
+        "lateral_reversal",
+        {"axis": "C", "direction": "X"},
+        {"b": -0.006},
+        lambda w: {"E_XC": -0.003 * w.s["C"]},
+        machine=FIVE_AXIS,
+        spec="lateral_reversal of a worm wheel",
+    ),
+    Row(
         "local_defect",
         {"axis": "X", "error": "E_ZX"},
         {"depth": -0.02},
