@@ -100,7 +100,7 @@ class NoiseLevel:
 
 @dataclass(frozen=True)
 class NoiseFloor:
-    """The noise of a campaign, by kind; only kinds that occur."""
+    """The noise of a campaign; `levels` by kind (``displacement``, …), only kinds that occur."""
 
     levels: Mapping[str, NoiseLevel]
 

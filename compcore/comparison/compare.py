@@ -69,6 +69,8 @@ class Comparison(Shown):
         Straight lines with their linear part and the rest.
     noise
         What repeated measurements say.
+    uncertainty
+        The rows' standard uncertainties and where they come from.
     left_out
         Specs of instrument effects that belong to other set-ups than this campaign's.
     """

@@ -14,7 +14,10 @@ _LEAST = 0.005
 
 
 def advise(diagnosis: Findings, most: int = 4) -> list[Advice]:
-    """The set-ups that would best tell the leading cause from its aliases, or sharpen the model."""
+    """The set-ups that would best tell the leading cause from its aliases, or sharpen the model.
+
+    At the most `most` of them, the most useful first; `diagnosis` is what `diagnose` found.
+    """
     result = diagnosis.result
     if not result.problem.model.terms or not result.problem.model.machine.structure.linear:
         return []  # nothing yet to be sharpened, or no line that could be measured

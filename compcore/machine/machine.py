@@ -128,8 +128,16 @@ def own_component(name: str) -> str:
 class Signal:
     """One recorded signal that an effect may use: a temperature, a load, a feed.
 
-    `role` says what it is physically (one of `ROLES`), `axis` where it sits, `location` the same
-    for people.
+    Attributes
+    ----------
+    name
+        Column of the campaigns, and what effects call it.
+    unit
+        ``degC``, ``kg``, ``rpm``, … as the model file spells it.
+    role
+        What it is physically, one of `ROLES`.
+    axis, location
+        Where it sits; the same for people.
     """
 
     name: str
@@ -147,6 +155,19 @@ class Signal:
 @dataclass(frozen=True)
 class Machine:
     """A machine as ISO/TR 16907, clause 5, describes one.
+
+    Attributes
+    ----------
+    name
+        For people; may be empty.
+    structure
+        From workpiece to tool: ``Structure.parse("w b Y X Z t")``.
+    axes
+        Name → axis, for every axis of the structure.
+    signals
+        Name → what is recorded beside positions; may be empty.
+    reference_temperature
+        At which the machine is as it should be, °C (ISO 1: 20).
 
     Raises
     ------

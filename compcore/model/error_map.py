@@ -61,6 +61,8 @@ def error_map(
     signals
         Name → value; temperatures that are not given are at the reference temperature, other
         signals 0.
+    tool
+        Tool or probe offset, mm, machine axes.
     points
         Grid points along each axis.
 

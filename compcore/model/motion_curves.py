@@ -38,7 +38,7 @@ def motion_curves(model: Model, axis: str, points: int = 61) -> list[MotionCurve
     """The error motions that a fitted model gives to one axis, translations first.
 
     At the reference temperature, other signals 0, direction of approach unknown, the other axes in
-    the middle of their travels.
+    the middle of their travels. Evaluated at `points` places along the travel of `axis`.
     """
     machine = model.machine
     q = np.linspace(*machine.axis(axis).travel, points)

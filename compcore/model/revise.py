@@ -103,7 +103,18 @@ def add_effect(model: Model, effect: Effect | str, **keys: Any) -> Model:
 
 
 def remove_effect(model: Model, name: str) -> Model:
-    """A model without one of its effects, named as `without_effect` says; raises as it does."""
+    """A model without one of its effects; the others keep their values.
+
+    Parameters
+    ----------
+    name
+        Its spec, or as much of its beginning as is unique: ``"backlash"``.
+
+    Raises
+    ------
+    InputError
+        When no effect, or more than one, is called that.
+    """
     return without_effect(model, name)[0]
 
 

@@ -90,6 +90,8 @@ def prediction_sd(model: Model, conditions: Conditions) -> tuple[F64, F64]:
     ----------
     model
         A fitted model with its covariance.
+    conditions
+        The n rows at which it predicts.
 
     Returns
     -------
