@@ -112,6 +112,16 @@ def _nearest(model: Model, conditions: Conditions) -> tuple[Conditions, list[Bey
     return found, beyond
 
 
+def unmeasured(model: Model, ranges: Mapping[str, tuple[float, float]]) -> list[Beyond]:
+    """What of many points lies outside: axis → least and greatest position, mm (rotary: rad)."""
+    beyond: list[Beyond] = []
+    for axis, ends in model.measured_positions.items():
+        if axis in ranges:
+            unit, scale = ("°", 180.0 / np.pi) if is_rotary(axis) else ("mm", 1.0)
+            _held(axis, np.array(ranges[axis]) * scale, ends, unit, beyond)
+    return beyond
+
+
 def _held(
     name: str, values: F64, ends: tuple[float, float], unit: str, beyond: list[Beyond]
 ) -> F64 | None:

@@ -20,6 +20,7 @@ from abbe.compcore.model.inverse import invert_model
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.pose import command_of
 from abbe.compcore.model.required_inputs import RequiredInputs
+from abbe.compcore.model.uncertainty import unmeasured
 from abbe.daemon.arguments.point_arguments import Given, beyond, unfitted
 
 F64 = NDArray[np.float64]
@@ -90,7 +91,8 @@ def correct_file(
     with PointsFile(path, model.machine, tuple(model.machine.signals)) as source:
         reader = _Reader(model, required, source, given)
         write_atomically(out, _lines(model, source, reader, summary, command, held, tell))
-    summary.warnings = beyond(model, summary.ranges) + unfitted(model)
+    far = [f"{b}: nobody has seen what it does there" for b in unmeasured(model, summary.ranges)]
+    summary.warnings = beyond(model, summary.ranges) + far + unfitted(model)
     return summary
 
 

@@ -108,6 +108,16 @@ def test_for_people(fitted):
     assert "± with k = 2" in text
 
 
+def test_points_that_nobody_measured_are_said(fitted, tmp_path):
+    points = tmp_path / "in.csv"
+    for x, said in (("50", 0), ("449", 0), ("451", 1), ("30", 1)):
+        points.write_text(f"X,Y,Z,T_x\n100,0,0,21\n{x},0,0,21\n", encoding="utf-8")
+        done = abbe("correct", fitted, "--points", points, "-o", tmp_path / f"{x}.csv")
+        assert done.status == 0, done.err
+        assert done.err.count("was not measured (50 … 450 mm)") == said, x
+        assert (f"X = {x} mm was not measured" in done.err) == bool(said)
+
+
 def test_tables_say_how_sure_the_model_is_over_the_volume(fitted, tmp_path):
     words = ("--controller", "csv", "--at", "T_x=25", "--volume", "X=50,450")
     made = json.loads(run("table", fitted, *words, "-o", tmp_path / "t", "--json"))
