@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from abbe.compcore.diagnosis.screening.evidence import INDISTINCT
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.screening import Basis, orthonormal
-from abbe.compcore.model.revise import identity
 
 F64 = NDArray[np.float64]
 
@@ -67,10 +66,10 @@ def aliases(
     if strength <= 0.0:
         return []
     imitated = pool.imitated(background, signature)
-    cause = identity(winner.candidate.effect)
+    cause = winner.candidate.cause
     found: list[Alias] = []
     for other in others:
-        if other.key not in imitated or identity(other.candidate.effect) == cause:
+        if other.key not in imitated or other.candidate.cause == cause:
             continue  # the same cause in other detail is no alias
         missed = max(0.0, strength - imitated[other.key])
         separation = missed / variance

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -57,6 +58,11 @@ class Candidate:
     effect: Effect
     cost: float
     choices: tuple[Mapping[str, float], ...] = field(default=({},))
+
+    @cached_property
+    def cause(self) -> tuple[str, tuple[tuple[str, str], ...]]:
+        """What makes it the same cause as another, whatever the detail (`identity`)."""
+        return identity(self.effect)
 
     @property
     def nonlinear_count(self) -> int:

@@ -17,7 +17,6 @@ from abbe.compcore.diagnosis.screening.candidates import PLAIN, RIGID
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING, INDISTINCT, log_chance, price_of
 from abbe.compcore.diagnosis.screening.pool import SIGNIFICANT, Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.screening import Basis, orthonormal
-from abbe.compcore.model.revise import identity
 
 F64 = NDArray[np.float64]
 
@@ -137,13 +136,13 @@ def _forward(pool: Pool, basis: Basis, start: Sequence[WeighedCandidate]) -> lis
 
 
 def _cause(found: WeighedCandidate) -> tuple[str, tuple[tuple[str, str], ...]]:
-    return identity(found.candidate.effect)
+    return found.candidate.cause
 
 
 def _taken(pool: Pool, found: Sequence[WeighedCandidate]) -> frozenset[int]:
     """Candidates that are causes already found, in whatever detail: a cause comes in once."""
     causes = {_cause(f) for f in found}
-    return frozenset(k for k, c in enumerate(pool.candidates) if identity(c.effect) in causes)
+    return frozenset(k for k, c in enumerate(pool.candidates) if c.cause in causes)
 
 
 def _from_nothing(
@@ -215,7 +214,7 @@ def _simplest(
     alike = [
         f
         for f in leaders
-        if identity(f.candidate.effect) == identity(best.candidate.effect)
+        if f.candidate.cause == best.candidate.cause
         and f.evidence.value >= best.evidence.value - INDISTINCT
     ]
     return min(

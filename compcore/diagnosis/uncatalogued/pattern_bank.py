@@ -8,7 +8,7 @@ the fitted model leaves of them (their Gram matrices) is computed once.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,26 +29,47 @@ _HELD = 4_000_000
 """Elements of columns that are kept (32 MB)."""
 
 
-class PatternBank:
-    """Patterns, to be tested against what a model leaves.
+class VisibleParts:
+    """For each error motion the rows that see it; worked out once for all banks.
 
     Parameters
     ----------
     fitted
         The basis of the fitted model.
-    patterns
-        The family; a pattern's index is its key.
     seen
         Error motion → its weighted part in each row, shape (n,).
     """
 
-    def __init__(
-        self, fitted: Basis, patterns: Sequence[CandidatePattern], seen: Mapping[ErrorMotion, F64]
-    ) -> None:
+    def __init__(self, fitted: Basis, seen: Mapping[ErrorMotion, F64]) -> None:
+        self._fitted = fitted
+        self.seen = seen
+        self._parts: dict[ErrorMotion, _Part] = {}
+
+    def of(self, error_motions: Iterable[ErrorMotion]) -> list[_Part]:
+        """The parts of those error motions that some row sees."""
+        found = []
+        for c in error_motions:
+            if c not in self._parts and self.seen[c].any():
+                self._parts[c] = _Part.of(self._fitted, c, self.seen[c])
+            found += [self._parts[c]] if c in self._parts else []
+        return found
+
+
+class PatternBank:
+    """Patterns, to be tested against what a model leaves.
+
+    Parameters
+    ----------
+    patterns
+        The family; a pattern's index is its key.
+    visible
+        What each error motion's rows see.
+    """
+
+    def __init__(self, patterns: Sequence[CandidatePattern], visible: VisibleParts) -> None:
         self._patterns = patterns
         # an error motion that no row sees has no columns, and no part
-        error_motions = [c for c in {p.error_motion: None for p in patterns} if seen[c].any()]
-        self._parts = [_Part.of(fitted, c, seen[c]) for c in error_motions]
+        self._parts = visible.of({p.error_motion: None for p in patterns})
         alike = _alike(patterns)
         self._batches = [batch for part in self._parts for batch in _batches(part, alike)]
         self._grams: dict[int, tuple[F64, F64]] = {}

@@ -288,8 +288,11 @@ def swings(
 
 def _on_each(pattern: CandidatePattern, on: Sequence[ErrorMotion]) -> Iterator[CandidatePattern]:
     """One pattern on each of several error motions, its words put together once."""
+    p = pattern
     for error_motion in on:
-        yield replace(pattern, error_motion=error_motion)
+        yield CandidatePattern(
+            p.depends_on, p.form, error_motion, p.width, p.values, p.terms, wave=p.wave
+        )
 
 
 def oscillation(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING, Evidence, weigh
 from abbe.compcore.diagnosis.screening.pool import MATERIAL, SIGNIFICANT
 from abbe.compcore.diagnosis.screening.screening import Basis, ScreenedCandidate
-from abbe.compcore.diagnosis.uncatalogued.pattern_bank import PatternBank
+from abbe.compcore.diagnosis.uncatalogued.pattern_bank import PatternBank, VisibleParts
 from abbe.compcore.diagnosis.uncatalogued.patterns import (
     CandidatePattern,
     PatternVariable,
@@ -113,8 +113,8 @@ class Patterns:
             list(oscillations(self._quantities, on[:3], shortest)),
             list(swings(self._quantities, on[:3], shortest)),
         ]
-        self._fitted = fitted
-        self._banks = [PatternBank(fitted, family, self._seen) for family in self._families]
+        self._visible = VisibleParts(fitted, self._seen)
+        self._banks = [PatternBank(family, self._visible) for family in self._families]
 
     def columns(self, pattern: CandidatePattern) -> F64:
         """Weighted columns of a pattern, shape (n, k)."""
@@ -172,7 +172,7 @@ class Patterns:
             w = best.wave or pattern.wave
             repeated = oscillation(w.v, w.period, best.error_motion, w.along, harmonics=_HARMONICS)
             forms += [(i, best, 1), (i, repeated, 1)]
-        bank = PatternBank(self._fitted, [form for _, form, _ in forms], self._seen)
+        bank = PatternBank([form for _, form, _ in forms], self._visible)
         seen = {s.key: s for s in bank.screen(basis)}
         strongest: dict[int, ResidualPattern] = {}
         for key, (i, form, chosen) in enumerate(forms):
@@ -222,7 +222,7 @@ class Patterns:
                     for part in np.linspace(-1.0, 1.0, _NEARBY)
                 ]
         drop = np.zeros(len(trials))
-        for s in PatternBank(self._fitted, trials, self._seen).screen(basis):
+        for s in PatternBank(trials, self._visible).screen(basis):
             drop[s.key] = s.drop
         best = drop.reshape(len(patterns), _NEARBY).argmax(axis=1) if len(patterns) else ()
         return [trials[i * _NEARBY + int(k)] for i, k in enumerate(best)]
@@ -231,7 +231,7 @@ class Patterns:
         self, basis: Basis, found: Sequence[ResidualPattern], most: int
     ) -> list[ResidualPattern]:
         """The strongest first; one that says little beyond those already taken is left out."""
-        bank = PatternBank(self._fitted, [s.pattern for s in found], self._seen)
+        bank = PatternBank([s.pattern for s in found], self._visible)
         left: dict[int, float] = {}
         taken: list[ResidualPattern] = []
         current = basis
