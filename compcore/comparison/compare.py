@@ -73,6 +73,8 @@ class Comparison(Shown):
         The rows' standard uncertainties and where they come from.
     left_out
         Specs of instrument effects that belong to other set-ups than this campaign's.
+    changed
+        What has changed since the model was fitted, in sentences; empty where nobody asked.
     """
 
     problem: Problem
@@ -86,6 +88,7 @@ class Comparison(Shown):
     noise: NoiseFloor
     uncertainty: Uncertainty
     left_out: tuple[str, ...]
+    changed: tuple[str, ...] = ()
 
     @property
     def fitted_files(self) -> tuple[str, ...]:
@@ -145,10 +148,11 @@ class Comparison(Shown):
             yield f"The model holds: what is left is noise; {'; '.join(told)}."
             return
         else:
-            yield f"The model does not hold for this campaign: {'; '.join(told)}."
+            yield f"THE MODEL DOES NOT HOLD on this campaign: {'; '.join(told)}."
+        yield from self.changed
         for side in self.sides:
             yield f"{side.words}: {side.share:.0%} of what is left."
-        yield "Next: abbe diagnose MODEL CAMPAIGN names what is missing."
+        yield "next: abbe diagnose MODEL CAMPAIGN"
 
     def words(self) -> Iterator[str]:
         """What ``abbe compare`` prints: overall, worst set-ups and regions, worst points, lines."""

@@ -16,11 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
 from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING, INDISTINCT
 from abbe.compcore.diagnosis.screening.independence import independent_share
+from abbe.compcore.distributions import chi2_beyond
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.fitting.design.unknowns import BASE_SCALE
 from abbe.compcore.fitting.fit import FitResult
@@ -222,7 +222,7 @@ class _Known:
 
     def disagrees(self, chi2: float) -> float:
         """The chance of so large a disagreement."""
-        return float(chdtrc(max(1, self.result.decomposition.rank), max(0.0, chi2 - self.free)))
+        return chi2_beyond(max(0.0, chi2 - self.free), max(1, self.result.decomposition.rank))
 
     def factor(self) -> tuple[float, float]:
         """The factor on all given values that fits best, and the part of y that it explains."""

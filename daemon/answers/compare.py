@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
-
-from scipy.special import chdtrc
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.comparison.compare import Comparison
@@ -14,9 +13,6 @@ from abbe.compcore.diagnosis.explain import changed
 from abbe.compcore.fitting.fit import fit
 from abbe.compcore.model.model import Model
 from abbe.daemon.answers.fit import finite
-
-_UNLIKELY = 1e-4
-"""Chance of so large a χ² below which a model does not hold."""
 
 
 def as_json(comparison: Comparison) -> dict[str, Any]:
@@ -52,21 +48,12 @@ def as_json(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def holding(model: Model, campaign: Campaign, comparison: Comparison) -> list[str]:
-    """Whether the model holds on the campaign, in a sentence or two, and the next command."""
-    parts = [p for p in (comparison.lengths, comparison.rotations) if p.n]
-    unlikely = [p for p in parts if chdtrc(p.n, p.chi2_per_dof * p.n) < _UNLIKELY]
-    if not unlikely or not model.terms or any(not t.fitted for t in model.terms):
-        return []
-    holds = standing(model, fit(model, campaign).thin)
-    said = [] if holds is None else list(changed(holds))
-    worst = max(p.chi2_per_dof for p in unlikely)
-    return [
-        f"THE MODEL DOES NOT HOLD on this campaign: χ² per degree of freedom is {worst:.3g} and "
-        "would be 1",
-        *said,
-        "next: abbe diagnose MODEL CAMPAIGN",
-    ]
+def with_changes(model: Model, campaign: Campaign, comparison: Comparison) -> Comparison:
+    """The comparison with what has changed since the model was fitted, where it does not hold."""
+    if comparison.holds or not model.terms or any(not t.fitted for t in model.terms):
+        return comparison
+    found = standing(model, fit(model, campaign).thin)
+    return replace(comparison, changed=() if found is None else tuple(changed(found)))
 
 
 def _part(comparison: Comparison, part: ComparedRows, unit: str, factor: float) -> dict[str, Any]:

@@ -44,19 +44,17 @@ def compare(
         loaded, campaign = load(model, campaigns, active)
         tell("comparing")
         comparison = compare_model(loaded, campaign)
+        tell("whether it holds")
+        comparison = answer.with_changes(loaded, campaign, comparison)
         if report is not None:
             from abbe.daemon.report.compare import comparison_page
 
             tell("drawing")
             comparison_page(comparison).write(report)
-        tell("whether it holds")
-        held = answer.holding(loaded, campaign, comparison)
     if as_json:
         reported = {**answer.as_json(comparison), "fitted_to": list(comparison.fitted_files)}
         say(json.dumps(reported, ensure_ascii=False))
         return
-    for line in held:
-        say(line)
     say(comparison.report())
     if report is not None:
         say(f"written: {report}")

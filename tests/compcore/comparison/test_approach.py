@@ -42,7 +42,7 @@ def test_play_is_found_where_rows_of_all_components_are_mixed(backlash_of_z: Com
 def test_the_verdict_names_it_and_the_next_command(backlash_of_z: Comparison) -> None:
     first, second, *_, last = backlash_of_z.verdict()
     assert not backlash_of_z.holds
-    assert "does not hold" in first
+    assert "DOES NOT HOLD" in first
     assert second.startswith("Z stands 5.")
     assert "towards minus, when it comes from above" in second
     assert "abbe diagnose" in last

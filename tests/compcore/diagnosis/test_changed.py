@@ -133,9 +133,10 @@ def test_the_commands_say_it(case: Case, tmp_path: Path) -> None:
     assert answer["changed"][0]["parameters"]["angle"]["by"] == pytest.approx(-50e-6, abs=2e-6)
     said = runner.invoke(app, ["compare", str(path), str(check)])
     assert said.exit_code == 0, said.output
-    first, second = said.stdout.splitlines()[:2]
-    assert "DOES NOT HOLD" in first
-    assert "squareness axes=Y,X changed" in second
+    lines = said.stdout.splitlines()
+    assert lines[0].startswith("SUSPICIOUS: χ²/dof")
+    assert "DOES NOT HOLD" in lines[1]
+    assert "squareness axes=Y,X changed" in lines[2]
     assert "next: abbe diagnose" in said.stdout
 
 
