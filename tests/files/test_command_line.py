@@ -93,7 +93,7 @@ sys.meta_path.insert(0, Interrupt())
     "name",
     ["typer", "abbe.compcore.errors", "abbe.drivers.link", "abbe.daemon.application",
      "abbe.daemon.commands.fit", "numpy", "pydantic", "abbe.compcore.fitting.fit",
-     "abbe.compcore.files.model_file", "tomli_w", "scipy.linalg"],
+     "abbe.compcore.files.model_file", "tomli_w"],
 )  # fmt: skip
 def test_an_interruption_while_python_imports_is_one_line(shop: Path, name: str):
     words = ["fit", "model.toml", "day.csv", "-o", "out.toml"]
