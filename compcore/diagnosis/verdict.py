@@ -175,6 +175,10 @@ def _diagnosed(model: Model, whole: FitResult, result: FitResult, progress: Prog
     progress("looking for structure that is in no catalogue")
     patterns = Patterns(result.problem, result.theta, basis)
     chosen, unexplained = _compete(pool, basis, chosen, patterns)
+    if not chosen and basis.share < 1.0:
+        # no cause stands, so what is left is described as it is
+        basis = replace(basis, share=1.0)
+        unexplained = patterns.established(basis)
     progress("aliases and cross-validation")
     background = basis
     for s in unexplained:
