@@ -260,7 +260,7 @@ class _New:
 def _determined(information: F64) -> F64:
     """Combinations of unknowns that are determined, at one standard deviation, as columns."""
     values, vectors = np.linalg.eigh(information)
-    keep = values > 1e-7 * values[-1]
+    keep = values > 1e-7 * values.max(initial=0.0)
     return np.asarray(vectors[:, keep] / np.sqrt(values[keep]))
 
 

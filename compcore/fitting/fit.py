@@ -120,11 +120,6 @@ def fit(
     """
     if not campaign.n:
         raise FitError("the campaign has no rows")
-    if model.effects and all(effect.given for effect in model.effects):
-        raise FitError(
-            "there is nothing to fit: all values of this model are given; add what may be left "
-            "('abbe add', 'abbe diagnose'), or lay it beside the measurements with 'abbe compare'"
-        )
     frame = ReferenceFrame() if frame is None else frame
     frame.check(model.machine)
     uncertainty = Uncertainty.of(campaign, model.machine)

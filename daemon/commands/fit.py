@@ -44,6 +44,7 @@ def fit(
     force: Force = False,
 ) -> None:
     """Fit all parameters of a model to campaigns and write the fitted model."""
+    from abbe.compcore.errors import FitError
     from abbe.compcore.files.fit_record import recorded
     from abbe.compcore.files.model_file import save_model
     from abbe.compcore.fitting.fit import fit as fit_model
@@ -63,6 +64,11 @@ def fit(
     )
     with shown("reading", expected.fitting(campaigns)) as tell:
         loaded, campaign = load(model, campaigns, active)
+        if loaded.effects and all(effect.given for effect in loaded.effects):
+            raise FitError(
+                "there is nothing to fit: all values of this model are given; add what may be left "
+                "('abbe add', 'abbe diagnose'), or lay it beside the measurements ('abbe compare')"
+            )
         result = fit_model(loaded, campaign, robust=robust, frame=chosen, progress=tell)
         tell("noise floor")
         lengths = result.noise.lengths

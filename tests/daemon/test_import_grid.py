@@ -125,6 +125,26 @@ def test_compare_shows_what_the_grid_leaves(tmp_path):
     told = json.loads(run("compare", model, campaign, "--json"))
     assert told["rms"] == pytest.approx(math.sqrt((0.3**2 + 0.4**2) / 2), abs=1e-6)
     assert told["max"] == pytest.approx(0.4, abs=1e-6)
+    done = abbe("fit", model, campaign, "-o", tmp_path / "f.toml")
+    assert done.status == 1
+    assert "nothing to fit" in done.err
+
+
+def test_diagnose_finds_what_has_come_since(tmp_path):
+    """The grid as measured, and since then a scale that is 40 ppm longer."""
+    model = imported(tmp_path, GRID, "grid-csv", *ISO)
+    rows = ['# format = "abbe-campaign/1"', "# [setups.a]", '# free = ["zero"]',
+            "time,setup,kind,X,Y,Z,X_dir,ux,uy,uz,value,sd"]  # fmt: skip
+    for i in range(63):
+        x = 5.0 * (i % 21)
+        grid = -x / 50.0  # µm: −1 at 50, −2 at 100
+        rows.append(f"{i},a,displacement,{x},{(0, 100, 300)[i // 21]},0,0,1,0,0,"
+                    f"{grid + 0.04 * x + 0.05 * (-1) ** i:.4f},0.1")  # fmt: skip
+    campaign = tmp_path / "c.csv"
+    campaign.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    told = json.loads(run("diagnose", model, campaign, "--json"))
+    assert told["verdict"] == "missing"
+    assert told["candidates"][0]["spec"].startswith(("scale axis=X", "positioning axis=X"))
 
 
 @pytest.mark.parametrize(
