@@ -29,7 +29,7 @@ _FEWEST = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class MeasuredCircle:
     """One direction's readings, in the order of angle.
 
     Attributes
@@ -78,7 +78,7 @@ class CircularResult:
     plane: tuple[str, str]
     radius: float
     centre: tuple[float, float]
-    paths: Mapping[str, Path]
+    paths: Mapping[str, MeasuredCircle]
     full: bool
     eccentricity: tuple[float, float]
     G: Mapping[str, float]
@@ -111,7 +111,7 @@ def evaluate_circle(
     plane: tuple[str, str],
     centre: tuple[float, float],
     radius: float,
-    paths: Mapping[str, Path],
+    paths: Mapping[str, MeasuredCircle],
 ) -> CircularResult:
     """Evaluate the paths of one circular test."""
     full = all(_gap(path.angle) <= _FULL for path in paths.values())
@@ -188,7 +188,7 @@ def _zone(angle: F64, deviation: F64, full: bool) -> float:
     return float(solved.fun) * scale
 
 
-def _apart(paths: Mapping[str, Path], left: Mapping[str, F64]) -> float:
+def _apart(paths: Mapping[str, MeasuredCircle], left: Mapping[str, F64]) -> float:
     """Greatest distance of two paths at one angle; between readings straight lines, mm."""
     every = np.unique(np.concatenate([p.angle for p in paths.values()]))
     low = max(p.angle[0] for p in paths.values())
@@ -235,9 +235,9 @@ def _circle(campaign: Campaign, name: str, rows: NDArray[np.int64]) -> CircularR
     return evaluate_circle(name, plane, middle, radius, paths)
 
 
-def _path(angle: F64, deviation: F64) -> Path:
+def _path(angle: F64, deviation: F64) -> MeasuredCircle:
     order = np.argsort(angle, kind="stable")
-    return Path(angle[order], deviation[order])
+    return MeasuredCircle(angle[order], deviation[order])
 
 
 def _fitted(points: F64) -> tuple[F64, float]:

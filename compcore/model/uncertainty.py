@@ -48,7 +48,7 @@ class Beyond:
 
 
 @dataclass(frozen=True, eq=False)
-class Uncertainty:
+class PredictionUncertainty:
     """Standard uncertainty of a prediction at n rows.
 
     Attributes
@@ -65,7 +65,7 @@ class Uncertainty:
     beyond: tuple[Beyond, ...]
 
 
-def uncertainty(model: Model, conditions: Conditions) -> Uncertainty | None:
+def uncertainty(model: Model, conditions: Conditions) -> PredictionUncertainty | None:
     """The standard uncertainty of a fitted model's prediction; None without a covariance.
 
     Two parts, independent of each other: that of the fitted parameters
@@ -83,7 +83,7 @@ def uncertainty(model: Model, conditions: Conditions) -> Uncertainty | None:
         change = _RECTANGULAR * (here.translation - there.translation)
         moved = np.hypot(moved, change)
         turned = np.hypot(turned, _RECTANGULAR * (here.rotation - there.rotation))
-    return Uncertainty(moved, turned, tuple(beyond))
+    return PredictionUncertainty(moved, turned, tuple(beyond))
 
 
 def _nearest(model: Model, conditions: Conditions) -> tuple[Conditions, list[Beyond]]:
@@ -139,12 +139,12 @@ UNKNOWN = "± is not known: imported, typed in, or changed since the model was f
 """Said in place of an uncertainty where the model has no covariance."""
 
 
-def in_words(found: Uncertainty | None) -> Iterator[str]:
+def in_words(found: PredictionUncertainty | None) -> Iterator[str]:
     """Warnings about what lies outside of what was measured."""
     for one in () if found is None else found.beyond:
         yield f"{one}: the ± is wider for it"
 
 
-def expanded(found: Uncertainty, row: int = 0) -> Mapping[str, float]:
+def expanded(found: PredictionUncertainty, row: int = 0) -> Mapping[str, float]:
     """± of the error of the functional point in X, Y, Z at one row, with k = 2, mm."""
     return {a: float(COVERAGE * found.translation[row, k]) for k, a in enumerate("XYZ")}

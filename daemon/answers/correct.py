@@ -16,7 +16,13 @@ from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.inverse import invert_model
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.pose import command_of
-from abbe.compcore.model.uncertainty import COVERAGE, UNKNOWN, Uncertainty, expanded, uncertainty
+from abbe.compcore.model.uncertainty import (
+    COVERAGE,
+    UNKNOWN,
+    PredictionUncertainty,
+    expanded,
+    uncertainty,
+)
 from abbe.daemon.arguments.effect_name import short
 
 F64 = NDArray[np.float64]
@@ -76,7 +82,7 @@ class Corrected:
     contraction: float = 0.0
     iterations: int = 0
     left: OrientationLeft | None = None
-    sure: Uncertainty | None = None
+    sure: PredictionUncertainty | None = None
 
     def correction(self, axis: str) -> float:
         """The answer minus what was asked, mm (rotary: degrees)."""
@@ -218,7 +224,7 @@ def as_text(found: Corrected, *, explain: bool) -> Iterator[str]:
         yield from _explained(found)
 
 
-def _plus_minus(sure: Uncertainty, axis: str) -> str:
+def _plus_minus(sure: PredictionUncertainty, axis: str) -> str:
     wide = expanded(sure).get(axis)
     return "" if wide is None else f" ± {wide * 1e3:.2f}"
 

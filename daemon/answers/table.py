@@ -20,7 +20,7 @@ from abbe.compcore.model.model import Model
 from abbe.compcore.model.uncertainty import (
     COVERAGE,
     UNKNOWN,
-    Uncertainty,
+    PredictionUncertainty,
     in_words,
     uncertainty,
 )
@@ -117,7 +117,7 @@ class TableAnswer:
     remaining: Mapping[str, Remainder]
     notes: tuple[str, ...]
     trial: TrialPoints
-    sure: Uncertainty | None
+    sure: PredictionUncertainty | None
 
 
 def make(order: TableRequest, model: Model | None = None) -> TableAnswer:
@@ -261,7 +261,7 @@ def as_text(done: TableAnswer, written: Sequence[Path]) -> Iterator[str]:
     yield "written: " + ", ".join(str(p) for p in written)
 
 
-def _lengths(sure: Uncertainty) -> F64:
+def _lengths(sure: PredictionUncertainty) -> F64:
     """± of the error vector's length all over the volume, k = 2, (n,), mm."""
     return np.asarray(COVERAGE * np.linalg.norm(sure.translation, axis=1))
 

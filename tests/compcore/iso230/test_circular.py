@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from abbe.compcore.iso230.circular import Path as Way
+from abbe.compcore.iso230.circular import MeasuredCircle as Way
 from abbe.compcore.iso230.circular import evaluate_circle
 from tests.support.daemon.command_line import abbe
 
