@@ -103,6 +103,9 @@ _LOOKS = (
 def recognised(path: str | Path) -> FileKind | None:
     """The kind of a file; None for one that is not known, or cannot be read."""
     try:
+        # a pipe or a terminal would be waited for, and what is read from it be lost
+        if not Path(path).is_file():
+            return None
         with Path(path).open("rb") as stream:
             beginning = decoded(stream.read(_BEGINNING))
     except (OSError, ValueError):

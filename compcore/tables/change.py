@@ -15,7 +15,7 @@ _POINTS = 610
 
 
 @dataclass(frozen=True)
-class Change:
+class FieldChange:
     """The largest change of the predicted error.
 
     Attributes
@@ -30,10 +30,12 @@ class Change:
     where: dict[str, float]
 
 
-def predicted_change(model: Model, volume: Volume, before: SlowState, after: SlowState) -> Change:
+def predicted_change(
+    model: Model, volume: Volume, before: SlowState, after: SlowState
+) -> FieldChange:
     """The largest change of a model's error over a volume between two slow states."""
     where = volume.spread(model.machine.structure.axes, _POINTS)
     change = ErrorField(model, after)(where) - ErrorField(model, before)(where)
     length = np.linalg.norm(change, axis=1)
     worst = int(length.argmax())
-    return Change(float(length[worst]), {a: float(p[worst]) for a, p in where.items()})
+    return FieldChange(float(length[worst]), {a: float(p[worst]) for a, p in where.items()})
