@@ -15,7 +15,7 @@ _POINTS = 610
 
 
 @dataclass(frozen=True)
-class FieldChange:
+class Shift:
     """The largest change of the predicted error.
 
     Attributes
@@ -30,12 +30,10 @@ class FieldChange:
     where: dict[str, float]
 
 
-def predicted_change(
-    model: Model, volume: Volume, before: SlowState, after: SlowState
-) -> FieldChange:
+def predicted_change(model: Model, volume: Volume, before: SlowState, after: SlowState) -> Shift:
     """The largest change of a model's error over a volume between two slow states."""
     where = volume.spread(model.machine.structure.axes, _POINTS)
     change = ErrorField(model, after)(where) - ErrorField(model, before)(where)
     length = np.linalg.norm(change, axis=1)
     worst = int(length.argmax())
-    return FieldChange(float(length[worst]), {a: float(p[worst]) for a, p in where.items()})
+    return Shift(float(length[worst]), {a: float(p[worst]) for a, p in where.items()})
