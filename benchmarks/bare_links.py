@@ -21,13 +21,13 @@ import canopen
 import cantools
 import serial
 
-import abbe.drivers.simulated
+import abbe.drivers.simulated.can
 
 AXES = ("x", "y", "z")
 NODES = (3, 4, 5)
 NUMBER = r"[-+][\d.]+"
 POSITION = rf"X(?P<x>{NUMBER}) Y(?P<y>{NUMBER}) Z(?P<z>{NUMBER})"
-DBC = Path(abbe.drivers.simulated.__file__).with_name("machine.dbc")
+DBC = Path(abbe.drivers.simulated.can.__file__).with_name("machine.dbc")
 
 Poll = Callable[[], Awaitable[None]]
 Bare = Callable[[], AbstractContextManager[Poll]]
