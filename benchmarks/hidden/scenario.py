@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.hidden import bare, beyond, distances, instrument, rotary_causes, rotary_plan
+from benchmarks.hidden import aside, bare, beyond, distances, instrument, rotary_causes, rotary_plan
 from benchmarks.hidden.campaign import STRUCTURES, draw
 from benchmarks.hidden.causes import Cause, catalogue
 from benchmarks.hidden.further import further, left_out
@@ -32,6 +32,7 @@ ELSEWHERE: Mapping[str, tuple[str, ...]] = {
     **{name: instrument.kinds(words) for name, words in instrument.HIDDEN.items()},
     **dict.fromkeys(distances.HIDDEN, distances.kinds()),
     **dict.fromkeys(beyond.NAMES, tuple(STRUCTURES)),
+    **dict.fromkeys(aside.NAMES, tuple(STRUCTURES)),
 }
 """Causes that need other scenes than the usual ones, or came later → the kinds of scene, taken in
 turn."""

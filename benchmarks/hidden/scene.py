@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from benchmarks.hidden import bare, distances, instrument
+from benchmarks.hidden.aside import aside
 from benchmarks.hidden.beyond import beyond
 from benchmarks.hidden.campaign import STRUCTURES, Machine, draw, model_text, simulate
 from benchmarks.hidden.causes import Cause, catalogue
@@ -51,7 +52,8 @@ class Usual:
         found = catalogue(axes, travels, rng) | uncatalogued(axes, travels, rng)
         rng = np.random.default_rng((self.seed, 8))
         found |= further(axes, travels, rng) | left_out(axes, rng)
-        return found | beyond(axes, travels, np.random.default_rng((self.seed, 9)))
+        found |= beyond(axes, travels, np.random.default_rng((self.seed, 9)))
+        return found | aside(axes, np.random.default_rng((self.seed, 10)))
 
     def simulate(self, causes: Hidden, *, held_out: bool = False) -> Simulated:
         """Lines by laser, angles by level, through a day."""

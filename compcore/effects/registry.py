@@ -50,8 +50,16 @@ COMMON: dict[str, str] = {
 
 _BUILT_IN: dict[str, type[Effect]] = {}
 
+
+def _own() -> dict[str, type[Effect]]:
+    """Abbe's own kinds as far as their families are imported, in the catalogue's order."""
+    order = list(FAMILIES)
+    kinds = sorted(_BUILT_IN, key=lambda kind: order.index(_module(_BUILT_IN[kind])))
+    return {kind: _BUILT_IN[kind] for kind in kinds}
+
+
 PLUGINS: PluginGroup[Effect] = PluginGroup(
-    EFFECT_GROUP, Effect, "kind of effect", own=lambda: _BUILT_IN, name_of=lambda cls: cls.kind
+    EFFECT_GROUP, Effect, "kind of effect", own=_own, name_of=lambda cls: cls.kind
 )
 
 E = TypeVar("E", bound=type[Effect])
@@ -80,9 +88,7 @@ def load_families() -> dict[str, ModuleType]:
 def effect_kinds() -> dict[str, type[Effect]]:
     """All kinds: built-in ones in catalogue order, then plugins'; broken plugins are left out."""
     load_families()
-    order = list(FAMILIES)
-    kinds = sorted(_BUILT_IN, key=lambda kind: order.index(_module(_BUILT_IN[kind])))
-    return {**{kind: _BUILT_IN[kind] for kind in kinds}, **PLUGINS.plugins().found}
+    return {**_own(), **PLUGINS.plugins().found}
 
 
 def _module(cls: type[Effect]) -> str:
