@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from typing import TYPE_CHECKING, Any
 
 from abbe.compcore.errors import AbbeError
@@ -18,6 +17,8 @@ def html_table(columns: Sequence[str], rows: Sequence[Sequence[object]], caption
     >>> html_table(["axis"], [["X"]], "a < b")
     '<table><caption>a &lt; b</caption><tr><th>axis</th></tr><tr><td>X</td></tr></table>'
     """
+    from html import escape
+
     head = "".join(f"<th>{escape(column)}</th>" for column in columns)
     body = "".join(
         f"<tr>{''.join(f'<td>{_cell(value)}</td>' for value in row)}</tr>" for row in rows
@@ -29,6 +30,8 @@ def html_table(columns: Sequence[str], rows: Sequence[Sequence[object]], caption
 def _cell(value: object) -> str:
     if value is None:
         return "–"
+    from html import escape
+
     return escape(f"{value:.4g}" if isinstance(value, float) else str(value))
 
 

@@ -6,15 +6,12 @@ line, and everything that does not need it goes on.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, TypeVar
 
 from abbe.compcore.errors import InputError
-
-logger = logging.getLogger("abbe.plugins")
 
 T = TypeVar("T")
 _LONGEST = 300
@@ -138,7 +135,9 @@ class PluginGroup(Generic[T]):
                     found[name] = cls
                 except BrokenPluginError as error:
                     left_out[entry.name] = str(error)
-                    logger.warning("%s: it is left out", error)
+                    import logging
+
+                    logging.getLogger("abbe.plugins").warning("%s: it is left out", error)
             self._found = Plugins(found, left_out)
         return self._found
 

@@ -37,7 +37,6 @@ def _ignore_interruptions() -> None:
 def _run() -> int:
     from abbe.compcore.errors import AbbeError
     from abbe.daemon.standard_output import finish, install
-    from abbe.drivers.link import LinkError
 
     reported = ""
     status = 1
@@ -49,7 +48,7 @@ def _run() -> int:
         status = 0
     except SystemExit as done:
         status = done.code if isinstance(done.code, int) else int(done.code is not None)
-    except (AbbeError, LinkError) as error:
+    except AbbeError as error:
         reported = str(error) + _elsewhere(error)
     except BrokenPipeError:
         status = 0
@@ -58,12 +57,22 @@ def _run() -> int:
         reported = f"{where}{error.strerror or error}"
     except MemoryError:
         reported = "not enough memory"
+    except Exception as error:
+        if not _of_a_link(error):
+            raise
+        reported = str(error)
     if reported:
         _tell(reported)
     unprinted = finish()
     if unprinted and not reported:
         _tell(unprinted)
     return status or int(bool(unprinted))
+
+
+def _of_a_link(error: Exception) -> bool:
+    """Whether a link raised it; the drivers are not imported for a command that needs none."""
+    drivers = sys.modules.get("abbe.drivers.link")
+    return drivers is not None and isinstance(error, drivers.LinkError)
 
 
 def _elsewhere(error: Exception) -> str:

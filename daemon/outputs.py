@@ -15,10 +15,7 @@ from pathlib import Path
 import typer
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.campaign_csv import head as campaign_head
-from abbe.compcore.files.model_file import FORMAT as MODEL_FORMAT
-from abbe.compcore.files.table_record import FORMAT as TABLES_FORMAT
-from abbe.compcore.files.table_set import RECORD_NAME, TableSet, sha256
+from abbe.compcore.files import formats
 from abbe.compcore.files.text.write_target import WriteTarget
 
 Say = Callable[[str], None]
@@ -56,8 +53,8 @@ def _key(name: str, behind: str = "") -> re.Pattern[bytes]:
     return re.compile(text.encode(), re.MULTILINE)
 
 
-MODEL = OutputKind("a model of Abbe", _key(MODEL_FORMAT))
-CAMPAIGN = OutputKind("a campaign of Abbe", _key(campaign_head.FORMAT, '"?#'))
+MODEL = OutputKind("a model of Abbe", _key(formats.MODEL))
+CAMPAIGN = OutputKind("a campaign of Abbe", _key(formats.CAMPAIGN, '"?#'))
 CORRECTED = OutputKind("points that Abbe corrected", re.compile(rb"^[^#\n]*\bX_corrected\b", re.M))
 REPORT = OutputKind("a report of Abbe", re.compile(rb'<meta name="generator" content="Abbe '))
 JOURNAL = OutputKind(
@@ -69,7 +66,7 @@ UPLOADS = OutputKind(
     re.compile(rb'\A(?:\{"format": "abbe-uploads/1"|\{[^\n]{0,25}(?:\n\{"format"|\Z)|\0)'),
 )
 RECORD = OutputKind(
-    "a record of Abbe's tables", re.compile(rb'"format":\s*"' + TABLES_FORMAT.encode() + b'"')
+    "a record of Abbe's tables", re.compile(rb'"format":\s*"' + formats.TABLES.encode() + b'"')
 )
 
 
@@ -172,6 +169,8 @@ def check_folder(
         return check_outputs(reads, beside, force=force, as_json=as_json)
     if not folder.is_dir():
         raise InputError("is not a folder", file=folder, expected="a folder, or a new name")
+    from abbe.compcore.files.table_set import RECORD_NAME, TableSet
+
     record = folder / RECORD_NAME
     tables = [(folder / name, _ANYTHING) for name in files]
     say = check_outputs(reads, [*beside, *tables, (record, RECORD)], force=force, as_json=as_json)
@@ -184,6 +183,8 @@ def check_folder(
 
 def _require_own(path: Path, text: str, made: str | None) -> None:
     """Whether what is there is a table of the record, as it was made or as it will be."""
+    from abbe.compcore.files.table_set import sha256
+
     status = WriteTarget.of(path).status
     if status is None or not status.st_size:
         return

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.machine.machine import Machine
+from abbe.compcore.machine.plausible import BODIES, perhaps_fahrenheit
 
 F64 = NDArray[np.float64]
 
@@ -32,10 +33,6 @@ _LITTLE, _MUCH = 0.1, 25.0
 """χ² per degree of freedom beyond which the stated uncertainties are doubted."""
 _ENOUGH = 20
 """Degrees of freedom from which on χ² is judged."""
-_FAHRENHEIT = (53.6, 95.0)
-"""What 12 to 35 °C read in °F: no shop, scale or casting is that warm in °C."""
-_BODIES = ("scale", "structure", "workpiece", "ambient", "air", "other")
-"""Roles of thermometers that show about the shop's temperature."""
 _ALIKE = 0.8
 """Correlation of measured and predicted values from which on their ratio means something."""
 _SEEN = 3.0
@@ -106,18 +103,9 @@ def of_signals(campaign: Campaign, machine: Machine) -> Iterator[str]:
     for name, values in campaign.conditions.signals.items():
         signal = machine.signals.get(name)
         known = values[np.isfinite(values)]
-        if signal is None or signal.unit != "degC" or signal.role not in _BODIES or not len(known):
+        if signal is None or signal.unit != "degC" or signal.role not in BODIES or not len(known):
             continue
-        yield from of_temperature(name, float(np.median(known)), signal.role)
-
-
-def of_temperature(name: str, value: float, role: str) -> Iterator[str]:
-    """A temperature (°C) that makes sense only as °F; `role` as in the model file."""
-    if role in _BODIES and _FAHRENHEIT[0] <= value <= _FAHRENHEIT[1]:
-        yield (
-            f"{name} reads {value:.4g} °C; {value:.4g} °F would be {(value - 32.0) / 1.8:.3g} °C: "
-            "is it in the unit that the model states?"
-        )
+        yield from perhaps_fahrenheit(name, float(np.median(known)), signal.role)
 
 
 def of_chi2(chi2_per_dof: float, dof: int, *, stated: bool) -> Iterator[str]:

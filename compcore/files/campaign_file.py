@@ -10,7 +10,6 @@ from abbe.compcore.campaign.join import join_campaigns
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_csv.columns import AXIS, read_columns
 from abbe.compcore.files.campaign_csv.head import (
-    FORMAT,
     CampaignHead,
     add_metadata,
     plain_line,
@@ -20,6 +19,7 @@ from abbe.compcore.files.campaign_csv.lines import LineSource, csv_cells
 from abbe.compcore.files.campaign_csv.rows import CampaignRows
 from abbe.compcore.files.campaign_csv.table import parse_rows
 from abbe.compcore.files.campaign_csv.writing import write_campaign
+from abbe.compcore.files.formats import CAMPAIGN
 from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.machine.structure import Structure
 from abbe.compcore.model.model import Model
@@ -103,7 +103,7 @@ def _head_and_header(
             head = read_head(top, file)
             return head, _header(line, file, first + i), first + i, lines[i + 1 :]
     if not any(text.strip() for text in top):
-        expected = f'# format = "{FORMAT}"'
+        expected = f'# format = "{CAMPAIGN}"'
         raise InputError("the file is empty", file=file, line=1, expected=expected)
     read_head(top, file)
     raise InputError(

@@ -14,6 +14,7 @@ import tomli_w
 from abbe.compcore.effects.base import Effect, NonlinearParameter, Parameter
 from abbe.compcore.effects.registry import make_effect
 from abbe.compcore.errors import AbbeError, InputError
+from abbe.compcore.files import formats
 from abbe.compcore.files.model_sections import (
     MachineSection,
     ParameterSection,
@@ -29,8 +30,6 @@ from abbe.compcore.machine.machine import Axis, Machine, Signal, Vec3, nominal_d
 from abbe.compcore.machine.structure import Structure, is_rotary
 from abbe.compcore.model.model import Model, Term, Value
 from abbe.compcore.units import to_internal
-
-FORMAT = "abbe-model/1"
 
 
 def load_model(path: str | Path) -> Model:
@@ -247,7 +246,7 @@ def document_of(model: Model) -> dict[str, Any]:
             | ({"location": s.location} if s.location else {})
             for s in machine.signals.values()
         }
-    document: dict[str, Any] = {"format": FORMAT, "machine": section}
+    document: dict[str, Any] = {"format": formats.MODEL, "machine": section}
     document["effects"] = [_effect_table(term, machine) for term in model.terms]
     if model.fit or model.covariance is not None:
         document["fit"] = dict(model.fit)

@@ -6,7 +6,6 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints
 
-FORMAT = "abbe-tables/1"
 _LONGEST_NAME = 255
 """Bytes of a file's name that systems allow."""
 

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.table_record import FORMAT, RecordFile
+from abbe.compcore.files.formats import TABLES
+from abbe.compcore.files.table_record import RecordFile
 from abbe.compcore.files.text.atomic import write_together
 from abbe.compcore.files.text.json_source import read_json, shaped
 from abbe.compcore.tables.table import Table
@@ -63,7 +64,7 @@ class TableSet:
     def document(self) -> dict[str, Any]:
         """The record file's content: the record, the controller and every file's checksum."""
         return {
-            "format": FORMAT,
+            "format": TABLES,
             **self.record,
             "controller": self.controller,
             "options": dict(self.options),
@@ -130,9 +131,9 @@ _OWN_KEYS = frozenset({"format", "files", "controller", "options", "sha256"})
 
 def _record_in(path: Path) -> tuple[dict[str, Any], RecordFile]:
     document = read_json(path)
-    if not isinstance(document, dict) or document.get("format") != FORMAT:
+    if not isinstance(document, dict) or document.get("format") != TABLES:
         raise InputError(
-            "not a record of tables", file=path, field="format", expected=FORMAT,
+            "not a record of tables", file=path, field="format", expected=TABLES,
             found=document.get("format") if isinstance(document, dict) else None,
         )  # fmt: skip
     return document, shaped(document, RecordFile, path)

@@ -9,7 +9,7 @@ readings before they are used.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -187,3 +187,18 @@ def position_range(axis: Axis) -> Range:
     unit = "degrees" if axis.rotary else "mm"
     speed = _SPEED_ROTARY if axis.rotary else _SPEED
     return Range(low - margin, high + margin, unit, speed)
+
+
+_FAHRENHEIT = (53.6, 95.0)
+"""What 12 to 35 °C read in °F: no shop, scale or casting is that warm in °C."""
+BODIES = ("scale", "structure", "workpiece", "ambient", "air", "other")
+"""Roles of thermometers that show about the shop's temperature."""
+
+
+def perhaps_fahrenheit(name: str, value: float, role: str) -> Iterator[str]:
+    """A temperature (°C) that makes sense only as °F; `role` as in the model file."""
+    if role in BODIES and _FAHRENHEIT[0] <= value <= _FAHRENHEIT[1]:
+        yield (
+            f"{name} reads {value:.4g} °C; {value:.4g} °F would be {(value - 32.0) / 1.8:.3g} °C: "
+            "is it in the unit that the model states?"
+        )

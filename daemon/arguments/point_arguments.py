@@ -8,11 +8,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from abbe.compcore.campaign.suspicions import of_temperature
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
-from abbe.compcore.machine.plausible import SPINDLE_ANGLE, TIME, position_range, signal_range
+from abbe.compcore.machine.plausible import (
+    SPINDLE_ANGLE,
+    TIME,
+    perhaps_fahrenheit,
+    position_range,
+    signal_range,
+)
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.required_inputs import RequiredInputs, validity
@@ -154,7 +159,7 @@ def doubts(model: Model, given: Given) -> list[str]:
     for name, value in given.signals.items():
         signal = model.machine.signals.get(name)
         if signal is not None and signal.unit == "degC":
-            found += of_temperature(name, value, signal.role)
+            found += perhaps_fahrenheit(name, value, signal.role)
         found += _unmeasured(model, name, value)
     required = RequiredInputs.of(model)
     for axis in required.directions:

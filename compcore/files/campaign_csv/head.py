@@ -11,10 +11,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from abbe.compcore.campaign.campaign import Tool
 from abbe.compcore.errors import InputError
+from abbe.compcore.files.formats import CAMPAIGN
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.machine.plausible import POINT, TOOL
 
-FORMAT = "abbe-campaign/1"
 Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
 _Vec = tuple[Finite, Finite, Finite]
 _PADDING = ",,"
@@ -122,7 +122,7 @@ def read_head(lines: list[str], file: str) -> CampaignHead:
             file=file,
             line=1,
             field="format",
-            expected=f'# format = "{FORMAT}"',
+            expected=f'# format = "{CAMPAIGN}"',
         )
     try:
         parsed = _File.model_validate(source.data)

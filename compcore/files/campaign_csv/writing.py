@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_csv.columns import RESERVED, TOOL, UNIT_VECTOR
-from abbe.compcore.files.campaign_csv.head import FORMAT
 from abbe.compcore.files.campaign_csv.rows import PER_UNIT
+from abbe.compcore.files.formats import CAMPAIGN
 from abbe.compcore.files.text.atomic import write_atomically
 from abbe.compcore.machine.structure import is_rotary
 
@@ -53,7 +53,7 @@ def write_campaign(campaign: Campaign, path: str | Path) -> None:
 
 
 def _head(campaign: Campaign) -> str:
-    data: dict[str, object] = {"format": FORMAT}
+    data: dict[str, object] = {"format": CAMPAIGN}
     data.update(campaign.metadata[0] if campaign.metadata else {})
     if campaign.setups:
         data["setups"] = {s.name: {"free": list(s.free)} for s in campaign.setups.values()}

@@ -1,0 +1,8 @@
+"""The names and versions of the formats of Abbe's files, as their ``format`` key holds them."""
+
+from __future__ import annotations
+
+MODEL = "abbe-model/1"
+CAMPAIGN = "abbe-campaign/1"
+TABLES = "abbe-tables/1"
+"""The record beside a set of compensation tables."""
