@@ -22,18 +22,27 @@ if TYPE_CHECKING:
     from abbe.compcore.effects.catalogue.error_grid import ErrorGrid
     from abbe.compcore.effects.catalogue.events import Drift, Event, WarmUp
     from abbe.compcore.effects.catalogue.formula import Formula
-    from abbe.compcore.effects.catalogue.instrument import InstrumentDrift, LengthBias, SensorOffset
-    from abbe.compcore.effects.catalogue.laser import AirRefraction, Cosine, DeadPath
-    from abbe.compcore.effects.catalogue.linear_axes import (
+    from abbe.compcore.effects.catalogue.instruments.laser import AirRefraction, Cosine, DeadPath
+    from abbe.compcore.effects.catalogue.instruments.readings import (
+        InstrumentDrift,
+        LengthBias,
+        SensorOffset,
+    )
+    from abbe.compcore.effects.catalogue.instruments.setup import SetupFrame, SetupSlope, SetupZero
+    from abbe.compcore.effects.catalogue.linear.linear_axes import (
         Angular,
         Positioning,
         Scale,
         Squareness,
         Straightness,
     )
-    from abbe.compcore.effects.catalogue.local import LocalDefect
-    from abbe.compcore.effects.catalogue.periodic import Cyclic
-    from abbe.compcore.effects.catalogue.reversal import Backlash, LateralReversal, ReversalAngle
+    from abbe.compcore.effects.catalogue.linear.local import LocalDefect
+    from abbe.compcore.effects.catalogue.linear.periodic import Cyclic
+    from abbe.compcore.effects.catalogue.linear.reversal import (
+        Backlash,
+        LateralReversal,
+        ReversalAngle,
+    )
     from abbe.compcore.effects.catalogue.rotary_axes import (
         RotaryAxial,
         RotaryLocation,
@@ -42,9 +51,12 @@ if TYPE_CHECKING:
         RotaryTilt,
         SpindleSquareness,
     )
-    from abbe.compcore.effects.catalogue.setup import SetupFrame, SetupSlope, SetupZero
-    from abbe.compcore.effects.catalogue.thermal import ScaleExpansion, ScrewHeating, ThermalOffset
-    from abbe.compcore.effects.catalogue.thermal_angles import ThermalBending, ThermalTilt
+    from abbe.compcore.effects.catalogue.temperature.angles import ThermalBending, ThermalTilt
+    from abbe.compcore.effects.catalogue.temperature.lengths import (
+        ScaleExpansion,
+        ScrewHeating,
+        ThermalOffset,
+    )
     from abbe.compcore.effects.catalogue.workpiece import WorkpieceExpansion
 
 __all__ = [

@@ -18,33 +18,34 @@ from abbe.compcore.plugins import PluginGroup
 from abbe.compcore.validation import invalid_key
 
 EFFECT_GROUP = "abbe.effects"
+CATALOGUE = "abbe.compcore.effects.catalogue"
 
 FAMILIES: dict[str, str] = {
-    "linear_axes": "Geometry of linear axes",
-    "periodic": "Geometry of linear axes",
-    "reversal": "Geometry of linear axes",
-    "local": "Geometry of linear axes",
+    "linear.linear_axes": "Geometry of linear axes",
+    "linear.periodic": "Geometry of linear axes",
+    "linear.reversal": "Geometry of linear axes",
+    "linear.local": "Geometry of linear axes",
     "rotary_axes": "Rotary axes and spindle",
     "elastic": "Elastic, not rigid",
     "error_grid": "Measured as a whole",
-    "thermal": "Thermal",
-    "thermal_angles": "Thermal",
+    "temperature.lengths": "Thermal",
+    "temperature.angles": "Thermal",
     "events": "Over time",
     "dynamic": "Dynamic",
     "workpiece": "Workpiece",
-    "laser": "Instrument",
-    "instrument": "Instrument",
-    "setup": "Instrument",
+    "instruments.laser": "Instrument",
+    "instruments.readings": "Instrument",
+    "instruments.setup": "Instrument",
     "formula": "Formula",
 }
-"""Module of the folder ``catalogue`` → the catalogue's chapter, in the catalogue's order."""
+"""Module below the folder ``catalogue`` → the catalogue's chapter, in the catalogue's order."""
 
 COMMON: dict[str, str] = {
-    "positioning": "linear_axes",
-    "straightness": "linear_axes",
-    "angular": "linear_axes",
-    "squareness": "linear_axes",
-    "scale_expansion": "thermal",
+    "positioning": "linear.linear_axes",
+    "straightness": "linear.linear_axes",
+    "angular": "linear.linear_axes",
+    "squareness": "linear.linear_axes",
+    "scale_expansion": "temperature.lengths",
 }
 """Kinds that nearly every model holds → their module: found without importing the catalogue."""
 
@@ -82,7 +83,7 @@ def register(cls: E) -> E:
 @cache
 def load_families() -> dict[str, ModuleType]:
     """Import every family of Abbe's own effects: module name → module."""
-    return {name: import_module(f"abbe.compcore.effects.catalogue.{name}") for name in FAMILIES}
+    return {name: import_module(f"{CATALOGUE}.{name}") for name in FAMILIES}
 
 
 def effect_kinds() -> dict[str, type[Effect]]:
@@ -92,7 +93,7 @@ def effect_kinds() -> dict[str, type[Effect]]:
 
 
 def _module(cls: type[Effect]) -> str:
-    return cls.__module__.rpartition(".")[2]
+    return cls.__module__.removeprefix(f"{CATALOGUE}.")
 
 
 def chapter(cls: type[Effect]) -> str:
@@ -109,7 +110,7 @@ def effect_class(kind: str) -> type[Effect]:
         When there is none, or its plugin cannot be loaded; lists those that exist.
     """
     if kind in COMMON:
-        import_module(f"abbe.compcore.effects.catalogue.{COMMON[kind]}")
+        import_module(f"{CATALOGUE}.{COMMON[kind]}")
     if kind not in _BUILT_IN:
         load_families()
     return PLUGINS.get(kind, field="kind")

@@ -1,4 +1,4 @@
-"""The commands of ``abbe``, one file each; every file has ``register(app)``."""
+"""The commands of ``abbe``, one file each, in rooms by subject; each has ``register(app)``."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ NAMES = (
     "demo",
     "run",
     "check",
-    "new",
-    "fit",
-    "compare",
-    "diagnose",
-    "add",
-    "remove",
-    "history",
+    "model.new",
+    "model.fit",
+    "model.compare",
+    "model.diagnose",
+    "model.add",
+    "model.remove",
+    "model.history",
     "effects",
-    "import_campaign",
-    "iso230",
+    "measurements.import_campaign",
+    "measurements.iso230",
     "correct",
-    "table",
-    "watch_tables",
-    "upload",
-    "controllers",
-    "import_map",
-    "import_grid",
-    "identify_convention",
+    "tables.table",
+    "tables.watch_tables",
+    "tables.upload",
+    "tables.controllers",
+    "maps.import_map",
+    "maps.import_grid",
+    "maps.identify_convention",
 )
 """The commands' modules, in the order in which ``abbe --help`` lists them."""
 

@@ -1,7 +1,7 @@
 """The guard between a computed correction and the controller: bounds, ramps, time limits.
 
 A pure state machine: time and inputs are handed in, nothing is read or written, so every promise
-below is checked by property tests (``tests/daemon/test_guard.py``) for any sequence of inputs.
+below is checked by property tests (``tests/daemon/guard/test_guard.py``) for any inputs.
 
 - No correction handed out is larger than stated, per direction and in its length.
 - From one step to the next it changes no faster than stated, in each direction; counted from what

@@ -37,8 +37,8 @@ __all__ = [
 def _built_in() -> dict[str, type[Controller]]:
     """Abbe's own dialects by name, in alphabetical order."""
     found: dict[str, type[Controller]] = {}
-    for module in pkgutil.iter_modules(__path__):
-        loaded = import_module(f"{__name__}.{module.name}")
+    for module in pkgutil.walk_packages(__path__, f"{__name__}."):
+        loaded = import_module(module.name)
         for value in vars(loaded).values():
             if (
                 isinstance(value, type)

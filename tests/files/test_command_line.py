@@ -92,7 +92,7 @@ sys.meta_path.insert(0, Interrupt())
 @pytest.mark.parametrize(
     "name",
     ["typer", "abbe.compcore.errors", "abbe.drivers.link", "abbe.daemon.application",
-     "abbe.daemon.commands.fit", "numpy", "pydantic", "abbe.compcore.fitting.fit",
+     "abbe.daemon.commands.model.fit", "numpy", "pydantic", "abbe.compcore.fitting.fit",
      "abbe.compcore.files.model_file", "tomli_w"],
 )  # fmt: skip
 def test_an_interruption_while_python_imports_is_one_line(shop: Path, name: str):

@@ -9,9 +9,9 @@ import pytest
 
 MODULES = {
     "correct": "abbe.daemon.answers.correct",
-    "fit": "abbe.daemon.answers.fit, abbe.compcore.fitting.fit",
-    "compare": "abbe.daemon.answers.compare",
-    "diagnose": "abbe.daemon.answers.diagnose, abbe.daemon.answers.apply",
+    "fit": "abbe.daemon.answers.model.fit, abbe.compcore.fitting.fit",
+    "compare": "abbe.daemon.answers.model.compare",
+    "diagnose": "abbe.daemon.answers.model.diagnose, abbe.daemon.answers.model.apply",
     "table": "abbe.daemon.answers.table",
 }
 

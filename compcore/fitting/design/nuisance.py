@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
-from abbe.compcore.effects.catalogue.setup import frame_columns, path_coordinate
+from abbe.compcore.effects.catalogue.instruments.setup import frame_columns, path_coordinate
 from abbe.compcore.fitting.design.observation import Observation
 from abbe.compcore.linalg import svd
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, TypeVar
 from abbe.drivers.bus_lock import BusLock
 from abbe.drivers.can.bus import CanBus
 from abbe.drivers.can.canopen.config import CanopenConfig
-from abbe.drivers.can.canopen.node_care import NodeCare
-from abbe.drivers.can.canopen.sync import SYNC_ID, Sync
+from abbe.drivers.can.canopen.nodes.care import NodeCare
+from abbe.drivers.can.canopen.process_data.sync import SYNC_ID, Sync
 from abbe.drivers.can.error_frames import LEFT_THE_BUS, BusErrors
 from abbe.drivers.can.interface import LINUX_ERRORS
 from abbe.drivers.link import (
@@ -30,9 +30,9 @@ from abbe.drivers.reconnect import Reconnector
 if TYPE_CHECKING:
     import can
 
-    from abbe.drivers.can.canopen.adapter import Network
-    from abbe.drivers.can.canopen.expedited import Ask
-    from abbe.drivers.can.canopen.node import Node
+    from abbe.drivers.can.canopen.nodes.node import Node
+    from abbe.drivers.can.canopen.sdo.adapter import Network
+    from abbe.drivers.can.canopen.sdo.expedited import Ask
 
 logger = logging.getLogger("abbe.drivers.can")
 
@@ -122,8 +122,8 @@ class NodeBus:
         self.nodes, self._care = {}, None
 
     def _make_nodes(self) -> None:
-        from abbe.drivers.can.canopen.adapter import Network
-        from abbe.drivers.can.canopen.node import Node
+        from abbe.drivers.can.canopen.nodes.node import Node
+        from abbe.drivers.can.canopen.sdo.adapter import Network
 
         config = self._config
         self._network = Network(self._bus, config.timeout)
@@ -157,8 +157,8 @@ class NodeBus:
         TooLateError
             When it was not.
         LinkError
-            As `abbe.drivers.can.canopen.adapter.Network` raises, or when the node is not to be had
-            now.
+            As `abbe.drivers.can.canopen.sdo.adapter.Network` raises, or when the node is not to
+            be had now.
         """
         network = self._network
         if network is None or not self.reconnector.up:

@@ -26,8 +26,8 @@ from abbe.drivers.link import (
 )
 
 if TYPE_CHECKING:
-    from abbe.drivers.can.canopen.adapter import Network
-    from abbe.drivers.can.canopen.node import Node
+    from abbe.drivers.can.canopen.nodes.node import Node
+    from abbe.drivers.can.canopen.sdo.adapter import Network
 
 _NAN = float("nan")
 

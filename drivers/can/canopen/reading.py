@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 from abbe.drivers.can.canopen.bus import NodeBus
 from abbe.drivers.can.canopen.config import CanopenChannelConfig, CanopenConfig
-from abbe.drivers.can.canopen.expedited import Ask
-from abbe.drivers.can.canopen.sdo_errors import TooLongError
+from abbe.drivers.can.canopen.sdo.errors import TooLongError
+from abbe.drivers.can.canopen.sdo.expedited import Ask
 from abbe.drivers.link import LinkError, LinkProtocolError, Quality, Sample
 from abbe.drivers.pace import Pace
 
 if TYPE_CHECKING:
-    from abbe.drivers.can.canopen.node import Node
-    from abbe.drivers.can.canopen.pdo import Pdo
+    from abbe.drivers.can.canopen.nodes.node import Node
+    from abbe.drivers.can.canopen.process_data.pdo import Pdo
 
 _NAN = float("nan")
 

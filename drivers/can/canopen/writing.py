@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 from abbe.drivers.batch import Batch
 from abbe.drivers.can.canopen.bus import BusyError, NodeBus
 from abbe.drivers.can.canopen.config import CanopenConfig
-from abbe.drivers.can.canopen.expedited import Ask
 from abbe.drivers.can.canopen.objects import encode
-from abbe.drivers.can.canopen.sdo_errors import SdoAbortError
+from abbe.drivers.can.canopen.sdo.errors import SdoAbortError
+from abbe.drivers.can.canopen.sdo.expedited import Ask
 from abbe.drivers.link import LinkError, LinkTimeoutError, TooLateError, WriteNotVerifiedError
 
 if TYPE_CHECKING:
-    from abbe.drivers.can.canopen.node import Node
+    from abbe.drivers.can.canopen.nodes.node import Node
 
 _PERHAPS_TAKEN = (0x05040000, 0x06060000, 0x08000000)
 """Abort codes after which nobody knows what the node holds: timed out, hardware, general error."""

@@ -14,9 +14,9 @@ from collections.abc import Awaitable, Callable, Sequence
 from typing import ClassVar, TypeVar
 
 from abbe.drivers import resources
-from abbe.drivers.can.canopen.adapter import Network
 from abbe.drivers.can.canopen.bus import NodeBus
-from abbe.drivers.can.canopen.sdo_errors import SdoAbortError as SdoRefusedError
+from abbe.drivers.can.canopen.sdo.adapter import Network
+from abbe.drivers.can.canopen.sdo.errors import SdoAbortError as SdoRefusedError
 from abbe.drivers.link import (
     LinkDownError,
     LinkError,

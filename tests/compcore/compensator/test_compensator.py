@@ -11,7 +11,7 @@ import pytest
 
 from abbe.compcore.compensator.compensator import Compensator
 from abbe.compcore.effects import make_effect
-from abbe.compcore.effects.catalogue.thermal import ScaleExpansion
+from abbe.compcore.effects.catalogue.temperature.lengths import ScaleExpansion
 from abbe.compcore.errors import InputError, NotContractionError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Axis, Machine, Signal

@@ -19,7 +19,7 @@ from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.fitting.fit import fit
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.revise import with_effect
-from abbe.daemon.answers import revise as revised
+from abbe.daemon.answers.model import revise as revised
 from benchmarks.hidden.scenario import Scenario, hide
 from benchmarks.hidden.scene import scene
 from benchmarks.hidden.trial import as_campaign

@@ -9,7 +9,7 @@ import can
 import pytest
 
 from abbe.drivers.can import incoming
-from abbe.drivers.can.canopen.pdo import Pdo
+from abbe.drivers.can.canopen.process_data.pdo import Pdo
 from abbe.drivers.can.incoming import Incoming
 
 DATA = bytes(4)

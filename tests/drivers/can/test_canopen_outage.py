@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from abbe.drivers.can.canopen.node import Node
+from abbe.drivers.can.canopen.nodes.node import Node
 from abbe.drivers.link import LinkDownError, LinkState, Quality
 from abbe.drivers.simulated.process import SimulatedProcess
 from tests.support.drivers.can_links import STALL, all_good, until

@@ -10,7 +10,7 @@ import json
 import os
 import sys
 
-import abbe.drivers.controllers.iso_csv
+import abbe.drivers.controllers.exchange.iso_csv
 import abbe.drivers.stores.modbus.store  # noqa: F401
 from abbe.daemon.cli import main
 

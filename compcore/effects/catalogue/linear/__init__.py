@@ -1,0 +1,1 @@
+"""Linear axes: error motions along the travel, cyclic errors, reversal, local defects."""

@@ -1,0 +1,1 @@
+"""Thermal effects: what grows, and what bends or tilts, with temperature."""

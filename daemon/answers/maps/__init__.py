@@ -1,0 +1,1 @@
+"""Answers of the commands that take in maps and grids that others measured."""

@@ -1,0 +1,1 @@
+"""Answers of the commands that make a model, fit it, judge it and change it."""

@@ -1,0 +1,141 @@
+"""``abbe diagnose --apply``: every step to the verdict with its error, and the model reached."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.campaign.noise import NoiseFloor
+from abbe.compcore.comparison.compare import compare
+from abbe.compcore.diagnosis.stepwise import Course, Step
+from abbe.compcore.files.campaign_file import require_signals
+from abbe.compcore.files.fit_record import recorded
+from abbe.compcore.files.model_file import save_model
+from abbe.compcore.model.model import Model
+from abbe.compcore.units import display
+from abbe.daemon.answers.inputs import abbe_version, now
+from abbe.daemon.answers.model.fit import finite
+
+_SAID = {
+    "began": "the model as it is",
+    "added": "added {0}",
+    "lagged": "behind a lag: {0}",
+    "removed": "taken out again, as the others say it too: {0}",
+}
+
+
+@dataclass(frozen=True)
+class Told:
+    """One step in the unit that its campaign is told in.
+
+    Attributes
+    ----------
+    step
+        The step.
+    unit, json_unit
+        ``µm`` and ``um``, or ``µrad`` and ``urad``.
+    rms, held_out
+        Of the fitted rows, and of blocks left out of the fit.
+    unseen
+        Of campaigns that were never fitted; None without any.
+    """
+
+    step: Step
+    unit: str
+    json_unit: str
+    rms: float
+    held_out: float
+    unseen: float | None
+
+    @classmethod
+    def of(cls, step: Step, unseen: Campaign | None) -> Told:
+        """The figures of a step."""
+        rms = step.result.rms(*step.kinds)
+        rotations = step.of_rotations
+        factor = 1e6 if rotations else 1e3
+        out = step.held_out.rotations if rotations else step.held_out.lengths
+        other = None
+        if unseen is not None:
+            require_signals(unseen, step.result.model)
+            compared = compare(step.result.model, unseen)
+            other = (compared.rotations if rotations else compared.lengths).rms * factor
+        names = ("µrad", "urad") if rotations else ("µm", "um")
+        return cls(step, *names, rms * factor, out * factor, other)
+
+    @property
+    def line(self) -> str:
+        """For people."""
+        effect = self.step.effect
+        said = _SAID[self.step.action].format("" if effect is None else effect.spec)
+        text = f"{said}: {self.rms:.3g} {self.unit} rms, left-out blocks {self.held_out:.3g}"
+        return text if self.unseen is None else f"{text}, held-out campaigns {self.unseen:.3g}"
+
+    @property
+    def as_json(self) -> dict[str, Any]:
+        """One entry of ``steps``."""
+        effect = self.step.effect
+        return {
+            "action": self.step.action,
+            "spec": None if effect is None else effect.spec,
+            "unit": self.json_unit,
+            "rms": finite(self.rms),
+            "left_out_blocks": finite(self.held_out),
+            "holdout": None if self.unseen is None else finite(self.unseen),
+            "chi2_per_dof": finite(self.step.result.chi2_per_dof),
+        }
+
+
+def write(
+    course: Course, told: Sequence[Told], noise: NoiseFloor, unseen: Campaign | None, out: Path
+) -> Model:
+    """Write the model that was reached; every step stands in its history."""
+    lengths = noise.lengths
+    record: dict[str, Any] = {
+        "date": now(),
+        "version": abbe_version(),
+        "noise_floor": None if lengths is None else lengths.value,
+        "noise_floor_rotation": noise.value("rotation"),
+    }
+    model = course.steps[0].result.problem.model
+    for one in told:
+        step = one.step
+        kept = recorded(step.result, model, **record)
+        extra: dict[str, Any] = {}
+        if step.effect is not None:
+            extra["removed" if step.action == "removed" else "added"] = step.effect.spec
+        if unseen is not None and one.unseen is not None and not math.isnan(one.unseen):
+            if one.json_unit == "um":
+                extra["holdout_rms"] = one.unseen
+            extra["holdout"] = [{"file": f, "sha256": h} for f, h in unseen.files.items()]
+        model = replace(kept, fit={**kept.fit, **extra})
+    save_model(model, out)
+    return model
+
+
+def as_text(course: Course, model: Model) -> Iterator[str]:
+    """What was refused, and the model that was reached."""
+    for effect in course.refused:
+        yield f"not kept, left-out blocks are not predicted better with it: {effect.spec}"
+    units = _units(course)
+    for term in model.terms:
+        shown = []
+        for name, value in list(term.values.items())[:5]:
+            unit, factor = display(units[term.effect.spec][name])
+            shown.append(
+                f"{name} = {value.value * factor:.4g} ± {(value.sd or 0.0) * factor:.2g} {unit}"
+            )
+        more = len(term.values) - len(shown)
+        yield f"  {term.effect.spec}: {', '.join(shown)}" + (f" and {more} more" if more else "")
+
+
+def _units(course: Course) -> dict[str, dict[str, str]]:
+    layout = course.last.result.problem.layout
+    effects = course.last.result.problem.model.effects
+    return {
+        effect.spec: {u.name: u.unit for u in layout.unknowns[where]}
+        for effect, where in zip(effects, layout.terms, strict=True)
+    }

@@ -1,0 +1,242 @@
+"""A model's next version: refitted, its error before and after, also on campaigns not fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from abbe.compcore.campaign.campaign import LENGTHS, Campaign
+from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
+from abbe.compcore.comparison.compare import compare
+from abbe.compcore.effects import RotaryLocation
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.errors import FitError
+from abbe.compcore.files.campaign_file import require_signals
+from abbe.compcore.files.fit_record import recorded
+from abbe.compcore.files.model_file import save_model, summary
+from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.model.as_built import average_line_words, reversed_parameters
+from abbe.compcore.model.model import Model, Term
+from abbe.compcore.units import display
+from abbe.daemon.answers import as_built
+from abbe.daemon.answers.inputs import abbe_version, now
+from abbe.daemon.answers.model.fit import finite
+from abbe.daemon.answers.model.held_out import HeldOutCampaigns, read_held_out, shares
+
+_RISEN = 1.005
+_ROUNDING = 1e-3
+"""χ² of a model with more effects may stand above that without by this part, and this much a row:
+kinds of rows whose uncertainties come from residuals are weighed anew, and what is not determined
+is left where it is believable."""
+
+NOT_FALLEN = 0.995
+"""A held-out error above this part of the one before has not fallen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Revision:
+    """Two versions of a model on the same measurements.
+
+    Attributes
+    ----------
+    model
+        The new version, as written, with its record.
+    before, after
+        The fits.
+    noise
+        The campaign's noise floor.
+    holdout_before, holdout_after
+        RMS of displacement residuals on campaigns that were not fitted, mm; None without any.
+    held_out
+        Those campaigns, with what they share with the fitted ones.
+    """
+
+    model: Model
+    before: FitResult
+    after: FitResult
+    noise: NoiseFloor
+    holdout_before: float | None
+    holdout_after: float | None
+    held_out: HeldOutCampaigns | None = None
+
+
+def revise(
+    old: Model,
+    new: Model,
+    campaign: Campaign,
+    holdout: Sequence[Path],
+    out: Path,
+    *,
+    added: str | None = None,
+    removed: str | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Revision:
+    """Fit both versions, lay them beside unseen campaigns, write the new one.
+
+    Raises
+    ------
+    InputError
+        For bad campaigns; nothing is written then.
+    """
+    held = read_held_out(holdout, old.machine, campaign)
+    unseen = None if held is None else held.campaign
+    if unseen is not None:
+        require_signals(unseen, new)
+        require_signals(unseen, old)
+    require_signals(campaign, new)
+    progress("fitting the model as it is")
+    before = fit(old, campaign)
+    progress("fitting the next version")
+    after = fit(_from(before.model, new), campaign)
+    require_no_worse(before, after)
+    noise = noise_floor(campaign, old.machine)
+    lengths = noise.lengths
+    record: dict[str, Any] = {
+        "date": now(),
+        "version": abbe_version(),
+        "noise_floor": None if lengths is None else lengths.value,
+        "noise_floor_rotation": noise.value("rotation"),
+    }
+    # a model that was never fitted would leave no error from which to fall
+    ancestor = old if old.fit else recorded(before, old, **record)
+    named = {"added": added, "removed": removed}
+    extra: dict[str, Any] = {k: v for k, v in named.items() if v is not None}
+    errors: tuple[float | None, float | None] = (None, None)
+    if unseen is not None:
+        progress("campaigns that are not fitted")
+        errors = (
+            compare(before.model, unseen).lengths.rms,
+            compare(after.model, unseen).lengths.rms,
+        )
+        seen = {"holdout": [{"file": f, "sha256": h} for f, h in unseen.files.items()]}
+        extra |= {**seen, "holdout_rms": errors[1] * 1e3}
+        if _fitted_to(ancestor, campaign) and "holdout_rms" not in ancestor.fit:
+            reported = {**ancestor.fit, **seen, "holdout_rms": errors[0] * 1e3}
+            ancestor = replace(ancestor, fit=reported)
+    kept = recorded(after, ancestor, **record)
+    written = replace(kept, fit={**kept.fit, **extra})
+    save_model(written, out)
+    return Revision(written, before, after, noise, *errors, held)
+
+
+def _from(fitted: Model, new: Model) -> Model:
+    """The next version with the values that its effects have in this one, where to begin."""
+    values = {term.effect: term.values for term in fitted.terms}
+    terms = tuple(Term(t.effect, values.get(t.effect, t.values)) for t in new.terms)
+    return replace(new, terms=terms)
+
+
+def require_no_worse(before: FitResult, after: FitResult) -> None:
+    """Refuse a model with more effects that fits worse than without: least squares cannot.
+
+    Raises
+    ------
+    FitError
+        Where χ² rose, both in the uncertainties of the first fit.
+    """
+    if not set(before.model.effects) <= set(after.model.effects):
+        return
+    weight = before.problem.weight
+    one, two = (float(np.sum((r.residual * weight) ** 2)) for r in (before, after))
+    if two > _RISEN * one + _ROUNDING * before.problem.n:
+        raise FitError(
+            f"χ² rose from {one:.6g} to {two:.6g} although the model has one effect more: that is "
+            "a mistake of Abbe's fit, not of the campaign. Nothing is written; please report it "
+            "with the model and the campaign"
+        )
+
+
+def _fitted_to(model: Model, campaign: Campaign) -> bool:
+    """Whether the model's record is of the very files of a campaign."""
+    fitted = {c.get("sha256") for c in model.fit.get("campaigns", ())}
+    return fitted == set(campaign.files.values())
+
+
+def unfitted(old: Model, new: Model, *, removed: str) -> Model:
+    """The next version without a refit, its ancestor's record in the history."""
+    history = (*new.history, summary(old)) if old.fit else new.history
+    return replace(
+        new, fit={"date": now(), "removed": removed, "abbe": abbe_version()}, history=history
+    )
+
+
+def as_json(revision: Revision, effect: Effect | None) -> dict[str, Any]:
+    """One object for ``add --json``; lengths in µm."""
+    floor = revision.noise.lengths
+    out: dict[str, Any] = {
+        "unit": "um",
+        "rms_before": finite(revision.before.rms(*LENGTHS), 1e3),
+        "rms_after": finite(revision.after.rms(*LENGTHS), 1e3),
+        "noise_floor": None if floor is None or floor.value is None else floor.value * 1e3,
+        "holdout_before": _um(revision.holdout_before),
+        "holdout_after": _um(revision.holdout_after),
+        "holdout_shares": shares(revision.held_out),
+        "chi2_per_dof_before": finite(revision.before.chi2_per_dof),
+        "chi2_per_dof_after": finite(revision.after.chi2_per_dof),
+    }
+    if effect is not None:
+        out["parameters"] = {
+            name: {"value": v, "sd": sd, "unit": unit}
+            for name, v, sd, unit in _parameters(revision.after, effect)
+        }
+        model = revision.after.model
+        values = next((t.values for t in model.terms if t.effect == effect), {})
+        out["on_the_table"] = as_built.seen_json(model.machine, effect, values)
+        out["rotary_axes"] = as_built.lines_json(model)
+    return out
+
+
+def as_text(revision: Revision, effect: Effect | None) -> Iterator[str]:
+    """Lines for people: parameters, the error before and after, a warning where it did not fall."""
+    if effect is not None:
+        for name, value, sd, unit in _parameters(revision.after, effect):
+            shown, factor = display(unit)
+            text = f"{name} = {value * factor:.4g} ± {(sd or 0.0) * factor:.2g} {shown}"
+            if name in reversed_parameters(revision.after.model.machine, effect):
+                text += f" (on the table itself {-value * factor:+.4g} {shown})"
+            yield text
+        if isinstance(effect, RotaryLocation):
+            yield from average_line_words(revision.after.model)
+    floor = revision.noise.lengths
+    at_best = (
+        f"; noise floor {floor.value * 1e3:.2f} µm"
+        if floor is not None and floor.value is not None
+        else ""
+    )
+    yield (
+        f"fitted campaigns: {revision.before.rms(*LENGTHS) * 1e3:.3f} → "
+        f"{revision.after.rms(*LENGTHS) * 1e3:.3f} µm rms{at_best}; χ² per degree of freedom "
+        f"{revision.before.chi2_per_dof:.3f} → {revision.after.chi2_per_dof:.3f}"
+    )
+    one, two = revision.holdout_before, revision.holdout_after
+    if one is None or two is None:
+        yield "no --holdout campaign was given: whether unseen measurements agree is not known"
+        return
+    if revision.held_out is not None:
+        yield from revision.held_out.notes()
+    yield f"held-out campaigns: {one * 1e3:.3f} → {two * 1e3:.3f} µm rms"
+    if effect is not None and two > NOT_FALLEN * one:
+        yield (
+            "WARNING: the held-out error did not fall. The effect explains the fitted campaign and "
+            "predicts nothing; do not use it for compensation before you know why."
+        )
+
+
+def _um(value: float | None) -> float | None:
+    return None if value is None else finite(value, 1e3)
+
+
+def _parameters(
+    result: FitResult, effect: Effect
+) -> Iterator[tuple[str, float, float | None, str]]:
+    machine = result.model.machine
+    units = {p.name: p.unit for p in effect.linear(machine)}
+    units |= {p.name: p.unit for p in effect.nonlinear(machine)}
+    for term in result.model.terms:
+        if term.effect == effect:
+            for name, value in term.values.items():
+                yield name, value.value, value.sd, units[name]

@@ -1,0 +1,1 @@
+"""Commands that take in maps and grids that others measured."""

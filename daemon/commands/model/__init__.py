@@ -1,0 +1,1 @@
+"""Commands that make a model, fit it, judge it and change it."""

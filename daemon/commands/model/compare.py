@@ -1,0 +1,60 @@
+"""``abbe compare``: a model beside measurements, nothing fitted but the placing of instruments."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from abbe.daemon.arguments.force import Force
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("compare")(compare)
+
+
+def compare(
+    model: Annotated[Path, typer.Argument(help="Model file.", metavar="MODEL.toml")],
+    campaigns: Annotated[list[Path], typer.Argument(help="Campaigns.", metavar="CAMPAIGN.csv")],
+    active: Annotated[
+        Path | None,
+        typer.Option(help="Compensation that was active while measuring.", metavar="MODEL.toml"),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    report: Annotated[
+        Path | None, typer.Option(help="A page with pictures.", metavar="FILE.html")
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Lay a model beside campaigns: how large is what it does not explain, and where."""
+    from abbe.compcore.comparison.compare import compare as compare_model
+    from abbe.daemon.answers.inputs import load
+    from abbe.daemon.answers.model import compare as answer
+    from abbe.daemon.answers.model import expected_times as expected
+    from abbe.daemon.outputs import REPORT, check_outputs
+    from abbe.daemon.progress import shown
+
+    say = check_outputs(
+        [model, *campaigns, active], [(report, REPORT)], force=force, as_json=as_json
+    )
+    with shown("reading", expected.comparing(campaigns)) as tell:
+        loaded, campaign = load(model, campaigns, active)
+        tell("comparing")
+        comparison = compare_model(loaded, campaign)
+        tell("whether it holds")
+        comparison = answer.with_changes(loaded, campaign, comparison)
+        if report is not None:
+            from abbe.daemon.report.compare import comparison_page
+
+            tell("drawing")
+            comparison_page(comparison).write(report)
+    if as_json:
+        reported = {**answer.as_json(comparison), "fitted_to": list(comparison.fitted_files)}
+        say(json.dumps(reported, ensure_ascii=False))
+        return
+    say(comparison.report())
+    if report is not None:
+        say(f"written: {report}")

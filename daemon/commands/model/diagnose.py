@@ -1,0 +1,121 @@
+"""``abbe diagnose``: which physical effect a model lacks, or that it lacks none."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.lists import ListOptions
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("diagnose", cls=ListOptions)(diagnose)
+
+
+def diagnose(
+    model: Annotated[Path, typer.Argument(help="Model file.", metavar="MODEL.toml")],
+    campaigns: Annotated[list[Path], typer.Argument(help="Campaigns.", metavar="CAMPAIGN.csv")],
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    report: Annotated[
+        Path | None,
+        typer.Option("--report", help="A page that tells the story.", metavar="FILE.html"),
+    ] = None,
+    apply: Annotated[
+        bool,
+        typer.Option("--apply", help="Add what is missing, step by step, until the verdict."),
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", help="The model that --apply leads to.", metavar="NEXT.toml"),
+    ] = None,
+    holdout: Annotated[
+        list[Path] | None,
+        typer.Option("--holdout", help="Campaigns that are not fitted, to see the error fall."),
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Learn what is missing: every effect of the catalogue is tested against what is left over.
+
+    The model may be a machine without any effect. With --apply, one command leads from there to a
+    fitted model: each cause that is established is added, fitted with all others and kept if blocks
+    of the campaign that are left out of the fit are predicted better.
+    """
+    from abbe.compcore.campaign.noise import noise_floor
+    from abbe.compcore.diagnosis import advise
+    from abbe.compcore.diagnosis import diagnose as diagnose_model
+    from abbe.compcore.diagnosis.stepwise import Step, to_the_verdict
+    from abbe.compcore.diagnosis.words import diagnosis_words
+    from abbe.compcore.errors import InputError
+    from abbe.daemon.answers.inputs import load
+    from abbe.daemon.answers.model import apply as applied
+    from abbe.daemon.answers.model import diagnose as diagnosed
+    from abbe.daemon.answers.model import expected_times as expected
+    from abbe.daemon.answers.model.held_out import read_held_out, shares
+    from abbe.daemon.answers.typed import Adding
+    from abbe.daemon.outputs import MODEL, REPORT, check_outputs
+    from abbe.daemon.progress import shown
+
+    if apply != (out is not None):
+        raise InputError(
+            "--apply writes a model, and -o says where",
+            field="--apply" if out is not None else "-o",
+            expected="abbe diagnose MODEL.toml CAMPAIGN.csv --apply -o NEXT.toml",
+        )
+    if holdout and not apply:
+        raise InputError("--holdout belongs to --apply", field="--holdout")
+    say = check_outputs(
+        [model, *campaigns, *(holdout or [])],
+        [(out, MODEL), (report, REPORT)],
+        force=force,
+        as_json=as_json,
+    )
+    steps: list[applied.Told] = []
+    with shown("reading", expected.diagnosing(campaigns)) as tell:
+        loaded, campaign = load(model, campaigns)
+        noise = noise_floor(campaign, loaded.machine)
+        if out is None:
+            found = diagnose_model(loaded, campaign, progress=tell)
+        else:
+            held = read_held_out(holdout or [], loaded.machine, campaign)
+            unseen = None if held is None else held.campaign
+            if held is not None and not as_json:
+                for note in held.notes():
+                    say(note)
+
+            def told(step: Step) -> None:
+                steps.append(applied.Told.of(step, unseen))
+                if not as_json:
+                    say(steps[-1].line)
+
+            course = to_the_verdict(loaded, campaign, told=told, progress=tell)
+            found = course.diagnosis
+            reached = applied.write(course, steps, noise, unseen, out)
+        tell("what to measure next")
+        advice = advise(found)
+    adding = Adding(model if out is None else out, campaigns)
+    if report is not None:
+        from abbe.daemon.report.diagnosis import page
+
+        subtitle = f"{model.name}, {', '.join(c.name for c in campaigns)}"
+        page(found, noise, advice, subtitle, adding).write(report)
+    if as_json:
+        answer = diagnosed.as_json(found, noise, advice)
+        if out is not None:
+            answer["steps"] = [s.as_json for s in steps]
+            answer["holdout_shares"] = shares(held)
+            answer["not_kept"] = [e.spec for e in course.refused]
+        say(json.dumps(answer, ensure_ascii=False))
+        return
+    if out is not None:
+        for line in applied.as_text(course, reached):
+            say(line)
+        say("")
+    for line in diagnosis_words(found, noise, advice, adding.command):
+        say(line)
+    if written := [str(path) for path in (out, report) if path is not None]:
+        say(f"written: {', '.join(written)}")

@@ -1,0 +1,114 @@
+"""``abbe new``: a complete model to begin with, from what is known before measuring."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from abbe.daemon.arguments.force import Force
+
+if TYPE_CHECKING:
+    from abbe.compcore.machine.machine import Machine
+    from abbe.compcore.model.start_model import Wanted
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("new")(new)
+
+
+def new(
+    out: Annotated[Path, typer.Option("-o", "--out", help="The model.", metavar="MODEL.toml")],
+    structure: Annotated[
+        str | None,
+        typer.Option(
+            help='Structure code, workpiece to tool: "w b Y X Z t"; or bridge, gantry, '
+            "horizontal-arm, c-frame, boring, table-table, table-head, head-head, lathe. "
+            "Left out: everything is asked."
+        ),
+    ] = None,
+    name: Annotated[str, typer.Option(help="The machine's name.")] = "",
+    travel: Annotated[
+        list[str] | None,
+        typer.Option(help="X=0,700 in mm, rotary axes degrees; one for each axis."),
+    ] = None,
+    location: Annotated[
+        list[str] | None,
+        typer.Option(help="C=250,200,0: a point of a rotary axis's line, all axes at zero, mm."),
+    ] = None,
+    sensor: Annotated[
+        list[str] | None,
+        typer.Option(help="NAME=ROLE[,AXIS[,UNIT]]: T_x=scale,X or n=speed,,rpm. May be repeated."),
+    ] = None,
+    play: Annotated[
+        bool, typer.Option("--play", help="Lines will be measured in both directions.")
+    ] = False,
+    rotary_motions: Annotated[
+        bool,
+        typer.Option("--rotary-motions", help="Rotary axes' own motions will be measured."),
+    ] = False,
+    tool_lengths: Annotated[
+        bool, typer.Option("--tool-lengths", help="Tools of different lengths will be used.")
+    ] = False,
+    shape: Annotated[
+        str | None,
+        typer.Option(help="Of linear axes' errors: spline:N, polynomial:N; default by travel."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    force: Force = False,
+) -> None:
+    """Make a model to begin with: structure, travels, sensors; then measure and fit."""
+    from abbe.compcore.errors import InputError
+    from abbe.compcore.files.commented_model import save_commented
+    from abbe.compcore.model.start_model import Wanted, start_model
+    from abbe.daemon.answers.model import new as answer
+    from abbe.daemon.outputs import MODEL, check_outputs
+
+    say = check_outputs([], [(out, MODEL)], force=force, as_json=as_json)
+    wanted = Wanted(play, rotary_motions, tool_lengths, shape)
+    if structure is not None:
+        machine = _given(structure, name, travel or [], location or [], sensor or [])
+    elif travel or location or sensor:
+        raise InputError("which machine?", field="structure", expected="--structure CODE")
+    elif not sys.stdin.isatty():
+        raise InputError(
+            "there is no terminal to ask on",
+            field="structure",
+            expected="--structure CODE and --travel AXIS=LOW,HIGH for each axis",
+        )
+    else:
+        machine, wanted = _asked(name, wanted)
+    model = start_model(machine, wanted)
+    save_commented(model, out)
+    if as_json:
+        say(json.dumps(answer.as_json(model, out), ensure_ascii=False))
+        return
+    for line in answer.as_text(model, out):
+        say(line)
+    say(f"written: {out}")
+
+
+def _given(
+    structure: str, name: str, travel: list[str], location: list[str], sensor: list[str]
+) -> Machine:
+    from abbe.daemon.arguments.assignments import split_assignments
+    from abbe.daemon.arguments.machine_arguments import machine_of, sensor_of, structure_of
+
+    code, kind = structure_of(structure)
+    return machine_of(
+        code,
+        name or (kind.title if kind else str(code)),
+        split_assignments(travel),
+        split_assignments(location),
+        [sensor_of(*item) for item in split_assignments(sensor).items()],
+    )
+
+
+def _asked(name: str, wanted: Wanted) -> tuple[Machine, Wanted]:
+    from abbe.daemon.arguments.machine_questions import ask_machine
+
+    return ask_machine(name, wanted)

@@ -1,0 +1,1 @@
+"""Commands that make a controller's tables, watch them, and upload them."""

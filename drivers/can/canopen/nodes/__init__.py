@@ -1,0 +1,1 @@
+"""One CANopen node: setting up, keeping up, its profile, its emergencies."""

@@ -1,0 +1,1 @@
+"""Process data objects (PDO, CiA 301) and the SYNC that triggers them."""

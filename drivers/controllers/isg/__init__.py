@@ -1,0 +1,1 @@
+"""ISG kernel and TwinCAT CNC: the dialect, axis lists, volumetric files."""
