@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from test_pipeline import AT, EXAMPLE, OHMS, QUICK, VALUES, Run, configured
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Signal
@@ -26,6 +25,7 @@ from abbe.daemon.pipeline.writing.own_writes import Follow
 from abbe.daemon.status_word import Status
 from abbe.drivers.link import ChannelInfo, LinkError, Sample, WirePlace
 from abbe.drivers.transducers import SteinhartHartConfig, make_transducer
+from tests.daemon.pipeline.test_pipeline import AT, EXAMPLE, OHMS, QUICK, VALUES, Run, configured
 from tests.support.daemon.memory_link import MemoryLink
 
 THERMISTOR = make_transducer(SteinhartHartConfig(a=1.032e-3, b=2.387e-4, c=1.580e-7))
