@@ -15,6 +15,7 @@ from abbe.compcore.machine.machine import Machine
 from abbe.compcore.plugins import PluginGroup
 from abbe.drivers.controllers.base import (
     CONTROLLER_GROUP,
+    Cannot,
     Confidence,
     Controller,
     ControllerOptions,
@@ -23,6 +24,7 @@ from abbe.drivers.controllers.base import (
 )
 
 __all__ = [
+    "Cannot",
     "Confidence",
     "Controller",
     "ControllerOptions",

@@ -72,6 +72,22 @@ class Trust:
         return found | ({"note": self.note} if self.note else {})
 
 
+@dataclass(frozen=True, slots=True)
+class Cannot:
+    """A form of tables that a control has and Abbe does not write, with the reason.
+
+    Attributes
+    ----------
+    what
+        Control and function, for people.
+    why
+        What would have to be known.
+    """
+
+    what: str
+    why: str
+
+
 def _assigned(value: object) -> object:
     """``X:0,Y:1`` → ``{"X": "0", "Y": "1"}``."""
     if not isinstance(value, str):
@@ -129,6 +145,8 @@ class Controller(ABC):
     source: ClassVar[str]
     """Where the syntax and the sign come from."""
     trust: ClassVar[Trust]
+    cannot: ClassVar[tuple[Cannot, ...]] = ()
+    """What the same maker's controls hold besides and Abbe does not write, and why."""
     Options: ClassVar[type[ControllerOptions]] = ControllerOptions
 
     def __init__(self, machine: Machine, options: ControllerOptions | None = None) -> None:

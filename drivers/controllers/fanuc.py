@@ -20,7 +20,14 @@ from abbe.drivers.controllers.axes import (
     output_of,
     position_unit,
 )
-from abbe.drivers.controllers.base import Confidence, Controller, ControllerOptions, PerAxis, Trust
+from abbe.drivers.controllers.base import (
+    Cannot,
+    Confidence,
+    Controller,
+    ControllerOptions,
+    PerAxis,
+    Trust,
+)
 from abbe.drivers.controllers.text import above_zero, numbered_lines, only_file
 from abbe.drivers.controllers.text import number as to_number
 
@@ -79,6 +86,18 @@ class Fanuc(Controller):
         "are "
         "from memory, and no manual that was read says that a positive entry moves the axis in its "
         "positive direction",
+    )
+    cannot: ClassVar[tuple[Cannot, ...]] = (
+        Cannot(
+            "Fanuc straightness compensation",
+            "no manual that was read gives the numbers of its parameters (moving axis, corrected "
+            "axis, points, values) for one series, nor its sign",
+        ),
+        Cannot(
+            "Fanuc three-dimensional error compensation (30i)",
+            "report A-79351E gives the formula, trilinear between the corners of a box, not how "
+            "the values are entered, their number or their order; grid-csv holds the same numbers",
+        ),
     )
     Options: ClassVar[type[ControllerOptions]] = FanucOptions
     options: FanucOptions

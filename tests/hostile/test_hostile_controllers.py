@@ -28,6 +28,7 @@ READ: dict[str, tuple[str, dict[str, str]]] = {
     "weihong/axeserr.dat": ("weihong", {}),
     "pmac/comp.pmc": ("pmac", {}),
     "heidenhain-nd/nd-x.txt": ("heidenhain-nd", {}),
+    "heidenhain-tnc/y.com": ("heidenhain-tnc", {}),
     "aerotech-2d/calibration.cal": ("aerotech-2d", {}),
     "siemens-840d/nc_cec.ini": ("siemens-840d", {}),
     "siemens-840d/ax_eec.ini": ("siemens-840d", {}),

@@ -39,6 +39,10 @@ def controllers(
         typer.echo(f"{key:<{wide}}  {cls.trust.least:<10}  {types:<28}  {cls.title}")
     typer.echo("\nhow sure: the least of syntax, sign and activation; see `abbe controllers NAME`")
     typer.echo("L-VOL+ and R-VOL+ need two rotary axes; without, they are L-VOL and R-VOL")
+    typer.echo("\nNot possible, and why")
+    for cls in kinds.values():
+        for line in _cannot(cls):
+            typer.echo(line)
 
 
 def _example(cls: type[Controller]) -> Controller:
@@ -49,6 +53,10 @@ def _example(cls: type[Controller]) -> Controller:
     structure = Structure.parse("w b X Y Z t")
     axes = {a: Axis(a, (0.0, 500.0)) for a in "XYZ"}
     return cls(Machine("", structure, axes))
+
+
+def _cannot(cls: type[Controller]) -> list[str]:
+    return [f"  {c.what}: {c.why}" for c in cls.cannot]
 
 
 def _as_json(cls: type[Controller]) -> dict[str, Any]:
@@ -79,6 +87,7 @@ def _as_json(cls: type[Controller]) -> dict[str, Any]:
             for key, field in cls.Options.model_fields.items()
         },
         "activation": list(_example(cls).activation()),
+        "cannot": [{"what": c.what, "why": c.why} for c in cls.cannot],
     }
 
 
@@ -111,6 +120,8 @@ def _page(cls: type[Controller]) -> list[str]:
         for key, value in found["options"].items()
     ]
     lines += ["", "At the controller", *(f"  - {step}" for step in found["activation"])]
+    if cls.cannot:
+        lines += ["", "Not possible, and why", *_cannot(cls)]
     return lines
 
 

@@ -17,6 +17,7 @@ from abbe.compcore.tables.table import Table, tables_of
 from abbe.drivers.controllers.axes import F64
 from abbe.drivers.controllers.base import (
     AxisNames,
+    Cannot,
     Confidence,
     Controller,
     ControllerOptions,
@@ -51,6 +52,12 @@ class CmmMap(Controller):
         Confidence.UNVERIFIED,
         "vendors differ in signs and in the rotation point; how to find out which is in "
         "docs/maps.md",
+    )
+    cannot: ClassVar[tuple[Cannot, ...]] = (
+        Cannot(
+            "CMM controllers' own files (Renishaw UCC, Zeiss CAA, Hexagon compens.dat)",
+            "their content is not public; the vendor's program takes the numbers of the map",
+        ),
     )
     Options: ClassVar[type[ControllerOptions]] = CmmMapOptions
     options: CmmMapOptions

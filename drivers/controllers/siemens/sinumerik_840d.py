@@ -14,6 +14,7 @@ from abbe.compcore.tables.capability import Capability, Holds, Spacing
 from abbe.compcore.tables.table import Table
 from abbe.drivers.controllers.axes import DEGREE, F64, moved_axis, output_of, position_unit
 from abbe.drivers.controllers.base import (
+    Cannot,
     Confidence,
     Controller,
     ControllerOptions,
@@ -89,6 +90,13 @@ class Siemens840D(Controller):
         Confidence.DOCUMENTED,
         "the sign of ENC_COMP is documented; that of CEC is derived from 'output as an additional "
         "setpoint' and has not been tried, nor have products (products=mirrored)",
+    )
+    cannot: ClassVar[tuple[Cannot, ...]] = (
+        Cannot(
+            "Siemens VCS-A3, VCS-A5, VCS-ROTARY (volumetric compensation)",
+            "no public document gives the form of its files; the makers of measuring systems write "
+            "them: etalon-exchange holds the same error motions for their programs",
+        ),
     )
     Options: ClassVar[type[ControllerOptions]] = Siemens840DOptions
     options: Siemens840DOptions

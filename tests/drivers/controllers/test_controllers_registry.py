@@ -23,9 +23,14 @@ from tests.support.drivers.controller_cases import machine
 
 ROOT = Path(__file__).parents[3]
 FIRST = {
-    "linuxcnc", "twincat-isg", "etalon-exchange", "siemens-840d", "fanuc", "heidenhain-nd", "pmac",
+    "linuxcnc", "twincat-isg", "etalon-exchange", "siemens-840d", "fanuc", "heidenhain-nd",
+    "heidenhain-tnc", "pmac",
     "aerotech-2d", "weihong", "cmm-map", "csv", "grid-csv",
 }  # fmt: skip
+
+
+CANNOT = ("Siemens VCS", "Fanuc straightness", "Fanuc three-dimensional", "TNC 407", "Zeiss CAA")
+"""What a user may look for and not find."""
 
 
 def test_these_are_there():
@@ -162,3 +167,10 @@ def test_a_broken_plugin_is_left_out_and_costs_nobody_else(plugged, tmp_path, ca
     with pytest.raises(InputError, match="plugin") as caught:
         registry.controller_class("strange")
     assert said in str(caught.value)
+
+
+def test_what_is_not_possible_is_said_with_the_reason():
+    told = {c.what: c.why for cls in controller_kinds().values() for c in cls.cannot}
+    for name in CANNOT:
+        (why,) = [why for what, why in told.items() if name in what]
+        assert len(why.split()) > 5, name

@@ -32,6 +32,12 @@ OPTIONS = {
         {"reversal": "single", "entries": "incremental"},
     ],
     "heidenhain-nd": [{}, {"decimals": "4"}],
+    "heidenhain-tnc": [
+        {},
+        {"decimals": "5", "angle_decimals": "7", "axes": "X:X1,Y:Y2"},
+        {"form": "kinematics", "kinematics_sign": "compensation"},
+        {"form": "kinematics", "reference": "{axis}..{column}"},
+    ],
     "pmac": [{}, {"counts": "X:2000,Y:5000", "owners": "32", "motors": "X:3,Y:4,Z:1,C:2"}],
     "cmm-map": [{}, {"decimals": "6", "signs": "R=-1,Z.L=-1"}],
 }

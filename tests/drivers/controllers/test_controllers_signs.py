@@ -129,6 +129,24 @@ def test_heidenhain_adds_the_error_to_the_display():
     assert re.search(r"X NR. 02 +=\s+\+\s+0\.010", text)
 
 
+def test_heidenhain_tnc_holds_the_error():
+    """MP720, the linear compensation: "positive if the table travel is too long"."""
+    text = written("heidenhain-tnc", error(0.012))["x.com"]
+    head, last = text.splitlines()[1].split(), text.splitlines()[3].split()
+    row = dict(zip(head, last, strict=True))
+    assert row == {"NR": "1", "AXISPOS": "100.0000", "X": "0.0100", "BACKLASH": "0.0120"}
+
+
+@pytest.mark.parametrize(("sign", "value"), [("error", "0.00573"), ("compensation", "-0.00573")])
+def test_heidenhain_tnc_error_motions_are_degrees_by_their_names(sign, value):
+    """An angle E_CX of 100 µrad is 0.00573 degrees, in column C6."""
+    tables = motions("X", [0, 100], [[0] * 6, [0, 0, 0, 0, 0, 1e-4]])
+    tables = [t.scaled(0.00573 * np.pi / 180.0 / 1e-4) for t in tables]
+    text = written("heidenhain-tnc", tables, form="kinematics", kinematics_sign=sign)["x.com"]
+    head, last = text.splitlines()[1].split(), text.splitlines()[3].split()
+    assert dict(zip(head, last, strict=True))["C6"] == value
+
+
 def test_weihong_holds_the_error_of_each_direction():
     """Their own example: a backlash of 0.03 mm is a backward error of +0.030."""
     text = written("weihong", error(TOO_FAR + 0.030))["axeserr.dat"]

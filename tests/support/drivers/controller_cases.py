@@ -112,6 +112,21 @@ ISO[0] = Table(
 )
 
 
+TNC = [
+    # MANUALplus 620 p. 716: Z = F(Z), Y = F(Y), sag Z = F(Y); every 5 mm from Z -200 and Y -90
+    one("Y", "Y", [-90, -85, -80, -75], [0.0, 0.01, 0.02, -0.01], [-0.005, 0.008, 0.017, -0.014]),
+    one("Z", "Y", [-90, -85, -80, -75], [0.0, -0.06, -0.09, -0.12]),
+    one("Z", "Z", [-200, -195, -190], [0.0, 0.0123, -0.0004]),
+]  # fmt: skip
+KINEMATICS = [
+    # iTNC 530 HSCI p. 684: EYX, EZX, EAX, EBX, ECX as Trans rows of C2 … C6 before MachAxis X
+    *motions("X", [0, 50, 100], [[0.0] * 6,
+                                 [0.01, 0.02, 0.03, *(np.array([1.2, -3.4, 0.5]) * 1e-3 * DEGREE)],
+                                 [0.005, -0.02, 0.0, *(np.array([0.1, 0.2, -0.3]) * DEGREE)]]),
+    *motions("Z", [-50, 0], [[0.001, 0.002, -0.003, 0.0, 1e-3 * DEGREE, 0.0], [0.0] * 6]),
+]  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Case:
     """Tables of errors, the dialect's options, and the folder of the golden files."""
@@ -152,6 +167,8 @@ CASES = [
     Case("heidenhain-nd", [one("X", "X", [-100 + 16.384 * i for i in range(4)],
                                [0.0, 0.005, -0.012, 0.123]),
                            one("Z", "Y", [32.768 * i for i in range(3)], [0.0, -0.001, 0.002])]),
+    Case("heidenhain-tnc", TNC),
+    Case("heidenhain-tnc", KINEMATICS, {"form": "kinematics"}, "kinematics"),
     Case("aerotech-2d", plane("XY", [0, 10], [-20, 0, 20],
                               [[[-1e-4, 0, 1e-4], [2e-3, 0, -2e-3]],
                                [[2e-4, 0, -2.5e-4], [1.5e-4, 0, 1e-3]]])),
