@@ -48,12 +48,24 @@ def overview(configuration: Configuration) -> dict[str, Any]:
             "max_correction_um": {"X": x * UM, "Y": y * UM, "Z": z * UM},
             "max_norm_um": round(guard.norm * UM, 3),
             "max_rate_um_per_s": guard.max_rate * UM,
+            **_turns(configuration),
             "stale_after_s": guard.stale_after,
             "signals_stale_after_s": guard.signals_stale_after,
             "hold_s": guard.hold,
             "ramp_s": guard.ramp,
         },
         "notes": notes(configuration),
+    }
+
+
+def _turns(configuration: Configuration) -> dict[str, Any]:
+    """What rotary axes may be turned by, degrees and degrees/s; nothing where none is."""
+    guard, turning = configuration.file.guard, configuration.limits.turning
+    if not turning:
+        return {}
+    return {
+        "max_turn_deg": {axis: guard.turn(axis) for axis in turning},
+        "max_turn_rate_deg_per_s": guard.max_turn_rate,
     }
 
 
@@ -83,7 +95,9 @@ def _inputs(configuration: Configuration, links: dict[str, Link]) -> Iterator[di
 def _outputs(configuration: Configuration, links: dict[str, Link]) -> Iterator[dict[str, Any]]:
     output = configuration.file.output
     for name, axis in output.axes.items():
-        yield _row(links, f"corrected {name}", axis.target, axis.transducer) | {"from": "mm"}
+        yield _row(links, f"corrected {name}", axis.target, axis.transducer) | {
+            "from": unit_of(name)
+        }
     for echo in output.echo:
         yield _row(links, f"echo of {echo.source}", echo.target) | {"from": "as read"}
     for name in ("status", "heartbeat"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 
-from abbe.daemon.guard import Decision, GuardState
+from abbe.daemon.guard import ALL, Decision, GuardState
 
 
 class Status(enum.IntFlag):
@@ -44,13 +44,18 @@ class Status(enum.IntFlag):
     """Y is corrected in full."""
     Z_ACTIVE = 1 << 14
     """Z is corrected in full."""
+    ORIENTED = 1 << 15
+    """The rotary axes are corrected in full: the tool's direction is what they can make of it, none
+    of it lost near a pole. Always 0 where no rotary axis is corrected."""
 
 
 STOPPED = 0
 """Written last: Abbe ended; corrected positions are no longer written."""
 
-LARGEST = sum(Status)
-"""Largest number that the status word can be."""
+LARGEST_WITH_TURNS = sum(Status)
+"""Largest number that the status word can be where rotary axes are corrected."""
+LARGEST = LARGEST_WITH_TURNS - Status.ORIENTED
+"""The same where only X, Y and Z are."""
 
 _FIRST_ACTIVE = 12
 _RUNNING, _COMPENSATING = int(Status.RUNNING), int(Status.COMPENSATING)
@@ -66,7 +71,12 @@ _STATE_BITS = [
 ]
 
 
-def status_word(decision: Decision, faults: int, not_held: int = 0) -> int:
+_TURN_BITS = {**_STATE_BITS[0], GuardState.ACTIVE: 0}
+
+
+def status_word(
+    decision: Decision, faults: int, not_held: int = 0, *, oriented: bool = True
+) -> int:
     """The status word for one cycle.
 
     Parameters
@@ -77,14 +87,22 @@ def status_word(decision: Decision, faults: int, not_held: int = 0) -> int:
         The bits that the guard does not know of.
     not_held
         Mask of the directions whose last correction the controller did not take.
+    oriented
+        Whether the rotary axes do all that they can to the tool's direction.
     """
-    x, y, z = decision.states
+    x, y, z, *turns = decision.states
     bits_x, bits_y, bits_z = _STATE_BITS
     word = faults | _RUNNING | bits_x[x] | bits_y[y] | bits_z[z]
+    if turns:
+        for state in turns:
+            word |= _TURN_BITS[state]
+        full = turns.count(GuardState.ACTIVE) == len(turns)
+        if full and oriented and not (decision.limited | not_held) >> 3:
+            word |= Status.ORIENTED
     if decision.compensating and not not_held:
         return word | _COMPENSATING
     # a direction that is cut, or behind, or was not taken is not corrected in full
-    word &= ~((decision.limited | not_held) << _FIRST_ACTIVE)
+    word &= ~(((decision.limited | not_held) & ALL) << _FIRST_ACTIVE)
     if decision.size_limited:
         word |= Status.SIZE_LIMITED
     if decision.rate_limited:

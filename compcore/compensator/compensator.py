@@ -19,6 +19,7 @@ from abbe.compcore.compensator.batch import ChainBatch, LinearBatch
 from abbe.compcore.compensator.folding.fold import Fold
 from abbe.compcore.compensator.folding.metric import influences
 from abbe.compcore.compensator.folding.slow_state import SlowState
+from abbe.compcore.compensator.pose_step import PoseError, PoseStep, pose_step
 from abbe.compcore.compensator.step_cartesian import Step, nine, square_step
 from abbe.compcore.compensator.step_general import chain_step
 from abbe.compcore.errors import InputError
@@ -54,6 +55,8 @@ class Compensator:
         What folding may cost anywhere in the volume, mm.
     tool
         Tool or probe offset, mm, machine axes.
+    turning
+        Rotary axes that are corrected too, for `pose`.
 
     Attributes
     ----------
@@ -63,16 +66,33 @@ class Compensator:
         The order of the positions in `step` and `errors`: the structure's, workpiece to tool.
     signals
         Names that `update` must be given.
+    turning
+        As given.
 
     Raises
     ------
     InputError
-        When the machine has no axis X, Y or Z that could carry a correction.
+        When the machine has no axis X, Y or Z that could carry a correction, or `turning` names
+        one that is no rotary axis of it.
     """
 
     def __init__(
-        self, model: Model, *, tolerance_mm: float = 1e-5, tool: Triple = (0.0, 0.0, 0.0)
+        self,
+        model: Model,
+        *,
+        tolerance_mm: float = 1e-5,
+        tool: Triple = (0.0, 0.0, 0.0),
+        turning: Sequence[str] = (),
     ) -> None:
+        for axis in turning:
+            if axis not in model.machine.structure.rotary:
+                raise InputError(
+                    "no rotary axis of the machine",
+                    field="turning",
+                    found=axis,
+                    expected="one of " + (", ".join(model.machine.structure.rotary) or "none"),
+                )
+        self.turning = tuple(turning)
         if not tolerance_mm > 0.0:
             raise InputError("must be above zero", field="tolerance_mm", found=tolerance_mm)
         self.model = model
@@ -85,6 +105,7 @@ class Compensator:
         self._lags = {key: LagState(key[1]) for key in self._fold.lags}
         self._waiting = bool(self.signals or self._fold.reads_time)
         self._step: Step = self._not_yet
+        self._pose: PoseStep = self._no_pose_yet
         self._turn_tool()
         if not self._waiting:
             self._renew()
@@ -178,6 +199,19 @@ class Compensator:
             Approach directions in the same order; the sign counts, 0: not known; none: all 0.
         """
         return self._step(positions, directions)
+
+    def pose(self, positions: Sequence[float], directions: Sequence[float] = ()) -> PoseError:
+        """Error of the pose at one point, as moves of X, Y, Z and of the axes in `turning`.
+
+        Corrected positions are indicated ones plus these moves: the nominal machine has there the
+        pose that the real one has, its direction as far as the axes in `turning` can.
+
+        Parameters
+        ----------
+        positions, directions
+            As in `step`.
+        """
+        return self._pose(positions, directions)
 
     def errors(self, positions: F64, directions: F64 | None = None) -> F64:
         """Errors at n points, positions (n, k) in mm or rad → (n, 3), mm, as moves of X, Y, Z.
@@ -279,9 +313,19 @@ class Compensator:
             self._step = square_step(tables, self._nine, self.axes)
         else:
             self._step = chain_step(model.machine, model.composition, tables, state)
+        if self.turning:
+            self._pose = pose_step(model.machine, model.composition, tables, state, self.turning)
+
+    def _no_pose_yet(self, positions: Sequence[float], directions: Sequence[float]) -> PoseError:
+        if not self.turning:
+            raise InputError("no rotary axis is corrected", field="turning", expected="their names")
+        raise self._unknown()
 
     def _not_yet(self, positions: Sequence[float], directions: Sequence[float]) -> Triple:
-        raise InputError(
+        raise self._unknown()
+
+    def _unknown(self) -> InputError:
+        return InputError(
             "the model's signals are not known yet",
             expected="a first update with " + (", ".join(self.signals) or "the time"),
         )

@@ -151,7 +151,7 @@ Visit = tuple[tuple[int, ...], Nine, float, float, float]
 are given, and the point about which its angles turn."""
 
 
-def _walk(
+def walk(
     stages: Sequence[_Stage], positions: Sequence[float]
 ) -> tuple[list[Visit], Nine, float, float, float, Nine, list[Nine]]:
     """From workpiece to tool at one point.
@@ -206,8 +206,8 @@ def _walk(
 
 def _first_order(
     visits: list[Visit], v: Sequence[float], gx: float, gy: float, gz: float
-) -> Triple:
-    """The error at the functional point: ``Σ t + ω × (P − O)``."""
+) -> tuple[float, float, float, Nine]:
+    """The error at the functional point, ``Σ t + ω × (P − O)``, and by what the tool is turned."""
     ex = ey = ez = wx = wy = wz = 0.0
     for (i, j, k, a, b, c), frame, cx, cy, cz in visits:
         tx, ty, tz, ax, ay, az = v[i], v[j], v[k], v[a], v[b], v[c]
@@ -220,11 +220,18 @@ def _first_order(
         wx += ax
         wy += ay
         wz += az
-    return ex + (wy * gz - wz * gy), ey + (wz * gx - wx * gz), ez + (wx * gy - wy * gx)
+    return (
+        ex + (wy * gz - wz * gy),
+        ey + (wz * gx - wx * gz),
+        ez + (wx * gy - wy * gx),
+        (1.0, -wz, wy, wz, 1.0, -wx, -wy, wx, 1.0),
+    )
 
 
-def _exact(visits: list[Visit], v: Sequence[float], gx: float, gy: float, gz: float) -> Triple:
-    """The error at the functional point, with full rotations."""
+def _exact(
+    visits: list[Visit], v: Sequence[float], gx: float, gy: float, gz: float
+) -> tuple[float, float, float, Nine]:
+    """The error at the functional point and of the tool's orientation, with full rotations."""
     ex = ey = ez = ox = oy = oz = 0.0
     turned = IDENTITY
     for (i, j, k, a, b, c), frame, cx, cy, cz in visits:
@@ -240,7 +247,35 @@ def _exact(visits: list[Visit], v: Sequence[float], gx: float, gy: float, gz: fl
         turned = local if turned is IDENTITY else product(turned, local)
         ox, oy, oz = cx, cy, cz
     dx, dy, dz = shifted(turned, gx - ox, gy - oy, gz - oz)
-    return ex + dx, ey + dy, ez + dz
+    return ex + dx, ey + dy, ez + dz, turned
+
+
+ChainError = Callable[
+    [list[Visit], Sequence[float], float, float, float, Nine], tuple[float, float, float, Nine]
+]
+"""What `walk` visits, the error motions, the nominal functional point and the bed's orientation →
+its error, mm, and the turn that the errors give the tool; all in the workpiece's frame."""
+
+
+def chain_error(tables: FoldedTables, composition: Composition) -> ChainError:
+    """The error of the functional point and orientation, as the model composes it."""
+    composed = _first_order if composition == "first-order" else _exact
+    at_point = [-1, -1, -1]
+    for k, error_motion in enumerate(tables.error_motions):
+        if error_motion.place == FUNCTIONAL_POINT:
+            at_point["XYZ".index(error_motion.component)] = k
+    px, py, pz = at_point
+
+    def error(
+        visits: list[Visit], v: Sequence[float], gx: float, gy: float, gz: float, bed: Nine
+    ) -> tuple[float, float, float, Nine]:
+        ex, ey, ez, turned = composed(visits, v, gx, gy, gz)
+        hx, hy, hz = v[px], v[py], v[pz]
+        if bed is not IDENTITY:
+            hx, hy, hz = apply(bed, hx, hy, hz)
+        return ex + hx, ey + hy, ez + hz, turned
+
+    return error
 
 
 def chain_step(
@@ -251,25 +286,16 @@ def chain_step(
     ux, uy, uz = Chain(machine, state.conditions(zero, {})).tool[0].tolist()
     motions = motions_at(tables)
     stages = stages_of(machine, tables.error_motions)
-    composed = _first_order if composition == "first-order" else _exact
-    at_point = [-1, -1, -1]
-    for k, error_motion in enumerate(tables.error_motions):
-        if error_motion.place == FUNCTIONAL_POINT:
-            at_point["XYZ".index(error_motion.component)] = k
-    px, py, pz = at_point
+    error = chain_error(tables, composition)
     axes = [machine.axis(letter).direction for letter in "XYZ"]
     inverse: Nine = tuple(np.linalg.inv(np.array(axes).T).reshape(-1).tolist())
     square = inverse == IDENTITY
 
     def step(positions: Sequence[float], directions: Sequence[float]) -> Triple:
         v = motions(positions, directions)
-        visits, turn, sx, sy, sz, bed, carried = _walk(stages, positions)
+        visits, turn, sx, sy, sz, bed, carried = walk(stages, positions)
         gx, gy, gz = (ux, uy, uz) if turn is IDENTITY else apply(turn, ux, uy, uz)
-        ex, ey, ez = composed(visits, v, sx + gx, sy + gy, sz + gz)
-        hx, hy, hz = v[px], v[py], v[pz]
-        if bed is not IDENTITY:
-            hx, hy, hz = apply(bed, hx, hy, hz)
-        ex, ey, ez = ex + hx, ey + hy, ez + hz
+        ex, ey, ez, _ = error(visits, v, sx + gx, sy + gy, sz + gz, bed)
         one, two, three = carried
         if one is two is three:
             if one is not IDENTITY:

@@ -29,7 +29,8 @@ F64 = NDArray[np.float64]
 
 POLE = 0.05
 """Sine of the angle between axis and tool (2.9°) below which a rotary axis is damped."""
-_DAMPING = 0.5 * POLE
+DAMPING = 0.5 * POLE
+"""Damping of an axis that stands along the tool; none from `POLE` on."""
 MOST_TURN = 5e-3
 """rad: farther than this (0.29°) no rotary axis is moved for the sake of orientation."""
 _SPINS = 1e-9
@@ -116,7 +117,7 @@ def command_of(
     machine = model.machine
     wanted = Chain(machine, target)
     axis = "XYZ".index(tool_letter(machine))
-    spinning = _spinning(machine, axis)
+    spinning = spinning_axes(machine, axis)
     turning = [a for a in machine.structure.rotary if a not in held]
     wanted.axis_moves()  # refuses a machine without X, Y or Z
     linear = [*"XYZ"]
@@ -256,7 +257,7 @@ def _across(found: _Found, axes: list[str]) -> F64:
 
 def _damping(sine: F64) -> F64:
     """Damping of axes that stand at these sines to the tool: none from `POLE` on, smooth there."""
-    return _DAMPING * np.maximum(0.0, 1.0 - (sine / POLE) ** 2)
+    return DAMPING * np.maximum(0.0, 1.0 - (sine / POLE) ** 2)
 
 
 def _command(
@@ -277,7 +278,7 @@ def _command(
     return Command(at, left, np.abs(found.spin), damped, limited, rounds, factor)
 
 
-def _spinning(machine: Machine, axis: int) -> frozenset[str]:
+def spinning_axes(machine: Machine, axis: int) -> frozenset[str]:
     """Rotary axes that, wherever the machine stands, only turn the tool about itself."""
     rotary = machine.structure.rotary
     if not rotary:

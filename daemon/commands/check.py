@@ -53,6 +53,7 @@ def check(
     console.print(
         f"Guard: correction at most {limits} µm, vector {guard['max_norm_um']:g} µm, "
         f"changing at most {guard['max_rate_um_per_s']:g} µm/s.\n"
+        f"{_turns(guard)}"
         f"Positions are stale after {guard['stale_after_s']:g} s, signals after "
         f"{guard['signals_stale_after_s']:g} s; then the last good correction is held for "
         f"{guard['hold_s']:g} s and ramped to zero in {guard['ramp_s']:g} s.\n"
@@ -61,6 +62,18 @@ def check(
     for note in found["notes"]:
         console.print(f"[yellow]Note:[/yellow] {escape(note)}.", highlight=False)
     console.print("[green]The configuration is in order.[/green]", highlight=False)
+
+
+def _turns(guard: dict[str, Any]) -> str:
+    """What rotary axes may be turned by, a line; empty where none is."""
+    if "max_turn_deg" not in guard:
+        return ""
+    limits = ", ".join(f"{axis} {most:g}" for axis, most in guard["max_turn_deg"].items())
+    return (
+        f"Rotary axes turned by at most {limits} degrees, changing at most "
+        f"{guard['max_turn_rate_deg_per_s']:g} degrees/s; then all directions are held and ramped "
+        "together.\n"
+    )
 
 
 def _table(title: str, rows: list[dict[str, Any]], last: str) -> Table:

@@ -6,8 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from abbe.compcore.files.text.toml_source import TomlSource
+from abbe.compcore.machine.structure import is_rotary
 from abbe.daemon.config.sections import ConfigFile
 from abbe.drivers.link import ChannelInfo, Link
+from abbe.drivers.transducers import AnyTransducerConfig, Degrees, Transducer, make_transducer
 
 Key = tuple[str | int, ...]
 """Where something stands in the file: the keys that lead to it."""
@@ -17,6 +19,27 @@ def split(channel: str) -> tuple[str, str]:
     """``"cmm.count_X"`` → ``("cmm", "count_X")``."""
     link, _, name = channel.partition(".")
     return link, name
+
+
+def transducer_of(axis: str, unit: str, config: AnyTransducerConfig | None) -> Transducer | None:
+    """What converts a position of an axis: mm, or rad where it is rotary, inside.
+
+    Parameters
+    ----------
+    axis
+        Its name.
+    unit
+        Of the channel.
+    config
+        The section's transducer, if it has one.
+
+    Returns
+    -------
+    None where nothing is to be converted. Degrees, of a channel or of a transducer, become rad.
+    """
+    found = None if config is None else make_transducer(config)
+    given = unit if found is None else found.unit
+    return Degrees(found) if is_rotary(axis) and given in ("deg", "°") else found
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from abbe.daemon.config.paces import check_paces
 from abbe.drivers.link import Link
 from abbe.drivers.transducers import AnyTransducerConfig, make_transducer
 
-_SPELLINGS = {"°C": "degC", "Ω": "ohm", "Ohm": "ohm", "counts": "count"}
+_SPELLINGS = {"°C": "degC", "°": "deg", "Ω": "ohm", "Ohm": "ohm", "counts": "count"}
 _ANY = "number"
 """Raw unit of a transducer that takes any number."""
 
@@ -137,8 +137,12 @@ class _Checks:
     def _output_units(self) -> None:
         for name, section in self.file.output.axes.items():
             key: Key = ("output", "axes", name)
+            if name not in self.file.axes:
+                raise self.source.error(
+                    "no such axis", key, found=name, expected="one of " + ", ".join(self.file.axes)
+                )
             self._channel(section.target, (*key, "target"))
-            self._units(section.target, section.transducer, "mm", key)
+            self._units(section.target, section.transducer, unit_of(name), key)
         for channel, where in (*self.channels.written(), *self.channels.read()):
             self._channel(channel, where)
 
@@ -152,20 +156,21 @@ class _Checks:
         """The channel's unit is what the transducer takes, and what it gives is what is wanted."""
         link, name = split(channel)
         unit = self.links[link].info(name).unit
+        fitting = ("rad", "deg") if wanted == "rad" else (_spelled(wanted),)
         if config is None:
-            if _spelled(unit) != _spelled(wanted):
+            if _spelled(unit) not in fitting:
                 raise self.source.error(
                     f"channel {channel} is "
                     + (f"in {unit}" if unit else "of no stated unit")
-                    + f", and {wanted} is needed",
+                    + f", and {' or '.join(fitting)} is needed",
                     key,
-                    expected=f"a transducer, or unit = {wanted!r} of the channel",
+                    expected=f"a transducer, or unit = {fitting[-1]!r} of the channel",
                 )
             return
         transducer = make_transducer(config)
-        if _spelled(transducer.unit) != _spelled(wanted):
+        if _spelled(transducer.unit) not in fitting:
             raise self.source.error(
-                f"the transducer is for {transducer.unit}, and {wanted} is needed",
+                f"the transducer is for {transducer.unit}, and {' or '.join(fitting)} is needed",
                 (*key, "transducer"),
                 found=config.type,
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -42,7 +43,9 @@ def load_config(path: str | Path) -> Configuration:
     upload = None
     if file.upload is not None:
         upload = upload_setup(source, file.upload, model.machine, file.guard.norm)
-    configuration = Configuration(Path(path), file, model, links, _limits(source, file), upload)
+    turning = tuple(a for a in model.machine.structure.rotary if a in file.output.axes)
+    limits = _limits(source, file, turning)
+    configuration = Configuration(Path(path), file, model, links, limits, upload)
     made = {name: _made(source, name, setup) for name, setup in links.items()}
     check(source, configuration, made)
     check_files(source, configuration)
@@ -78,8 +81,30 @@ def _made(source: TomlSource, name: str, setup: LinkSetup) -> Link:
         raise source.error(str(error), ("links", name, *error.field)) from None
 
 
-def _limits(source: TomlSource, file: ConfigFile) -> GuardLimits:
+def _limits(source: TomlSource, file: ConfigFile, turning: tuple[str, ...]) -> GuardLimits:
     guard = file.guard
+    if isinstance(guard.max_turn, dict):
+        for axis in guard.max_turn:
+            if axis not in turning:
+                raise source.error(
+                    "no rotary axis of that name is corrected",
+                    ("guard", "max_turn", axis),
+                    found=axis,
+                    expected="one of " + (", ".join(turning) or "none"),
+                )
+    for axis in turning:
+        if guard.turn(axis) is None:
+            raise source.error(
+                f"{axis} is corrected, and nobody has said by how much at most",
+                ("guard", "max_turn"),
+                expected="degrees, for all rotary axes alike or { " + f"{axis} = 0.02 }}",
+            )
+        if guard.max_turn_rate is None:
+            raise source.error(
+                f"{axis} is corrected, and nobody has said how fast that may change",
+                ("guard", "max_turn_rate"),
+                expected="degrees/s",
+            )
     try:
         return GuardLimits(
             max_correction=guard.vector,
@@ -88,6 +113,10 @@ def _limits(source: TomlSource, file: ConfigFile) -> GuardLimits:
             hold=guard.hold,
             ramp=guard.ramp,
             longest_step=guard.stale_after,
+            turning=turning,
+            max_turn=tuple(math.radians(guard.turn(axis) or 0.0) for axis in turning),
+            max_turn_rate=math.radians(guard.max_turn_rate or 0.0),
         )
     except ValueError as error:
-        raise source.error(str(error), ("guard", "max_rate")) from None
+        key = "max_turn_rate" if "max_turn_rate" in str(error) else "max_rate"
+        raise source.error(str(error), ("guard", key)) from None

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 from abbe.compcore.machine.machine import Machine, own_component
 from abbe.compcore.machine.structure import is_rotary
-from abbe.daemon.config.channels import Channels, Key, split
-from abbe.daemon.status_word import LARGEST
+from abbe.daemon.config.channels import Channels, Key, split, transducer_of
+from abbe.daemon.status_word import LARGEST, LARGEST_WITH_TURNS
 from abbe.drivers.link import ChannelInfo, LinkConfigError, WirePlace
-from abbe.drivers.transducers import SensorFaultError, make_transducer
+from abbe.drivers.transducers import SensorFaultError
 
 _FEWEST_BEATS = 4
 """A heartbeat that begins again sooner is not told from one that stands still."""
@@ -37,14 +37,8 @@ def _check_axes(channels: Channels) -> None:
     components: dict[str, str] = {}
     for name in file.output.axes:
         key: Key = ("output", "axes", name)
-        if name not in file.axes or is_rotary(name):
-            linear = [a for a in file.axes if not is_rotary(a)]
-            raise channels.source.error(
-                "only linear axes of the machine are corrected",
-                key,
-                found=name,
-                expected="one of " + ", ".join(linear),
-            )
+        if is_rotary(name):
+            continue
         component = own_component(name)
         if component in components:
             raise channels.source.error(
@@ -53,6 +47,15 @@ def _check_axes(channels: Channels) -> None:
                 found=name,
             )
         components[component] = name
+    turned = [name for name in file.output.axes if is_rotary(name)]
+    missing = [component for component in "XYZ" if component not in components]
+    if turned and missing:
+        raise channels.source.error(
+            f"a correction of {turned[0]} moves the tool's tip, and nothing takes that back in "
+            + ", ".join(missing),
+            ("output", "axes", turned[0]),
+            expected=" and ".join(f"[output.axes.{component}]" for component in missing),
+        )
 
 
 def _check_writable(channels: Channels) -> None:
@@ -144,22 +147,27 @@ def _check_ranges(channels: Channels, machine: Machine) -> None:
     for name, section in file.output.axes.items():
         if name not in machine.axes:
             continue
-        reach = most[own_component(name)]
+        rotary = is_rotary(name)
+        turn = math.radians(file.guard.turn(name) or 0.0)
+        reach = turn if rotary else most[own_component(name)]
         info = channels.info(section.target)
+        transducer = transducer_of(name, info.unit, section.transducer)
         for end, more in zip(machine.axes[name].travel, (-reach, reach), strict=True):
             value = end + more
-            if section.transducer is not None:
+            if transducer is not None:
                 try:
-                    value = make_transducer(section.transducer).inverse(value)
+                    value = transducer.inverse(value)
                 except SensorFaultError as error:
+                    shown = f"{math.degrees(end + more):g} deg" if rotary else f"{end + more:g} mm"
                     raise channels.source.error(
-                        f"{name} = {end + more:g} mm cannot be written: {error}",
+                        f"{name} = {shown} cannot be written: {error}",
                         ("output", "axes", name, "transducer"),
                     ) from None
             _check_holds(channels, section.target, ("output", "axes", name, "target"), info, value)
     if file.output.status is not None:
         info = channels.info(file.output.status)
-        for value in (0.0, float(LARGEST)):
+        turned = any(is_rotary(name) for name in file.output.axes)
+        for value in (0.0, float(LARGEST_WITH_TURNS if turned else LARGEST)):
             _check_holds(channels, file.output.status, ("output", "status"), info, value)
     if file.output.heartbeat is not None:
         info = channels.info(file.output.heartbeat)

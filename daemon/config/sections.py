@@ -23,6 +23,10 @@ Length = Annotated[float, Field(gt=0.0, le=10.0, allow_inf_nan=False)]
 """mm; no machine errs by more than a centimetre, and no guard that allows more guards anything."""
 Rate = Annotated[float, Field(gt=0.0, le=1000.0, allow_inf_nan=False)]
 """mm/s"""
+Turn = Annotated[float, Field(gt=0.0, le=0.3, allow_inf_nan=False)]
+"""degrees; no rotary axis is turned by more for the sake of orientation"""
+TurnRate = Annotated[float, Field(gt=0.0, le=100.0, allow_inf_nan=False)]
+"""degrees/s"""
 Seconds = Annotated[float, Field(gt=0.0, le=3600.0, allow_inf_nan=False)]
 """s; an hour is longer than anything that is waited for"""
 
@@ -138,7 +142,8 @@ class OutputAxisSection(Section):
 
     target: ChannelName
     transducer: AnyTransducerConfig | None = None
-    """mm → counts, read backwards; none where the channel takes mm."""
+    """mm → counts (rotary: rad or degrees → counts), read backwards; none where the channel takes
+    mm (rotary: deg or rad)."""
 
 
 class EchoSection(Section):
@@ -184,6 +189,10 @@ class GuardSection(Section):
     """Largest length of the correction vector, mm; default what `max_correction` allows."""
     max_rate: Rate
     """Fastest change of a correction, mm/s."""
+    max_turn: Turn | dict[str, Turn] | None = None
+    """Largest correction of a rotary axis, degrees: one number, or one for each of them."""
+    max_turn_rate: TurnRate | None = None
+    """Fastest change of such a correction, degrees/s."""
     stale_after: Seconds = 0.2
     """s after which a position counts as stale."""
     signals_stale_after: Seconds = 5.0
@@ -200,6 +209,10 @@ class GuardSection(Section):
     def vector(self) -> tuple[float, float, float]:
         """Largest correction in X, Y, Z, mm."""
         return self.max_correction.X, self.max_correction.Y, self.max_correction.Z
+
+    def turn(self, axis: str) -> float | None:
+        """Largest correction of a rotary axis, degrees; None where it is not stated."""
+        return self.max_turn.get(axis) if isinstance(self.max_turn, dict) else self.max_turn
 
     @property
     def norm(self) -> float:

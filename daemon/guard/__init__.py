@@ -2,12 +2,12 @@
 
 from abbe.daemon.guard.direction import GuardState
 from abbe.daemon.guard.guard import Decision, Guard
-from abbe.daemon.guard.limits import ALL, DIRECTIONS, ZERO, GuardLimits, Vec3
+from abbe.daemon.guard.limits import ALL, DIRECTIONS, Correction, GuardLimits, Vec3
 
 __all__ = [
     "ALL",
     "DIRECTIONS",
-    "ZERO",
+    "Correction",
     "Decision",
     "Guard",
     "GuardLimits",

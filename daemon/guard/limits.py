@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 Vec3 = tuple[float, float, float]
 
+Correction = tuple[float, ...]
+"""In X, Y, Z (mm), then of the rotary axes that are corrected (rad)."""
+
 DIRECTIONS = ("X", "Y", "Z")
-"""The three directions of a correction, machine axes."""
+"""The three directions of a correction, machine axes; rotary axes come after them."""
 
 ALL = 0b111
-"""Mask of all directions: bit 0 is X, bit 1 Y, bit 2 Z."""
-
-ZERO: Vec3 = (0.0, 0.0, 0.0)
+"""Mask of these three: bit 0 is X, bit 1 Y, bit 2 Z."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,11 +36,17 @@ class GuardLimits:
     longest_step
         Time between two steps that still counts as time for a change, s: after a longer pause
         the correction moves no further than in this time.
+    turning
+        Rotary axes that are corrected, in their order after X, Y, Z.
+    max_turn
+        Largest correction of each, rad.
+    max_turn_rate
+        Fastest change of such a correction, rad/s.
 
     Raises
     ------
     ValueError
-        When a limit is not positive and finite, or `max_rate` does not allow `max_correction` to
+        When a limit is not positive and finite, or a rate does not allow the largest correction to
         be ramped to zero within `ramp`.
     """
 
@@ -49,6 +56,24 @@ class GuardLimits:
     hold: float
     ramp: float
     longest_step: float = 0.2
+    turning: tuple[str, ...] = ()
+    max_turn: tuple[float, ...] = ()
+    max_turn_rate: float = 0.0
+
+    @property
+    def directions(self) -> tuple[str, ...]:
+        """X, Y, Z and the rotary axes that are corrected: the order of a `Correction`."""
+        return (*DIRECTIONS, *self.turning)
+
+    @property
+    def most(self) -> Correction:
+        """Largest correction in each direction, mm, then rad."""
+        return (*self.max_correction, *self.max_turn)
+
+    @property
+    def rates(self) -> Correction:
+        """Fastest change in each direction, mm/s, then rad/s."""
+        return (self.max_rate,) * 3 + (self.max_turn_rate,) * len(self.turning)
 
     def __post_init__(self) -> None:
         named = {
@@ -60,7 +85,10 @@ class GuardLimits:
             "max_rate": self.max_rate,
             "ramp": self.ramp,
             "longest_step": self.longest_step,
+            **{f"max_turn {a}": v for a, v in zip(self.turning, self.max_turn, strict=True)},
         }
+        if self.turning:
+            named["max_turn_rate"] = self.max_turn_rate
         for name, value in named.items():
             if not (value > 0.0 and math.isfinite(value)):
                 raise ValueError(f"{name} must be a positive number, found {value}")
@@ -72,4 +100,11 @@ class GuardLimits:
                 f"max_rate = {self.max_rate:g} mm/s cannot ramp the largest correction "
                 f"({max(self.max_correction):g} mm) to zero in ramp = {self.ramp:g} s; "
                 f"expected at least {needed:g} mm/s"
+            )
+        needed = max(self.max_turn, default=0.0) / self.ramp
+        if self.max_turn_rate < needed * (1.0 - 1e-9):
+            raise ValueError(
+                f"max_turn_rate = {math.degrees(self.max_turn_rate):g} deg/s cannot ramp the "
+                f"largest correction ({math.degrees(max(self.max_turn)):g} deg) to zero in ramp = "
+                f"{self.ramp:g} s; expected at least {math.degrees(needed):g} deg/s"
             )

@@ -7,11 +7,12 @@ import math
 from collections.abc import Mapping, Sequence
 
 from abbe.compcore.compensator.compensator import Compensator
+from abbe.compcore.compensator.pose_step import PoseError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.error_motion import FUNCTIONAL_POINT
 from abbe.compcore.machine.machine import own_component
 from abbe.compcore.model.model import Model
-from abbe.daemon.guard import DIRECTIONS, Vec3
+from abbe.daemon.guard import DIRECTIONS, Correction, Vec3
 from abbe.daemon.pipeline.reading.convert import SignalReading
 
 logger = logging.getLogger("abbe.pipeline")
@@ -59,11 +60,17 @@ class LiveCompensator:
     ----------
     model
         The model; its fitted effects count.
+    turning
+        Rotary axes that are corrected too.
 
     Attributes
     ----------
     axes
         The order of positions in `step`.
+    directions
+        The order of a correction: X, Y, Z and the rotary axes that are corrected.
+    pose
+        What the last step said of the pose; None where no rotary axis is corrected.
     fault
         Why there is no correction at present; empty when there is one.
     faulty
@@ -72,9 +79,12 @@ class LiveCompensator:
         Whether any effect asks in which direction an axis moved.
     """
 
-    def __init__(self, model: Model) -> None:
-        self._compensator = Compensator(model)
+    def __init__(self, model: Model, turning: Sequence[str] = ()) -> None:
+        self._compensator = Compensator(model, turning=turning)
+        self._poses = bool(turning)
         self.axes = self._compensator.axes
+        self.directions = (*DIRECTIONS, *turning)
+        self.pose: PoseError | None = None
         self.uses_directions = any(
             term.fitted and term.effect.directions_used() for term in model.terms
         )
@@ -123,19 +133,26 @@ class LiveCompensator:
         """Change the tool's offset, mm."""
         self._compensator.set_tool(*offset)
 
-    def step(self, positions: Sequence[float], directions: Sequence[float]) -> Vec3 | None:
-        """Correction in X, Y, Z (mm) at positions (mm; rotary: rad); None when there is none.
+    def step(self, positions: Sequence[float], directions: Sequence[float]) -> Correction | None:
+        """Correction in X, Y, Z (mm) and of the rotary axes that are corrected (rad).
+
+        At positions in mm (rotary: rad); None when there is none.
 
         `directions` may be empty where no effect uses them.
         """
         if not self._ready:
             return None
+        correction: Correction
         try:
-            correction = self._compensator.step(positions, directions)
+            if self._poses:
+                self.pose = self._compensator.pose(positions, directions)
+                correction = self.pose.moves
+            else:
+                correction = self._compensator.step(positions, directions)
         except Exception as error:  # noqa: BLE001  (as in `update`)
             self._failed(error)
             return None
-        if not math.isfinite(correction[0] + correction[1] + correction[2]):
+        if not math.isfinite(sum(correction)):
             self._failed(ArithmeticError(f"the correction is {correction}"))
             return None
         self.fault = ""
@@ -148,10 +165,10 @@ class LiveCompensator:
             logger.error("the compensator failed: %s", reason, exc_info=error)
 
 
-def direction_index(axis: str) -> int:
-    """Which component of the correction an axis takes: 0 X, 1 Y, 2 Z.
+def direction_index(axis: str, directions: Sequence[str] = DIRECTIONS) -> int:
+    """Which component of the correction an axis takes: 0 X, 1 Y, 2 Z, then the rotary ones.
 
-    >>> direction_index("X"), direction_index("W")
-    (0, 2)
+    >>> direction_index("X"), direction_index("W"), direction_index("C", ("X", "Y", "Z", "B", "C"))
+    (0, 2, 4)
     """
-    return DIRECTIONS.index(own_component(axis))
+    return directions.index(axis if axis in directions else own_component(axis))

@@ -9,7 +9,7 @@ import time
 from collections.abc import Mapping, Sequence
 
 from abbe.daemon.config import Configuration
-from abbe.daemon.guard import ALL, Guard, Vec3
+from abbe.daemon.guard import Correction, Guard
 from abbe.daemon.pipeline.compensate import LiveCompensator, direction_index
 from abbe.daemon.pipeline.doubts import Doubts
 from abbe.daemon.pipeline.observe import Observer
@@ -52,7 +52,9 @@ class Pipeline:
     axes
         Names, in the order of a record's positions.
     corrected_axes
-        Those that are written back, or all linear ones where nothing is written.
+        Those that are written back, or all linear ones where nothing is written; linear ones first.
+    directions
+        The order of a correction: X, Y, Z and the rotary axes that are corrected.
     reads
         Link → channels that are read in every cycle.
     ending
@@ -63,7 +65,8 @@ class Pipeline:
         file = configuration.file
         self._links = links
         self.listeners: list[Listener] = []
-        self._compensation = LiveCompensator(configuration.model)
+        self._compensation = LiveCompensator(configuration.model, configuration.limits.turning)
+        self.directions = self._compensation.directions
         self._compensation.set_tool(file.tool.offset)
         self.axes = self._compensation.axes
         self._turns = self._compensation.uses_directions
@@ -98,19 +101,18 @@ class Pipeline:
             links, self._write_back, plan.status, plan.targets, LAST_WORD + file.cycle.period
         )
         machine = configuration.model.machine
-        written = [t.axis for t in plan.targets]
-        self.corrected_axes = tuple(
-            a for a in self.axes if not machine.axes[a].rotary and (a in written or not written)
-        )
+        written = tuple(t.axis for t in plan.targets)
+        self.corrected_axes = written or tuple(a for a in self.axes if not machine.axes[a].rotary)
         self._corrected = tuple(
-            (self.axes.index(axis), direction_index(axis)) for axis in self.corrected_axes
+            (self.axes.index(axis), direction_index(axis, self.directions))
+            for axis in self.corrected_axes
         )
         self._writes = bool(written)
         self._doubts = Doubts(self.axes, plan, links, self._write_back, file)
         self._period = file.cycle.period
         self._signals_every = file.cycle.signals_every
         self._signals_due = -math.inf
-        self._observer = Observer(links, plan)
+        self._observer = Observer(links, plan, self.directions)
         self._signal_fault = False
         self._outcome = WriteOutcome(True)
         self._not_held = 0
@@ -186,14 +188,15 @@ class Pipeline:
         positions, faults = self._positions(batch, now)
         taken_at = self._positions.taken_at
         self._doubts.step(positions, faults, taken_at, now)
-        computed: Vec3 | None = None
+        computed: Correction | None = None
         directions: Sequence[float] = ()
         if self._turns and not faults:
             directions = self._directions(positions, batch, faults)
         if not faults:
             computed = self._compensation.step(positions, directions)
         foreign = self._doubts.foreign
-        faulty = ALL if self._tool.fault or foreign else self._compensation.faulty
+        lost = self._tool.fault or foreign
+        faulty = self._guard.every if lost else self._compensation.faulty
         decision = self._guard.step(now, computed, faulty)
         correction = decision.correction
         corrected = [positions[i] + correction[k] for i, k in self._corrected]
@@ -210,7 +213,9 @@ class Pipeline:
                 write=refused,
                 foreign=bool(foreign),
             )
-        word = status_word(decision, wrong, self._not_held)
+        pose = self._compensation.pose
+        oriented = pose is None or not (pose.damped or pose.limited)
+        word = status_word(decision, wrong, self._not_held, oriented=oriented)
         if self._writes or self._plan.status or self._plan.heartbeat:
             await self._answer(corrected, batch, word, min(taken_at, now))
         ended = time.monotonic()
@@ -228,7 +233,7 @@ class Pipeline:
                 write_back=outcome.problem,
                 foreign=foreign,
             )
-        self._observer.log(decision, present, now, self._ending)
+        self._observer.log(decision, present, now, self._ending, oriented=oriented)
         self._number += 1
         record = CycleRecord(
             self._number,
@@ -244,6 +249,8 @@ class Pipeline:
             outcome.written and self._writes,
             max(0.0, now - taken_at),
             self._doubts.speeds,
+            self.directions,
+            pose,
         )
         for listener in tuple(self.listeners):
             try:

@@ -15,7 +15,6 @@ logger = logging.getLogger("abbe.pipeline")
 
 # Looking a member up in an Enum costs more than a comparison, and this runs in every cycle.
 _UP, _DEGRADED = LinkState.UP, LinkState.DEGRADED
-_OFF = (GuardState.OFF, GuardState.OFF, GuardState.OFF)
 _NOTHING: Mapping[str, str] = {}
 _WORDS = {
     GuardState.OFF: "no correction",
@@ -36,15 +35,23 @@ class Observer:
         All links.
     plan
         What is read from them.
+    directions
+        X, Y, Z and the rotary axes that are corrected.
     """
 
-    def __init__(self, links: Mapping[str, Link], plan: PipelinePlan) -> None:
+    def __init__(
+        self,
+        links: Mapping[str, Link],
+        plan: PipelinePlan,
+        directions: tuple[str, ...] = DIRECTIONS,
+    ) -> None:
         self._links = dict(links)
         self._statuses = [link.status for link in links.values()]
         self._plan = plan
         self._standing = StandingFaults()
         self._limits = StandingFaults(linger=5.0)
-        self._states = _OFF
+        self._directions = directions
+        self._states = (GuardState.OFF,) * len(directions)
 
     @property
     def all_up(self) -> bool:
@@ -101,20 +108,36 @@ class Observer:
             found["controller"] = foreign
         return found
 
-    def log(self, decision: Decision, faults: Mapping[str, str], now: float, ending: bool) -> None:
+    def log(
+        self,
+        decision: Decision,
+        faults: Mapping[str, str],
+        now: float,
+        ending: bool,
+        *,
+        oriented: bool = True,
+    ) -> None:
         """Log what has changed since the last cycle; `now` is monotonic, s."""
         self._standing.update(faults, now)
-        self._limits.update(_limited(decision), now)
+        limited = _limited(decision)
+        self._limits.update(limited if oriented else {**limited, **_AT_A_POLE}, now)
         if decision.states is self._states or decision.states == self._states:
             return
         changed: dict[GuardState, list[str]] = {}
-        for name, before, after in zip(DIRECTIONS, self._states, decision.states, strict=True):
+        for name, before, after in zip(
+            self._directions, self._states, decision.states, strict=True
+        ):
             if after is not before:
                 changed.setdefault(after, []).append(name)
         self._states = decision.states
         for state, names in changed.items():
             level = logging.INFO if state in _CALM or ending else logging.WARNING
             logger.log(level, "guard: %s: %s", ", ".join(names), _WORDS[state])
+
+
+_AT_A_POLE = {
+    "orientation": "a rotary axis stands too near to the tool's direction to turn all of it back"
+}
 
 
 def _limited(decision: Decision) -> Mapping[str, str]:

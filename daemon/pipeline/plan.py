@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from abbe.daemon.config import Configuration
-from abbe.daemon.config.channels import split
+from abbe.daemon.config.channels import split, transducer_of
 from abbe.daemon.pipeline.reading.controller_watch import Watch
 from abbe.daemon.pipeline.reading.convert import ChannelSource
-from abbe.daemon.pipeline.reading.expected import Expected, expected_of
+from abbe.daemon.pipeline.reading.expected import Expected, expected_of, written_axes
 from abbe.daemon.pipeline.reading.poll import Channel, by_link
 from abbe.daemon.pipeline.writing.write_back import AxisTarget
 from abbe.drivers.link import Link
@@ -76,10 +76,16 @@ def make_plan(
         Whether the model asks in which direction an axis moved.
     """
     file = configuration.file
-    positions = tuple(_source(a, file.axes[a].source, file.axes[a].transducer) for a in axes)
+
+    def axis_source(axis: str, channel: str, config: AnyTransducerConfig | None) -> ChannelSource:
+        where = split(channel)
+        unit = links[where[0]].info(where[1]).unit if where[0] in links else ""
+        return ChannelSource(axis, where, transducer_of(axis, unit, config))
+
+    positions = tuple(axis_source(a, file.axes[a].source, file.axes[a].transducer) for a in axes)
     directions = tuple(_channel(file.axes[a].direction) if with_directions else None for a in axes)
     reference = tuple(
-        _source(a, file.reference[a].source, file.reference[a].transducer)
+        axis_source(a, file.reference[a].source, file.reference[a].transducer)
         if a in file.reference
         else None
         for a in axes
@@ -100,6 +106,12 @@ def make_plan(
         clock=_channel(controller.clock),
         tick=controller.clock_tick,
     )
+    targets = tuple(
+        AxisTarget(a, made.channel, made.transducer)
+        for a in written_axes(configuration, axes)
+        for section in (file.output.axes[a],)
+        for made in (axis_source(a, section.target, section.transducer),)
+    )
     echo = tuple((split(e.source), split(e.target)) for e in file.output.echo)
     with_positions = [s.channel for s in positions]
     with_positions += [c for c in (*directions, *watch.channels) if c is not None]
@@ -114,7 +126,7 @@ def make_plan(
         signals,
         tool,
         watch,
-        tuple(_targets(configuration, axes)),
+        targets,
         echo,
         _channel(file.output.status),
         _channel(file.output.heartbeat),
@@ -122,15 +134,6 @@ def make_plan(
         by_link(c for c in with_signals if c[0] not in fast_links),
         expected_of(configuration, axes, links),
     )
-
-
-def _targets(configuration: Configuration, axes: Sequence[str]) -> Iterator[AxisTarget]:
-    sections = configuration.file.output.axes
-    for axis in axes:
-        if axis in sections:
-            section = sections[axis]
-            made = _source(axis, section.target, section.transducer)
-            yield AxisTarget(axis, made.channel, made.transducer)
 
 
 def _source(name: str, channel: str, config: AnyTransducerConfig | None) -> ChannelSource:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from abbe.daemon.guard import Decision
+from abbe.compcore.compensator.pose_step import PoseError
+from abbe.daemon.guard import DIRECTIONS, Decision
 from abbe.daemon.pipeline.reading.convert import SignalReading
 
 
@@ -21,8 +22,8 @@ class CycleRecord(NamedTuple):
     indicated
         By axis, in the order of `Pipeline.axes`; NaN where not to be believed.
     corrected
-        Likewise: indicated + correction; NaN where indicated is, or for an axis that is not
-        corrected.
+        By axis, in the order of `Pipeline.corrected_axes`: indicated + correction; NaN where
+        indicated is.
     decision
         What the guard handed out.
     status
@@ -42,6 +43,10 @@ class CycleRecord(NamedTuple):
         about to be written.
     speeds
         By axis, as measured, mm/s (rotary: rad/s): age × speed is how far it may have moved since.
+    directions
+        Of the decision: X, Y, Z and the rotary axes that are corrected.
+    pose
+        What the rotary axes leave of the tool's direction; None where none is corrected.
     """
 
     number: int
@@ -57,6 +62,8 @@ class CycleRecord(NamedTuple):
     written: bool
     age: float = 0.0
     speeds: tuple[float, ...] = ()
+    directions: tuple[str, ...] = DIRECTIONS
+    pose: PoseError | None = None
 
 
 Listener = Callable[[CycleRecord], None]

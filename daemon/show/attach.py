@@ -81,7 +81,8 @@ async def _run(
     service = service_of()
     pipeline, machine = service.pipeline, service.configuration.model.machine
     corrected = pipeline.corrected_axes
-    figures = Figures(tuple(pipeline.axes.index(axis) for axis in corrected))
+    linear = [axis for axis in corrected if not machine.axes[axis].rotary]
+    figures = Figures(tuple(pipeline.axes.index(axis) for axis in linear))
     service.add([figures])
     section = service.configuration.file.journal
     writer: LineWriter | None = None

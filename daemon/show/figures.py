@@ -72,7 +72,7 @@ def volumetric_errors(record: CycleRecord, axes: Sequence[int]) -> tuple[float, 
     record
         One cycle.
     axes
-        Indices of the corrected axes in `CycleRecord.indicated`.
+        Indices of the corrected linear axes in `CycleRecord.indicated`.
 
     Returns
     -------
@@ -80,7 +80,7 @@ def volumetric_errors(record: CycleRecord, axes: Sequence[int]) -> tuple[float, 
     """
     reference = [record.reference[i] for i in axes]
     before = 1e3 * math.dist(reference, [record.indicated[i] for i in axes])
-    after = 1e3 * math.dist(reference, record.corrected)
+    after = 1e3 * math.dist(reference, record.corrected[: len(axes)])
     return (before, after) if math.isfinite(before) and math.isfinite(after) else None
 
 
@@ -94,7 +94,7 @@ class Figures:
     Attributes
     ----------
     axes
-        Indices of the corrected axes in a record's positions.
+        Indices of the corrected linear axes in a record's positions.
     durations
         Of all cycles.
     before, after

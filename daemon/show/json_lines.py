@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from abbe.compcore.machine.machine import Machine
@@ -38,8 +38,8 @@ class JsonLines:
         links: Mapping[str, Link],
     ) -> None:
         self._writer = writer
-        self._axes = [(a, math.degrees(1.0) if machine.axes[a].rotary else 1.0) for a in axes]
-        self._corrected = corrected_axes
+        self._axes = [_shown(machine, a) for a in axes]
+        self._corrected = [_shown(machine, a) for a in corrected_axes]
         self._temperatures = {s.name for s in machine.signals.values() if s.temperature}
         self._links = links
 
@@ -62,16 +62,17 @@ class JsonLines:
             "cycle": record.number,
             "time": round(record.time, 4),
             "unit": "mm",
-            "indicated": self._positions(record.indicated),
-            "corrected": {
-                a: _number(q, 6) for a, q in zip(self._corrected, record.corrected, strict=True)
-            },
+            "indicated": _positions(self._axes, record.indicated),
+            "corrected": _positions(self._corrected, record.corrected),
             "correction": {
-                d: round(c, 6) for d, c in zip(DIRECTIONS, decision.correction, strict=True)
+                d: round(c, 6) if d in DIRECTIONS else round(math.degrees(c), 9)
+                for d, c in zip(record.directions, decision.correction, strict=True)
             },
             "temperatures": temperatures,
             "guard": {
-                "states": {d: s.value for d, s in zip(DIRECTIONS, decision.states, strict=True)},
+                "states": {
+                    d: s.value for d, s in zip(record.directions, decision.states, strict=True)
+                },
                 "compensating": decision.compensating,
                 "size_limited": decision.size_limited,
                 "rate_limited": decision.rate_limited,
@@ -90,21 +91,37 @@ class JsonLines:
             "age_ms": _number(1e3 * record.age, 3),
             "lag_um": {
                 axis: _number(1e3 * record.age * speed * factor, 3)
-                for (axis, factor), speed in zip(self._axes, record.speeds, strict=False)
+                for (axis, factor, _), speed in zip(self._axes, record.speeds, strict=False)
             },
         }
         if others:
             line["signals"] = others
         if any(map(math.isfinite, record.reference)):
-            line["reference"] = self._positions(record.reference)
+            line["reference"] = _positions(self._axes, record.reference)
+        if record.pose is not None:
+            line["orientation_left"] = {
+                "direction": round(1e6 * record.pose.direction_left, 3),
+                "spin": round(1e6 * record.pose.spin_left, 3),
+                "near_pole": record.pose.damped,
+                "limited": record.pose.limited,
+            }
         return line
 
-    def _positions(self, values: tuple[float, ...]) -> dict[str, float | None]:
-        """By axis: mm, rotary axes in degrees; null where not to be believed."""
-        return {
-            axis: _number(value * factor, 6)
-            for (axis, factor), value in zip(self._axes, values, strict=True)
-        }
+
+_Shown = tuple[str, float, int]
+"""An axis, its factor from the inside to what is shown, and the digits of that."""
+
+
+def _shown(machine: Machine, axis: str) -> _Shown:
+    return (axis, math.degrees(1.0), 9) if machine.axes[axis].rotary else (axis, 1.0, 6)
+
+
+def _positions(axes: Sequence[_Shown], values: Sequence[float]) -> dict[str, float | None]:
+    """By axis: mm, rotary axes in degrees; null where not to be believed."""
+    return {
+        axis: _number(value * factor, digits)
+        for (axis, factor, digits), value in zip(axes, values, strict=True)
+    }
 
 
 def _number(value: float, digits: int) -> float | None:

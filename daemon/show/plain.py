@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from abbe.daemon.guard import DIRECTIONS, GuardState
+from abbe.daemon.guard import GuardState
 from abbe.daemon.pipeline.record import CycleRecord
 from abbe.daemon.show.figures import volumetric_errors
 from abbe.daemon.show.writer import LineWriter
@@ -34,9 +34,9 @@ def headline(record: CycleRecord) -> str:
     if decision.compensating:
         return "corrected in full"
     for state, words in _WORDS.items():
-        names = [d for d, s in zip(DIRECTIONS, decision.states, strict=True) if s is state]
+        names = [d for d, s in zip(record.directions, decision.states, strict=True) if s is state]
         if names:
-            return words if len(names) == len(DIRECTIONS) else f"{', '.join(names)}: {words}"
+            return words if len(names) == len(record.directions) else f"{', '.join(names)}: {words}"
     return "correction limited"
 
 
@@ -50,7 +50,7 @@ class PlainLines:
     links
         Shown with their state.
     axes
-        Indices of the corrected axes in a record's positions.
+        Indices of the corrected linear axes in a record's positions.
     """
 
     def __init__(
@@ -70,15 +70,17 @@ class PlainLines:
 
     def line(self, record: CycleRecord) -> str:
         """One cycle in one line."""
-        correction = " ".join(
-            f"{d} {1e3 * c:+.1f}"
-            for d, c in zip(DIRECTIONS, record.decision.correction, strict=True)
-        )
+        amounts = list(zip(record.directions, record.decision.correction, strict=True))
+        correction = " ".join(f"{d} {1e3 * c:+.1f}" for d, c in amounts[:3]) + " µm"
+        if turns := " ".join(f"{d} {1e6 * c:+.1f}" for d, c in amounts[3:]):
+            correction += f" {turns} µrad"
         parts = [
             f"{record.time:7.1f} s",
             headline(record),
-            f"correction {correction} µm",
+            f"correction {correction}",
         ]
+        if record.pose is not None and (record.pose.damped or record.pose.limited):
+            parts.append(f"{1e6 * record.pose.direction_left:.1f} µrad of the tool's lean left")
         if (errors := volumetric_errors(record, self._axes)) is not None:
             parts.append(f"error {errors[0]:.1f} → {errors[1]:.1f} µm")
         known = [r.value for r in record.signals.values() if math.isfinite(r.value)]

@@ -92,7 +92,7 @@ class LiveScreen:
         self._machine = machine
         self._axes = axes
         self._corrected = corrected_axes
-        self._indices = tuple(axes.index(a) for a in corrected_axes)
+        self._indices = tuple(axes.index(a) for a in corrected_axes if not machine.axes[a].rotary)
         self._links = links
         self._title = title
         self._duration = duration
@@ -183,24 +183,28 @@ class LiveScreen:
             for heading in ("error µm before", "after") if bars else ("before µm", "after µm"):
                 table.add_column(heading, justify="right", no_wrap=True)
         corrected = dict(zip(self._corrected, record.corrected, strict=True))
-        full = max(10.0, *(1e3 * abs(c) for c in record.decision.correction))
+        full = max(10.0, *(1e3 * abs(c) for c in record.decision.correction[:3]))
         for axis, indicated, true in sorted(
             zip(self._axes, record.indicated, record.reference, strict=True)
         ):
             rotary = self._machine.axes[axis].rotary
             row: list[str | Text] = [Text(axis, "bold"), _position(indicated, rotary)]
             if axis in corrected:
-                direction = direction_index(axis)
-                correction = 1e3 * record.decision.correction[direction]
+                direction = direction_index(axis, record.directions)
+                amount = record.decision.correction[direction]
                 words, style = _STYLES[record.decision.states[direction]]
-                row += [Text(_position(corrected[axis]), "bold"), f"{correction:+.1f}"]
-                row += [Text(deviation_bar(correction, full), "cyan")] if bars else []
+                row.append(Text(_position(corrected[axis], rotary), "bold"))
+                row.append(f"{1e6 * amount:+.1f} µrad" if rotary else f"{1e3 * amount:+.1f}")
+                bar = "" if rotary else deviation_bar(1e3 * amount, full)
+                row += [Text(bar, "cyan")] if bars else []
                 row.append(Text(words, style))
             else:
                 row += [""] * (4 if bars else 3)
             if true_position:
                 row.append(_position(true, rotary))
-            if reference:
+            if reference and rotary:
+                row += ["", ""]
+            elif reference:
                 row += [
                     _micrometres(true - indicated, "red"),
                     _micrometres(true - corrected.get(axis, math.nan), "green"),

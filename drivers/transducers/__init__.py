@@ -17,6 +17,7 @@ from abbe.drivers.transducers.base import (
     TransducerConfig,
     TransducerFault,
 )
+from abbe.drivers.transducers.degrees import Degrees
 from abbe.drivers.transducers.encoder import Encoder, EncoderConfig
 from abbe.drivers.transducers.linear import CurrentLoop, CurrentLoopConfig, Linear, LinearConfig
 from abbe.drivers.transducers.rtd import Platinum, PtConfig
@@ -70,6 +71,7 @@ __all__ = [
     "BetaConfig",
     "CurrentLoop",
     "CurrentLoopConfig",
+    "Degrees",
     "Encoder",
     "EncoderConfig",
     "Linear",

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 
 from abbe.compcore.machine.machine import Signal
 from abbe.compcore.machine.plausible import position_range, signal_range
+from abbe.compcore.machine.structure import is_rotary
 from abbe.daemon.config import Configuration
-from abbe.daemon.config.channels import split
+from abbe.daemon.config.channels import split, transducer_of
 from abbe.daemon.config.sections import SignalSection
 from abbe.daemon.pipeline.reading.plausible import Likes, PlausibleBounds
 from abbe.daemon.pipeline.reading.poll import Channel
 from abbe.drivers.link import Link, Sample
-from abbe.drivers.transducers import AnyTransducerConfig, make_transducer
+from abbe.drivers.transducers import AnyTransducerConfig
 
 HEARTBEATS = 1 << 16
 """Where the heartbeat begins again at 0, unless its channel holds less."""
@@ -29,6 +30,8 @@ _COMPARED = ("scale", "structure", "workpiece", "ambient", "air")
 """Roles whose thermometers are compared: motors, spindles and coolant may well be far apart."""
 _FINEST = 1e-4
 """mm within which a position counts as the same as another: what a float32 resolves at 1 m."""
+_FINEST_TURN = 5e-7
+"""rad, likewise: what a float32 resolves at a turn."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,8 @@ class Expected:
     tool
         For x, y and z, least and greatest offset, mm.
     steps
-        For each target, the difference (mm) up to which a position counts as what was written.
+        For each target, the difference (mm; rotary: rad) up to which a position counts as what
+        was written.
     read_back
         Channels that are written and can be read back.
     beats
@@ -69,7 +73,7 @@ def expected_of(
     file, machine = configuration.file, configuration.model.machine
     measured = configuration.model.measured_signals
     known = {name: machine.signals[name] for name in file.signals}
-    written = [axis for axis in axes if axis in file.output.axes]
+    written = written_axes(configuration, axes)
     return Expected(
         positions=tuple(_positions(configuration, axes)),
         signals={
@@ -81,6 +85,12 @@ def expected_of(
         read_back=tuple(_read_back(configuration, links)),
         beats=beats_of(links, file.output.heartbeat),
     )
+
+
+def written_axes(configuration: Configuration, axes: Sequence[str]) -> list[str]:
+    """Axes that are written, linear ones first, each in the compensator's order."""
+    written = [axis for axis in axes if axis in configuration.file.output.axes]
+    return sorted(written, key=is_rotary)
 
 
 def bounds_of(
@@ -156,19 +166,22 @@ def _tool(configuration: Configuration) -> tuple[float, float]:
 def _same_within(configuration: Configuration, links: Mapping[str, Link], axis: str) -> float:
     file = configuration.file
     read, write = file.axes[axis], file.output.axes[axis]
-    steps = _step(links, read.source, read.transducer) + _step(
-        links, write.target, write.transducer
+    steps = _step(links, axis, read.source, read.transducer) + _step(
+        links, axis, write.target, write.transducer
     )
-    return max(0.51 * steps, _FINEST)
+    return max(0.51 * steps, _FINEST_TURN if is_rotary(axis) else _FINEST)
 
 
-def _step(links: Mapping[str, Link], channel: str, config: AnyTransducerConfig | None) -> float:
-    """What one step of a channel is, mm."""
+def _step(
+    links: Mapping[str, Link], axis: str, channel: str, config: AnyTransducerConfig | None
+) -> float:
+    """What one step of a channel is, mm (rotary: rad)."""
     link, name = split(channel)
-    step = links[link].info(name).step
-    if config is None or not step:
+    info = links[link].info(name)
+    step, transducer = info.step, transducer_of(axis, info.unit, config)
+    if transducer is None or not step:
         return step
-    first, second = (make_transducer(config).convert(Sample(v, 0.0)) for v in (0.0, step))
+    first, second = (transducer.convert(Sample(v, 0.0)) for v in (0.0, step))
     way = abs(second.value - first.value)
     return way if math.isfinite(way) else 0.0
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta
 
 from abbe.compcore.errors import AbbeError
+from abbe.compcore.machine.conditions import unit_of
 from abbe.daemon.pipeline.reading.poll import Channel
 from abbe.daemon.pipeline.writing.write_back import AxisTarget, Held, WriteBack
 from abbe.daemon.status_word import STOPPED, describe
@@ -137,7 +138,8 @@ class Ending:
         for target in self._targets:
             if target.channel in held:
                 found = held[target.channel]
-                unit = "mm" if target.transducer is None else target.transducer.raw_unit
+                transducer = target.transducer
+                unit = unit_of(target.axis) if transducer is None else transducer.raw_unit
                 said.append(f"{target.axis} {found.value:.10g} {unit}{_at(found)}")
         return ", ".join(said) or "nothing of this"
 

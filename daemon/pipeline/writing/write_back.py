@@ -32,7 +32,8 @@ class AxisTarget:
     channel
         Where it is written.
     transducer
-        Read backwards, mm → counts; None where the channel takes mm.
+        Read backwards, mm → counts (rotary: rad → degrees or counts); None where the channel takes
+        mm (rotary: rad).
     """
 
     axis: str
@@ -140,9 +141,9 @@ class WriteBack:
         Parameters
         ----------
         corrected
-            For each target, mm; NaN where the indicated position is not to be believed: then the
-            controller's register is left alone, and so are those that go out in one message
-            with it.
+            For each target, mm (rotary: rad); NaN where the indicated position is not to be
+            believed: then the controller's register is left alone, and so are those that go out in
+            one message with it.
         batch
             What was read in this cycle, for the echo.
         status

@@ -128,7 +128,7 @@ WRONG = {
         "output.axes.Y.target",
         "written twice",
     ),
-    "output axis": ("[output.axes.X]", "[output.axes.C]", "output.axes.C", "linear axes"),
+    "output axis": ("[output.axes.X]", "[output.axes.C]", "output.axes.C", "no such axis"),
     "two tools": ("[tool]", "[tool]\noffset = [0, 0, -150]", "tool", "either fixed .* or read"),
     "watch without status": (
         'status = "cmm.status"\n',

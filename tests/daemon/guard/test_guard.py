@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from abbe.daemon.guard import ALL, Guard, GuardLimits, GuardState, Vec3
+from abbe.daemon.guard import ALL, Correction, Guard, GuardLimits, GuardState, Vec3
 
 LIMITS = GuardLimits(
     max_correction=(0.05, 0.08, 0.1),
@@ -30,26 +30,143 @@ step = st.tuples(
     st.one_of(st.just(0.01), st.floats(0.0, 5.0)), computed, st.integers(0, ALL), st.booleans()
 )
 
+TURNING = GuardLimits(
+    max_correction=LIMITS.max_correction,
+    max_norm=LIMITS.max_norm,
+    max_rate=LIMITS.max_rate,
+    hold=LIMITS.hold,
+    ramp=LIMITS.ramp,
+    longest_step=LIMITS.longest_step,
+    turning=("B", "C"),
+    max_turn=(2e-4, 4e-4),
+    max_turn_rate=5e-4,
+)
+P: Correction = (0.02, -0.03, 0.01, 1e-4, -3e-4)
+turn = st.one_of(
+    st.floats(-1e-3, 1e-3), st.floats(allow_nan=True, allow_infinity=True), st.just(math.nan)
+)
+poses = st.one_of(st.none(), st.tuples(number, number, number, turn, turn))
+action = st.sampled_from(["", "", "", "release", "change"])
+any_step = st.one_of(
+    st.tuples(
+        st.just(limits),
+        st.lists(
+            st.tuples(
+                st.one_of(st.just(0.01), st.floats(0.0, 5.0)),
+                values,
+                st.integers(0, (1 << len(limits.directions)) - 1),
+                action,
+            ),
+            max_size=60,
+        ),
+    )
+    for limits, values in ((LIMITS, computed), (TURNING, poses))
+)
 
-@given(st.lists(step, max_size=60))
+
+def do(guard: Guard, what: str) -> None:
+    if what == "release":
+        guard.release()
+    elif what == "change":
+        guard.change()
+
+
+@given(any_step)
 def test_no_sequence_of_inputs_breaks_a_bound(
-    steps: list[tuple[float, Vec3 | None, int, bool]],
+    case: tuple[GuardLimits, list[tuple[float, Correction | None, int, str]]],
 ) -> None:
-    guard = Guard(LIMITS)
-    now, before = 100.0, (0.0, 0.0, 0.0)
-    for dt, value, faulty, release in steps:
+    """X, Y, Z alone, and with two rotary axes; with changes by a person in between."""
+    limits, steps = case
+    guard = Guard(limits)
+    now, before = 100.0, (0.0,) * len(limits.directions)
+    for dt, value, faulty, what in steps:
         now += dt
-        if release:
-            guard.release()
+        do(guard, what)
         decision = guard.step(now, value, faulty)
         after = decision.correction
         assert all(map(math.isfinite, after))
-        for x, most in zip(after, LIMITS.max_correction, strict=True):
+        for x, most in zip(after, limits.most, strict=True):
             assert abs(x) <= most + TINY
-        assert math.hypot(*after) <= LIMITS.max_norm + TINY
-        reach = LIMITS.max_rate * min(dt, LIMITS.longest_step)
-        assert all(abs(a - b) <= reach + TINY for a, b in zip(after, before, strict=True))
+        assert math.hypot(*after[:3]) <= limits.max_norm + TINY
+        span = min(dt, limits.longest_step)
+        for a, b, rate in zip(after, before, limits.rates, strict=True):
+            assert abs(a - b) <= rate * span + TINY
+        if limits.turning:
+            assert len(set(decision.states)) == 1
         before = after
+
+
+def test_with_rotary_axes_all_directions_go_together() -> None:
+    """A turn and what takes its move of the tip back: by one share, on the way in and out."""
+    guard = Guard(TURNING)
+    now = 0.0
+    shares = []
+    for value, faulty in [(P, 0)] * 300 + [(P, 0b10000)] * 400 + [(P, 0)] * 300 + [(None, 0)] * 400:
+        now += 0.01
+        decision = guard.step(now, value, faulty)
+        parts = [a / p for a, p in zip(decision.correction, P, strict=True)]
+        assert parts == pytest.approx([parts[0]] * 5, abs=1e-9)
+        assert len(set(decision.states)) == 1
+        shares.append(parts[0])
+    assert shares[299] == shares[999] == 1.0
+    assert shares[699] == shares[-1] == 0.0
+    assert 0.4 < shares[500] < 0.6
+
+
+def test_a_turn_that_is_too_large_or_too_fast_takes_the_tip_along() -> None:
+    guard = Guard(TURNING)
+    now = run(guard, 0.0, 3.0, P)
+    large = (*P[:3], 8e-4, -3e-4)
+    now = run(guard, now, 0.5, large)
+    decision = guard.step(now + 0.01, large)
+    assert decision.size_limited
+    assert decision.limited == 0b11111
+    assert [a / b for a, b in zip(decision.correction, large, strict=True)] == pytest.approx(
+        [0.25] * 5
+    )
+    guard = Guard(TURNING)
+    now = run(guard, 0.0, 3.0, P)
+    there = (0.021, -0.031, 0.011, 1.5e-4, -1e-4)
+    decision = guard.step(now + 0.1, there)
+    parts = [(a - p) / (t - p) for a, p, t in zip(decision.correction, P, there, strict=True)]
+    assert parts == pytest.approx([0.25] * 5)  # C may turn by 5e-5 of 2e-4
+    assert decision.rate_limited
+
+
+@pytest.mark.parametrize("limits", [LIMITS, TURNING])
+def test_what_a_person_changes_is_no_step(limits: GuardLimits) -> None:
+    before, after = P[: len(limits.directions)], tuple(-0.5 * p for p in P)
+    after = after[: len(limits.directions)]
+    guard = Guard(limits)
+    now = run(guard, 0.0, 3.0, before)
+    guard.change()
+    began = now
+    decision = guard.step(now + 0.01, after)
+    assert decision.correction == pytest.approx(before, abs=1e-15)
+    assert set(decision.states) == {GuardState.RISING}
+    assert not decision.compensating
+    now = run(guard, now + 0.01, limits.ramp / 2, after)
+    half = guard.step(now, after).correction
+    left = 1.0 - (now - began - 0.01) / limits.ramp
+    assert half == pytest.approx(
+        [a + left * (b - a) for a, b in zip(after, before, strict=True)], abs=1e-12
+    )
+    guard.change()  # back in the middle of it
+    again = guard.step(now + 0.01, before).correction
+    assert again == pytest.approx(half, abs=2e-4 * limits.ramp)
+    now = run(guard, now + 0.01, limits.ramp + 0.05, before)
+    decision = guard.step(now, before)
+    assert decision.correction == before
+    assert decision.compensating
+
+
+def test_a_change_that_concerns_some_directions_leaves_the_others_alone() -> None:
+    guard = Guard(LIMITS)
+    now = run(guard, 0.0, 3.0, C)
+    guard.change()
+    decision = guard.step(now + 0.01, (0.0, C[1], C[2]))
+    assert [s.value for s in decision.states] == ["rising", "active", "active"]
+    assert decision.correction == pytest.approx(C, abs=1e-15)
 
 
 writing = st.tuples(
@@ -101,28 +218,40 @@ def test_a_missing_signal_leaves_the_other_directions_as_they_were(
                 assert found.states[d] is expected.states[d]
 
 
-@given(st.lists(step, max_size=30), st.tuples(*[st.floats(-0.045, 0.045)] * 3))
+@given(
+    any_step,
+    st.tuples(*[st.floats(-0.045, 0.045)] * 3, st.floats(-2e-4, 2e-4), st.floats(-4e-4, 4e-4)),
+)
 def test_whatever_happened_it_comes_down_to_zero_in_the_stated_time_and_returns(
-    steps: list[tuple[float, Vec3 | None, int, bool]], value: Vec3
+    case: tuple[GuardLimits, list[tuple[float, Correction | None, int, str]]], value: Correction
 ) -> None:
-    guard = Guard(LIMITS)
+    limits, steps = case
+    count = len(limits.directions)
+    value = value[:count]
+    guard = Guard(limits)
     now = 0.0
-    for dt, earlier, faulty, _ in steps:
+    for dt, earlier, faulty, what in steps:
         now += dt
+        if what == "change":
+            guard.change()
         guard.step(now, earlier, faulty)
     start = now
-    while now < start + LIMITS.hold + LIMITS.ramp + 0.05:
+    while now < start + limits.hold + limits.ramp + 0.05:
         now += 0.05
         last = guard.step(now, None)
-    assert last.correction == (0.0, 0.0, 0.0)
-    assert last.states == (GuardState.OFF,) * 3
+    if limits.turning:  # all together, with what the slowest of them needs
+        while now < start + limits.hold + limits.ramp + 1.05:
+            now += 0.05
+            last = guard.step(now, None)
+    assert last.correction == (0.0,) * count
+    assert last.states == (GuardState.OFF,) * count
     back = now
-    while now < back + LIMITS.ramp + 1.0:
+    while now < back + 2.0 * limits.ramp + 1.0:
         now += 0.05
         last = guard.step(now, value)
-    assert last.states == (GuardState.ACTIVE,) * 3
-    small = all(abs(v) <= m for v, m in zip(value, LIMITS.max_correction, strict=True))
-    if small and math.hypot(*value) <= LIMITS.max_norm:
+    small = all(abs(v) <= m for v, m in zip(value, limits.most, strict=True))
+    if small and math.hypot(*value[:3]) <= limits.max_norm:
+        assert last.states == (GuardState.ACTIVE,) * count
         assert last.correction == value
 
 
@@ -141,7 +270,9 @@ def test_the_short_way_of_a_steady_step_comes_to_the_same(
         assert usual.step(now, value, faulty) == long.step(now, value, faulty)
 
 
-def run(guard: Guard, start: float, seconds: float, value: Vec3 | None, faulty: int = 0) -> float:
+def run(
+    guard: Guard, start: float, seconds: float, value: Correction | None, faulty: int = 0
+) -> float:
     for _ in range(round(seconds / 0.01)):
         start += 0.01
         guard.step(start, value, faulty)
@@ -232,6 +363,11 @@ def test_release_ramps_without_holding() -> None:
         ({"hold": -1.0}, "hold"),
         ({"ramp": math.nan}, "ramp"),
         ({"max_correction": (0.1, math.inf, 0.1)}, "max_correction Y"),
+        ({"turning": ("C",), "max_turn": (0.0,), "max_turn_rate": 1.0}, "max_turn C"),
+        (
+            {"turning": ("C",), "max_turn": (1e-3,), "max_turn_rate": 1e-5},
+            r"expected at least 0.0286479 deg/s",
+        ),
     ],
 )
 def test_limits_that_make_no_sense_are_refused(change: dict[str, object], word: str) -> None:
@@ -249,25 +385,24 @@ def test_limits_that_make_no_sense_are_refused(change: dict[str, object], word: 
 taken = st.sampled_from(["taken", "untouched", "unknown, taken", "unknown, not taken"])
 
 
-@given(
-    st.lists(st.tuples(step, st.tuples(taken, taken, taken)), max_size=60),
-)
+@given(any_step, st.data())
 def test_what_the_controller_has_never_steps_further_than_stated(
-    steps: list[tuple[tuple[float, Vec3 | None, int, bool], tuple[str, str, str]]],
+    case: tuple[GuardLimits, list[tuple[float, Correction | None, int, str]]], data: st.DataObject
 ) -> None:
     """A controller that takes, refuses and leaves one guessing, kept apart from the guard."""
-    guard = Guard(LIMITS)
-    now, has = 100.0, [0.0, 0.0, 0.0]
-    reach = LIMITS.max_rate * LIMITS.longest_step
-    for (dt, value, faulty, release), outcomes in steps:
+    limits, steps = case
+    count = len(limits.directions)
+    guard = Guard(limits)
+    now, has = 100.0, [0.0] * count
+    for dt, value, faulty, what in steps:
         now += dt
-        if release:
-            guard.release()
+        do(guard, what)
         handed = guard.step(now, value, faulty).correction
+        outcomes = data.draw(st.tuples(*[taken] * count))
         for i, outcome in enumerate(outcomes):
             if outcome in ("taken", "unknown, taken"):
-                assert abs(handed[i] - has[i]) <= reach + TINY
-                assert abs(handed[i]) <= LIMITS.max_correction[i] + TINY
+                assert abs(handed[i] - has[i]) <= limits.rates[i] * limits.longest_step + TINY
+                assert abs(handed[i]) <= limits.most[i] + TINY
                 has[i] = handed[i]
         guard.not_taken(
             sum(1 << i for i, o in enumerate(outcomes) if o == "untouched"),
