@@ -1,8 +1,9 @@
 """Tails of the normal, χ² and F distributions: the chance of so large a value by noise alone.
 
 SciPy has them too, but its import takes longer than most commands of Abbe. Continued fractions and
-series after Numerical Recipes, 3rd edition, 6.2 and 6.4; they agree with SciPy to 1e-11 of the
-chance for up to 10⁵ degrees of freedom (1e-8 for 10⁷, where logarithms of gamma functions cancel).
+series after Numerical Recipes, 3rd edition, 6.2 and 6.4; they agree with SciPy to 1e-10 of the
+chance for up to 10⁵ degrees of freedom (2e-8 for 10⁷, where logarithms of gamma functions cancel);
+docs/decisions/0043 has the figures.
 """
 
 from __future__ import annotations

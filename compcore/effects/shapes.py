@@ -30,7 +30,7 @@ from abbe.compcore.machine.plausible import POINT
 
 F64 = NDArray[np.float64]
 
-_CODE = re.compile(r"(constant|table)|(polynomial|spline):([0-9]+)")
+_CODE = re.compile(r"(constant|table)|(polynomial|spline):([0-9]{1,9})")
 _EXPECTED = "constant, polynomial:N (0 ≤ N ≤ 20), spline:N (1 ≤ N ≤ 200) or table"
 
 

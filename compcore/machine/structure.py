@@ -74,7 +74,7 @@ class Structure:
             match = _TOKEN.match(text, at)
             if match is None:
                 rest = text[at:].strip().split()[0]
-                raise wrong(f"cannot read {rest!r}")
+                raise wrong(f"cannot read {rest if len(rest) <= 20 else rest[:20] + '…'!r}")
             at = match.end()
             if end := match["end"]:
                 order = "wbt".index(end)

@@ -14,6 +14,7 @@ from itertools import combinations
 
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.registry import make_effect
+from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Axis, Machine, Signal, own_component
 from abbe.compcore.model.model import Model
 
@@ -68,9 +69,17 @@ def start_model(machine: Machine, wanted: Wanted | None = None) -> Model:
     Raises
     ------
     InputError
-        For a shape that does not exist.
+        For a shape that does not exist, or a table, whose positions nobody has stated.
     """
-    effects = list(_effects(machine, wanted or Wanted()))
+    wanted = wanted or Wanted()
+    if wanted.shape == "table":
+        raise InputError(
+            "a table needs its positions",
+            field="shape",
+            found=wanted.shape,
+            expected="spline:N, polynomial:N or constant; tables stand in the model file",
+        )
+    effects = list(_effects(machine, wanted))
     for effect in effects:
         effect.check(machine)
     return Model(machine).with_effects(*effects)
@@ -93,7 +102,7 @@ def _effects(machine: Machine, wanted: Wanted) -> Iterator[Effect]:
 
 def _linear(axis: Axis, wanted: Wanted) -> Iterator[Effect]:
     """The six error motions of a carriage, and its play."""
-    shape = wanted.shape or usual_shape(axis)
+    shape = usual_shape(axis) if wanted.shape is None else wanted.shape
     where = {"axis": axis.name, "shape": shape}
     yield make_effect("positioning", where)
     for direction in "XYZ":

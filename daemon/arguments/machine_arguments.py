@@ -5,17 +5,27 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_csv.columns import AXIS, RESERVED
 from abbe.compcore.machine.common_machines import COMMON_MACHINES, CommonMachine, common_machine
 from abbe.compcore.machine.machine import ROLES, Axis, Machine, Signal, Vec3
-from abbe.compcore.machine.plausible import POINT, SHORTEST_TRAVEL, TRAVEL, TRAVEL_ROTARY
+from abbe.compcore.machine.plausible import (
+    POINT,
+    SHORTEST_TRAVEL,
+    TRAVEL,
+    TRAVEL_ROTARY,
+    usual_unit,
+)
 from abbe.compcore.machine.structure import Structure, is_rotary
 from abbe.daemon.arguments.assignments import number
 
 _UNITS = {"speed": "rpm", "load": "kg"}
 """Role → unit of a signal where none is given; else °C."""
+_THERMOMETERS = ("scale", "screw", "workpiece")
+_APART = frozenset(',";')
+"""Characters that part the columns of a campaign."""
 _SENSOR = "NAME=ROLE[,AXIS[,UNIT]], such as T_x=scale,X or n=speed,,rpm"
 
 
@@ -85,15 +95,23 @@ def sensor_of(name: str, text: str) -> Signal:
     Raises
     ------
     InputError
-        For a name that a campaign's columns have for something else, an unknown role.
+        For a name that a campaign's columns have for something else or cannot have, an unknown
+        role, a unit that does not go with it.
     """
     field = f"sensor {name}"
-    if name in RESERVED or AXIS.fullmatch(name.removesuffix("_dir")) or not name.isprintable():
+    if name in RESERVED or AXIS.fullmatch(name.removesuffix("_dir")):
         raise InputError(
             "a campaign has this column for something else",
             field="sensor",
             found=name,
             expected="a name such as T_x",
+        )
+    if not name.isprintable() or name != name.strip() or set(name) & _APART or name[:1] == "#":
+        raise InputError(
+            "no column of a campaign can be called so",
+            field="sensor",
+            found=name,
+            expected="a name such as T_x, without comma or quotation mark",
         )
     role, axis, unit = (*(part.strip() for part in text.split(",", 2)), "", "")[:3]
     if role not in ROLES:
@@ -103,7 +121,20 @@ def sensor_of(name: str, text: str) -> Signal:
             found=role,
             expected=f"one of {', '.join(sorted(ROLES))}; {_SENSOR}",
         )
-    return Signal(name, unit or _UNITS.get(role, "degC"), role, axis or None)
+    signal = Signal(name, unit or _UNITS.get(role, "degC"), role, axis or None)
+    signal = replace(signal, unit=usual_unit(signal))
+    if role in _THERMOMETERS and not signal.temperature:
+        raise InputError(
+            f"a sensor of role {role} is a thermometer", field=field, found=unit, expected="degC"
+        )
+    if role in _UNITS and signal.temperature:
+        raise InputError(
+            f"a sensor of role {role} is no thermometer",
+            field=field,
+            found=unit,
+            expected=f"a unit such as {_UNITS[role]}",
+        )
+    return signal
 
 
 def machine_of(
@@ -118,8 +149,11 @@ def machine_of(
     Raises
     ------
     InputError
-        For an axis without travel, a travel without axis, a sensor at an axis that is not there.
+        For a name that is no text, an axis without travel, a travel without axis, a sensor at an
+        axis that is not there.
     """
+    if any("\ud800" <= letter <= "\udfff" for letter in name):
+        raise InputError("not UTF-8", field="name", found=name, expected="the machine's name")
     for axis in (*travels, *locations):
         if axis not in structure.axes:
             raise InputError(

@@ -154,6 +154,13 @@ def test_json_is_one_object(tmp_path: Path) -> None:
     assert {"time", "Z", "X", "Z_dir", "X_dir", "T_z"} < set(found["columns"])
 
 
+def test_a_unit_may_be_spelled_as_on_a_display(tmp_path: Path) -> None:
+    model = made(tmp_path, "c-frame", "--sensor", "T_x=scale,X,°C", "--sensor", "n=speed,,1/min")
+    units = {signal.name: signal.unit for signal in model.machine.signals.values()}
+    assert units == {"T_x": "degC", "n": "rpm"}
+    assert "scale_expansion axis=X signals=T_x" in {effect.spec for effect in model.effects}
+
+
 def test_names_of_all_kinds_come_back(tmp_path: Path) -> None:
     name = 'Fräs "5" \\ Halle\t#2'
     model = made(tmp_path, "bridge", "--name", name, "--sensor", "T links.1=scale,X")
