@@ -54,13 +54,17 @@ COMPCORE: tuple[Rooms, ...] = (
         ("tables", "what a controller can hold"),
         ("diagnosis", "what is missing"),
         ("comparison", "how wrong, where"),
+        ("iso10791", "tests of rotary axes"),
     ),
     (
         ("maps", "CMMs' own maps"),
         ("fitting", "parameters from measurements"),
         ("compensator", "errors at the machine's pace"),
     ),
-    (("figures", "pictures of results, as data"),),
+    (
+        ("artefacts", "gauge blocks, plates, ISO 10360"),
+        ("figures", "pictures of results, as data"),
+    ),
     (("model", "machine + effects + parameters ± sd"),),
     (
         ("effects", "one physical cause, one class"),

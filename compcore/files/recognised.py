@@ -79,6 +79,13 @@ BALLBAR = _kind(
     "a circular test", "ballbar", "import-campaign",
     "abbe import-campaign FILE --as ballbar --plane XY -o CAMPAIGN.csv",
 )  # fmt: skip
+LENGTHS = _kind(
+    "a table of measured lengths", "lengths", "iso10360 gauges import-campaign", "abbe gauges FILE"
+)
+PLATE = _kind("a measured plate", "plate", "gauges import-campaign", "abbe gauges FILE")
+RTEST = _kind(
+    "a test of rotary axes", "rtest", "iso10791 import-campaign", "abbe iso10791 MODEL.toml FILE"
+)
 
 _FORMATS = {
     "abbe-campaign/": CAMPAIGN,
@@ -93,6 +100,12 @@ _LOOKS = (
     (re.compile(r"^TARGET DATA::\s*$", re.MULTILINE), RTL),
     (re.compile(r"\A\s*\S+ Axis\s*\n\s*Position\s+Lx", re.IGNORECASE), MAP),
     (re.compile(r"^X_off\s*,", re.MULTILINE), POINTS),
+    (re.compile(r"^(?=[^\n]*[,;\t]\s*cx\b)(?=[^\n]*[,;\t]\s*cy\b)", re.M | re.I), PLATE),
+    (re.compile(r"^(?=[^\n]*\b(?:calibrated|nominal|reference|length)\b[^\n,;\t]*[,;\t])"
+                r"(?=[^\n]*[,;\t]\s*(?:measured|indicated|error|x1|run ?1|1)\b)",
+                re.M | re.IGNORECASE), LENGTHS),
+    (re.compile(r"^(?=[^\n]*\b[ABC][0-9]?\b)"
+                r"[^\n]*[,;\t]\s*(?:d[XYZ]|radial|tangential|axial)\b", re.M | re.I), RTEST),
     (re.compile(r"^angle[^\n]*?[,;\t]\s*(?:ccw|cw|deviation|dir)", re.M | re.IGNORECASE), BALLBAR),
     (re.compile(r"^(?:position|target)[^\n]*?[,;\t](?:[^\n]*\b(?:run|dir|deviation)|\s*1\s*[+↑])",
                 re.M | re.IGNORECASE), RUNS),
@@ -115,7 +128,8 @@ def recognised(path: str | Path) -> FileKind | None:
     return next((kind for look, kind in _LOOKS if look.search(beginning)), None)
 
 
-_LAYOUTS = {"rtl": "rtl", "iso230-2": "runs", "ballbar": "ballbar", "map": "map"}
+_LAYOUTS = {"rtl": "rtl", "iso230-2": "runs", "ballbar": "ballbar", "map": "map",
+            "lengths": "lengths", "plate": "plate", "rtest": "rtest"}  # fmt: skip
 """What ``import-campaign --as`` is told → reader."""
 
 
@@ -153,6 +167,9 @@ def _reader_of(error: InputError) -> str | None:
         ("no targets", "rtl"),
         ("no deviations", "rtl"),
         ("not a circular test", "ballbar"),
+        ("not a table of measured lengths", "lengths"),
+        ("not a measured plate", "plate"),
+        ("not a test of rotary axes", "rtest"),
         ("not a table of runs", "runs"),
         ("not a campaign file", "campaign"),
     ):

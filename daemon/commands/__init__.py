@@ -20,6 +20,8 @@ NAMES = (
     "effects",
     "measurements.import_campaign",
     "measurements.iso230",
+    "measurements.iso10360",
+    "measurements.gauges",
     "correct",
     "tables.table",
     "tables.watch_tables",

@@ -54,6 +54,14 @@ SWITCHED = '# unit = "um"\nX,Y,Z,dX,dY,dZ\n' + "".join(
     f"{90 * i},{80 * i % 290},{-40 * i % 290},0.{i}1,-0.2,0.{i}\n" for i in range(4)
 )
 
+LENGTHS = "# expansion = 11.5\nposition,calibrated,sd,temperature,x1,y1,z1,x2,y2,z2\n" + "".join(
+    f"P{i},100,0.1,20.{i},0,0,{10 * i},100.001,0,{10 * i}\n" for i in range(5)
+)
+PLATE = "placing,ball,cx,cy,cz,x,y,z\n" + "".join(
+    f"A,{i},{100 * (i % 3)},{80 * (i // 3)},0,{100 * (i % 3)}.001,{80 * (i // 3)},5\n"
+    for i in range(6)
+)
+
 AT = ("--at", "Y=450,Z=-180", "-o", "out.csv", "--force")
 
 
@@ -62,6 +70,8 @@ def command(layout: str) -> tuple[str, ...]:
     more = ("--axis", "X", *AT) if layout == "iso230-2" else AT
     if layout == "ballbar":
         more = ("--at", "Z=-180", *AT[2:])
+    if layout in ("lengths", "plate"):
+        more = AT[2:]
     if layout == "map":
         more = ("--structure", "w b Y X Z t", *AT[2:])
     return ("import-campaign", "f.txt", "--as", layout, *more)
@@ -75,6 +85,12 @@ READ: dict[str, tuple[str, tuple[str, ...], str]] = {
     "by target": (BY_TARGET, command("iso230-2"), "out.csv"),
     "by run": (BY_RUN, command("iso230-2"), "out.csv"),
     "ball bar": (BALL, command("ballbar"), "out.csv"),
+    "lengths": (LENGTHS, command("lengths"), "out.csv"),
+    "plate": (PLATE, command("plate"), "out.csv"),
+    "errors of length": (
+        "position,calibrated,error 1 [um],error 2\nX,100,1,2\nY,300,1,2\n",
+        ("iso10360", "f.txt", "--mpe", "3+L/300"), "",
+    ),
     "map rows": (MAP, command("map"), "out.csv"),
     "map": (MAP, MAPPED, "out.toml"),
     "points": (SWITCHED, IDENTIFY, ""),
@@ -108,6 +124,14 @@ def named() -> Iterator[Case]:
         ("ball bar", "radius = 100", "radius = 1e308"), ("ball bar", "radius = 100", "radius = -1"),
         ("ball bar", "radius = 100", "radius = nan"), ("ball bar", "plane = XY", "plane = XX"),
         ("ball bar", "50,0.5,1.0", "1e308,0.5,1.0"), ("ball bar", "50,0.5,1.0", "50,1e300,1.0"),
+        ("lengths", "P1,100,", "P1,1e300,"), ("lengths", "P1,100,", "P1,nan,"),
+        ("lengths", "P1,100,0.1,20.1", "P1,100,0.1,1e9"), ("lengths", "x1,y1", "x1,x1"),
+        ("lengths", "expansion = 11.5", "expansion = 1e9"), ("lengths", "P2,100,0.1", "P2,100,-1"),
+        ("lengths", "100.001,0,20", "0,0,20"), ("lengths", "100.001,0,20", "100.001,0"),
+        ("plate", "A,2,200", "A,2,1e300"), ("plate", "A,2,200,0,0,200.001", "A,2,200,0,0,nan"),
+        ("plate", "A,2,200,0,0,200.001", "A,2,200,0,0,300"), ("plate", "cx,cy", "cx,cx"),
+        ("errors of length", "X,100,1,2", "X,100,1e300,2"),
+        ("errors of length", "[um]", "[furlong]"), ("errors of length", "X,100", "X,0"),
         ("map rows", "100.0000\t0.001", "100.0000\t1e300"),
         ("map", "100.0000\t0.001", "1e300\t0.001"),
         ("map", "100.0000\t0.001", "100.0000\t1e300"), ("map", "100.0000\t0.001", "nan\t0.001"),

@@ -80,6 +80,12 @@ class Readings:
         Shape (n,): line in the foreign file.
     suffix
         Added to the set-up's name where a file makes several.
+    signals
+        Name → (n,), where the file records them; else those of the placing.
+    sd
+        Shape (n,), mm or rad: standard uncertainty; None: that of the placing.
+    tool
+        Shape (n, 3), mm: the tool's offset; None: that of the placing.
     """
 
     positions: Mapping[str, F64]
@@ -90,6 +96,9 @@ class Readings:
     free: tuple[str, ...]
     line: I64
     suffix: str = ""
+    signals: Mapping[str, F64] = field(default_factory=dict)
+    sd: F64 | None = None
+    tool: F64 | None = None
 
 
 def along_line(
@@ -155,9 +164,14 @@ def place(
     conditions = Conditions(
         positions=still,
         directions={a: d.astype(np.float64) for a, d in table.items()},
-        tool=np.tile(placing.tool, (n, 1)),
+        tool=np.concatenate(
+            [
+                np.tile(placing.tool, (len(r.value), 1)) if r.tool is None else r.tool
+                for r in readings
+            ]
+        ),
         time=np.zeros(n),
-        signals={s: np.full(n, v) for s, v in placing.signals.items()},
+        signals=_signals(source, readings, placing),
         run=np.zeros(n, dtype=np.int64),
         setup=names,
         u=np.concatenate([r.u for r in readings]),
@@ -169,7 +183,7 @@ def place(
         conditions=conditions,
         kind=np.concatenate([np.full(len(r.value), r.kind, dtype=np.int8) for r in readings]),
         value=np.concatenate([r.value for r in readings]) * placing.sign,
-        sd=np.full(n, np.nan if placing.sd is None else placing.sd),
+        sd=np.concatenate([_sd(r, placing) for r in readings]),
         base2=np.zeros(n, dtype="<U1"),
         tool_name=np.zeros(n, dtype="<U1"),
         line=np.concatenate([r.line for r in readings]),
@@ -177,6 +191,26 @@ def place(
         files={str(source): hashlib.sha256(data).hexdigest()},
         metadata=(head,),
     )
+
+
+def _sd(readings: Readings, placing: ForeignPlacing) -> F64:
+    if readings.sd is not None:
+        return readings.sd
+    return np.full(len(readings.value), np.nan if placing.sd is None else placing.sd)
+
+
+def _signals(source: Path, readings: Sequence[Readings], placing: ForeignPlacing) -> dict[str, F64]:
+    """Signals as the file records them, the placing's where it does not."""
+    found = {}
+    for name in dict.fromkeys([*placing.signals, *(s for r in readings for s in r.signals)]):
+        parts = []
+        for r in readings:
+            if name not in r.signals and name not in placing.signals:
+                raise InputError("a signal that not all rows have", file=source, field=name)
+            constant = placing.signals.get(name, 0.0)
+            parts.append(r.signals.get(name, np.full(len(r.value), constant)))
+        found[name] = np.concatenate(parts)
+    return found
 
 
 def _check_readings(readings: Readings, source: Path, machine: Machine | None) -> None:

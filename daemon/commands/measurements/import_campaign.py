@@ -25,6 +25,8 @@ class ForeignLayout(StrEnum):
     RTL = "rtl"
     BALLBAR = "ballbar"
     MAP = "map"
+    LENGTHS = "lengths"
+    PLATE = "plate"
 
 
 def register(app: typer.Typer) -> None:
@@ -101,7 +103,7 @@ def import_campaign(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Import a table of runs, a Renishaw rtl, a ball bar test or a compensation map."""
+    """Import runs, a Renishaw rtl, a ball bar test, a map, measured lengths or plates."""
     from abbe.compcore.campaign.suspicions import of_values, without_zeros
     from abbe.compcore.files.campaign_file import write_campaign
     from abbe.compcore.files.model_file import load_model
@@ -144,6 +146,11 @@ def import_campaign(
         campaign = import_ballbar(
             file, placing, plane=plane, centre=middle, radius=radius, unit=unit, machine=machine
         )
+    elif layout in (ForeignLayout.LENGTHS, ForeignLayout.PLATE):
+        from abbe.compcore.files.importers.artefact_rows import import_lengths, import_plates
+
+        artefact = import_lengths if layout is ForeignLayout.LENGTHS else import_plates
+        campaign = artefact(file, machine, placing)
     else:
         from abbe.compcore.files.importers.map_rows import import_map_rows
 
