@@ -48,7 +48,8 @@ def corrected_lengths(lengths: Sequence[MeasuredLength], model: Model) -> F64:
     moved = correction(model, point.reshape(-1, 3), tool, signals).reshape(-1, 2, 3)
     before = np.linalg.norm(point[:, 1] - point[:, 0], axis=1)
     after = np.linalg.norm((point + moved)[:, 1] - (point + moved)[:, 0], axis=1)
-    return np.array([length.error for length in lengths]) + (after - before)
+    error = np.array([length.error for length in lengths])
+    return np.asarray(error + (after - before))
 
 
 def corrected_plate(plate: MeasuredPlate, model: Model) -> F64:

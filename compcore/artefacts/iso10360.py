@@ -1,7 +1,7 @@
 """E0, E150 and R0 of ISO 10360-2 from measured calibrated lengths, against stated limits.
 
 Five lengths in seven positions, three times each (E0); five lengths in two positions with the tip
-150 mm beside the ram's axis (E150). Decision by ISO 14253-1, where asked for.
+150 mm beside the ram's axis (E150). DecisionRule by ISO 14253-1, where asked for.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from abbe.compcore.artefacts.measured_length import MeasuredLength
-from abbe.compcore.errors import InputError
 from abbe.compcore.artefacts.permissible import PermissibleError
+from abbe.compcore.errors import InputError
 
 REPEATS = 3
 AGAIN = 10
@@ -50,7 +50,7 @@ TESTS: Mapping[str, LengthTest] = {
 }
 
 
-class Decision(StrEnum):
+class DecisionRule(StrEnum):
     """How the uncertainty of the test enters the decision."""
 
     SIMPLE = "simple"
@@ -205,7 +205,7 @@ class RepeatabilityResult:
 class LengthEvaluation:
     """What ISO 10360-2 says of a machine."""
 
-    decision: Decision
+    decision: DecisionRule
     coverage: float
     tests: tuple[LengthTestResult, ...]
     repeatability: RepeatabilityResult | None
@@ -216,7 +216,7 @@ def evaluate_lengths(
     limits: Mapping[str, PermissibleError],
     *,
     repeatability: float | None = None,
-    decision: Decision = Decision.SIMPLE,
+    decision: DecisionRule = DecisionRule.SIMPLE,
     coverage: float = 2.0,
 ) -> LengthEvaluation:
     """Evaluate measured lengths by ISO 10360-2:2009.
@@ -257,10 +257,10 @@ def _test(
     test: LengthTest,
     lengths: Sequence[MeasuredLength],
     permissible: PermissibleError,
-    decision: Decision,
+    decision: DecisionRule,
     coverage: float,
 ) -> LengthTestResult:
-    if decision is not Decision.SIMPLE and any(m.uncertainty == 0.0 for m in lengths):
+    if decision is not DecisionRule.SIMPLE and any(m.uncertainty == 0.0 for m in lengths):
         bare = next(m for m in lengths if m.uncertainty == 0.0)
         raise InputError(
             "a decision by ISO 14253-1 needs the uncertainty of every calibrated length",
@@ -289,11 +289,11 @@ def _test(
 
 
 def _judged(
-    length: MeasuredLength, permissible: PermissibleError, decision: Decision, coverage: float
+    length: MeasuredLength, permissible: PermissibleError, decision: DecisionRule, coverage: float
 ) -> JudgedLength:
     permitted = permissible.at(length.calibrated.length)
-    guard = 0.0 if decision is Decision.SIMPLE else coverage * length.uncertainty
-    sign = 1.0 if decision is Decision.REJECTION else -1.0
+    guard = 0.0 if decision is DecisionRule.SIMPLE else coverage * length.uncertainty
+    sign = 1.0 if decision is DecisionRule.REJECTION else -1.0
     return JudgedLength(length, permitted, guard, permitted + sign * guard)
 
 

@@ -77,7 +77,7 @@ class PermissibleError:
             if float(found[3]) == 0.0:
                 raise wrong("a length divided by nothing")
             slope = float(found[2] or 1.0) / float(found[3])
-        if constant + slope == 0.0 or not 0.0 < most or constant > _MOST or slope > 1.0:
+        if constant + slope == 0.0 or not most > 0.0 or constant > _MOST or slope > 1.0:
             raise wrong("not believable")
         return cls(constant * 1e-3, slope * 1e-3, most * 1e-3)
 

@@ -8,11 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from abbe.compcore.artefacts.measured_length import MeasuredLength
-from abbe.compcore.errors import InputError
-from abbe.compcore.files.importers.lengths import read_lengths
 from abbe.compcore.artefacts.iso10360 import (
-    Decision,
+    DecisionRule,
     JudgedLength,
     LengthEvaluation,
     LengthTestResult,
@@ -20,29 +17,32 @@ from abbe.compcore.artefacts.iso10360 import (
     RepeatabilityResult,
     evaluate_lengths,
 )
+from abbe.compcore.artefacts.measured_length import MeasuredLength
 from abbe.compcore.artefacts.permissible import PermissibleError
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.importers.lengths import read_lengths
 
-WORDS: Mapping[Decision, Mapping[Outcome, str]] = {
-    Decision.SIMPLE: {
+WORDS: Mapping[DecisionRule, Mapping[Outcome, str]] = {
+    DecisionRule.SIMPLE: {
         Outcome.PASSES: "passes",
         Outcome.FAILS: "fails",
         Outcome.AGAIN: "not decided: one value of three is outside; measure it ten times more",
     },
-    Decision.ACCEPTANCE: {
+    DecisionRule.ACCEPTANCE: {
         Outcome.PASSES: "conformity is proven",
         Outcome.FAILS: "conformity is not proven",
         Outcome.AGAIN: "not decided: one value of three is outside; measure it ten times more",
     },
-    Decision.REJECTION: {
+    DecisionRule.REJECTION: {
         Outcome.PASSES: "non-conformity is not proven",
         Outcome.FAILS: "non-conformity is proven",
         Outcome.AGAIN: "not decided: one value of three is outside; measure it ten times more",
     },
 }
-ZONES: Mapping[Decision, str] = {
-    Decision.SIMPLE: "the stated limits themselves",
-    Decision.ACCEPTANCE: "the stated limits less the uncertainty of the test (ISO 14253-1)",
-    Decision.REJECTION: "the stated limits and the uncertainty of the test (ISO 14253-1)",
+ZONES: Mapping[DecisionRule, str] = {
+    DecisionRule.SIMPLE: "the stated limits themselves",
+    DecisionRule.ACCEPTANCE: "the stated limits less the uncertainty of the test (ISO 14253-1)",
+    DecisionRule.REJECTION: "the stated limits and the uncertainty of the test (ISO 14253-1)",
 }
 
 
@@ -66,7 +66,7 @@ class LengthLimits:
     e0: PermissibleError
     e150: PermissibleError | None = None
     repeatability: float | None = None
-    decision: Decision = Decision.SIMPLE
+    decision: DecisionRule = DecisionRule.SIMPLE
     coverage: float = 2.0
 
 
@@ -201,7 +201,7 @@ def as_text(answer: LengthAnswer) -> Iterator[str]:
     if found is not None:
         text = f"R0 {found.value * 1e3:.2f} µm at {found.at.nominal:.6g} mm, {found.at.position}"
         if found.limit is not None and found.outcome is not None:
-            text += f"; limit {found.limit * 1e3:g} µm: {WORDS[Decision.SIMPLE][found.outcome]}"
+            text += f"; limit {found.limit * 1e3:g} µm: {WORDS[DecisionRule.SIMPLE][found.outcome]}"
         yield text
 
 

@@ -139,7 +139,10 @@ def _header(columns: RoleColumns, unit: str | None) -> _Header:
     if not errors:
         return _Header(columns, repeats)
     unit = unit_of(unit, stated, errors, sheet.file, rotation=False)
-    return _Header(columns, repeats, to_internal(1.0, unit, "mm"))
+    try:
+        return _Header(columns, repeats, to_internal(1.0, unit, "mm"))
+    except InputError as error:
+        raise error.at(file=sheet.file, line=line) from None
 
 
 def _lengths(

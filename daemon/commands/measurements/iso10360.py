@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from abbe.compcore.artefacts.iso10360 import Decision
+from abbe.compcore.artefacts.iso10360 import DecisionRule
 from abbe.daemon.arguments.bounded import within
 from abbe.daemon.arguments.force import Force
 
@@ -39,9 +39,9 @@ def iso10360(
         ),
     ] = None,
     decision: Annotated[
-        Decision,
+        DecisionRule,
         typer.Option(help="How uncertainty enters: not, to prove conformity, to disprove it."),
-    ] = Decision.SIMPLE,
+    ] = DecisionRule.SIMPLE,
     coverage: Annotated[
         float,
         typer.Option(
