@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
+from abbe.compcore.artefacts.decision_rule import DecisionRule
 from abbe.compcore.artefacts.measured_length import MeasuredLength
 from abbe.compcore.artefacts.permissible import PermissibleError
 from abbe.compcore.errors import InputError
@@ -48,17 +49,6 @@ TESTS: Mapping[str, LengthTest] = {
     "E0": LengthTest("E0", "length measurement error, tip on the ram's axis", 7, 5),
     "E150": LengthTest("E150", "length measurement error, tip 150 mm beside the ram's axis", 2, 2),
 }
-
-
-class DecisionRule(StrEnum):
-    """How the uncertainty of the test enters the decision."""
-
-    SIMPLE = "simple"
-    """Not at all: the error against the limit itself."""
-    ACCEPTANCE = "acceptance"
-    """Who proves conformity bears it: the zone is smaller by it (ISO 14253-1)."""
-    REJECTION = "rejection"
-    """Who proves non-conformity bears it: the zone is larger by it (ISO 14253-1)."""
 
 
 class Outcome(StrEnum):

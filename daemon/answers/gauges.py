@@ -169,7 +169,7 @@ def as_text(answer: GaugeAnswer) -> Iterator[str]:
             text += "" if g.after is None else f"{g.after * 1e3:>z9.2f}"
             sd = g.length.uncertainty
             yield text + (f"{2e3 * sd:>9.2f}" if sd else f"{'–':>9}")
-        yield "  mm; errors of indication (measured − calibrated at the standard's temperature) in µm"
+        yield "  calibrated in mm; errors (measured − calibrated at its temperature) in µm"
     for gauged in answer.plates:
         plate = gauged.plate
         kind = "holes" if plate.planar else "balls"

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from abbe.compcore.artefacts.decision_rule import DecisionRule
 from abbe.compcore.artefacts.iso10360 import (
-    DecisionRule,
     JudgedLength,
     LengthEvaluation,
     LengthTestResult,

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from abbe.compcore.artefacts.iso10360 import DecisionRule
+from abbe.compcore.artefacts.decision_rule import DecisionRule
 from abbe.daemon.arguments.bounded import within
 from abbe.daemon.arguments.force import Force
 
