@@ -127,6 +127,13 @@ class Campaign:
         """Number of rows."""
         return self.conditions.n
 
+    @property
+    def clocked(self) -> bool:
+        """Whether the rows say when they were measured; their order is no clock."""
+        run, time = self.conditions.run, self.conditions.time
+        runs = np.zeros(self.n, dtype=np.int64) if run is None else run
+        return any(np.ptp(time[runs == r]) > 0.0 for r in np.unique(runs))
+
     def measured_components(self) -> NDArray[np.str_]:
         """What each row measured along, shape (n,): X, Y, Z, or ``oblique``."""
         u = self.conditions.u

@@ -92,7 +92,8 @@ def _directions(campaign: Campaign) -> list[I64]:
 def approach(campaign: Campaign, axis: str) -> I64:
     """Direction (1, −1; 0 unknown) in which an axis approached each row, shape (n,).
 
-    As recorded; where the campaign has no such column, told from the order of the rows in time. A
+    As recorded; where the campaign has no such column, told from the order of the rows in time,
+    unknown where the rows have no times. A
     position read several times belongs to the move that led there; where the axis turns round
     there, the later half of the readings belongs to the move that leads away, as in the test cycle
     of ISO 230-2, which passes the end and comes back to it.
@@ -100,6 +101,8 @@ def approach(campaign: Campaign, axis: str) -> I64:
     c = campaign.conditions
     if axis in c.directions:
         return c.directions[axis].astype(np.int64)
+    if not campaign.clocked:
+        return np.zeros(c.n, dtype=np.int64)
     run = np.zeros(c.n, dtype=np.int64) if c.run is None else c.run
     order = np.lexsort((np.arange(c.n), c.time, run))
     q, r = c.positions[axis][order], run[order]

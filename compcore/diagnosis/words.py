@@ -17,6 +17,13 @@ _SAID = {
 }
 
 
+NO_CLOCK = (
+    "the campaign says no times: nothing was looked for that changes with time (drift, warm-up, "
+    "an event, a lag, an oscillation)"
+)
+"""Said of a campaign whose rows say not when they were measured."""
+
+
 def noise_of(diagnosis: Findings, noise: NoiseFloor) -> float | None:
     """The noise of what the residuals are told of, mm or rad."""
     if diagnosis.of_rotations:
@@ -48,6 +55,8 @@ def diagnosis_words(
     )
     if diagnosis.result is not diagnosis.whole:
         yield thinned_words(diagnosis)
+    if not diagnosis.whole.problem.campaign.clocked:
+        yield NO_CLOCK
     names = " and ".join(e.found.candidate.effect.spec for e in diagnosis.established)
     yield _SAID[diagnosis.verdict].format(names)
     if diagnosis.verdict == "changed" and diagnosis.standing is not None:

@@ -206,19 +206,19 @@ class Conditions:
     def lag(self, name: str, tau: float) -> F64:
         """A signal behind a first-order lag of time constant `tau` (s), shape (n,).
 
-        Equilibrium with its first sample at the start of each run (`lag`).
+        Equilibrium with its first sample at the start of each run (`lag`). In a run without a
+        clock, all of it at one time, every row is in equilibrium with its own sample.
         """
         key = (name, tau)
         if key in self.given_lags:
             return self.given_lags[key]
         if key not in self._lags:
             value = self.signal(name)
-            if self.run is None:
-                lagged = first_order_lag(self.time, value, tau)
-            else:
-                lagged = np.empty(self.n)
-                for run in np.unique(self.run):
-                    rows = self.run == run
+            runs = np.zeros(self.n, dtype=np.int64) if self.run is None else self.run
+            lagged = np.array(value, dtype=np.float64)
+            for run in np.unique(runs):
+                rows = runs == run
+                if np.ptp(self.time[rows]) > 0.0:
                     lagged[rows] = first_order_lag(self.time[rows], value[rows], tau)
             self._lags[key] = lagged
         return self._lags[key]

@@ -84,6 +84,8 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
         for effect in cls.candidates(machine, coverage):
             if identity(effect) in present or effect.spec in seen:
                 continue
+            if not coverage.duration and getattr(effect, "tau", None) is not None:
+                continue  # no clock, no lag
             try:
                 effect.check(machine)
             except InputError:

@@ -107,7 +107,7 @@ def read_columns(header: Sequence[str], machine: Machine, file: str, line: int) 
         As `name_columns`; and when a column is missing.
     """
     columns = name_columns(header, machine, file, line)
-    for name in ("time", "setup", "kind", "value"):
+    for name in ("setup", "kind", "value"):
         if name not in columns:
             raise columns.missing(name)
     for axis in machine.structure.axes:

@@ -140,7 +140,8 @@ class CampaignRows:
         )
         signals = columns.signals
         spindle = (columns.spindle,) if columns.spindle else ()
-        for name in ("time", *columns.positions.values(), *spindle, *signals):
+        clock = ("time",) if "time" in columns else ()
+        for name in (*clock, *columns.positions.values(), *spindle, *signals):
             self._refuse(point & np.isnan(numbers[name]), name, "a blank cell", "a number")
         if "sd" in numbers:
             self._refuse(
@@ -248,7 +249,8 @@ class CampaignRows:
             positions=positions,
             directions={a: numbers[c].take() for a, c in columns.directions.items()},
             tool=self._tools(tool_name),
-            time=_carried(numbers["time"].take()),
+            # no clock is made of the order of rows
+            time=_carried(numbers["time"].take()) if "time" in columns else np.zeros(n),
             signals={c: _carried(numbers[c].take()) for c in columns.signals},
             spindle_angle=spindle,
             run=np.zeros(n, dtype=np.int64),

@@ -35,6 +35,7 @@ def as_json(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice]) -
         "tested": diagnosis.tests,
         "rows": diagnosis.whole.problem.n,
         "rows_tested": diagnosis.result.problem.n,
+        "clock": diagnosis.whole.problem.campaign.clocked,
         "candidates": [_candidate(e, diagnosis) for e in diagnosis.established]
         + [c for s in diagnosis.structure if (c := _empirical(s, diagnosis)) is not None],
         "structure": [

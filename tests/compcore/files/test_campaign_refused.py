@@ -44,7 +44,7 @@ def with_line(number: int, text: str) -> str:
 BAD: dict[str, tuple[str | bytes, int, str | None, tuple[str, ...]]] = {
     **{
         f"missing column {name}": (without_column(name), HEADER, name, ("missing", "expected"))
-        for name in ("time", "setup", "kind", "value", "X", "Y", "Z", "ux", "uz", "base", "base2")
+        for name in ("setup", "kind", "value", "X", "Y", "Z", "ux", "uz", "base", "base2")
     },
     **{
         f"text in {name}": (with_cell(name, "abc"), ROW, name, ("not a number", "'abc'"))

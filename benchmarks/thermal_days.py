@@ -1,0 +1,58 @@
+"""Thermal days of an independent simulator: how well are later days foretold, and by what names?
+
+``python -m benchmarks.thermal_days`` runs all and writes the section of docs/validation.md;
+``--keep FILE`` writes every outcome to a file as it comes, and runs only what is not in it;
+``--only WORDS`` runs the scenarios whose name holds the words, ``--seeds N``, ``--empty N`` so
+many, and ``--without-others`` leaves the black boxes out; these write nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
+from pathlib import Path
+
+from benchmarks.report import write_section
+from benchmarks.thermal import outcome, table
+from benchmarks.thermal.scenario import Run, runs
+from benchmarks.thermal.trial import run
+
+VALIDATION = Path(__file__).parents[1] / "docs" / "validation.md"
+
+
+def main() -> None:
+    """Run the scenarios, print, write the section."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", default="")
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--empty", type=int, default=100)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--without-others", action="store_true")
+    parser.add_argument("--keep", type=Path, default=None)
+    options = parser.parse_args()
+    chosen = [r for r in runs(options.seeds, options.empty) if options.only in r.scenario.name]
+    done = {(o.scenario, o.seed): o for o in outcome.read(options.keep)} if options.keep else {}
+
+    def key(r: Run) -> tuple[str, int]:
+        return r.scenario.name, r.seed
+
+    with ProcessPoolExecutor(options.workers) as pool:
+        work = partial(run, others=not options.without_others)
+        going = [pool.submit(work, r) for r in chosen if key(r) not in done]
+        for ended in as_completed(going):
+            found = ended.result()
+            done[found.scenario, found.seed] = found
+            if options.keep:
+                outcome.write(options.keep, done.values())
+            print(table.line(found), flush=True)
+    outcomes = [done[key(r)] for r in chosen]
+    print(table.summary(outcomes))
+    print(table.table(outcomes))
+    whole = {key(r) for r in runs()}
+    if set(done) >= whole and not options.without_others and {key(r) for r in chosen} == whole:
+        write_section("thermal-days", table.section(outcomes), page=VALIDATION)
+
+
+if __name__ == "__main__":
+    main()
