@@ -27,6 +27,7 @@ from abbe.compcore.diagnosis.screening.all_rows import measured
 from abbe.compcore.diagnosis.screening.candidates import RIGID, Candidate, candidates
 from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut, folds, gain
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING
+from abbe.compcore.diagnosis.screening.frames import Frames
 from abbe.compcore.diagnosis.screening.independence import independent_share
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.screening import Basis
@@ -160,7 +161,8 @@ def _diagnosed(model: Model, whole: FitResult, result: FitResult, progress: Prog
     def columns(candidate: Candidate, nonlinear: Mapping[str, float]) -> F64:
         return result.effect_columns(candidate.effect, nonlinear)
 
-    pool = Pool(tried, columns, basis, model.machine)
+    frames = Frames(result.problem, result.theta, basis)
+    pool = Pool(tried, columns, basis, model.machine, placed=frames.columns)
     progress(f"testing {len(tried)} candidates")
     rows = folds(campaign.conditions)
     chosen, ranked = search(pool, basis)
@@ -173,7 +175,7 @@ def _diagnosed(model: Model, whole: FitResult, result: FitResult, progress: Prog
     if not chosen:
         basis = replace(basis, share=1.0)
     progress("looking for structure that is in no catalogue")
-    patterns = Patterns(result.problem, result.theta, basis)
+    patterns = Patterns(result.problem, result.theta, frames)
     chosen, unexplained = _compete(pool, basis, chosen, patterns)
     if not chosen and basis.share < 1.0:
         # no cause stands, so what is left is described as it is

@@ -18,6 +18,7 @@ from abbe.compcore.diagnosis.screening.parameters import Estimate, doubt_of, est
 from abbe.compcore.diagnosis.screening.screening import (
     Bank,
     Basis,
+    Placed,
     ScreenedCandidate,
     Trial,
     screen,
@@ -81,6 +82,8 @@ class Pool:
         The machine.
     tests
         Number of candidates of which these were chosen; default these are all.
+    placed
+        The same columns where they are seen (`Frames.columns`); default `columns`.
     """
 
     def __init__(
@@ -91,11 +94,13 @@ class Pool:
         machine: Machine,
         *,
         tests: int | None = None,
+        placed: Callable[[Candidate, Mapping[str, float]], F64 | Placed] | None = None,
     ) -> None:
         self.candidates = list(candidates)
         self._tests = len(self.candidates) if tests is None else tests
         self.machine = machine
         self._columns = columns
+        self._placed = columns if placed is None else placed
         self._bank = Bank(fitted, self._trials)
 
     def columns(self, key: int, nonlinear: Mapping[str, float]) -> F64:
@@ -105,7 +110,7 @@ class Pool:
     def _trials(self) -> Iterator[Trial]:
         for key, candidate in enumerate(self.candidates):
             for nonlinear in candidate.choices:
-                yield key, nonlinear, partial(self.columns, key, nonlinear)
+                yield key, nonlinear, partial(self._placed, candidate, nonlinear)
 
     def imitated(self, basis: Basis, signature: F64) -> dict[int, float]:
         """How much of a signature's square each candidate can imitate: key → ‖P_{C⊥} v‖².

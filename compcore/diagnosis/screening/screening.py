@@ -27,6 +27,9 @@ SEEN = 1e-3
 _BATCH = 400_000
 """Elements of candidate columns laid out at once: as much as a processor's cache holds."""
 
+_ROUNDING = 1e-14
+"""Squares below this part of a unit are rounding."""
+
 
 @dataclass(frozen=True, eq=False)
 class Basis:
@@ -97,15 +100,19 @@ class Basis:
             left -= self.extra @ (self.extra.T @ left)
         return left
 
-    def imitated(self, rows: F64) -> F64:
-        """What the fitted model takes of columns that are laid out as rows, (k, n): rows · N.
+    @cached_property
+    def imitable(self) -> F64:
+        """Orthonormal basis of the model's columns and the set-ups' nuisances, (n, rank).
 
-        N, (n, rank), is an orthonormal basis of the model's columns and the nuisances; `extra` is
-        left apart.
+        `extra` is left apart.
         """
-        parts = [rows @ self.q]
-        parts += [rows[:, _span(own)] @ basis for own, basis in self.eliminator.bases()]
-        return np.hstack(parts)
+        rank = self.q.shape[1]
+        out = np.zeros((len(self.q), rank + self.eliminator.rank))
+        out[:, :rank] = self.q
+        for rows, own in self.eliminator.bases():
+            out[rows, rank : rank + own.shape[1]] = own
+            rank += own.shape[1]
+        return out
 
     def with_residual(self, residual: F64) -> Basis:
         """The same model beside other residuals, (n,), weighted and projected: a signature."""
@@ -162,8 +169,87 @@ class ScreenedCandidate:
     tried: int = 1
 
 
-Trial = tuple[int, Mapping[str, float], Callable[[], F64]]
-"""Key, non-linear parameters, and a function that gives the weighted columns (n, k)."""
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Orthonormal directions of the rows' space, in which some candidates' columns lie.
+
+    Attributes
+    ----------
+    rows
+        The rows in which the directions are not zero, shape (v,), or all.
+    model
+        What the fitted model can imitate there: ``N Nᵀ`` is the projection on it in the directions'
+        coordinates, shape (directions, r).
+    number, unit
+        For directions that are sums of rows: each row's direction, ascending, and its part in it,
+        shape (v,) each. None where each row is a direction of its own.
+    count
+        Number of directions.
+    """
+
+    rows: NDArray[np.int64] | slice
+    model: F64
+    count: int
+    number: NDArray[np.int64] | None = None
+    unit: F64 | None = None
+
+    @classmethod
+    def whole(cls, fitted: Basis) -> Frame:
+        """All rows."""
+        return cls(slice(None), fitted.imitable, len(fitted.residual))
+
+    @classmethod
+    def of_rows(cls, fitted: Basis, rows: NDArray[np.int64]) -> Frame:
+        """Some of the rows, (v,), ascending."""
+        if len(rows) == len(fitted.residual):
+            return cls.whole(fitted)
+        return cls(_span(rows) if len(rows) else rows, _shorter(fitted.imitable[rows]), len(rows))
+
+    @classmethod
+    def of_places(
+        cls,
+        fitted: Basis,
+        rows: NDArray[np.int64],
+        number: NDArray[np.int64],
+        unit: F64,
+        count: int,
+    ) -> Frame:
+        """Sums of rows; see the attributes."""
+        plain = cls(rows, np.zeros((count, 0)), count, number, unit)
+        return replace(plain, model=_shorter(plain.of(fitted.imitable)))
+
+    def of(self, vectors: F64) -> F64:
+        """Coordinates of vectors of all rows, (n, k) → (directions, k)."""
+        part = vectors[self.rows]
+        if self.number is None or self.unit is None:
+            return part
+        out = np.zeros((self.count, part.shape[1]))
+        if len(part):
+            starts = np.flatnonzero(np.diff(self.number, prepend=-1))
+            out[self.number[starts]] = np.add.reduceat(self.unit[:, None] * part, starts, axis=0)
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """Columns as coordinates in a frame, (directions, k)."""
+
+    frame: Frame
+    values: F64
+
+
+def _shorter(model: F64) -> F64:
+    """A matrix of no more columns than rows with the same ``N Nᵀ``."""
+    if model.shape[0] < model.shape[1]:
+        values, vectors = np.linalg.eigh(model @ model.T)
+        return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+    values, vectors = np.linalg.eigh(model.T @ model)
+    return np.asarray(model @ vectors[:, values > _ROUNDING])
+
+
+Trial = tuple[int, Mapping[str, float], Callable[[], "F64 | Placed"]]
+"""Key, non-linear parameters, and a function that gives the weighted columns: (n, k), or what a
+frame holds of them."""
 
 
 class Bank:
@@ -197,19 +283,22 @@ class Bank:
             self._held.append(batch)
 
     def _batches(self) -> Iterator[_Batch]:
-        trials: list[tuple[int, Mapping[str, float]]] = []
-        columns: list[F64] = []
-        size = 0
+        open_: dict[int, _Open] = {}
+        whole: Frame | None = None
         for key, nonlinear, make in self._trials():
-            c = make()
-            trials.append((key, nonlinear))
-            columns.append(c)
-            size += c.size
-            if size > _BATCH:
-                yield _Batch.of(self._fitted, trials, columns)
-                trials, columns, size = [], [], 0
-        if columns:
-            yield _Batch.of(self._fitted, trials, columns)
+            made = make()
+            if not isinstance(made, Placed):
+                whole = Frame.whole(self._fitted) if whole is None else whole
+                made = Placed(whole, made)
+            mine = open_.setdefault(id(made.frame), _Open(made.frame))
+            mine.trials.append((key, nonlinear))
+            mine.columns.append(made.values)
+            mine.size += made.values.size
+            if mine.size > _BATCH:
+                yield _Batch.of(mine.frame, mine.trials, mine.columns)
+                del open_[id(made.frame)]
+        for mine in open_.values():
+            yield _Batch.of(mine.frame, mine.trials, mine.columns)
 
     def screen(
         self, basis: Basis, without: frozenset[int] = frozenset()
@@ -257,9 +346,19 @@ def screen(basis: Basis, trials: Iterable[Trial]) -> list[ScreenedCandidate]:
     return Bank(basis, lambda: listed).screen(basis)
 
 
+@dataclass(eq=False)
+class _Open:
+    """Trials of one frame that wait for more."""
+
+    frame: Frame
+    trials: list[tuple[int, Mapping[str, float]]] = field(default_factory=list)
+    columns: list[F64] = field(default_factory=list)
+    size: int = 0
+
+
 @dataclass(frozen=True, eq=False)
 class _Batch:
-    """Some trials' columns, scaled to length 1, and what the fitted model leaves of them.
+    """Some trials' columns in one frame, scaled to length 1, and what the fitted model leaves.
 
     The columns themselves are never projected: with N an orthonormal basis of all that the fitted
     model can imitate, ``C⊥ᵀC⊥ = CᵀC − (NᵀC)ᵀ(NᵀC)``, and ``C⊥ᵀv = Cᵀv`` for every v that is
@@ -268,33 +367,31 @@ class _Batch:
 
     Attributes
     ----------
+    frame
+        Where the columns lie.
     trials
         What each is, those of one width together.
     columns
-        One row for each column, shape (columns, n).
+        One row for each column, shape (columns, directions of the frame).
     groups
         For each width: first trial, number of trials, first column, and the Gram matrices of
         what the fitted model leaves of the columns, (trials, width, width).
     """
 
+    frame: Frame
     trials: Sequence[tuple[int, Mapping[str, float]]]
     columns: F64
     groups: Sequence[tuple[int, int, int, F64]]
 
     @classmethod
     def of(
-        cls, fitted: Basis, trials: Sequence[tuple[int, Mapping[str, float]]], columns: list[F64]
+        cls, frame: Frame, trials: Sequence[tuple[int, Mapping[str, float]]], columns: list[F64]
     ) -> _Batch:
         order = sorted(range(len(columns)), key=lambda i: columns[i].shape[1])
-        stacked = np.empty((sum(c.shape[1] for c in columns), len(fitted.residual)))
-        at = 0
-        for i in order:
-            width = columns[i].shape[1]
-            stacked[at : at + width] = columns[i].T
-            at += width
+        stacked = np.ascontiguousarray(np.concatenate([columns[i].T for i in order]))
         norms = np.sqrt(np.einsum("ij,ij->i", stacked, stacked))
         stacked /= np.where(norms > 0.0, norms, 1.0)[:, None]
-        imitated = fitted.imitated(stacked)
+        imitated = stacked @ frame.model
         groups: list[tuple[int, int, int, F64]] = []
         widths = [columns[i].shape[1] for i in order]
         first = at = 0
@@ -304,11 +401,11 @@ class _Batch:
             gram = grams(stacked[part], width) - grams(imitated[part], width)
             groups.append((first, count, at, gram))
             first, at = first + count, at + count * width
-        return cls([trials[i] for i in order], stacked, groups)
+        return cls(frame, [trials[i] for i in order], stacked, groups)
 
     def drops(self, basis: Basis) -> tuple[F64, NDArray[np.int64]]:
         """Fall of χ² and rank of every trial against a basis, each of shape (trials,)."""
-        inner = self.columns @ np.column_stack([basis.residual, basis.extra])
+        inner = self.columns @ self.frame.of(np.column_stack([basis.residual, basis.extra]))
         drop, rank = np.empty(len(self.trials)), np.empty(len(self.trials), dtype=np.int64)
         for first, count, at, fitted in self.groups:
             own = inner[at : at + count * fitted.shape[1]]

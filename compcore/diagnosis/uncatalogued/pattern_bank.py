@@ -1,21 +1,33 @@
-"""A family of patterns beside a fitted model, tested again and again, and never held in memory.
+"""Patterns beside a fitted model, tested again and again, and never all held in memory.
 
 A pattern acts on one error motion, and most rows do not see it: a line along X is blind to errors
-in Y. So columns are made on the rows that see them only, batch by batch, anew for every test; what
-the fitted model leaves of them (their Gram matrices) is computed once.
+in Y. What depends on one recorded quantity alone has one value at each of its values. So columns
+are made batch by batch on the rows, or the places, that tell them (`Frames`); what the fitted model
+leaves of them (their Gram matrices) is computed once.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.diagnosis.screening.screening import Basis, ScreenedCandidate, drops_of, grams
-from abbe.compcore.diagnosis.uncatalogued.patterns import CandidatePattern, oscillating
+from abbe.compcore.diagnosis.screening.frames import Frames, Places
+from abbe.compcore.diagnosis.screening.screening import (
+    Basis,
+    Frame,
+    ScreenedCandidate,
+    drops_of,
+    grams,
+)
+from abbe.compcore.diagnosis.uncatalogued.patterns import (
+    CandidatePattern,
+    PatternGroup,
+    oscillating,
+)
 from abbe.compcore.machine.error_motion import ErrorMotion
 
 F64 = NDArray[np.float64]
@@ -29,61 +41,45 @@ _HELD = 4_000_000
 """Elements of columns that are kept (32 MB)."""
 
 
-class VisibleParts:
-    """For each error motion the rows that see it; worked out once for all banks.
+class PatternFamily:
+    """Groups of forms, each on every one of some error motions, tested against what a model leaves.
+
+    A pattern's key counts forms, and error motions within a form.
 
     Parameters
     ----------
-    fitted
-        The basis of the fitted model.
-    seen
-        Error motion → its weighted part in each row, shape (n,).
-    """
-
-    def __init__(self, fitted: Basis, seen: Mapping[ErrorMotion, F64]) -> None:
-        self._fitted = fitted
-        self.seen = seen
-        self._parts: dict[ErrorMotion, _Part] = {}
-
-    def of(self, error_motions: Iterable[ErrorMotion]) -> list[_Part]:
-        """The parts of those error motions that some row sees."""
-        found = []
-        for c in error_motions:
-            if c not in self._parts and self.seen[c].any():
-                self._parts[c] = _Part.of(self._fitted, c, self.seen[c])
-            found += [self._parts[c]] if c in self._parts else []
-        return found
-
-
-class PatternBank:
-    """Patterns, to be tested against what a model leaves.
-
-    Parameters
-    ----------
-    patterns
-        The family; a pattern's index is its key.
-    visible
+    groups
+        The forms.
+    on
+        The error motions.
+    frames
         What each error motion's rows see.
     """
 
-    def __init__(self, patterns: Sequence[CandidatePattern], visible: VisibleParts) -> None:
-        self._patterns = patterns
-        # an error motion that no row sees has no columns, and no part
-        self._parts = visible.of({p.error_motion: None for p in patterns})
-        alike = _alike(patterns)
-        self._batches = [batch for part in self._parts for batch in _batches(part, alike)]
-        self._grams: dict[int, tuple[F64, F64]] = {}
+    def __init__(
+        self, groups: Sequence[PatternGroup], on: Sequence[ErrorMotion], frames: Frames
+    ) -> None:
+        self._groups, self._on, self._frames = list(groups), tuple(on), frames
+        self._starts = np.cumsum([0, *(g.count * len(on) for g in groups)])
+        self._parts: dict[int, list[_Part]] = {}
+        self._batches = [
+            batch for number, group in enumerate(groups) for batch in self._cut(number, group)
+        ]
+        self._left: dict[int, list[tuple[F64, F64]]] = {}
         self._held: dict[int, F64] = {}
         self._room = _HELD
 
-    def screen(self, basis: Basis) -> list[ScreenedCandidate]:
-        """Test all patterns against the fitted model, perhaps extended; those that are seen."""
-        keys, drop, rank = self._falls(basis)
-        told = zip(keys.tolist(), drop.tolist(), rank.tolist(), strict=True)
-        return [ScreenedCandidate(key, {}, d, r) for key, d, r in told if r]
+    def __len__(self) -> int:
+        return int(self._starts[-1])
 
-    def leading(self, basis: Basis, most: int) -> list[int]:
-        """Keys of the patterns for which the data speak most, their coefficients priced."""
+    def pattern(self, key: int) -> CandidatePattern:
+        """One of the patterns, put in words."""
+        number = int(np.searchsorted(self._starts, key, side="right")) - 1
+        form, motion = divmod(key - int(self._starts[number]), len(self._on))
+        return self._groups[number].form(form).on(self._on[motion])
+
+    def leading(self, basis: Basis, most: int) -> list[CandidatePattern]:
+        """The patterns for which the data speak most, their coefficients priced."""
         keys, drop, rank = self._falls(basis)
         seen = rank > 0
         keys, drop, rank = keys[seen], drop[seen], rank[seen]
@@ -92,102 +88,184 @@ class PatternBank:
             fall = basis.share * basis.dof * np.log(basis.chi2 / left)
             value = fall - rank * math.log(basis.independent)
             keys = keys[np.argsort(-value, kind="stable")]
-        return [int(key) for key in keys[:most]]
+        return [self.pattern(int(key)) for key in keys[:most]]
+
+    def _cut(self, number: int, group: PatternGroup) -> Iterator[_Batch]:
+        """A group in batches that a cache holds; none where no row sees any of it."""
+        places = None if group.of is None else Places.of([group.of.value])
+        if places is not None and not places.few:
+            places = None
+        parts = []
+        for j, error_motion in enumerate(self._on):
+            if places is None:
+                frame, length = self._frames.seen(error_motion)
+            else:
+                frame, length = self._frames.at(error_motion, places)
+            if length.any():
+                parts.append(_Part(j, frame, length, None if places is None else places.first))
+        self._parts[number] = parts
+        if not parts:
+            return
+        n = parts[0].domain(len(self._frames.weight))
+        step = max(1, _BATCH // (group.width * max(1, n)))
+        for at in range(0, group.count, step):
+            yield _Batch(number, (at, min(at + step, group.count)))
 
     def _falls(self, basis: Basis) -> tuple[Index, F64, Index]:
         """Of the patterns, by key: the key, the fall of χ² and the number of columns seen."""
+        vectors = np.column_stack([basis.residual, basis.extra])
+        count = vectors.shape[1]
         targets = {
-            part.error_motion: np.column_stack([basis.residual, basis.extra])[part.rows]
-            for part in self._parts
+            number: np.hstack([part.target(vectors) for part in parts])
+            for number, parts in self._parts.items()
+            if parts
         }
-        keys: list[int] = []
+        keys: list[Index] = [np.zeros(0, dtype=np.int64)]
         drops: list[F64] = [np.zeros(0)]
         ranks: list[Index] = [np.zeros(0, dtype=np.int64)]
         for number, batch in enumerate(self._batches):
-            columns = self._columns(number, batch)
-            if number not in self._grams:
-                square = np.einsum("ij,ij->i", columns, columns)
-                size = np.sqrt(np.where(square > 0.0, square, 1.0))
-                imitated = batch.part.imitated(columns) / size[:, None]
-                own = grams(columns, batch.width)
-                scale = size.reshape(-1, batch.width)
-                own /= scale[:, :, None] * scale[:, None, :]
-                self._grams[number] = (size, own - grams(imitated, batch.width))
-            size, left = self._grams[number]
-            inner = (columns @ targets[batch.part.error_motion]) / size[:, None]
-            drop, rank = drops_of(left, inner[:, 0], np.ascontiguousarray(inner[:, 1:]))
-            keys += batch.keys
-            drops.append(drop)
-            ranks.append(rank)
-        order = np.argsort(np.array(keys, dtype=np.int64))
-        return (
-            np.array(keys, dtype=np.int64)[order],
-            np.concatenate(drops)[order],
-            np.concatenate(ranks)[order],
-        )
+            parts, width = self._parts[batch.group], self._groups[batch.group].width
+            values = self._values(number, batch)
+            if number not in self._left:
+                self._left[number] = [part.left(values, width) for part in parts]
+            inner = values @ targets[batch.group]
+            forms = np.arange(*batch.forms) * len(self._on) + self._starts[batch.group]
+            for i, (part, (size, left)) in enumerate(zip(parts, self._left[number], strict=True)):
+                own = inner[:, i * count : (i + 1) * count] / size[:, None]
+                drop, rank = drops_of(left, own[:, 0], np.ascontiguousarray(own[:, 1:]))
+                keys.append(forms + part.motion)
+                drops.append(drop)
+                ranks.append(rank)
+        key = np.concatenate(keys)
+        order = np.argsort(key)
+        return key[order], np.concatenate(drops)[order], np.concatenate(ranks)[order]
 
-    def _columns(self, number: int, batch: _Batch) -> F64:
-        """A batch's columns, kept where there is room; oscillations are made again as fast."""
-        columns = self._held.get(number)
-        if columns is None:
-            columns = batch.columns(self._patterns)
-            if columns.size <= self._room and self._patterns[batch.keys[0]].wave is None:
-                self._held[number] = columns
-                self._room -= columns.size
-        return columns
-
-
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """The rows that see an error motion, and what the fitted model can imitate there."""
-
-    error_motion: ErrorMotion
-    rows: Index
-    seen: F64
-    q: F64
-    nuisances: tuple[tuple[Index | slice, F64], ...]
-
-    @classmethod
-    def of(cls, fitted: Basis, error_motion: ErrorMotion, seen: F64) -> _Part:
-        rows = np.flatnonzero(seen)
-        at = np.full(len(seen), -1)
-        at[rows] = np.arange(len(rows))
-        nuisances: list[tuple[Index | slice, F64]] = []
-        for own, basis in fitted.eliminator.bases():
-            places = at[own]
-            mine = places >= 0
-            if mine.any():
-                nuisances.append((_span(places[mine]), basis[mine]))
-        return cls(error_motion, rows, seen[rows], fitted.q[rows], tuple(nuisances))
-
-    def imitated(self, columns: F64) -> F64:
-        """What the fitted model takes of columns that are laid out as rows, (k, rows)."""
-        parts = [columns @ self.q]
-        parts += [columns[:, places] @ basis for places, basis in self.nuisances]
-        return np.hstack(parts)
-
-
-def _span(rows: Index) -> Index | slice:
-    first, last = int(rows[0]), int(rows[-1])
-    return slice(first, last + 1) if last - first == len(rows) - 1 else rows
+    def _values(self, number: int, batch: _Batch) -> F64:
+        """A batch's basis functions, kept where there is room; oscillations are made as fast."""
+        values = self._held.get(number)
+        if values is None:
+            group = self._groups[batch.group]
+            first = self._parts[batch.group][0].first
+            values = group.values(batch.forms, slice(None) if first is None else first)
+            if values.size <= self._room and (group.of is None or first is not None):
+                self._held[number] = values
+                self._room -= values.size
+        return values
 
 
 @dataclass(frozen=True, eq=False)
 class _Batch:
+    """Some of a group's forms: number of the group, first form and last + 1."""
+
+    group: int
+    forms: tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """What one error motion's rows, or places, see of a group's forms.
+
+    Attributes
+    ----------
+    motion
+        Number of the error motion.
+    frame, length
+        Where columns lie, and what a unit of the basis function is there.
+    first
+        Rows on which basis functions are made, one of each place; None: on all rows.
+    """
+
+    motion: int
+    frame: Frame
+    length: F64
+    first: Index | None
+
+    def domain(self, n: int) -> int:
+        """Number of rows on which basis functions are made, of n in all."""
+        return n if self.first is None else len(self.first)
+
+    def target(self, vectors: F64) -> F64:
+        """What basis functions are multiplied with for inner products with vectors, (n, k)."""
+        own = self.length[:, None] * self.frame.of(vectors)
+        if self.first is not None:
+            return own
+        out = np.zeros_like(vectors)
+        out[self.frame.rows] = own
+        return out
+
+    def left(self, values: F64, width: int) -> tuple[F64, F64]:
+        """Lengths of columns, and Gram matrices of what the fitted model leaves of them."""
+        own = values if self.first is not None else values[:, self.frame.rows]
+        return _left(own * self.length, self.frame, width)
+
+
+def _left(columns: F64, frame: Frame, width: int) -> tuple[F64, F64]:
+    """Columns' lengths, and Gram matrices of what the fitted model leaves of them at length 1."""
+    square = np.einsum("ij,ij->i", columns, columns)
+    size = np.sqrt(np.where(square > 0.0, square, 1.0))
+    imitated = (columns @ frame.model) / size[:, None]
+    own = grams(columns, width)
+    scale = size.reshape(-1, width)
+    own /= scale[:, :, None] * scale[:, None, :]
+    return size, own - grams(imitated, width)
+
+
+class PatternBank:
+    """A few patterns, to be tested against what a model leaves.
+
+    Parameters
+    ----------
+    patterns
+        The patterns; a pattern's index is its key.
+    frames
+        What each error motion's rows see.
+    """
+
+    def __init__(self, patterns: Sequence[CandidatePattern], frames: Frames) -> None:
+        self._patterns, self._frames = patterns, frames
+        # an error motion that no row sees has no columns
+        self._batches = [
+            batch
+            for (error_motion, width, _), keys in _alike(patterns).items()
+            if frames.seen(error_motion)[1].size
+            for batch in _batches(frames, error_motion, width, keys)
+        ]
+        self._kept: dict[int, tuple[F64, F64, F64]] = {}
+
+    def screen(self, basis: Basis) -> list[ScreenedCandidate]:
+        """Test all patterns against the fitted model, perhaps extended; those that are seen."""
+        vectors = np.column_stack([basis.residual, basis.extra])
+        found: dict[int, ScreenedCandidate] = {}
+        for number, batch in enumerate(self._batches):
+            frame, _ = self._frames.seen(batch.error_motion)
+            if number not in self._kept:
+                columns = self._columns(batch)
+                self._kept[number] = (columns, *_left(columns, frame, batch.width))
+            columns, size, left = self._kept[number]
+            inner = (columns @ frame.of(vectors)) / size[:, None]
+            drop, rank = drops_of(left, inner[:, 0], np.ascontiguousarray(inner[:, 1:]))
+            for key, d, r in zip(batch.keys, drop.tolist(), rank.tolist(), strict=True):
+                if r:
+                    found[key] = ScreenedCandidate(key, {}, d, r)
+        return [found[key] for key in sorted(found)]
+
+    def _columns(self, batch: _Alike) -> F64:
+        """Weighted columns as rows, (patterns · width, rows that see them)."""
+        mine = [self._patterns[key] for key in batch.keys]
+        frame, part = self._frames.seen(batch.error_motion)
+        out = oscillating(mine, frame.rows)
+        if out is None:
+            out = np.concatenate([p.values(frame.rows).T for p in mine])
+        return np.asarray(out * part)
+
+
+@dataclass(frozen=True, eq=False)
+class _Alike:
     """Patterns of one width on one error motion."""
 
-    part: _Part
+    error_motion: ErrorMotion
     keys: tuple[int, ...]
     width: int
-
-    def columns(self, patterns: Sequence[CandidatePattern]) -> F64:
-        """Weighted columns as rows, (patterns · width, rows that see them)."""
-        mine = [patterns[key] for key in self.keys]
-        out = oscillating(mine, self.part.rows)
-        if out is None:
-            out = np.concatenate([p.values(self.part.rows).T for p in mine])
-        out *= self.part.seen
-        return out
 
 
 _Kind = tuple[ErrorMotion, int, object]
@@ -203,9 +281,10 @@ def _alike(patterns: Sequence[CandidatePattern]) -> dict[_Kind, list[int]]:
     return found
 
 
-def _batches(part: _Part, alike: Mapping[_Kind, list[int]]) -> Iterator[_Batch]:
-    for (error_motion, width, _), keys in alike.items():
-        if error_motion == part.error_motion:
-            step = max(1, _BATCH // (width * max(1, len(part.rows))))
-            for at in range(0, len(keys), step):
-                yield _Batch(part, tuple(keys[at : at + step]), width)
+def _batches(
+    frames: Frames, error_motion: ErrorMotion, width: int, keys: Sequence[int]
+) -> Iterator[_Alike]:
+    rows = max(1, frames.seen(error_motion)[0].count)
+    step = max(1, _BATCH // (width * rows))
+    for at in range(0, len(keys), step):
+        yield _Alike(error_motion, tuple(keys[at : at + step]), width)

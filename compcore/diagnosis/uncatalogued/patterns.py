@@ -125,6 +125,48 @@ class CandidatePattern:
         """Its basis functions on all rows, shape (n, k)."""
         return self.values(slice(None))
 
+    def on(self, error_motion: ErrorMotion) -> CandidatePattern:
+        """The same on another error motion."""
+        return replace(self, error_motion=error_motion)
+
+
+@dataclass(frozen=True, eq=False)
+class PatternGroup:
+    """Forms of one width, each of which is tried on several error motions.
+
+    Attributes
+    ----------
+    count, width
+        How many forms, and the number of coefficients of each.
+    values
+        (first, last) of the forms, and rows → their basis functions, (forms · width, rows).
+    form
+        Number of a form → the pattern on any error motion, put in words.
+    of
+        The recorded quantity on whose value alone all of them depend, where there is one.
+    """
+
+    count: int
+    width: int
+    values: Callable[[tuple[int, int], Rows], F64]
+    form: Callable[[int], CandidatePattern]
+    of: PatternVariable | None = None
+
+
+def grouped(forms: Sequence[CandidatePattern]) -> list[PatternGroup]:
+    """Forms by their width."""
+    by_width: dict[int, list[CandidatePattern]] = {}
+    for form in forms:
+        by_width.setdefault(form.width, []).append(form)
+
+    def values(mine: Sequence[CandidatePattern], which: tuple[int, int], rows: Rows) -> F64:
+        return np.concatenate([form.values(rows).T for form in mine[slice(*which)]])
+
+    return [
+        PatternGroup(len(mine), width, partial(values, mine), mine.__getitem__)
+        for width, mine in by_width.items()
+    ]
+
 
 def variables(machine: Machine, conditions: Conditions) -> list[PatternVariable]:
     """The recorded quantities that varied: positions, signals, time, approach directions.
@@ -181,7 +223,7 @@ def lever_axes(machine: Machine, error_motion: ErrorMotion) -> tuple[str, ...]:
 
 
 def products(
-    quantities: Sequence[PatternVariable], on: Sequence[ErrorMotion], order: int = 3
+    quantities: Sequence[PatternVariable], on: ErrorMotion, order: int = 3
 ) -> Iterator[CandidatePattern]:
     """Products of up to `order` recorded quantities, each pair or triple of different families.
 
@@ -206,14 +248,11 @@ def products(
             terms = tuple(term_of(part) for part in parts)
             depends = tuple(dict.fromkeys(n for v in chosen for n in v.recorded))
             form = _product_form(tuple(dict.fromkeys(names)), squared)
-            for error_motion in on:
-                yield CandidatePattern(
-                    depends, form, error_motion, len(parts), values, terms, tuple(names)
-                )
+            yield CandidatePattern(depends, form, on, len(parts), values, terms, tuple(names))
 
 
 def surfaces(
-    quantities: Sequence[PatternVariable], on: Sequence[ErrorMotion], degree: int = SURFACE_DEGREE
+    quantities: Sequence[PatternVariable], on: ErrorMotion, degree: int = SURFACE_DEGREE
 ) -> Iterator[CandidatePattern]:
     """Smooth functions of one quantity, and of each pair with a position in it.
 
@@ -223,55 +262,45 @@ def surfaces(
     for v in quantities:
         for most in _DEGREES.get(v.family, ()):
             values = partial(_smooth, v, most)
-            for error_motion in on:
-                form = f"smooth function of {v.name}"
-                yield CandidatePattern(
-                    v.recorded, form, error_motion, most, values, made_of=(v.name,)
-                )
+            form = f"smooth function of {v.name}"
+            yield CandidatePattern(v.recorded, form, on, most, values, made_of=(v.name,))
     smooth = [v for v in quantities if v.family not in ("direction", "difference")]
     for a, b in combinations(smooth, 2):
         if a.family != "position":
             continue
         values = partial(_surface, a, b, degree)
         form = f"smooth function of {a.name} and {b.name}"
-        for error_motion in on:
-            yield CandidatePattern((a.name, b.name), form, error_motion, degree**2, values)
+        yield CandidatePattern((a.name, b.name), form, on, degree**2, values)
     for a in (q for q in quantities if q.family == "position"):
         for b in (q for q in quantities if q.family in ("signal", "difference")):
             values = partial(_times_smooth, b, a, degree)
             form = f"proportional to {b.name}, by a smooth function of {a.name}"
-            for error_motion in on:
-                depends = (a.name, *b.recorded)
-                made_of = (a.name, b.name)
-                yield CandidatePattern(
-                    depends, form, error_motion, degree + 1, values, made_of=made_of
-                )
+            depends, made_of = (a.name, *b.recorded), (a.name, b.name)
+            yield CandidatePattern(depends, form, on, degree + 1, values, made_of=made_of)
     for v in (q for q in quantities if q.family == "direction"):
         for w in (q for q in smooth if q.family in ("position", "signal")):
             values = partial(_times_smooth, v, w, degree)
             form = f"smooth function of {w.name}, of opposite sign in the two directions"
-            for error_motion in on:
-                yield CandidatePattern((w.name, v.name), form, error_motion, degree + 1, values)
+            yield CandidatePattern((w.name, v.name), form, on, degree + 1, values)
 
 
 def oscillations(
-    quantities: Sequence[PatternVariable], on: Sequence[ErrorMotion], shortest: Mapping[str, float]
-) -> Iterator[CandidatePattern]:
+    quantities: Sequence[PatternVariable], on: ErrorMotion, shortest: Mapping[str, float]
+) -> Iterator[PatternGroup]:
     """Sine and cosine in time and along each axis, over a grid of periods.
 
     `shortest` gives, for each quantity by name, the shortest period worth trying, in its unit.
     """
     for v in quantities:
-        if v.family not in ("time", "position") or v.name not in shortest:
-            continue
-        span = 2.0 * v.scale
-        for period in period_grid(shortest[v.name], 0.8 * span, _FINE / span):
-            yield from _on_each(oscillation(v, period, on[0]), on)
+        if v.family in ("time", "position") and v.name in shortest:
+            span = 2.0 * v.scale
+            periods = period_grid(shortest[v.name], 0.8 * span, _FINE / span)
+            yield _of_periods(v, periods, on)
 
 
 def swings(
-    quantities: Sequence[PatternVariable], on: Sequence[ErrorMotion], shortest: Mapping[str, float]
-) -> Iterator[CandidatePattern]:
+    quantities: Sequence[PatternVariable], on: ErrorMotion, shortest: Mapping[str, float]
+) -> Iterator[PatternGroup]:
     """Oscillations in time that grow along an axis from its middle: what tilts or stretches.
 
     Periods from twice `shortest` on, on a coarser grid.
@@ -280,19 +309,22 @@ def swings(
     if time is None or time.name not in shortest:
         return
     span = 2.0 * time.scale
-    positions = [q for q in quantities if q.family == "position"]
-    for period in period_grid(2.0 * shortest[time.name], 0.8 * span, _COARSE / span):
-        for along in positions:
-            yield from _on_each(oscillation(time, period, on[0], along), on)
+    periods = period_grid(2.0 * shortest[time.name], 0.8 * span, _COARSE / span)
+    for along in (q for q in quantities if q.family == "position"):
+        yield _of_periods(time, periods, on, along)
 
 
-def _on_each(pattern: CandidatePattern, on: Sequence[ErrorMotion]) -> Iterator[CandidatePattern]:
-    """One pattern on each of several error motions, its words put together once."""
-    p = pattern
-    for error_motion in on:
-        yield CandidatePattern(
-            p.depends_on, p.form, error_motion, p.width, p.values, p.terms, wave=p.wave
-        )
+def _of_periods(
+    v: PatternVariable, periods: F64, on: ErrorMotion, along: PatternVariable | None = None
+) -> PatternGroup:
+    def values(which: tuple[int, int], rows: Rows) -> F64:
+        basis = _waves(v, periods[slice(*which)], rows)
+        return basis if along is None else basis * along.value[rows]
+
+    def form(number: int) -> CandidatePattern:
+        return oscillation(v, float(periods[number]), on, along)
+
+    return PatternGroup(len(periods), 2, values, form, v if along is None else None)
 
 
 def oscillation(

@@ -11,13 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING, Evidence, weigh
+from abbe.compcore.diagnosis.screening.frames import Frames
 from abbe.compcore.diagnosis.screening.pool import MATERIAL, SIGNIFICANT
 from abbe.compcore.diagnosis.screening.screening import Basis, ScreenedCandidate
-from abbe.compcore.diagnosis.uncatalogued.pattern_bank import PatternBank, VisibleParts
+from abbe.compcore.diagnosis.uncatalogued.pattern_bank import PatternBank, PatternFamily
 from abbe.compcore.diagnosis.uncatalogued.patterns import (
     CandidatePattern,
     PatternVariable,
     error_motions,
+    grouped,
     lever_axes,
     oscillation,
     oscillations,
@@ -94,11 +96,11 @@ class Patterns:
     ----------
     problem, theta
         The model and campaign, and where base points and tools stand.
-    fitted
-        The basis of the fitted model.
+    frames
+        What each error motion's rows see.
     """
 
-    def __init__(self, problem: Problem, theta: F64, fitted: Basis) -> None:
+    def __init__(self, problem: Problem, theta: F64, frames: Frames) -> None:
         campaign = problem.campaign
         machine = self._machine = problem.model.machine
         self._quantities = variables(machine, campaign.conditions)
@@ -107,14 +109,15 @@ class Patterns:
         self._seen = {c: observation.seen(c) * problem.weight for c in on}
         order = 3 if campaign.n <= _MANY_ROWS else 2
         shortest = _shortest(self._quantities)
+        quantities, point = self._quantities, on[0]
+        self._frames = frames
         self._families = [
-            list(products(self._quantities, on, order)),
-            list(surfaces(self._quantities, on[:3])),
-            list(oscillations(self._quantities, on[:3], shortest)),
-            list(swings(self._quantities, on[:3], shortest)),
+            PatternFamily(grouped(list(products(quantities, point, order))), on, frames),
+            PatternFamily(grouped(list(surfaces(quantities, point))), on[:3], frames),
+            PatternFamily(list(oscillations(quantities, point, shortest)), on[:3], frames),
+            PatternFamily(list(swings(quantities, point, shortest)), on[:3], frames),
         ]
-        self._visible = VisibleParts(fitted, self._seen)
-        self._banks = [PatternBank(family, self._visible) for family in self._families]
+        self._kept = (_KEPT_PRODUCTS, _KEPT, _KEPT, _KEPT)
 
     def columns(self, pattern: CandidatePattern) -> F64:
         """Weighted columns of a pattern, shape (n, k)."""
@@ -123,10 +126,8 @@ class Patterns:
     def strongest(self, basis: Basis, most: int = 5) -> list[ResidualPattern]:
         """The strongest patterns in the residuals, strongest first, no two nearly the same."""
         found: list[ResidualPattern] = []
-        for family, bank in zip(self._families, self._banks, strict=True):
-            kept = _KEPT_PRODUCTS if family and family[0].factors else _KEPT
-            leading = [family[key] for key in bank.leading(basis, kept)]
-            found += self._weighed(basis, leading, len(family))
+        for family, kept in zip(self._families, self._kept, strict=True):
+            found += self._weighed(basis, family.leading(basis, kept), len(family))
         found.sort(key=lambda s: -s.evidence.value)
         return self._distinct(basis, found, most)
 
@@ -172,7 +173,7 @@ class Patterns:
             w = best.wave or pattern.wave
             repeated = oscillation(w.v, w.period, best.error_motion, w.along, harmonics=_HARMONICS)
             forms += [(i, best, 1), (i, repeated, 1)]
-        bank = PatternBank([form for _, form, _ in forms], self._visible)
+        bank = PatternBank([form for _, form, _ in forms], self._frames)
         seen = {s.key: s for s in bank.screen(basis)}
         strongest: dict[int, ResidualPattern] = {}
         for key, (i, form, chosen) in enumerate(forms):
@@ -222,7 +223,7 @@ class Patterns:
                     for part in np.linspace(-1.0, 1.0, _NEARBY)
                 ]
         drop = np.zeros(len(trials))
-        for s in PatternBank(trials, self._visible).screen(basis):
+        for s in PatternBank(trials, self._frames).screen(basis):
             drop[s.key] = s.drop
         best = drop.reshape(len(patterns), _NEARBY).argmax(axis=1) if len(patterns) else ()
         return [trials[i * _NEARBY + int(k)] for i, k in enumerate(best)]
@@ -231,7 +232,7 @@ class Patterns:
         self, basis: Basis, found: Sequence[ResidualPattern], most: int
     ) -> list[ResidualPattern]:
         """The strongest first; one that says little beyond those already taken is left out."""
-        bank = PatternBank([s.pattern for s in found], self._visible)
+        bank = PatternBank([s.pattern for s in found], self._frames)
         left: dict[int, float] = {}
         taken: list[ResidualPattern] = []
         current = basis

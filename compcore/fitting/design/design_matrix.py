@@ -228,11 +228,19 @@ class Problem:
             that acts through them; default: start.
         """
         theta = self.start() if theta is None else theta
+        found = self.effect_motions(effect, nonlinear, theta)
+        return self.stacked(found, len(effect.linear(self.model.machine)), theta)
+
+    def effect_motions(
+        self, effect: Effect, nonlinear: Mapping[str, float], theta: F64
+    ) -> tuple[Motion, ...]:
+        """The error motions of any effect at all rows; arguments as of `effect_columns`."""
         found = self._beside.get(_named(effect, nonlinear)) if self._beside else None
-        if found is None:
-            found = self._motions_of(effect, nonlinear, theta)
-        count = len(effect.linear(self.model.machine))
-        return self._stack(self.observation(theta), found, count)
+        return self._motions_of(effect, nonlinear, theta) if found is None else found
+
+    def stacked(self, motions: tuple[Motion, ...], count: int, theta: F64) -> F64:
+        """What the rows see of error motions by `count` parameters, weighted, (n, count)."""
+        return self._stack(self.observation(theta), motions, count)
 
     def _stack(self, observation: Observation, motions: tuple[Motion, ...], count: int) -> F64:
         if len(motions) == 1 and motions[0].columns.shape[1] == count:

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.diagnosis.screening.candidates import Candidate, candidates
 from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut, folds
-from abbe.compcore.diagnosis.screening.screening import Bank, Basis, screen
+from abbe.compcore.diagnosis.screening.frames import Frames
+from abbe.compcore.diagnosis.screening.pool import Pool
+from abbe.compcore.diagnosis.screening.screening import Bank, Basis, Placed, screen
 from abbe.compcore.effects import make_effect
 from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.model.model import Model
+
+F64 = NDArray[np.float64]
 
 DATA = Path(__file__).parents[2] / "data"
 SPECS = (
@@ -64,6 +71,53 @@ def test_bank_answers_for_an_extended_model_as_if_made_for_it(
             assert one.rank == two.rank
             assert one.drop == pytest.approx(two.drop, rel=1e-6, abs=1e-6)
         assert bank.screen(extended)[0].rank == 0, "what has joined the model is no candidate"
+
+
+def test_columns_in_frames_are_told_like_whole_columns(
+    case: tuple[Model, Campaign, FitResult],
+) -> None:
+    """Rows that see nothing, and rows at one position, make no difference to any fall of χ²."""
+    model, campaign, result = case
+    first: dict[str, Candidate] = {}
+    for candidate in candidates(model, campaign):
+        first.setdefault(candidate.effect.kind, candidate)
+    tried = list(first.values())
+    base = Basis.of(result)
+    frames = Frames(result.problem, result.theta, base)
+
+    def whole(candidate: Candidate, nonlinear: Mapping[str, float]) -> F64:
+        return result.effect_columns(candidate.effect, nonlinear)
+
+    extended = base.extended(whole(first["backlash"], {}))
+    ranked = [
+        {
+            f.candidate.effect.spec: f
+            for f in Pool(tried, whole, base, model.machine, **keys).ranked(b)
+        }
+        for b in (base, extended)
+        for keys in ({}, {"placed": frames.columns})
+    ]
+    assert len(ranked[0]) > 15
+    for one, two in (ranked[:2], ranked[2:]):
+        assert one.keys() == two.keys()
+        for spec, found in one.items():
+            assert found.screened.rank == two[spec].screened.rank
+            assert found.screened.nonlinear == two[spec].screened.nonlinear
+            assert found.screened.drop == pytest.approx(two[spec].screened.drop, rel=1e-8, abs=1e-8)
+
+
+def test_a_candidate_of_positions_alone_is_made_on_few_rows(
+    case: tuple[Model, Campaign, FitResult],
+) -> None:
+    model, campaign, result = case
+    frames = Frames(result.problem, result.theta, Basis.of(result))
+    cyclic = next(c for c in candidates(model, campaign) if c.effect.kind == "cyclic")
+    placed = frames.columns(cyclic, cyclic.choices[0])
+    assert isinstance(placed, Placed)
+    assert placed.frame.count == len(
+        np.unique(campaign.conditions.position(cyclic.effect.where()["axis"]))
+    )
+    assert 5 * placed.frame.count < campaign.n
 
 
 def test_extended_basis_is_that_of_the_larger_model(
