@@ -9,6 +9,7 @@ import typer
 NAMES = (
     "demo",
     "run",
+    "service",
     "check",
     "model.new",
     "model.fit",

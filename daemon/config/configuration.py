@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from abbe.compcore.model.model import Model
+from abbe.daemon.config.folders import data_folder
 from abbe.daemon.config.sections import ConfigFile
 from abbe.daemon.config.upload import UploadSetup
 from abbe.daemon.guard import GuardLimits
@@ -58,7 +59,7 @@ class Configuration:
     def journal_path(self) -> Path | None:
         """Where the journal goes, None: nowhere."""
         name = self.file.journal.file
-        return None if name is None else self.path.parent / name
+        return None if name is None else data_folder(self.path) / name
 
     def make_links(self) -> dict[str, Link]:
         """The links, made but not opened; channels are known from now on."""

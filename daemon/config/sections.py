@@ -224,7 +224,8 @@ class JournalSection(Section):
     """Where events (links lost and found, guard transitions, …) are written."""
 
     file: str | None = None
-    """Path, relative to the configuration; none: standard error only."""
+    """Path, relative to the configuration (of a service: to its state folder); none: standard error
+    only."""
     max_bytes: Annotated[int, Field(ge=10_000)] = 5_000_000
     """The file is put aside (``.1``, ``.2``, …) when it has grown to this."""
     keep: Annotated[int, Field(ge=0, le=100)] = 5

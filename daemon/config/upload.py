@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.text.toml_source import TomlSource
+from abbe.daemon.config.folders import data_folder
 from abbe.drivers.link import LinkConfigError
 from abbe.drivers.stores.base import Store, StoreConfig, store_class
 
@@ -57,9 +58,9 @@ class UploadSection(BaseModel):
     step_timeout: Positive = 900.0
     """s that one step may take."""
     journal: str = "uploads.jsonl"
-    """Path relative to the configuration."""
+    """Path relative to the configuration (of a service: to its state folder)."""
     backups: str = "backups"
-    """Folder, relative to the configuration."""
+    """Folder, relative likewise."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,7 @@ def upload_setup(
         raise source.error(str(error), (*path, "driver")) from None
     except ValidationError as error:
         raise source.invalid(error, path) from None
-    base = Path(source.file or ".").parent
+    base = data_folder(Path(source.file or "."))
     setup = UploadSetup(
         section,
         driver,

@@ -1,0 +1,1 @@
+"""Abbe under systemd: what it is told, and the units that start it."""
