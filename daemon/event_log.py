@@ -12,6 +12,7 @@ from logging.handlers import QueueHandler, QueueListener, RotatingFileHandler
 from pathlib import Path
 
 from abbe.compcore.errors import InputError
+from abbe.daemon.systemd.journald import JournaldHandler
 
 _FORMAT = "%(asctime)s %(levelname)-7s %(message)s"
 logger = logging.getLogger("abbe.journal")
@@ -94,7 +95,7 @@ def journal(
     max_bytes, keep
         The file is put aside when it has grown to `max_bytes`; `keep` of them are kept.
     to_stderr
-        Whether events also go to standard error.
+        Whether events also go to standard error, or to systemd's journal where that is behind it.
     more
         Further handlers, called at once.
 
@@ -112,7 +113,7 @@ def journal(
                 f"the journal cannot be written: {error.strerror}", file=file
             ) from None
     if to_stderr:
-        slow.append(logging.StreamHandler(sys.stderr))
+        slow.append(JournaldHandler.of_environment() or logging.StreamHandler(sys.stderr))
     for handler in slow:
         handler.setFormatter(logging.Formatter(_FORMAT))
     waiting: queue.SimpleQueue[logging.LogRecord] = queue.SimpleQueue()

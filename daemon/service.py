@@ -6,16 +6,23 @@ import asyncio
 import contextlib
 import gc
 import logging
+import os
 import signal
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
+from typing import NoReturn
 
 from abbe.compcore.errors import AbbeError
 from abbe.daemon.config import Configuration
+from abbe.daemon.identity import Identity
 from abbe.daemon.ownership.claims import held_by_run
 from abbe.daemon.ownership.lock import hold
 from abbe.daemon.pipeline.cycle import LAST_WORD, Pipeline
 from abbe.daemon.pipeline.record import Listener
+from abbe.daemon.reload import Change, Prepared, prepare
+from abbe.daemon.systemd.notify import Notifier
+from abbe.daemon.systemd.supervised import Supervised
 from abbe.daemon.upload.history.unfinished import unfinished_in
 from abbe.drivers.link import Link
 
@@ -25,6 +32,8 @@ _OPEN_WITHIN = 5.0
 """s that a link is given to open before the cycle begins without it."""
 
 
+_LOOK = 10.0
+"""s between two looks at whether the files are still those that run."""
 _GRACE = 2.0
 """s that a link is given, beyond the ramp, to take the last word, and to close."""
 
@@ -38,6 +47,8 @@ class Service:
         What was checked.
     links
         Its links where they are made already; default: made from the configuration.
+    notifier
+        The service manager; default: the one that started this process, if one did.
 
     Attributes
     ----------
@@ -45,16 +56,27 @@ class Service:
         By name; opened in `run`.
     pipeline
         Made, not yet running; its listeners can be added to.
+    identity
+        Version and files of what runs.
+    again
+        Whether, after a reload that changed wires, Abbe has to begin anew once it has ended.
     """
 
     def __init__(
-        self, configuration: Configuration, links: Mapping[str, Link] | None = None
+        self,
+        configuration: Configuration,
+        links: Mapping[str, Link] | None = None,
+        notifier: Notifier | None = None,
     ) -> None:
         self.configuration = configuration
+        self.identity = Identity.of(configuration)
+        self.again = False
         self.links = configuration.make_links() if links is None else dict(links)
         self.pipeline = Pipeline(configuration, self.links)
         self._stop = asyncio.Event()
         self._at_once = asyncio.Event()
+        self._notifier = Notifier.of_environment() if notifier is None else notifier
+        self._reloading: asyncio.Task[None] | None = None
 
     def add(self, listeners: Sequence[Listener]) -> None:
         """Have more listeners told of every cycle."""
@@ -78,13 +100,67 @@ class Service:
         self._stop.set()
 
     def hang_up(self) -> None:
-        """The terminal was closed: end, with the ramp.
+        """SIGHUP: a service reloads; with a terminal that was closed it ends, with the ramp.
 
-        Shell and kernel may both say so, so a second time changes nothing.
+        Shell and kernel may both say that a terminal was closed: a second time changes nothing.
         """
-        if not self._stop.is_set():
+        if self._notifier.there:
+            self.reload()
+        elif not self._stop.is_set():
             logger.info("the terminal was closed: ending")
             self.stop()
+
+    def reload(self) -> None:
+        """Take over what stands in the files now, while the correction goes on where it can.
+
+        What cannot be read changes nothing, and is said. A reload while one is under way, or while
+        the service ends, is none.
+        """
+        if self._stop.is_set() or (self._reloading and not self._reloading.done()):
+            return
+        self._notifier.reloading()
+        self._reloading = asyncio.create_task(self._reload())
+
+    async def _reload(self) -> None:
+        path = self.configuration.path
+        try:
+            new = await asyncio.to_thread(prepare, path, self.configuration, self.identity)
+        except AbbeError as error:
+            logger.error("reload: %s; going on with what runs: %s", error, self.identity.words())
+        except Exception:
+            logger.exception("reload failed; going on with what runs: %s", self.identity.words())
+        else:
+            self._take_over(new)
+        finally:
+            if not self.again:
+                self._notifier.ready()
+
+    def _take_over(self, new: Prepared) -> None:
+        if self._stop.is_set():
+            return
+        logger.info("reload: %s: %s", new.change.value, new.identity.words())
+        if new.change is Change.ANEW:
+            self.again = True
+            self.stop()
+        elif new.compensation is not None and new.expected is not None:
+            self.pipeline.change_model(new.configuration, new.compensation, new.expected)
+            self.configuration, self.identity = new.configuration, new.identity
+
+    async def _watch_files(self) -> None:
+        """Say, once, that a file was changed since it was read."""
+        known: tuple[object, ...] = ()
+        while True:
+            await asyncio.sleep(_LOOK)
+            changed = await asyncio.to_thread(self.identity.changed)
+            if changed and changed != known:
+                names = " and ".join(path.name for path in changed)
+                how = (
+                    f"systemctl reload takes {'it' if len(changed) == 1 else 'them'} over"
+                    if self._notifier.there
+                    else "it counts from the next start on"
+                )
+                logger.warning("%s on disk is not what runs any more: %s", names, how)
+            known = changed
 
     async def run(self, duration: float | None = None) -> None:
         """Run until `stop`, SIGINT, SIGTERM or SIGHUP, or for `duration` s.
@@ -102,20 +178,32 @@ class Service:
         """
         loop = asyncio.get_running_loop()
         timer = None if duration is None else loop.call_later(duration, self._stop.set)
+        self._supervise()
+        watching = asyncio.create_task(self._watch_files())
         with _signals(loop, self):
             try:
                 await asyncio.gather(*(self._open(link) for link in self.links.values()))
                 # what is there by now stays: the collector need not walk it within a cycle
                 gc.collect()
                 gc.freeze()
-                logger.info("running: %s", self.configuration.path)
+                logger.info("running: %s: %s", self.configuration.path, self.identity.words())
                 self._warn_of_uploads()
                 await self._until_ended()
             finally:
                 gc.unfreeze()
+                watching.cancel()
+                if self._reloading is not None:
+                    await asyncio.wait({self._reloading}, timeout=_GRACE)
                 if timer is not None:
                     timer.cancel()
                 await asyncio.gather(*(self._close(link) for link in self.links.values()))
+                self._notifier.close()
+
+    def _supervise(self) -> None:
+        """Have the service manager, where there is one, told of every cycle."""
+        if self._notifier.there:
+            file = self.configuration.file
+            self.add([Supervised(self._notifier, tuple(file.output.axes), file.cycle.period)])
 
     def _warn_of_uploads(self) -> None:
         """Say that an upload of tables was cut off: which table is active is not sure then."""
@@ -181,6 +269,13 @@ class Service:
             logger.warning("link %s: not closed after %g s", link.name, _GRACE)
         except Exception:
             logger.exception("link %s: its driver failed while closing", link.name)
+
+
+def begin_again() -> NoReturn:
+    """Replace this process by the same command, begun anew; its number stays, for the manager."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
 
 
 @contextlib.contextmanager

@@ -186,6 +186,20 @@ class Compensator:
             if key[0] == signal:
                 self._lags[key] = LagState(key[1])
 
+    def continue_lags(self, before: Compensator) -> None:
+        """Take the lags over from the compensator that ran before, where both have one.
+
+        A machine's warmth does not begin anew with a new model: each lag goes on from the state of
+        the same signal's lag with the nearest time constant; a signal that had none begins in
+        equilibrium with its next value.
+        """
+        for key in self._lags:
+            signal, tau = key
+            known = [lag for (name, _), lag in before._lags.items() if name == signal]
+            if known:
+                nearest = min(known, key=lambda lag: abs(math.log(lag.tau / tau)))
+                self._lags[key] = replace(nearest, tau=tau)
+
     def step(
         self, positions: Sequence[float], directions: Sequence[float] = ()
     ) -> tuple[float, float, float]:

@@ -24,6 +24,9 @@ def run(
     as_json: Annotated[
         bool, typer.Option("--json", help="One JSON object a cycle on standard output.")
     ] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", help="Only events, no line every two seconds.")
+    ] = False,
 ) -> None:
     """Correct a machine live: read positions and sensors, write corrected positions back.
 
@@ -31,9 +34,17 @@ def run(
     ends at once.
     """
     from abbe.daemon.config import load_config
-    from abbe.daemon.service import Service
+    from abbe.daemon.service import Service, begin_again
     from abbe.daemon.show.attach import choose, run_in_view
 
     configuration = load_config(config)
     title = f"Abbe · {configuration.model.machine.name or configuration.path.name}"
-    run_in_view(lambda: Service(configuration), choose(as_json), title, duration)
+    made: list[Service] = []
+
+    def service() -> Service:
+        made.append(Service(configuration))
+        return made[0]
+
+    run_in_view(service, choose(as_json, quiet=quiet), title, duration)
+    if made[0].again:
+        begin_again()

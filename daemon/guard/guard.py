@@ -114,6 +114,16 @@ class Guard:
         self._changed = False
         self._let_go, self._let_go_since = self._zero, -math.inf
 
+    def allow(self, limits: GuardLimits) -> None:
+        """Change what is allowed, from the next step on.
+
+        A correction that is larger than the new limits is led back to them, no faster than they
+        allow.
+        """
+        self._limits = limits
+        self._most, self._rates = limits.most, limits.rates
+        self._steady = False
+
     def release(self) -> None:
         """Begin to end: from the next step on, ramp everything to zero without holding."""
         self._releasing = True

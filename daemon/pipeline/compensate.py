@@ -71,6 +71,8 @@ class LiveCompensator:
         The order of a correction: X, Y, Z and the rotary axes that are corrected.
     pose
         What the last step said of the pose; None where no rotary axis is corrected.
+    tool
+        The tool's offset, mm.
     fault
         Why there is no correction at present; empty when there is one.
     faulty
@@ -96,8 +98,17 @@ class LiveCompensator:
         }
         """Signals without a first value, and what stands in for them: their directions are off."""
         self._ready = False
+        self.tool: Vec3 = (0.0, 0.0, 0.0)
         self.fault = ""
         self.faulty = 0
+
+    def continue_from(
+        self, before: LiveCompensator, time: float, readings: Mapping[str, SignalReading]
+    ) -> None:
+        """Go on in the place of another one, at `time` (monotonic, s), with its last readings."""
+        self._unseen = {n: v for n, v in self._unseen.items() if n in before._unseen}
+        self._compensator.continue_lags(before._compensator)
+        self.update(time, readings)
 
     def update(self, time: float, readings: Mapping[str, SignalReading]) -> None:
         """Take signals in: their last good values; what has none yet counts as missing.
@@ -131,6 +142,7 @@ class LiveCompensator:
 
     def set_tool(self, offset: Vec3) -> None:
         """Change the tool's offset, mm."""
+        self.tool = offset
         self._compensator.set_tool(*offset)
 
     def step(self, positions: Sequence[float], directions: Sequence[float]) -> Correction | None:

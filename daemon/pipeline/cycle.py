@@ -16,6 +16,7 @@ from abbe.daemon.pipeline.observe import Observer
 from abbe.daemon.pipeline.plan import keep_together, make_plan
 from abbe.daemon.pipeline.reading.convert import PositionConverter, SignalConverter, ToolConverter
 from abbe.daemon.pipeline.reading.directions import Directions
+from abbe.daemon.pipeline.reading.expected import Expected
 from abbe.daemon.pipeline.reading.plausible import Plausible
 from abbe.daemon.pipeline.reading.poll import Batch, Poll
 from abbe.daemon.pipeline.record import CycleRecord, Listener
@@ -120,6 +121,32 @@ class Pipeline:
         self._ending = False
         self._number = 0
         self.began = time.monotonic()
+
+    def change_model(
+        self, configuration: Configuration, compensation: LiveCompensator, expected: Expected
+    ) -> None:
+        """Go on with another model and other limits; wires and machine are the same.
+
+        The correction is led from the old to the new one by the guard, within its rates; lags go on
+        from where they are.
+
+        Parameters
+        ----------
+        configuration
+            Checked; see `abbe.daemon.reload` for what may differ.
+        compensation
+            Made from its model, not yet used.
+        expected
+            What is believed of its signals.
+        """
+        now = time.monotonic()
+        compensation.continue_from(self._compensation, now, self._signals.readings)
+        read = bool(self._plan.tool)
+        compensation.set_tool(self._compensation.tool if read else configuration.file.tool.offset)
+        self._compensation = compensation
+        self._signals.judge(Plausible(expected.signals, expected.likes))
+        self._guard.allow(configuration.limits)
+        self._signals_due = now
 
     @property
     def longest_end(self) -> float:

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 import logging
+import os
 import sys
 from collections.abc import Callable, Mapping
 from typing import Any, Literal
@@ -21,13 +22,18 @@ from abbe.daemon.show.plain import PlainLines
 from abbe.daemon.show.screen import LiveScreen
 from abbe.daemon.show.writer import LineWriter
 
-How = Literal["screen", "plain", "json"]
+How = Literal["screen", "plain", "json", "quiet"]
 
 
-def choose(as_json: bool) -> How:
-    """JSON where asked for, the live screen on a terminal, else plain lines."""
+def choose(as_json: bool, *, quiet: bool = False) -> How:
+    """JSON where asked for, nothing where that is; the live screen on a terminal, else lines.
+
+    A service manager shows the state by itself, so it is given no lines.
+    """
     if as_json:
         return "json"
+    if quiet or "NOTIFY_SOCKET" in os.environ:
+        return "quiet"
     return "screen" if sys.stdout.isatty() else "plain"
 
 
@@ -92,7 +98,7 @@ async def _run(
         screen = LiveScreen(machine, pipeline.axes, corrected, service.links, title, duration)
         service.add([screen])
         handlers.append(screen.events)
-    else:
+    elif how != "quiet":
         writer = LineWriter(sys.stdout)
         if how == "json":
             service.add([JsonLines(writer, machine, pipeline.axes, corrected, service.links)])

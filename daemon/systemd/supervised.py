@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from abbe.daemon.pipeline.record import CycleRecord
 from abbe.daemon.show.plain import headline
@@ -31,9 +31,7 @@ class Supervised:
     notifier
         The manager.
     axes
-        Axes whose corrected positions are written back; empty: nothing is.
-    what
-        Version, model and configuration in a few words, for the log at the beginning.
+        Those whose corrected positions are written back; empty: nothing is.
     period
         Of the cycle, s.
     """
@@ -43,11 +41,9 @@ class Supervised:
         notifier: Notifier,
         axes: Sequence[str],
         period: float,
-        what: Callable[[], str] = str,
     ) -> None:
         self._notifier = notifier
         self._axes = axes
-        self._what = what
         self._feed_every = notifier.watchdog * _SHARE if notifier.watchdog else math.inf
         self._feed_at = self._words_at = -math.inf
         self._words = ""
@@ -91,6 +87,4 @@ class Supervised:
             first, why = next(iter(record.faults.items()))
             more = f", and {len(record.faults) - 1} more" if len(record.faults) > 1 else ""
             parts.append(f"{first}: {why}{more}")
-        if told := self._what():
-            parts.append(told)
         return "; ".join(parts)

@@ -139,7 +139,10 @@ class Needs:
         >>> Needs.of_resources(["tcp 10.0.0.5:502", "serial /dev/ttyUSB0"]).devices
         ('char-ttyUSB',)
         """
-        addresses, names, devices, can = set(), set(), set(), False
+        addresses: set[str] = set()
+        names: set[str] = set()
+        devices: set[str] = set()
+        can = False
         for resource in resources:
             kind, _, place = resource.partition(" ")
             if kind == "tcp":

@@ -182,6 +182,10 @@ class SignalConverter:
         self.readings: Mapping[str, SignalReading] = {s.name: SignalReading() for s in sources}
         """By signal; replaced as a whole at every call."""
 
+    def judge(self, plausible: Plausible) -> None:
+        """Change what is believed, from the next reading on."""
+        self._plausible = plausible
+
     def __call__(self, batch: Batch, now: float) -> Mapping[str, SignalReading]:
         """Take a batch in; the readings at `now` (monotonic, s)."""
         fresh: dict[str, SignalReading] = {}
