@@ -24,7 +24,7 @@ def sha256_of(path: Path) -> str:
 
 
 @dataclass(frozen=True)
-class Identity:
+class RunIdentity:
     """The version and the files of a run.
 
     Attributes
@@ -40,7 +40,7 @@ class Identity:
     _seen: tuple[tuple[int, int], ...] = field(default=(), compare=False, repr=False)
 
     @classmethod
-    def of(cls, configuration: Configuration) -> Identity:
+    def of(cls, configuration: Configuration) -> RunIdentity:
         """By the files as they are now."""
         model = configuration.model_path
         grids = {

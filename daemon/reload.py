@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from abbe.daemon.config import Configuration, load_config
-from abbe.daemon.identity import Identity
+from abbe.daemon.identity import RunIdentity
 from abbe.daemon.pipeline.compensate import LiveCompensator
 from abbe.daemon.pipeline.reading.expected import Expected, expected_of
 
@@ -22,7 +22,7 @@ _LED_IN = ("max_correction", "max_norm", "max_rate", "hold", "ramp")
 """Keys of ``[guard]`` that can change while the correction stands."""
 
 
-class Change(enum.Enum):
+class Takeover(enum.Enum):
     """What a reload comes to."""
 
     NOTHING = "nothing has changed"
@@ -44,14 +44,14 @@ class Prepared:
         For `Pipeline.change_model`; None where nothing is led in.
     """
 
-    change: Change
+    change: Takeover
     configuration: Configuration
-    identity: Identity
+    identity: RunIdentity
     compensation: LiveCompensator | None = None
     expected: Expected | None = None
 
 
-def prepare(path: Path, running: Configuration, identity: Identity) -> Prepared:
+def prepare(path: Path, running: Configuration, identity: RunIdentity) -> Prepared:
     """Read, check and fold what stands in the files now; changes nothing that runs.
 
     Parameters
@@ -67,15 +67,15 @@ def prepare(path: Path, running: Configuration, identity: Identity) -> Prepared:
         When the new files are not in order.
     """
     new = load_config(path)
-    found = Identity.of(new)
+    found = RunIdentity.of(new)
     if found == identity:
-        return Prepared(Change.NOTHING, new, found)
+        return Prepared(Takeover.NOTHING, new, found)
     same = _wiring(new) == _wiring(running) and new.model.machine == running.model.machine
     compensation = LiveCompensator(new.model)
     if not same or compensation.uses_directions != _uses_directions(running):
-        return Prepared(Change.ANEW, new, found)
+        return Prepared(Takeover.ANEW, new, found)
     expected = expected_of(new, compensation.axes, new.make_links())
-    return Prepared(Change.LED_IN, new, found, compensation, expected)
+    return Prepared(Takeover.LED_IN, new, found, compensation, expected)
 
 
 def _uses_directions(configuration: Configuration) -> bool:

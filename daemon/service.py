@@ -15,12 +15,12 @@ from typing import NoReturn
 
 from abbe.compcore.errors import AbbeError
 from abbe.daemon.config import Configuration
-from abbe.daemon.identity import Identity
+from abbe.daemon.identity import RunIdentity
 from abbe.daemon.ownership.claims import held_by_run
 from abbe.daemon.ownership.lock import hold
 from abbe.daemon.pipeline.cycle import LAST_WORD, Pipeline
 from abbe.daemon.pipeline.record import Listener
-from abbe.daemon.reload import Change, Prepared, prepare
+from abbe.daemon.reload import Prepared, Takeover, prepare
 from abbe.daemon.systemd.notify import Notifier
 from abbe.daemon.systemd.supervised import Supervised
 from abbe.daemon.upload.history.unfinished import unfinished_in
@@ -69,7 +69,7 @@ class Service:
         notifier: Notifier | None = None,
     ) -> None:
         self.configuration = configuration
-        self.identity = Identity.of(configuration)
+        self.identity = RunIdentity.of(configuration)
         self.again = False
         self.links = configuration.make_links() if links is None else dict(links)
         self.pipeline = Pipeline(configuration, self.links)
@@ -139,7 +139,7 @@ class Service:
         if self._stop.is_set():
             return
         logger.info("reload: %s: %s", new.change.value, new.identity.words())
-        if new.change is Change.ANEW:
+        if new.change is Takeover.ANEW:
             self.again = True
             self.stop()
         elif new.compensation is not None and new.expected is not None:

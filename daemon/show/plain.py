@@ -5,39 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from abbe.daemon.guard import GuardState
+from abbe.daemon.pipeline.headline import headline
 from abbe.daemon.pipeline.record import CycleRecord
 from abbe.daemon.show.figures import volumetric_errors
 from abbe.daemon.show.writer import LineWriter
-from abbe.daemon.status_word import Status
 from abbe.drivers.link import Link
 
 EVERY = 2.0
 """s from one line to the next."""
-
-
-_WORDS = {
-    GuardState.OFF: "NOT CORRECTED",
-    GuardState.FALLING: "correction ramped to zero",
-    GuardState.HOLDING: "last good correction held",
-    GuardState.RISING: "correction ramped in",
-}
-"""Gravest first."""
-
-
-def headline(record: CycleRecord) -> str:
-    """The state in a few words: the gravest, with its directions where it is not all of them."""
-    decision = record.decision
-    if record.status & Status.ENDING:
-        off = set(decision.states) == {GuardState.OFF}
-        return "ended, not corrected" if off else "ending: correction ramped to zero"
-    if decision.compensating:
-        return "corrected in full"
-    for state, words in _WORDS.items():
-        names = [d for d, s in zip(record.directions, decision.states, strict=True) if s is state]
-        if names:
-            return words if len(names) == len(record.directions) else f"{', '.join(names)}: {words}"
-    return "correction limited"
 
 
 class PlainLines:

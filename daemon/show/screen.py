@@ -19,10 +19,10 @@ from rich.text import Text
 from abbe.compcore.machine.machine import Machine
 from abbe.daemon.guard import GuardState
 from abbe.daemon.pipeline.compensate import direction_index
+from abbe.daemon.pipeline.headline import headline
 from abbe.daemon.pipeline.record import CycleRecord
 from abbe.daemon.show.bars import deviation_bar, sparkline
 from abbe.daemon.show.figures import ErrorFigures, volumetric_errors
-from abbe.daemon.show.plain import headline
 from abbe.drivers.link import Link, LinkState
 
 REFRESH = 0.25

@@ -37,10 +37,13 @@ class Notifier:
         self._socket: socket.socket | None = None
         if not address:
             return
-        with contextlib.suppress(OSError, ValueError):
-            made = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
-            made.setblocking(False)
+        made = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+        made.setblocking(False)
+        try:
             made.connect("\0" + address[1:] if address.startswith("@") else address)
+        except (OSError, ValueError):
+            made.close()
+        else:
             self._socket = made
 
     @classmethod

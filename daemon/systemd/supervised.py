@@ -6,8 +6,8 @@ import logging
 import math
 from collections.abc import Sequence
 
+from abbe.daemon.pipeline.headline import headline
 from abbe.daemon.pipeline.record import CycleRecord
-from abbe.daemon.show.plain import headline
 from abbe.daemon.status_word import Status
 from abbe.daemon.systemd.notify import Notifier
 
