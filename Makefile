@@ -3,7 +3,7 @@ SHELL := /bin/bash
 VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
-DEBIAN := mbpoll socat chromium fonts-dejavu-core linuxcnc-uspace
+DEBIAN := mbpoll socat chromium fonts-dejavu-core linuxcnc-uspace systemd
 BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis_command diagnosis validation
 SOURCES := compcore drivers daemon tests benchmarks examples
 

@@ -18,7 +18,7 @@ from abbe.daemon.identity import RunIdentity
 from abbe.daemon.pipeline.compensate import LiveCompensator
 from abbe.daemon.pipeline.reading.expected import Expected, expected_of
 
-_LED_IN = ("max_correction", "max_norm", "max_rate", "hold", "ramp")
+_LED_IN = ("max_correction", "max_norm", "max_rate", "max_turn", "max_turn_rate", "hold", "ramp")
 """Keys of ``[guard]`` that can change while the correction stands."""
 
 
@@ -70,8 +70,12 @@ def prepare(path: Path, running: Configuration, identity: RunIdentity) -> Prepar
     found = RunIdentity.of(new)
     if found == identity:
         return Prepared(Takeover.NOTHING, new, found)
-    same = _wiring(new) == _wiring(running) and new.model.machine == running.model.machine
-    compensation = LiveCompensator(new.model)
+    same = (
+        _wiring(new) == _wiring(running)
+        and new.model.machine == running.model.machine
+        and new.limits.turning == running.limits.turning
+    )
+    compensation = LiveCompensator(new.model, new.limits.turning)
     if not same or compensation.uses_directions != _uses_directions(running):
         return Prepared(Takeover.ANEW, new, found)
     expected = expected_of(new, compensation.axes, new.make_links())

@@ -146,6 +146,7 @@ class Pipeline:
         self._compensation = compensation
         self._signals.judge(Plausible(expected.signals, expected.likes))
         self._guard.allow(configuration.limits)
+        self._guard.change()
         self._signals_due = now
 
     @property
