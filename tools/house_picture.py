@@ -32,6 +32,7 @@ DAEMON: tuple[Rooms, ...] = (
         ("guard", "what may go out"),
         ("upload", "tables, safely"),
         ("ownership", "one at a time"),
+        ("systemd", "as a service"),
     ),
 )
 DRIVERS: tuple[Rooms, ...] = (
