@@ -1,4 +1,4 @@
-"""Which combinations of unknowns a campaign determines, and which it cannot."""
+"""Determinacy of the unknowns: which combinations a campaign determines (SVD of the Jacobian)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ could fit worse than without."""
 
 
 class Decomposition:
-    """The singular value decomposition of a weighted Jacobian in units of the unknowns' scales.
+    """Singular value decomposition of a weighted Jacobian in units of the unknowns' scales.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class Decomposition:
         self.rank = int((self.singular > max(LEAST_INFORMATION, rounding)).sum())
 
     def follow(self, projected: F64, apart: F64, spread: float) -> None:
-        """Count combinations as determined that the residuals ask for beyond any doubt.
+        """Count as determined also combinations that the residuals demand beyond doubt.
 
         They come behind the others in `directions`.
 
@@ -93,7 +93,7 @@ class Decomposition:
 
     @property
     def null(self) -> F64:
-        """Orthonormal directions (scaled) that they do not, shape (m, m − rank)."""
+        """Orthonormal directions (scaled) that the data do not determine, shape (m, m − rank)."""
         return self.directions[:, self.rank :]
 
     def solve(self, projected: F64) -> F64:
@@ -106,7 +106,7 @@ class Decomposition:
         return np.asarray(self.scale * (self.determined @ along))
 
     def minimum_norm(self, theta: F64, reference: F64) -> F64:
-        """θ with its undetermined part replaced by that of `reference`, shape (m,)."""
+        """θ with its undetermined part taken from `reference`, shape (m,)."""
         apart = (theta - reference) / self.scale
         return theta - self.scale * (self.null @ (self.null.T @ apart))
 

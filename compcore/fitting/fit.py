@@ -1,4 +1,4 @@
-"""The fit: all effects of a model from any mixture of measurements, by weighted least squares."""
+"""Fit of a model's effects to any mixture of measurements, by weighted least squares."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _UNCERTAINTY_ROUNDS = 4
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FitResult(Solution, Shown):
-    """The result of a fit: the numbers of a `Solution`, in words, tables and pictures.
+    """The result of a fit: values, uncertainties, residuals; as text, tables and pictures.
 
     `model` is the fitted model; `report` the text that ``abbe fit`` prints, `plot` the pictures of
     its page, `to_pandas` all parameters.
@@ -50,11 +50,11 @@ class FitResult(Solution, Shown):
 
     @cached_property
     def noise(self) -> NoiseFloor:
-        """What repeated measurements of the campaign say that no model can beat."""
+        """The noise floor of the campaign from its repeated measurements."""
         return noise_floor(self.problem.campaign, self.problem.model.machine)
 
     def words(self) -> Iterator[str]:
-        """What ``abbe fit`` prints: residuals, what is undetermined, outliers, the parameters."""
+        """Lines as ``abbe fit`` prints: residuals, what is undetermined, outliers, parameters."""
         yield from fit_words(self, self.noise)
         for line in (*parameter_lines(self), *rotary_words(self)):
             yield f"  {line}"
@@ -69,12 +69,12 @@ class FitResult(Solution, Shown):
         )
 
     def table(self) -> str:
-        """The effects of one or two parameters, others by their count, in HTML."""
+        """The parameters as an HTML table; effects with more than two parameters by their count."""
         lines = (line.partition(": ") for line in parameter_lines(self))
         return html_table(["effect", "parameters"], [[spec, told] for spec, _, told in lines])
 
     def figures(self) -> dict[str, Callable[[], Figure]]:
-        """The pictures of ``abbe fit --report`` by name."""
+        """The pictures of ``abbe fit --report``, by name."""
         return fit_figures(self)
 
     def to_pandas(self) -> pd.DataFrame:

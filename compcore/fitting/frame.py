@@ -1,4 +1,4 @@
-"""The frame in which errors are stated: chosen among those that the measurements leave free.
+"""The reference frame of the errors (ISO/TR 16907, 7): primary axis, secondary axis, origin.
 
 Where a workpiece sits is a convention, so a campaign in which every set-up has its own zero leaves
 the frame open. ISO/TR 16907:2015 (7.3, 10.2) has it chosen by a primary axis, a secondary axis and
@@ -34,7 +34,7 @@ _CARRIED = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class ReferenceFrame:
-    """The convention that fixes the reference frame.
+    """A reference frame: by primary and secondary axis, or by least squares.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class ReferenceFrame:
 
     @classmethod
     def parse(cls, text: str, tool: tuple[float, float, float] | None = None) -> ReferenceFrame:
-        """``least-squares``, or the primary and the secondary axis: ``X,Y``.
+        """The frame from ``least-squares`` or the primary and the secondary axis: ``X,Y``.
 
         Raises
         ------
@@ -78,7 +78,7 @@ class ReferenceFrame:
         return cls(axes[0], axes[1], tool)
 
     def check(self, machine: Machine) -> None:
-        """Refuse axes that the machine lacks or that do not span a frame.
+        """Check that the machine has the axes and that they span a frame.
 
         Raises
         ------
@@ -98,7 +98,7 @@ class ReferenceFrame:
 
 
 def most_used(tools: F64) -> tuple[float, float, float]:
-    """The tool offset of most rows, shape (n, 3) → mm; of equally many the first."""
+    """The tool offset of most rows of `tools`, (n, 3), mm; of equally many the first."""
     if not len(tools):
         return (0.0, 0.0, 0.0)
     found, first, count = np.unique(tools, axis=0, return_index=True, return_counts=True)
@@ -115,7 +115,7 @@ def alignment(
     null: NullSpace,
     frame: ReferenceFrame,
 ) -> F64:
-    """What takes θ into the chosen frame, shape (m, m): ``θ → A·θ``, covariance ``C → A·C·Aᵀ``.
+    """The transformation of θ into the chosen frame, shape (m, m): ``θ → A·θ``, ``C → A·C·Aᵀ``.
 
     Changes neither χ² nor any error but for a rigid displacement (Baarda's S-transformation).
     """

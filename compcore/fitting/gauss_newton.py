@@ -1,4 +1,4 @@
-"""Gauss–Newton with a line search: least squares on what is linear, and on what is nearly so."""
+"""Gauss–Newton with a line search for linear and nearly linear least squares."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ROUNDING = 1e-6
 def gauss_newton(
     problem: Problem, theta: F64, free: Index | None = None
 ) -> tuple[F64, Decomposition]:
-    """Minimise ½χ² from θ; returns the solution of least norm and what is determined there.
+    """Minimise ½χ² from θ: the solution of least norm, (m,), and its decomposition.
 
     `free` are the indices of the unknowns that may move, default all; the decomposition is theirs.
     """

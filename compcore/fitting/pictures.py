@@ -1,4 +1,4 @@
-"""Pictures of a fit: the error motions that were found, the error map, what is left over."""
+"""Pictures of a fit: error motions, error map, residuals."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from abbe.compcore.fitting.solution import Solution
 
 
 def fit_figures(result: Solution) -> dict[str, Callable[[], Figure]]:
-    """Every picture by name, made when called."""
+    """The pictures of a fit by name, each made when called."""
     campaign = result.problem.campaign
     made = {**motion_figures(result.model), **map_figure(result.model)}
     for kinds, what, unit in (

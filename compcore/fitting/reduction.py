@@ -26,7 +26,7 @@ _CACHED_ROWS = 1500
 def triangle(
     problem: Problem, theta: F64, free: Index | None = None, beside: Sequence[Beside] = ()
 ) -> F64:
-    """The triangular factor of [∂/∂θ, columns beside, residual], the nuisances projected out.
+    """The triangular factor of [∂/∂θ, more columns, residual], nuisances projected out.
 
     Shape (k, m + b + 1) with m the number of unknowns, or of those that are `free`, and b that of
     the columns of effects `beside` the model; the last column is the weighted residual at θ.
@@ -67,7 +67,7 @@ def triangle(
 def leverage(
     problem: Problem, theta: F64, decomposition: Decomposition, free: Index | None = None
 ) -> F64:
-    """How much of each row the fit absorbs, 0 … 1, shape (n,): the hat matrix's diagonal.
+    """The leverage of each row, 0 … 1, shape (n,): the diagonal of the hat matrix.
 
     `free` are the unknowns that were fitted, if not all; the decomposition is theirs.
     """

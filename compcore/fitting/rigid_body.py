@@ -1,4 +1,4 @@
-"""Before trusting a rigid body: does an error motion of one axis depend on where another stands?
+"""Rigid-body test (ISO/TR 16907, 7.4.2): does an error motion depend on another axis's position?
 
 Every error motion of every linear axis that the model has is tested with products of low Legendre
 polynomials of its own position and of each other axis's. The test is exact (added variables against
@@ -33,7 +33,7 @@ _SEEN = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Dependence:
-    """The test of one error motion against one other axis.
+    """The test whether one error motion depends on the position of another axis.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Dependence:
 
 
 def rigid_body_test(result: Solution) -> list[Dependence]:
-    """All tests that a campaign allows, most significant first.
+    """All rigid-body tests that a campaign allows, most significant first.
 
     What was not measured in several places of the other axis is left out. A large campaign is
     tested on some of its rows (`abbe.compcore.campaign.thinning`).

@@ -1,4 +1,4 @@
-"""Outliers: found by a fit that they cannot pull, listed by row, never silently dropped.
+"""Outliers: found by a robust fit, listed by row, never silently dropped.
 
 The fit is repeated with weights that fall where residuals are large (Huber's, whose minimum is
 unique, then Tukey's biweight, which ignores the grossest). What then stands out by more than chance
@@ -37,7 +37,7 @@ Solve = Callable[[Problem, F64], tuple[F64, Decomposition]]
 
 @dataclass(frozen=True, slots=True)
 class Outlier:
-    """An outlier: a row that does not belong to the others.
+    """An outlier: a row whose residual is beyond chance.
 
     Attributes
     ----------
@@ -59,12 +59,12 @@ class Outlier:
 
 
 def limit(n: int) -> float:
-    """The size beyond which one of n residuals is not chance."""
+    """The studentised size that the largest of n residuals exceeds only by rare chance."""
     return normal_limit(_CHANCE / (2.0 * max(n, 1)))
 
 
 def studentised(problem: Problem, residual: F64, absorbed: F64) -> F64:
-    """Residuals (n,) in units of their own standard deviation, by kind scaled to their spread.
+    """Studentised residuals (n,): in units of their own standard deviation, kind by kind.
 
     `absorbed` is the leverage of each row; the size is 0 where the fit absorbs a row almost wholly.
     A spread smaller than the uncertainties say is not believed where they were stated.
@@ -85,7 +85,7 @@ def studentised(problem: Problem, residual: F64, absorbed: F64) -> F64:
 
 
 def outliers_of(problem: Problem, residual: F64, size: F64) -> tuple[Outlier, ...]:
-    """The rows whose size is beyond chance, largest first."""
+    """The rows whose studentised residuals are beyond chance, largest first."""
     campaign = problem.campaign
     setup = campaign.conditions.setup
     beyond = np.flatnonzero(np.abs(size) > limit(problem.n))
@@ -102,7 +102,7 @@ def outliers_of(problem: Problem, residual: F64, size: F64) -> tuple[Outlier, ..
 
 
 def reject(problem: Problem, theta: F64, solve: Solve) -> tuple[F64, tuple[Outlier, ...]]:
-    """Uncertainties in which outliers count as infinitely uncertain, and the outliers.
+    """The rows' uncertainties with outliers set to infinity, (n,), and the outliers.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Non-linear parameters of effects (time constants, periods, moments) by variable projection.
+"""Variable projection for effects' non-linear parameters (time constants, periods, moments).
 
 For given non-linear parameters α everything else is linear, and the best χ² is known at once: the
 other effects' columns are projected out once, and of each trial α only the few columns that depend
@@ -31,7 +31,7 @@ _ELEMENTS = 20_000_000
 
 
 class Profile:
-    """The cost as a function of the non-linear parameters alone.
+    """χ² as a function of the non-linear parameters alone, all linear ones fitted.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class Profile:
         return self._kept[key]
 
     def residual(self, alpha: F64) -> F64:
-        """What is left of the measurements when all that is linear is fitted, shape (n,)."""
+        """Weighted residuals with everything linear fitted, shape (n,)."""
         theta = self.theta.copy()
         theta[self.index] = alpha
         layout = self.problem.layout
@@ -95,13 +95,13 @@ class Profile:
         return np.asarray(self._y - u @ (u.T @ self._y))
 
     def cost(self, alpha: F64) -> float:
-        """χ² at α."""
+        """χ² at the non-linear parameters α."""
         left = self.residual(alpha)
         return float(left @ left)
 
 
 def search(problem: Problem, theta: F64) -> F64:
-    """θ with the non-linear parameters that fit best, all else as given."""
+    """θ with the best non-linear parameters, everything else as given."""
     profile = Profile(problem, theta)
     alpha = theta[profile.index]
     cost = np.inf
@@ -205,7 +205,7 @@ def _zoom(profile: Profile, alpha: F64, k: int) -> F64:
 
 
 def step_widths(problem: Problem, theta: F64) -> dict[int, float]:
-    """Standard uncertainty of parameters on which nothing depends smoothly (a step's moment).
+    """Standard uncertainties of parameters without derivative (a step's moment): index → sd.
 
     Index in θ → half the width of the range in which χ² rises by less than 1; the reading between
     two rows is never finer than their distance.

@@ -39,7 +39,7 @@ _SETTLED = 1e-5
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution:
-    """The result of a fit, in numbers.
+    """The solution of a fit: values and covariance, residuals, null space.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class Solution:
 
     @property
     def misfit(self) -> bool:
-        """Whether χ² says that the model lacks something: less than 1 in 10 000 by chance.
+        """Whether χ² rejects the model: so large by chance in less than 1 of 10 000 fits.
 
         Never where uncertainties were taken from the residuals themselves.
         """
@@ -97,7 +97,7 @@ class Solution:
 
     @cached_property
     def suspicions(self) -> tuple[str, ...]:
-        """Wrong units, turned signs, absurd uncertainties, as far as they can be seen here.
+        """Suspected wrong units, turned signs and absurd uncertainties.
 
         Signs and units of values are seen against the model as it was, where that was fitted.
         """
@@ -128,13 +128,13 @@ class Solution:
 
     @cached_property
     def undetermined(self) -> tuple[Undetermined, ...]:
-        """What this campaign cannot determine, in words; unknowns first, then conventions."""
+        """What the campaign does not determine, in words; unknowns first, then conventions."""
         with threads_for(self.null.convention.size):
             return tuple(in_words(self.problem, self.theta, self.null))
 
     @cached_property
     def outliers(self) -> tuple[Outlier, ...]:
-        """Rows that do not belong to the others, largest first: set aside, or used all the same."""
+        """Outliers, largest first: set aside by a robust fit, or used all the same."""
         if self.set_aside:
             return self.set_aside
         with threads_for(self.problem.n * self.problem.layout.size):
@@ -144,13 +144,13 @@ class Solution:
 
     @cached_property
     def thin(self) -> Self:
-        """The same fit on as many rows as tell causes apart (`thinning`); often all."""
+        """The same fit on fewer rows that still tell causes apart (`thinning`); often on all."""
         rows = thinned(self.problem.campaign)
         return self if rows is None else self._on_rows(rows)
 
     @cached_property
     def eliminator(self) -> Eliminator:
-        """What projects the set-ups' nuisances out of weighted columns."""
+        """The projection of set-ups' nuisances out of weighted columns."""
         return self.problem.eliminator(self.theta)
 
     @cached_property
@@ -174,7 +174,7 @@ class Solution:
         return out
 
     def residualise(self, columns: F64) -> F64:
-        """What of weighted columns, (n, k), neither model nor nuisances can imitate: C⊥."""
+        """Weighted columns, (n, k), less what model and nuisances can imitate."""
         left = self.eliminator.project(columns)
         left -= self.basis @ (self.basis.T @ left)
         return left
@@ -193,7 +193,7 @@ class Solution:
         uncertainty: Uncertainty,
         set_aside: tuple[Outlier, ...],
     ) -> Self:
-        """The result of a problem solved: its frame chosen, its uncertainties told.
+        """The solution of a problem, in its frame, with its uncertainties.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What a campaign cannot determine: what is mere convention, what is truly unknown."""
+"""The null space of a campaign: mere convention (frame, zero), and what is truly unknown."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ uncertainties may be moved along freely."""
 
 @dataclass(frozen=True, eq=False)
 class NullSpace:
-    """The null space of a campaign: the directions in which it determines nothing.
+    """The null space: the combinations of unknowns that a campaign does not determine.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class NullSpace:
     unknown: F64
 
     def prior_covariance(self, scale: F64) -> F64:
-        """Covariance of what is unknown, one scale along each direction, shape (m, m)."""
+        """Covariance of the unknown combinations, one scale along each, shape (m, m)."""
         half = scale[:, None] * self.unknown
         return np.asarray(half @ half.T)
 
@@ -63,7 +63,7 @@ def split_null_space(
     theta: F64,
     decomposition: Decomposition,
 ) -> NullSpace:
-    """Divide what is not determined into convention and ignorance.
+    """Divide the null space into convention (moves nothing relative) and true ignorance.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def _stacked(translation: F64, rotation: F64) -> F64:
 
 
 def sample_volume(machine: Machine, campaign: Campaign, count: int = _POINTS) -> Conditions:
-    """Conditions all over the machine's volume and somewhat beyond what the campaign varied."""
+    """Conditions spread over the machine's volume and somewhat beyond the campaign's ranges."""
     rng = np.random.default_rng(16907)
     c = campaign.conditions
     tool = c.tool if c.n else np.zeros((1, 3))

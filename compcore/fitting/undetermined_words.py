@@ -1,4 +1,4 @@
-"""What a campaign cannot determine, in a metrologist's words and without drowning anyone."""
+"""The null space of a campaign in a metrologist's words."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _MOST_COMBINED = 4
 
 @dataclass(frozen=True, slots=True)
 class Undetermined:
-    """Something that a campaign does not determine.
+    """An undetermined combination of unknowns, in words.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Undetermined:
 
 
 def in_words(problem: Problem, theta: F64, null: NullSpace) -> list[Undetermined]:
-    """Everything that is not determined, unknowns first, conventions summarised.
+    """All undetermined combinations in words: unknowns first, conventions summarised.
 
     Parameters
     ----------

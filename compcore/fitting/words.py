@@ -1,4 +1,4 @@
-"""A fit in words; lengths in µm, angles in µrad."""
+"""The text of a fit; lengths in µm, angles in µrad."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _SOURCES = {
 
 
 def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
-    """Lines for people, without the parameters."""
+    """Lines of text about a fit, without its parameters."""
     problem = result.problem
     layout = problem.layout
     for suspicion in result.suspicions:
@@ -109,7 +109,7 @@ def parameter_lines(result: Solution) -> Iterator[str]:
 
 
 def rotary_words(result: Solution) -> Iterator[str]:
-    """Where rotary axes' lines lie, and what a table itself shows with the opposite sign."""
+    """Lines about rotary axes' average lines, and about signs when measured on a table."""
     yield from average_line_words(result.model)
     if any(reversed_parameters(result.model.machine, e) for e in result.model.effects):
         yield ON_THE_TABLE

@@ -30,7 +30,7 @@ _FEWEST = 8
 
 @dataclass(frozen=True, eq=False)
 class MeasuredCircle:
-    """One direction's readings, in the order of angle.
+    """The readings of one circular path, in the order of angle.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class MeasuredCircle:
 
 @dataclass(frozen=True, eq=False)
 class CircularResult:
-    """A circular test of one set-up; lengths mm, None for what cannot be told.
+    """The results of a circular test by ISO 230-4; lengths mm, None for what was not measured.
 
     Attributes
     ----------
@@ -90,13 +90,13 @@ class CircularResult:
     notes: tuple[str, ...]
 
     def centred(self, name: str) -> F64:
-        """A path's deviations without the instrument's eccentricity, (n,), mm."""
+        """A path's radial deviations without the instrument's eccentricity, (n,), mm."""
         path = self.paths[name]
         return path.deviation - _shift(path.angle, self.eccentricity)
 
 
 def evaluate_circles(campaign: Campaign) -> tuple[CircularResult, ...]:
-    """Every set-up of a campaign that went round a circle, u along its radius outwards."""
+    """Circular tests of a campaign: every set-up along a circle with u along its radius."""
     setup = campaign.conditions.setup
     found = []
     for name in campaign.setups if setup is not None else ():
@@ -113,7 +113,7 @@ def evaluate_circle(
     radius: float,
     paths: Mapping[str, MeasuredCircle],
 ) -> CircularResult:
-    """Evaluate the paths of one circular test."""
+    """Evaluate the paths of one circular test by ISO 230-4."""
     full = all(_gap(path.angle) <= _FULL for path in paths.values())
     angle = np.concatenate([p.angle for p in paths.values()])
     deviation = np.concatenate([p.deviation for p in paths.values()])

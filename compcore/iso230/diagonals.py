@@ -1,4 +1,4 @@
-"""Diagonal displacement tests, ISO 230-6, from a campaign's set-ups, and what they hint at.
+"""Diagonal displacement tests by ISO 230-6, from a campaign's set-ups, and squareness from them.
 
 A laser along a face or body diagonal sees scales, straightness and squareness together. Two
 crossing diagonals of a plane differ by the squareness: hence the hints, which hold as far as the
@@ -29,7 +29,7 @@ PLANES = (("X", "Y"), ("Y", "Z"), ("Z", "X"))
 
 @dataclass(frozen=True, eq=False)
 class Diagonal:
-    """One diagonal.
+    """The results of one diagonal displacement test by ISO 230-6; lengths mm.
 
     Attributes
     ----------
@@ -57,13 +57,13 @@ class Diagonal:
 
     @property
     def body(self) -> bool:
-        """Whether three axes move."""
+        """Whether it is a body diagonal (three axes move) and no face diagonal."""
         return sum(c in "+-" for c in self.name) == 3
 
 
 @dataclass(frozen=True)
 class Diagonals:
-    """All diagonals of a campaign.
+    """The diagonal displacement tests of a campaign, and the squarenesses that follow.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class Diagonals:
 
 
 def evaluate_diagonals(campaign: Campaign, machine: Machine) -> Diagonals:
-    """Find and evaluate the face and body diagonals of a campaign (axes X, Y, Z)."""
+    """Evaluate the face and body diagonals of a campaign (axes X, Y, Z) by ISO 230-6."""
     setup = campaign.conditions.setup
     found = []
     for name in campaign.setups if setup is not None else ():
@@ -99,7 +99,7 @@ def evaluate_diagonals(campaign: Campaign, machine: Machine) -> Diagonals:
 
 
 def squareness_hints(diagonals: Sequence[Diagonal]) -> dict[tuple[str, str], float]:
-    """Squareness from the slopes of diagonals, rad.
+    """Squarenesses from the slopes of diagonals: pair of axes → rad.
 
     To first order a diagonal of direction u changes its relative length by
     ``k_X u_X² + k_Y u_Y² + k_Z u_Z² − c_XY u_X u_Y − c_YZ u_Y u_Z − c_ZX u_Z u_X``: k the scales,

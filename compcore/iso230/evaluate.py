@@ -1,4 +1,4 @@
-"""Everything that ISO 230 makes of a campaign: positioning, circles, diagonals (parts 2, 4, 6)."""
+"""Evaluation of a campaign by ISO 230: positioning, circles, diagonals (parts 2, 4, 6)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from abbe.compcore.machine.machine import Machine
 
 @dataclass(frozen=True)
 class Iso230:
-    """The evaluation of a campaign by ISO 230.
+    """The results of a campaign by ISO 230-2, 230-4 and 230-6.
 
     Attributes
     ----------

@@ -30,7 +30,7 @@ _ALONG = 0.9999
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """The readings of one positioning test.
+    """The readings of one positioning test: targets, approaches, directions (ISO 230-2).
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Runs:
 
 @dataclass(frozen=True, eq=False)
 class PositioningResult:
-    """The results of ISO 230-2: mm or rad, None where too little was measured.
+    """The results of a positioning test by ISO 230-2: A, R, B, E, M, mm or rad; None: unknown.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ RESULTS = ("A", "A_up", "A_down", "R", "R_up", "R_down", "E", "E_up", "E_down", 
 
 
 def positioning_runs(campaign: Campaign, machine: Machine) -> list[Runs]:
-    """The set-ups of a campaign that measured the positioning of one axis.
+    """The positioning tests of a campaign: its set-ups along one axis.
 
     That is: of one linear axis its displacement along its own direction, of one rotary axis its
     rotation about its own axis, at more than one target, nothing else moving.
@@ -176,7 +176,7 @@ def tabulate(
     sense: NDArray[np.int64],
     step: float,
 ) -> Runs:
-    """Sort readings, in the order of time, into targets, runs and directions.
+    """Readings in the order of time, sorted into targets, approaches and directions.
 
     Positions (n,) less than `step` (mm or rad) apart are one target; `sense` (n,) is 1 upwards,
     −1 downwards.

@@ -1,4 +1,4 @@
-"""Common machines by name: their structure code, typical travels, what they measure position by."""
+"""Common machine tools and CMMs by name: structure code, typical travels, kind of scales."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Travel = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class CommonMachine:
-    """A kind of machine that many shops have.
+    """A common kind of machine tool or CMM: its structure code (ISO/TR 16907, 5.1) and travels.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ _ROTARY: Travel = (0.0, 360.0)
 
 
 def usual_travel(axis: str, kind: CommonMachine | None) -> Travel:
-    """What to propose for an axis's travel, mm (rotary: degrees).
+    """The usual travel of an axis of such a machine: its ends, mm (rotary: degrees).
 
     >>> usual_travel("A", None), usual_travel("X", COMMON_MACHINES["lathe"])
     ((0.0, 360.0), (0.0, 250.0))

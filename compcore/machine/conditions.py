@@ -1,4 +1,4 @@
-"""Conditions: the table of recorded signals on which effects are evaluated."""
+"""Conditions on which effects are evaluated: positions, directions and signals, row by row."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ F64 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SetupRows:
-    """The set-ups of a table of conditions.
+    """Which rows of a table of conditions belong to which set-up of the instrument.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class SetupRows:
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """n rows of what was recorded when the machine stood, or will stand, somewhere.
+    """Conditions of n measurements or predictions: indicated positions, directions, signals, tool.
 
     A number, or an array of one value, stands for all rows: one temperature beside many positions.
 
@@ -175,7 +175,13 @@ class Conditions:
         )
 
     def position(self, axis: str) -> F64:
-        """Indicated positions of an axis, shape (n,), mm (rotary: rad)."""
+        """Indicated positions of an axis, shape (n,), mm (rotary: rad).
+
+        Raises
+        ------
+        InputError
+            When none were recorded.
+        """
         try:
             return self.positions[axis]
         except KeyError:
@@ -224,7 +230,7 @@ class Conditions:
         return self._lags[key]
 
     def remembered(self, key: Hashable, source: F64, make: Callable[[], F64]) -> F64:
-        """What `make` computes from `source`, computed once while `source` is the same array.
+        """An array computed from `source` by `make`, kept as long as `source` is the same array.
 
         Six error motions of one axis share their basis functions. The result is read-only.
         """

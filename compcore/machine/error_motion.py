@@ -19,7 +19,7 @@ ABOUT: dict[str, Component] = {"X": "A", "Y": "B", "Z": "C"}
 
 @dataclass(frozen=True, slots=True)
 class ErrorMotion:
-    """One error motion: a component (X Y Z translation, A B C rotation) at one place.
+    """An error motion by ISO 230-1, such as E_YX: component (X Y Z, A B C) and axis or place.
 
     `place` is an axis, or `FUNCTIONAL_POINT` (translations of the tool point in machine axes),
     `SPINDLE` (between the last axis and the tool), `WORKPIECE` (between the workpiece and the first
@@ -31,12 +31,12 @@ class ErrorMotion:
 
     @property
     def rotation(self) -> bool:
-        """Whether it is an angle (rad) and not a length (mm)."""
+        """Whether the error motion is an angle (rad) and not a length (mm)."""
         return self.component in "ABC"
 
     @property
     def unit(self) -> str:
-        """Unit inside the code."""
+        """Unit inside the code: ``mm`` or ``rad``."""
         return "rad" if self.rotation else "mm"
 
     def __str__(self) -> str:

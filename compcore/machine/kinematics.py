@@ -1,4 +1,4 @@
-"""From error motions to the error at the functional point: levers, first-order and exact.
+"""From error motions to the error at the functional point (ISO 230-1): lever rule and exact chain.
 
 The machine is walked from workpiece to tool as a product of nominal moves, each written at the
 machine's zero position (product of exponentials): a linear axis moves along its direction by its
@@ -62,7 +62,7 @@ def rotation_xyz(a: F64, b: F64, c: F64) -> F64:
 
 
 class Chain:
-    """The nominal kinematic chain at n rows of conditions.
+    """The nominal kinematic chain of a machine, from workpiece to tool, at n rows of conditions.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ class Chain:
         return np.broadcast_to(np.eye(3), (self.conditions.n, 3, 3)) if turn is None else turn
 
     def screw(self, axis: str) -> tuple[F64, F64]:
-        """What a unit move of an axis does to the tool, in the workpiece's frame.
+        """Translation and rotation of the tool per unit move of an axis, workpiece's frame.
 
         Returns
         -------
@@ -163,7 +163,7 @@ class Chain:
         return crossed(direction, self.point - self._origin[axis]), direction
 
     def lever(self, place: str) -> F64:
-        """Vector from a place's error frame to the functional point, (n, 3), mm, machine axes.
+        """The lever of an error motion to the functional point, (n, 3), mm, machine axes.
 
         Raises
         ------
@@ -195,7 +195,7 @@ class Chain:
         return self.to_machine_axes(_apply(self._orientation[error_motion.place], unit, n))
 
     def influence(self, error_motion: ErrorMotion) -> tuple[F64, F64]:
-        """What one unit of an error motion does to the tool, to first order (the lever rule).
+        """Translation and rotation of the tool per unit of an error motion (the lever rule).
 
         Returns
         -------
@@ -248,7 +248,7 @@ class Chain:
 
 
 def first_order(chain: Chain, motions: Mapping[ErrorMotion, F64]) -> tuple[F64, F64]:
-    """Error at the functional point by the lever rule.
+    """Error at the functional point to first order, by the lever rule: the sum of t + ω × r.
 
     Parameters
     ----------
@@ -281,7 +281,7 @@ def first_order(chain: Chain, motions: Mapping[ErrorMotion, F64]) -> tuple[F64, 
 
 
 def exact(chain: Chain, motions: Mapping[ErrorMotion, F64]) -> tuple[F64, F64]:
-    """Error at the functional point with full rotations, accumulated along the chain.
+    """Error at the functional point with full rotations, composed along the chain.
 
     At each place in turn, from workpiece to tool: the linear error motions are added in nominal
     axes, the rotations ``Rx·Ry·Rz`` join those of the places before, and the accumulated rotation
@@ -302,7 +302,7 @@ def exact(chain: Chain, motions: Mapping[ErrorMotion, F64]) -> tuple[F64, F64]:
 def exact_steps(
     chain: Chain, motions: Mapping[ErrorMotion, F64]
 ) -> tuple[F64, F64, list[tuple[str, F64]]]:
-    """As `exact`, with the running sum after every step, each (n, 3), mm, for inspection."""
+    """The exact error with the running sum after every step of the chain, each (n, 3), mm."""
     n = chain.conditions.n
     places = [p for p in chain._origin if any(c.place == p for c in motions)]
     total = np.zeros((n, 3))

@@ -1,4 +1,4 @@
-"""First-order lag of a recorded signal: how a body follows the air or the sensor before it.
+"""First-order lag of a recorded signal: how the temperature of a body follows air or sensor.
 
 ``τ·dy/dt = T − y``. Between samples the input is taken as straight, for which the solution is exact
 at any spacing, so recorded campaigns and the live path (`LagState`) give the same numbers. The
@@ -20,7 +20,7 @@ _SPAN = 200.0
 
 
 def first_order_lag(time: F64, value: F64, tau: float) -> F64:
-    """The lagged signal at each row.
+    """A signal behind a first-order lag of time constant tau, at each row, in the signal's unit.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def first_order_lag(time: F64, value: F64, tau: float) -> F64:
 
 @dataclass(slots=True)
 class LagState:
-    """The same lag, one sample at a time, for the live path.
+    """First-order lag of a signal taken sample by sample, as the live path needs it.
 
     Attributes
     ----------

@@ -41,7 +41,7 @@ ROLES = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """One positioned axis.
+    """A positioned axis, linear or rotary: travel, direction, place of its line, rotation point.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ def nominal_direction(name: str) -> Vec3:
 
 
 def own_component(name: str) -> str:
-    """The translation (X, Y, Z) or rotation (A, B, C) that an axis itself commands.
+    """The component of an axis's own positioning error motion: X for E_XX, C for E_CC.
 
     >>> own_component("U"), own_component("C")
     ('X', 'C')
@@ -126,7 +126,7 @@ def own_component(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """One recorded signal that an effect may use: a temperature, a load, a feed.
+    """A recorded signal that effects may use, such as a temperature, a load or a feed.
 
     Attributes
     ----------
@@ -154,7 +154,7 @@ class Signal:
 
 @dataclass(frozen=True)
 class Machine:
-    """A machine as ISO/TR 16907, clause 5, describes one.
+    """A machine tool or CMM as ISO/TR 16907, clause 5, describes one: structure, axes, sensors.
 
     Attributes
     ----------
@@ -222,7 +222,7 @@ class Machine:
         return name in self.structure.workpiece_side
 
     def axis(self, name: str, field_name: str = "axis") -> Axis:
-        """An axis by name.
+        """The axis of a given name.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What a quantity can be at all: ranges by kind and unit, and how fast each can change.
+"""Plausible values of measured quantities: ranges by kind and unit, greatest rates of change.
 
 Far wider than what is normal, and far narrower than what a number can hold: a value outside comes
 from a wrong unit, a slipped decimal point, a broken sensor or a damaged file, and nothing that was
@@ -22,7 +22,7 @@ F64 = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """What a quantity can be.
+    """The range of plausible values of a quantity, in its unit, and its greatest rate of change.
 
     Attributes
     ----------
@@ -151,7 +151,7 @@ _LEAST_MARGIN_ROTARY = 36e3
 
 
 def signal_range(signal: Signal | None) -> Range:
-    """What a signal can be, by its role and unit; None for a column that the model does not name.
+    """The plausible range of a signal by its role and unit; None: not in the model.
 
     >>> from abbe.compcore.machine.machine import Signal
     >>> str(signal_range(Signal("T_x", "degC", "scale")))
@@ -175,7 +175,7 @@ def usual_unit(signal: Signal) -> str:
 
 
 def position_range(axis: Axis) -> Range:
-    """Where an axis can be recorded, mm (rotary: degrees): its travel, and half of it at each end.
+    """The plausible range of an axis's recorded positions, mm (rotary: degrees).
 
     A travel in a model file is what was mapped; set-ups reach beyond it, and controllers differ in
     where they count from. At least 50 mm, or a hundred turns, are allowed.
@@ -196,7 +196,7 @@ BODIES = ("scale", "structure", "workpiece", "ambient", "air", "other")
 
 
 def perhaps_fahrenheit(name: str, value: float, role: str) -> Iterator[str]:
-    """A temperature (°C) that makes sense only as °F; `role` as in the model file."""
+    """Whether a temperature (°C) is plausible only when read as °F; `role` as in the model file."""
     if role in BODIES and _FAHRENHEIT[0] <= value <= _FAHRENHEIT[1]:
         yield (
             f"{name} reads {value:.4g} °C; {value:.4g} °F would be {(value - 32.0) / 1.8:.3g} °C: "

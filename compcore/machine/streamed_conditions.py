@@ -1,4 +1,4 @@
-"""Conditions that come in blocks of rows: lagged signals go on where the last block ended."""
+"""Conditions read in blocks of rows, with lagged signals that continue from block to block."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from abbe.compcore.machine.lag import first_order_lag
 F64 = NDArray[np.float64]
 
 
-class Lags:
-    """The state of every lag at the end of the rows so far."""
+class LagStates:
+    """The lagged signals' state at the end of the rows read so far."""
 
     def __init__(self) -> None:
         self._states: dict[tuple[str, float], tuple[float, float, float]] = {}
         self._next: dict[tuple[str, float], tuple[float, float, float]] = {}
 
     def follow(self, name: str, tau: float, time: F64, value: F64) -> F64:
-        """A signal behind a lag over one piece, shape (n,); time (s) not before the piece before.
+        """A lagged signal over one block, shape (n,); time (s) not before the last block's.
 
         Asked again for the same piece it answers alike, until `settle`.
         """
@@ -38,15 +38,15 @@ class Lags:
         return lagged
 
     def settle(self) -> None:
-        """The piece is done with; the next one follows on it."""
+        """Close a block: the next one continues from its last row."""
         self._states |= self._next
 
 
 @dataclass(frozen=True, eq=False)
 class StreamedConditions(Conditions):
-    """A piece of a longer table in the order of time; `flow` keeps the lags between pieces."""
+    """A block of a longer table in the order of time; `flow` carries the lags between blocks."""
 
-    flow: Lags = field(default_factory=Lags)
+    flow: LagStates = field(default_factory=LagStates)
 
     def lag(self, name: str, tau: float) -> F64:
         """A signal behind a first-order lag of time constant `tau` (s), shape (n,)."""

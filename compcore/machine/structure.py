@@ -26,7 +26,7 @@ def is_rotary(axis: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Structure:
-    """A parsed structure code.
+    """A machine's structure by ISO/TR 16907, 5.1: its axes from workpiece to tool, and its spindle.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Structure:
 
     @classmethod
     def parse(cls, code: str) -> Structure:
-        """Read a structure code.
+        """The structure that a structure code such as ``w X' b Y Z C B (C) t`` describes.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What a signal commonly does, by its unit: narrower than what it can be at all (`plausible`).
+"""Typical ranges of signals in a workshop, by role and unit; narrower than the plausible ones.
 
 Where no measurement says more, effects take from here how large a coefficient may be, and the live
 tables for which temperatures and loads they are laid out.
@@ -13,7 +13,7 @@ from abbe.compcore.machine.plausible import usual_unit
 
 
 class Typical(NamedTuple):
-    """A signal in a common shop, in its own unit.
+    """The typical range of a signal in a workshop, in its own unit.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ _BY_UNIT = {
 
 
 def typical(signal: Signal) -> Typical:
-    """What such a signal commonly does; −1 to 1 where its unit says nothing.
+    """The typical range of a signal by its unit; −1 to 1 where the unit is unknown.
 
     >>> typical(Signal("n", "1/min")).high
     20000.0
@@ -62,7 +62,7 @@ def typical(signal: Signal) -> Typical:
 
 
 def typical_range(signal: Signal, machine: Machine) -> tuple[float, float]:
-    """Where a signal of a machine commonly is, temperatures as a thermometer shows them."""
+    """Least and greatest typical value of a signal; temperatures about the machine's reference."""
     zero = machine.reference_temperature if signal.temperature else 0.0
     found = typical(signal)
     return zero + found.low, zero + found.high

@@ -1,4 +1,4 @@
-"""One vendor's way of applying a compensation map, and its spelling on the command line.
+"""A vendor's convention for applying a CMM's compensation map: signs, rotation point, levers.
 
 Makers differ in the signs of a map's columns, in the point from which the levers of angular errors
 count, in whether an axis's own travel is part of its lever, and in the form of squareness.
@@ -31,7 +31,7 @@ _SIGN_EXPECTED = "L, R, Lx … Rz, an axis, or AXIS.COLUMN, then =1 or =-1 (R=-1
 
 @dataclass(frozen=True)
 class Convention:
-    """How a controller applies a map; the defaults are Abbe's own conventions.
+    """How a controller applies a compensation map; the defaults are Abbe's own conventions.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Convention:
         return -1.0 if (axis, component) in self.reversed else 1.0
 
     def check(self, machine: Machine) -> None:
-        """Refuse what the machine lacks.
+        """Check that the machine has every axis that the convention names.
 
         Raises
         ------
@@ -88,7 +88,7 @@ class Convention:
                     )
 
     def on(self, machine: Machine) -> Machine:
-        """The machine with this rotation point and these levers."""
+        """The machine with this convention's rotation points and levers."""
         if self.own_travel != "structure":
             acts: Acts = "before" if self.own_travel == "always" else "after"
             machine = _acting(machine, acts)
@@ -105,7 +105,7 @@ class Convention:
         return replace(machine, axes=axes)
 
     def options(self, axes: tuple[str, ...]) -> str:
-        """The options of ``abbe import-map`` that say the same; empty for Abbe's own."""
+        """The options of ``abbe import-map`` for this convention; empty for Abbe's own."""
         words = [f"--sign {selector}=-1" for selector in selectors(self.reversed, axes)]
         point = {a: p for a, p in (self.rotation_point or {}).items() if p != 0.0}
         if point:
@@ -130,7 +130,7 @@ def levers(machine: Machine, axis: str) -> tuple[str, ...]:
 
 
 def parse_signs(texts: Iterable[str], axes: tuple[str, ...]) -> frozenset[tuple[str, str]]:
-    """Signs as a command line gives them → the reversed columns; later ones count over earlier.
+    """The reversed columns of a map from signs as typed (``R=-1``); later ones count over earlier.
 
     >>> sorted(parse_signs(["Z.R=-1", "Z.Rx=1"], ("X", "Y", "Z")))
     [('Z', 'B'), ('Z', 'C')]
@@ -162,7 +162,7 @@ def parse_signs(texts: Iterable[str], axes: tuple[str, ...]) -> frozenset[tuple[
 
 
 def selectors(reversed_: frozenset[tuple[str, str]], axes: tuple[str, ...]) -> list[str]:
-    """The fewest selectors that name just these columns: ``L``, ``Ry``, ``Z.R``, ``X.Lz``."""
+    """The fewest column selectors (``L``, ``Ry``, ``Z.R``, ``X.Lz``) for just these columns."""
     left = set(reversed_)
     found: list[str] = []
 
@@ -185,7 +185,7 @@ def selectors(reversed_: frozenset[tuple[str, str]], axes: tuple[str, ...]) -> l
 
 
 def parse_rotation_point(text: str, ranges: Mapping[str, tuple[float, float]]) -> dict[str, float]:
-    """``X=200,Z=far`` → positions, mm.
+    """Rotation points as typed (``X=200,Z=far``): axis → position, mm.
 
     Each axis has a number, ``low`` or ``high`` (the ends of its table), ``far`` (the end farther
     from zero) or ``zero``. A text without ``=`` holds for every axis.

@@ -1,4 +1,4 @@
-"""Squareness in a map: a constant of an angular column or a gradient of a straightness column.
+"""Squareness in a compensation map: a constant of an angular column, or a gradient of straightness.
 
 The squareness of two axes (in the structure's order, workpiece to tool) is the angle by which all
 that stands behind the first axis's move is turned about the third direction ω. A map can hold it
@@ -40,7 +40,7 @@ def with_squareness(
     angle: float,
     form: Form,
 ) -> CompensationMap:
-    """The map with a squareness added to what its columns hold.
+    """The map with a squareness (rad) added to its columns, as angle or as gradient.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def with_squareness(
 
 
 def squareness_in(compensation: CompensationMap, pair: tuple[str, str], form: Form) -> float:
-    """How much squareness the columns of one form hold, rad (`with_squareness`).
+    """The squareness that a map's columns hold in one form, rad (`with_squareness`).
 
     Of an angular column the mean over its rows, of a straightness column the slope of its
     best-fit line: the parts that remain when a map is split into squareness and the rest.
@@ -87,7 +87,7 @@ def move_squareness(
     to: Form,
     angle: float | None = None,
 ) -> CompensationMap:
-    """A squareness taken out of the one form and put in as the other.
+    """The map with a squareness moved from one form to the other.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def move_squareness(
 def with_squareness_as(
     compensation: CompensationMap, form: Form | Literal["as written"], machine: Machine
 ) -> CompensationMap:
-    """The map with every pair's squareness in one form; as it is for ``as written``."""
+    """The map with every pair's squareness in one form; unchanged for ``as written``."""
     if form == "as written":
         return compensation
     other: Form = "gradient" if form == "angle" else "angle"
@@ -116,7 +116,7 @@ def with_squareness_as(
 
 
 def third_direction(pair: tuple[str, str]) -> tuple[str, float]:
-    """The direction ω that neither axis has, and ``(ω×u₂)·u₁``."""
+    """The rotation axis of a pair's squareness and its sign: ω and ``(ω×u₂)·u₁``."""
     first, second = (own_component(a) for a in pair)
     (third,) = set("XYZ") - {first, second}
     u = dict(zip("XYZ", np.eye(3), strict=True))

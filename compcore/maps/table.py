@@ -1,4 +1,4 @@
-"""What a compensation map holds: per axis, positions and six errors at each."""
+"""Tables of a CMM's compensation map: per axis, positions and six errors at each."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ COMPONENTS = "XYZABC"
 
 @dataclass(frozen=True, slots=True)
 class AxisTable:
-    """The table of one axis; between rows linear interpolation, beyond them the end rows.
+    """The compensation table of one axis: linear between rows, the end rows held beyond them.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class AxisTable:
 
     @property
     def range(self) -> tuple[float, float]:
-        """Least and greatest position, mm."""
+        """Least and greatest position of the table, mm."""
         return min(self.positions) + 0.0, max(self.positions) + 0.0
 
     def rising(self) -> AxisTable:
@@ -75,11 +75,11 @@ class AxisTable:
 
 @dataclass(frozen=True)
 class CompensationMap:
-    """A map: axis → its table, in the file's order; `source` is the file it came from."""
+    """A compensation map: axis → its table, in the file's order; `source` is the file."""
 
     tables: Mapping[str, AxisTable]
     source: str | None = None
 
     def replaced(self, *tables: AxisTable) -> CompensationMap:
-        """This map with some axes' tables exchanged."""
+        """The map with the tables of some axes replaced."""
         return replace(self, tables={**self.tables, **{t.axis: t for t in tables}})

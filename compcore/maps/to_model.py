@@ -1,4 +1,4 @@
-"""A compensation map: one table per axis of linear and angular errors; from map to model."""
+"""From a CMM's compensation map to a model that corrects as its controller does."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def import_map(
     squareness: Mapping[tuple[str, str], float] | None = None,
     name: str = "",
 ) -> Model:
-    """A model that corrects as a controller with this map and these conventions does.
+    """The model that corrects as a controller with this map and convention does.
 
     Every column becomes a ``table`` effect in Abbe's own signs; the rotation point and whether an
     axis's own travel is in its lever become properties of the axes; composition is exact. Nothing
@@ -75,7 +75,7 @@ def import_map(
 
 
 def map_machine(compensation: CompensationMap, structure: Structure, name: str = "") -> Machine:
-    """The machine of a map: its travels are the ranges of the tables.
+    """The machine of a map in a structure; travels are the ranges of its tables, mm.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def map_machine(compensation: CompensationMap, structure: Structure, name: str =
 
 
 def in_abbes_signs(compensation: CompensationMap, convention: Convention) -> CompensationMap:
-    """The map with every column's sign turned to error = actual − indicated, right-handed."""
+    """The map with every column as error = actual − indicated, rotations right-handed."""
     return CompensationMap(
         {
             axis: table.scaled([convention.sign(axis, letter) for letter in "XYZABC"])

@@ -1,4 +1,4 @@
-"""What is physically there: where rotary axes' lines lie, what a person measures on a table.
+"""Axis average lines as they physically are, and error motions as measured on a rotary table.
 
 An error is of the tool relative to the workpiece (docs/conventions.md). On the tool side of the
 bed that is what an indicator on the bed shows of the axis. On the workpiece side it is the
@@ -30,12 +30,12 @@ _UNSEEN = 5e-10
 
 
 def side_of(machine: Machine, axis: str) -> Side:
-    """On which side of the bed an axis is."""
+    """The side of the bed on which an axis is: workpiece or tool."""
     return "workpiece" if axis in machine.structure.workpiece_side else "tool"
 
 
 def seen_factor(machine: Machine, effect: Effect) -> float:
-    """By what an effect's linear parameters are multiplied to be what one measures on the part.
+    """The factor, 1 or −1, from an effect's linear parameters to what the part itself shows.
 
     −1 where all error motions that it moves are those of axes on the workpiece side: a level,
     an indicator or an R-test on the table itself shows the opposite of the error. 1 otherwise;
@@ -60,7 +60,7 @@ ON_THE_TABLE = (
 
 @dataclass(frozen=True, eq=False)
 class AverageLine:
-    """Where the axis average line of a rotary axis lies, all axes at zero.
+    """The position and orientation of a rotary axis's average line, all axes at zero.
 
     Attributes
     ----------
@@ -106,11 +106,11 @@ class AverageLine:
 
     @property
     def place(self) -> F64:
-        """Where the line is: what to enter for `configured`, shape (3,), mm."""
+        """A point of the line, shape (3,), mm: what to enter for `configured`."""
         return self.configured + self.offset
 
     def words(self) -> Iterator[str]:
-        """Sentences for people: what is there, and what to enter."""
+        """Sentences for people: where the line is, and what to enter."""
         yield self._place_words()
         if lean := self._lean_words():
             yield lean
@@ -163,7 +163,7 @@ class AverageLine:
 
 
 def average_lines(model: Model) -> tuple[AverageLine, ...]:
-    """Where the lines of rotary axes lie, of those with a fitted `rotary_location`.
+    """The average lines of all rotary axes with a fitted `rotary_location`.
 
     In the order of the structure. An axis that is carried by another lies where the other's line
     puts it: the place is the sum over all that stand between it and the bed.
@@ -274,7 +274,7 @@ def average_line_words(model: Model) -> Iterator[str]:
 
 
 def reversed_parameters(machine: Machine, effect: Effect) -> frozenset[str]:
-    """The parameters of an effect that have the opposite sign when measured on the table itself."""
+    """An effect's parameters whose sign is reversed when measured on the table itself."""
     if seen_factor(machine, effect) > 0.0:
         return frozenset()
     return frozenset(p.name for p in effect.linear(machine))

@@ -18,7 +18,7 @@ F64 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ErrorMap:
-    """Errors on a grid in a plane.
+    """Errors at the functional point on a grid in a plane, and the pair of worst length error.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ def error_map(
     tool: tuple[float, float, float] = (0.0, 0.0, 0.0),
     points: int = 15,
 ) -> ErrorMap:
-    """Map a fitted model's errors in the plane of two axes.
+    """Errors of a fitted model on a grid in the plane of two axes (Zhang et al., 1985).
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def error_map(
 
 
 def worst_pair(point: F64, error: F64) -> tuple[int, int, float]:
-    """The two points, (n, 3) mm, between which the error of length is largest, and that error."""
+    """The two of n points, (n, 3) mm, with the largest error of length, and that error, mm."""
     apart = point[:, None, :] - point[None, :, :]
     distance = np.linalg.norm(apart, axis=2)
     between = np.einsum("ijk,ijk->ij", apart, error[:, None, :] - error[None, :, :])

@@ -1,4 +1,4 @@
-"""Removing a correction: from where a machine really is, or is to be, back to what it indicates.
+"""Inversion of a correction: the indicated position for a given actual position.
 
 One equation serves both uses, ``x + error(x) = y``:
 
@@ -35,7 +35,7 @@ _RUNAWAY = 1e6
 
 @dataclass(frozen=True, eq=False)
 class Inverse:
-    """The solution of ``x + error(x) = y`` at n points.
+    """Solution of ``x + error(x) = y`` at n points, with the rounds and the contraction factor.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Inverse:
 def invert(
     error: ErrorField, target: F64, *, tolerance: float = 1e-10, rounds: int = 400
 ) -> Inverse:
-    """Solve ``x + error(x) = target``.
+    """Solve ``x + error(x) = target`` by fixed-point iteration.
 
     Parameters
     ----------
@@ -138,7 +138,8 @@ def _diverged(target: F64, factor: F64) -> NotContractionError:
 def invert_model(
     model: Model, target: Conditions, *, tolerance: float = 1e-10
 ) -> tuple[Conditions, Inverse]:
-    """Conditions whose positions are what the machine indicates when it really is at the target.
+    """Conditions at whose indicated positions the machine really is at the target, mm (rotary:
+    rad).
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ Composition = Literal["first-order", "exact"]
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """A parameter's value and standard deviation, units inside the code; sd None: not fitted."""
+    """A parameter's value and standard uncertainty, units inside the code; sd None: not fitted."""
 
     value: float
     sd: float | None = None
@@ -54,7 +54,7 @@ class Term:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a model says of n rows; error = actual − indicated, machine axes.
+    """Predicted error at the functional point at n rows; error = actual − indicated, machine axes.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Model:
-    """A machine and the effects that make it err.
+    """A machine and the effects that make it err, with parameter values and covariance.
 
     Attributes
     ----------
@@ -205,12 +205,12 @@ class Model:
 
     @property
     def measured_tool(self) -> tuple[tuple[float, float], ...]:
-        """Where x, y, z of the tool's offset ranged, mm; empty where that is not known."""
+        """Range of the tool's offset x, y, z in the fitted campaigns, mm; empty where unknown."""
         ranges = self.fit.get("measured", {}).get("tool", [])
         return tuple((float(low), float(high)) for low, high in ranges)
 
     def amended(self, conditions: Conditions) -> Conditions:
-        """The recorded conditions as the fitted effects say that they truly were.
+        """Conditions with sensor readings corrected by the fitted effects (`sensor_offset`).
 
         A sensor's offset, for one, is taken off its readings.
         """
@@ -234,7 +234,7 @@ class Model:
         return sums
 
     def predict(self, conditions: Conditions) -> Prediction:
-        """The error at the functional point at n rows of conditions."""
+        """The error at the functional point at n rows of conditions, by the model's composition."""
         return self._predict(Chain(self.machine, conditions))
 
     def _predict(self, chain: Chain) -> Prediction:
@@ -248,7 +248,7 @@ class Model:
         return Prediction(translation, rotation, _small_rotation(rotation))
 
     def axis_error(self, conditions: Conditions) -> dict[str, F64]:
-        """The error as moves of X, Y and Z that would cause it, each (n,), mm.
+        """The error at the functional point as equivalent moves of X, Y and Z, each (n,), mm.
 
         On a machine whose linear axes stand square to the bed these are the components of the
         error; where rotary axes carry linear ones, the components along those axes as they stand.
@@ -260,7 +260,7 @@ class Model:
         return {axis: along[:, k] for k, axis in enumerate("XYZ")}
 
     def contributions(self, conditions: Conditions) -> dict[str, F64]:
-        """Each fitted effect's own part of the first-order error, spec → (n, 3), mm.
+        """Each fitted effect's part of the first-order error: spec → (n, 3), mm.
 
         The parts sum to the first-order translation error.
         """

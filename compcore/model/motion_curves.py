@@ -16,7 +16,7 @@ F64 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class MotionCurve:
-    """One error motion along its own axis.
+    """An error motion of an axis along its travel, with standard uncertainty, mm or rad.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class MotionCurve:
 
 
 def motion_curves(model: Model, axis: str, points: int = 61) -> list[MotionCurve]:
-    """The error motions that a fitted model gives to one axis, translations first.
+    """The error motions of one axis by a fitted model, translations first.
 
     At the reference temperature, other signals 0, direction of approach unknown, the other axes in
     the middle of their travels. Evaluated at `points` places along the travel of `axis`.

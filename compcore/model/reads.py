@@ -1,4 +1,4 @@
-"""What an effect reads: found by letting it run on conditions that take note.
+"""Inputs of an effect, found by evaluating it on conditions that record every access.
 
 An effect says which positions and directions it uses, but not whether it looks at the clock, the
 tool or a lagged signal. Noting what it really reads covers all of these, and effects of plugin
@@ -20,7 +20,7 @@ F64 = NDArray[np.float64]
 
 @dataclass
 class Reads:
-    """The recorded conditions that an effect has looked at.
+    """The recorded conditions that an evaluation has accessed.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Reads:
 
     @property
     def slow(self) -> bool:
-        """Whether anything was read but positions and directions."""
+        """Whether anything but positions and directions was accessed."""
         return bool(self.signals or self.lags or self.others)
 
 
@@ -89,7 +89,7 @@ class _Watched(Conditions):
 
 
 def reads_of(evaluate: Callable[[Conditions], object], conditions: Conditions) -> Reads:
-    """What `evaluate` reads of some conditions (their lags taken as the signals themselves)."""
+    """The inputs that `evaluate` accesses of some conditions; a lag is the signal itself."""
     reads = Reads()
     watched = _Watched(
         positions=_Noting(conditions.positions, reads.positions),

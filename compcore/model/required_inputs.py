@@ -15,7 +15,7 @@ _ROOM_TEMPERATURE = 20.0
 
 @dataclass(frozen=True)
 class RequiredInputs:
-    """The inputs that a model's fitted effects read besides positions and tool.
+    """The inputs of a model's fitted effects besides positions and tool.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class RequiredInputs:
 
     @classmethod
     def of(cls, model: Model) -> RequiredInputs:
-        """Found by letting the effects run on conditions that take note of what they look at."""
+        """The inputs of a model, found by evaluating its effects on recording conditions."""
         machine = model.machine
         probe = Conditions.at(
             {a: machine.axis(a).middle for a in machine.structure.axes},
@@ -55,7 +55,7 @@ class RequiredInputs:
 
 
 def validity(model: Model) -> dict[str, tuple[float, float]]:
-    """Axis → the range in which nothing is held: its travel, and all tables over its position.
+    """Axis → the range, mm (rotary: rad), in which no end value is held: travel and all tables.
 
     mm (rotary: rad).
     """

@@ -1,4 +1,4 @@
-"""Adding an effect to a model and taking one out: the next version, before it is refitted."""
+"""Adding an effect to a model or removing one: the next version, before it is refitted."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DETAIL = ("shape", "positions", "harmonics", "tau", "period")
 
 
 def identity(effect: Effect) -> tuple[str, tuple[tuple[str, str], ...]]:
-    """What makes two effects the same cause: kind and place, whatever the detail."""
+    """Key of an effect as a cause: kind and place, without its detail (shape, harmonics)."""
     where = effect.where()
     return effect.kind, tuple(sorted((k, str(v)) for k, v in where.items() if k not in DETAIL))
 

@@ -1,4 +1,4 @@
-"""What each parameter of a model does to the error at the functional point, anywhere."""
+"""Sensitivities of the error at the functional point to a model's parameters."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def _add(chain: Chain, motion: Motion, translation: F64, rotation: F64, where: s
 
 
 def prediction_sd(model: Model, conditions: Conditions) -> tuple[F64, F64]:
-    """Standard uncertainty of what a model predicts.
+    """Standard uncertainty of a model's predicted error, from the fit's covariance.
 
     What the campaign did not determine counts with the width of its plausible range, so that a
     prediction which needs it is honestly uncertain, and one that does not is unaffected. The

@@ -1,4 +1,4 @@
-"""The model to begin with: every error motion of every axis, and what known sensors explain.
+"""The start model: every error motion of every axis, and the thermal effects of known sensors.
 
 No values yet: `abbe.compcore.fitting` finds those. What a campaign cannot determine the fit says
 itself, and what is missing the diagnosis proposes; so this holds what every machine of its
@@ -29,8 +29,8 @@ _TURNED = {"A": "X", "B": "Y", "C": "Z"}
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
-    """What of a start model depends on how the machine will be measured.
+class StartOptions:
+    """Options of a start model: how the machine will be measured.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Wanted:
 
 
 def usual_shape(axis: Axis) -> str:
-    """A spline with a coefficient every 100 mm and four more, 6 to 16.
+    """The usual shape of an axis's error motions: spline:4 + travel/100 mm, 6 to 16.
 
     Twice as many measured positions along the axis determine it well.
 
@@ -63,15 +63,15 @@ def usual_shape(axis: Axis) -> str:
     return f"spline:{min(max(count, _FEWEST), _MOST)}"
 
 
-def start_model(machine: Machine, wanted: Wanted | None = None) -> Model:
-    """A model without values that `fit` takes.
+def start_model(machine: Machine, wanted: StartOptions | None = None) -> Model:
+    """The start model of a machine, without values, ready for `fit`.
 
     Raises
     ------
     InputError
         For a shape that does not exist, or a table, whose positions nobody has stated.
     """
-    wanted = wanted or Wanted()
+    wanted = wanted or StartOptions()
     if wanted.shape == "table":
         raise InputError(
             "a table needs its positions",
@@ -85,7 +85,7 @@ def start_model(machine: Machine, wanted: Wanted | None = None) -> Model:
     return Model(machine).with_effects(*effects)
 
 
-def _effects(machine: Machine, wanted: Wanted) -> Iterator[Effect]:
+def _effects(machine: Machine, wanted: StartOptions) -> Iterator[Effect]:
     for name in machine.structure.axes:
         axis = machine.axes[name]
         yield from _rotary(axis, wanted) if axis.rotary else _linear(axis, wanted)
@@ -100,7 +100,7 @@ def _effects(machine: Machine, wanted: Wanted) -> Iterator[Effect]:
     yield from _thermal(machine)
 
 
-def _linear(axis: Axis, wanted: Wanted) -> Iterator[Effect]:
+def _linear(axis: Axis, wanted: StartOptions) -> Iterator[Effect]:
     """The six error motions of a carriage, and its play."""
     shape = usual_shape(axis) if wanted.shape is None else wanted.shape
     where = {"axis": axis.name, "shape": shape}
@@ -114,7 +114,7 @@ def _linear(axis: Axis, wanted: Wanted) -> Iterator[Effect]:
         yield make_effect("backlash", {"axis": axis.name})
 
 
-def _rotary(axis: Axis, wanted: Wanted) -> Iterator[Effect]:
+def _rotary(axis: Axis, wanted: StartOptions) -> Iterator[Effect]:
     """Where the axis's line lies, and how far the axis turns too far; its other motions on wish."""
     form: dict[str, str] = {"axis": axis.name}
     if 2.0 * axis.half_travel < _WHOLE_TURN:

@@ -1,4 +1,4 @@
-"""How sure a prediction is (ISO/TR 16907, 11.1): the fit's part, and what nobody measured."""
+"""Uncertainty of a prediction (ISO/TR 16907, 11.1), inside and outside of what was measured."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _SLACK = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class Beyond:
-    """A quantity that lies outside of what was measured.
+class OutsideMeasured:
+    """A position, temperature or tool offset outside of the measured range.
 
     Attributes
     ----------
@@ -62,11 +62,11 @@ class PredictionUncertainty:
 
     translation: F64
     rotation: F64
-    beyond: tuple[Beyond, ...]
+    beyond: tuple[OutsideMeasured, ...]
 
 
 def uncertainty(model: Model, conditions: Conditions) -> PredictionUncertainty | None:
-    """The standard uncertainty of a fitted model's prediction; None without a covariance.
+    """The standard uncertainty of a fitted model's prediction, mm; None without a covariance.
 
     Two parts, independent of each other: that of the fitted parameters
     (`sensitivity.prediction_sd`), and, outside of the positions, signals and tools of the campaigns
@@ -86,9 +86,9 @@ def uncertainty(model: Model, conditions: Conditions) -> PredictionUncertainty |
     return PredictionUncertainty(moved, turned, tuple(beyond))
 
 
-def _nearest(model: Model, conditions: Conditions) -> tuple[Conditions, list[Beyond]]:
+def _nearest(model: Model, conditions: Conditions) -> tuple[Conditions, list[OutsideMeasured]]:
     """The nearest conditions that were measured, and what had to be moved to get there."""
-    beyond: list[Beyond] = []
+    beyond: list[OutsideMeasured] = []
     positions = dict(conditions.positions)
     for axis, ends in model.measured_positions.items():
         if axis in positions:
@@ -112,9 +112,9 @@ def _nearest(model: Model, conditions: Conditions) -> tuple[Conditions, list[Bey
     return found, beyond
 
 
-def unmeasured(model: Model, ranges: Mapping[str, tuple[float, float]]) -> list[Beyond]:
-    """What of many points lies outside: axis → least and greatest position, mm (rotary: rad)."""
-    beyond: list[Beyond] = []
+def unmeasured(model: Model, ranges: Mapping[str, tuple[float, float]]) -> list[OutsideMeasured]:
+    """Axes on which points lie outside of what was measured; ranges in mm (rotary: rad)."""
+    beyond: list[OutsideMeasured] = []
     for axis, ends in model.measured_positions.items():
         if axis in ranges:
             unit, scale = ("°", 180.0 / np.pi) if is_rotary(axis) else ("mm", 1.0)
@@ -123,7 +123,7 @@ def unmeasured(model: Model, ranges: Mapping[str, tuple[float, float]]) -> list[
 
 
 def _held(
-    name: str, values: F64, ends: tuple[float, float], unit: str, beyond: list[Beyond]
+    name: str, values: F64, ends: tuple[float, float], unit: str, beyond: list[OutsideMeasured]
 ) -> F64 | None:
     """Values brought into a range; None where they are there already."""
     low, high = ends
@@ -131,7 +131,7 @@ def _held(
     out = np.maximum(low - values, values - high)
     if not (out > slack).any():
         return None
-    beyond.append(Beyond(name, float(values[int(np.nanargmax(out))]), low, high, unit))
+    beyond.append(OutsideMeasured(name, float(values[int(np.nanargmax(out))]), low, high, unit))
     return np.clip(values, low, high)
 
 
@@ -140,11 +140,11 @@ UNKNOWN = "± is not known: imported, typed in, or changed since the model was f
 
 
 def in_words(found: PredictionUncertainty | None) -> Iterator[str]:
-    """Warnings about what lies outside of what was measured."""
+    """Warnings about positions, temperatures and tools outside of the measured range."""
     for one in () if found is None else found.beyond:
         yield f"{one}: the ± is wider for it"
 
 
 def expanded(found: PredictionUncertainty, row: int = 0) -> Mapping[str, float]:
-    """± of the error of the functional point in X, Y, Z at one row, with k = 2, mm."""
+    """Expanded uncertainty (k = 2) of the error at the functional point, one row, mm."""
     return {a: float(COVERAGE * found.translation[row, k]) for k, a in enumerate("XYZ")}

@@ -1,4 +1,4 @@
-"""What a controller can hold, as data: which tables, how many points, how fine, how large."""
+"""A controller's compensation tables as data: types, number of points, resolution, range."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _UNLIMITED = 10_000
 
 @dataclass(frozen=True, slots=True)
 class Spacing:
-    """Where points may stand.
+    """Rule for the positions of a table's points: free, equidistant or powers of two.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Spacing:
 
 @dataclass(frozen=True, slots=True)
 class Increment:
-    """Incremental tables: each entry is a step from the entry before it.
+    """Rule for incremental tables: each entry is the step from the entry before it.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Increment:
 
 @dataclass(frozen=True, slots=True)
 class Holds:
-    """One family of tables.
+    """A family of compensation tables that a controller holds (axis, cross, product, plane, grid).
 
     Attributes
     ----------
@@ -119,23 +119,23 @@ class Holds:
     takes: tuple[int, int] = (1, 1)
 
     def serves(self, axis: str, output: str) -> bool:
-        """Whether a table may look up an axis and correct another, or the same."""
+        """Whether a table of the family may look up one axis and correct another."""
         return (self.inputs is None or axis in self.inputs) and (
             self.outputs is None or output in self.outputs
         )
 
     def spacing_of(self, axis: str) -> Spacing:
-        """The rule for points on one axis."""
+        """The rule for the points on one axis."""
         return self.rotary_spacing if is_rotary(axis) else self.spacing
 
     def step(self, rotation: bool) -> float:
-        """Step of the values, mm or, of an angle, rad."""
+        """Resolution of the values, mm or, of an angle, rad."""
         return self.rotary_resolution if rotation else self.resolution
 
 
 @dataclass(frozen=True, slots=True)
 class Capability:
-    """What a controller can hold.
+    """All families of compensation tables that a controller holds, and how it looks them up.
 
     Attributes
     ----------
@@ -169,15 +169,15 @@ class Capability:
         return tuple(dict.fromkeys(t for h in self.holds for t in h.types))
 
     def form(self, form: Form) -> Holds | None:
-        """The family of a form, None where there is none."""
+        """The family of a form; None where the controller has none."""
         return next((h for h in self.holds if h.form == form), None)
 
     def without(self, form: Form) -> Capability:
-        """The same without tables of a form."""
+        """The capability without the families of a form."""
         return replace(self, holds=tuple(h for h in self.holds if h.form != form))
 
     def unlimited(self) -> Capability:
-        """The same kinds of tables without limits of points, resolution and range."""
+        """The same families without limits of points, resolution and range."""
         holds = tuple(
             replace(
                 h,

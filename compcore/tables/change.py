@@ -1,4 +1,4 @@
-"""How much the predicted error changes anywhere from one slow state to another."""
+"""Change of the predicted error from one state of temperatures, load and tool to another."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ _POINTS = 610
 
 
 @dataclass(frozen=True)
-class Shift:
-    """The largest change of the predicted error.
+class LargestChange:
+    """The largest change of the predicted error over a volume, and where it is, mm.
 
     Attributes
     ----------
@@ -30,10 +30,12 @@ class Shift:
     where: dict[str, float]
 
 
-def predicted_change(model: Model, volume: Volume, before: SlowState, after: SlowState) -> Shift:
-    """The largest change of a model's error over a volume between two slow states."""
+def predicted_change(
+    model: Model, volume: Volume, before: SlowState, after: SlowState
+) -> LargestChange:
+    """The largest change of a model's error over a volume between two states."""
     where = volume.spread(model.machine.structure.axes, _POINTS)
     change = ErrorField(model, after)(where) - ErrorField(model, before)(where)
     length = np.linalg.norm(change, axis=1)
     worst = int(length.argmax())
-    return Shift(float(length[worst]), {a: float(p[worst]) for a, p in where.items()})
+    return LargestChange(float(length[worst]), {a: float(p[worst]) for a, p in where.items()})

@@ -36,7 +36,7 @@ Role = Literal[
 
 @dataclass(frozen=True, slots=True)
 class CompensationType:
-    """One type of compensation.
+    """A type of compensation of ISO/TR 16907, 8.2, such as L-POS.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ TYPES: Mapping[str, CompensationType] = {
 
 @dataclass(frozen=True, slots=True)
 class MotionDependence:
-    """What of one error motion an effect moves, and what that depends on.
+    """One error motion that an effect moves, and the positions and directions it depends on.
 
     Attributes
     ----------
@@ -159,7 +159,7 @@ class MotionDependence:
     effect: str = ""
 
     def role(self, machine: Machine) -> Role:
-        """What it is to its axis."""
+        """The role of the error motion for its axis: positioning, straightness, angular, …"""
         place, component = self.error_motion.place, self.error_motion.component
         if self.tool or not {*self.positions, *self.directions} <= {place}:
             return "beyond"
@@ -192,7 +192,7 @@ def _beside_the_axes(machine: Machine, error_motion: ErrorMotion) -> Role:
 
 
 def expand(names: Iterable[str]) -> frozenset[str]:
-    """Types with all those that they contain.
+    """Types of compensation with all those that they contain (L-VOL contains L-POS, …).
 
     Raises
     ------
@@ -217,7 +217,7 @@ def expand(names: Iterable[str]) -> frozenset[str]:
 
 
 def on_machine(names: Iterable[str], machine: Machine) -> tuple[str, ...]:
-    """What types come to on a machine: without two rotary axes no orientation is corrected.
+    """The types of compensation possible on a machine: without two rotary axes no orientation.
 
     L-VOL+ and R-VOL+ move rotary axes to correct the orientation (8.2.8, 8.2.14). With fewer than
     two, what is left of them is L-VOL and R-VOL; without any, types of rotary axes hold nothing.
@@ -278,7 +278,7 @@ def _changes_with_time(machine: Machine, effect: Effect, nonlinear: Mapping[str,
 
 @dataclass(frozen=True)
 class TypesNeeded:
-    """What it takes to hold a model in tables.
+    """The types of compensation that a model's effects need, and what is beyond all types.
 
     Attributes
     ----------

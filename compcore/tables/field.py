@@ -1,4 +1,4 @@
-"""The model's error at stated temperatures and tool, at the positions where tables look it up."""
+"""The error field of a model at stated temperatures and tool, where tables look it up."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _KEPT = 100
 
 @dataclass(frozen=True, eq=False)
 class ErrorField:
-    """A model's error at one slow state (temperatures, tool, …), as a function of positions.
+    """A model's error as a function of positions, at one state of temperatures, load and tool.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class ErrorField:
     def conditions(
         self, positions: Mapping[str, F64], directions: Mapping[str, F64] | None = None
     ) -> Conditions:
-        """The state at n rows of positions (mm or rad) and directions, each (n,)."""
+        """Conditions of this state at n rows of positions (mm or rad) and directions, each (n,)."""
         return self.state.conditions(positions, directions or {})
 
     def __call__(
@@ -102,7 +102,7 @@ class ErrorField:
     def motions(
         self, positions: Mapping[str, F64], directions: Mapping[str, F64] | None = None
     ) -> dict[ErrorMotion, F64]:
-        """The error motions at the same places as the error, each (n,), mm or rad."""
+        """The error motions where tables are looked up, each (n,), mm or rad."""
         here = self.conditions(positions, directions)
         if self.lookup == "command":
             error = self(positions, directions)
@@ -115,7 +115,7 @@ class ErrorField:
         positions: Mapping[str, F64],
         directions: Mapping[str, F64] | None = None,
     ) -> F64:
-        """The error that tables stand for, as moves of X, Y and Z, (n, 3), mm.
+        """The error that tables compensate, as moves of X, Y and Z, (n, 3), mm.
 
         Error motions go through the machine's levers as the model composes them.
         """
@@ -131,7 +131,7 @@ class ErrorField:
         return total + self.composed(motions, conditions) if motions else total
 
     def composed(self, motions: Mapping[ErrorMotion, F64], conditions: Conditions) -> F64:
-        """Moves of X, Y, Z by error motions, as the model composes them, (n, 3), mm."""
+        """Moves of X, Y, Z that error motions compose to, (n, 3), mm."""
         chain = Chain(self.model.machine, conditions)
         compose = exact if self.model.composition == "exact" else first_order
         moved = compose(chain, motions)[0]
@@ -175,7 +175,7 @@ def table_state(
     time: float = 0.0,
     spindle_angle: float | None = None,
 ) -> SlowState:
-    """The state at which tables are made; all signals that the model reads must be stated.
+    """The state (temperatures, load, tool) at which tables are made; all signals must be stated.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Forms of a table for people and files: reversal, and absolute values or increments.
+"""Forms of a compensation table (ISO/TR 16907, 9.2): reversal columns, increments.
 
 ISO/TR 16907, 9.2: values of the two directions stand in two columns, or the second holds only their
 difference, or there is one value of half the reversal that is added or taken off.
@@ -28,7 +28,7 @@ Entries = Literal["absolute", "incremental"]
 
 
 def reversal_columns(table: Table, reversal: Reversal) -> tuple[F64, F64]:
-    """A table's two columns, each (n,), in its sign; of ``single`` the second is the same n times.
+    """The two reversal columns of a table (9.2.3), each (n,), in its sign.
 
     >>> nodes = np.array([0.0, 50.0, 100.0])
     >>> up, down = np.array([0.0, 0.0015, 0.0019]), np.array([0.0008, 0.0022, 0.0025])
@@ -47,7 +47,7 @@ def reversal_columns(table: Table, reversal: Reversal) -> tuple[F64, F64]:
 
 
 def from_reversal(table: Table, second: F64, reversal: Reversal) -> Table:
-    """The table whose first column is `table`'s forward values and whose second is given."""
+    """The table with two directions from its forward values and a second reversal column."""
     first = table.forward
     if reversal == "columns":
         up, down = first, second
@@ -59,7 +59,7 @@ def from_reversal(table: Table, second: F64, reversal: Reversal) -> Table:
 
 
 def to_single(table: Table) -> Table:
-    """The nearest table whose two directions differ by the same amount everywhere."""
+    """The nearest table whose reversal is a single value (9.2.3), the same everywhere."""
     if not table.directional:
         return table
     mean, half = reversal_columns(table, "single")
@@ -67,7 +67,7 @@ def to_single(table: Table) -> Table:
 
 
 def increments(values: F64, nodes: F64, origin: float) -> F64:
-    """Absolute values → what is added from each point to the next one away from the origin.
+    """Incremental values from absolute ones, counted from the origin outwards.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def increments(values: F64, nodes: F64, origin: float) -> F64:
 
 
 def accumulated(steps: F64, nodes: F64, origin: float) -> F64:
-    """Increments as `increments` gives them → absolute values, (n,)."""
+    """Absolute values from incremental ones, (n,), as `increments` gives them."""
     at = _origin(nodes, origin)
     found = np.empty(len(steps))
     found[at:] = np.cumsum(steps[at:])

@@ -1,4 +1,4 @@
-"""Spatial grids: three translations and three rotations at the points of a volume.
+"""Spatial error grids (ISO/TR 16907, 9.3): three translations, three rotations at each point.
 
 Straight from the model: a grid holds whatever the model says, also what no set of axis tables could
 (ISO/TR 16907, 9.3). Pairs of rotary axes have grids of their own, whose values are relative to both
@@ -32,7 +32,7 @@ def spatial_grid(
     others: Mapping[str, float] | None = None,
     directions: Mapping[str, float] | None = None,
 ) -> tuple[Table, ...]:
-    """The model's error on a grid.
+    """The spatial error grid of a model: ΔX ΔY ΔZ (mm), ΔA ΔB ΔC (rad) at its points.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Tables of a model in one call: its error at stated conditions, on what a controller holds."""
+"""Compensation tables of a model for a controller, in one call."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def project_tables(
     tolerance: float = TOLERANCE,
     present: Sequence[Table] = (),
 ) -> Projection:
-    """The tables that leave least of a model's error, of those that a controller can hold.
+    """The compensation tables that leave least of a model's error, within a controller's limits.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ def conditions_record(field: ErrorField, volume: Volume) -> dict[str, Any]:
 
 
 def model_record(model: Model, file: str, sha256: str) -> dict[str, Any]:
-    """Which model, fitted when and to which measurements."""
+    """The model in the record: file, checksum, date of the fit, campaigns."""
     keep = ("date", "campaigns", "n", "unit", "rms", "noise_floor", "abbe")
     return {
         "file": file,
@@ -53,7 +53,7 @@ def model_record(model: Model, file: str, sha256: str) -> dict[str, Any]:
 
 
 def unit_of_entries(table: Table) -> tuple[str, float]:
-    """Unit in which a record tells a table's values, and the factor to it.
+    """Unit of a table's values in a record, and the factor to it.
 
     >>> import numpy as np
     >>> from abbe.compcore.tables.table import move
@@ -66,7 +66,7 @@ def unit_of_entries(table: Table) -> tuple[str, float]:
 
 
 def tables_record(tables: Sequence[Table]) -> list[dict[str, Any]]:
-    """Each table in a line."""
+    """Each table as one entry of the record: name, points, largest value."""
     found = []
     for table in tables:
         unit, factor = unit_of_entries(table)
@@ -90,7 +90,7 @@ def _axes(table: Table) -> list[tuple[str, Any]]:
 
 
 def remainder_record(remainder: Remainder) -> dict[str, Any]:
-    """What is left, in µm."""
+    """The error that remains with the tables, µm."""
     return {
         "unit": "um",
         "rms": remainder.rms * 1e3,
@@ -117,7 +117,7 @@ def full_record(
     trust: Mapping[str, str],
     superposed: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
-    """All of it.
+    """The whole record that goes with tables (ISO/TR 16907, 9.1).
 
     Parameters
     ----------

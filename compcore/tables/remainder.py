@@ -1,4 +1,4 @@
-"""What is left of the error in the working volume with a set of tables, and without any."""
+"""Residual error in the working volume, with a set of compensation tables and without."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _POINTS = 2584
 
 @dataclass(frozen=True, eq=False)
 class Remainder:
-    """The error that is left over a volume, up to a shift of the whole.
+    """The residual error over a volume, up to a shift of the whole, mm.
 
     A constant shift moves the datum along and is no error of a part: volumetric accuracy counts
     relative deviations (ISO 230-1:2012, 3.8.3). It is told apart.
@@ -49,7 +49,7 @@ class Remainder:
 
 @dataclass(frozen=True, eq=False)
 class TrialPoints:
-    """Points of a volume with the field's error at each, to try sets of tables on.
+    """Points of a volume with the error at each, on which sets of tables are compared.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class TrialPoints:
 
     @classmethod
     def over(cls, field: ErrorField, volume: Volume, count: int = _POINTS) -> TrialPoints:
-        """Points spread over a volume, its axes arriving from either side where that matters."""
+        """Points spread over a volume, approached from both sides where the error depends on it."""
         machine = field.model.machine
         where = volume.spread(machine.structure.axes, count)
         rng = np.random.default_rng(16907)
@@ -78,7 +78,7 @@ class TrialPoints:
         return cls(field, where, facing, field(where, facing))
 
     def remainder(self, tables: Iterable[Table] = ()) -> Remainder:
-        """What is left with a set of tables; without: the error itself."""
+        """The residual error with a set of tables; without tables the error itself."""
         removed = self.field.removed(tuple(tables), self.positions, self.directions)
         left = self.errors - removed
         shift = left.mean(axis=0)

@@ -1,4 +1,4 @@
-"""One table as controllers hold it: nodes, values, sign; linear between nodes, ends held."""
+"""Compensation tables: nodes, values, sign; linear between nodes, end values held."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ F64 = NDArray[np.float64]
 
 
 class Sign(StrEnum):
-    """Which of the two a number is (ISO/TR 16907, 3.14)."""
+    """Sign of a table's values (ISO/TR 16907, 3.14): error, or compensation = −error."""
 
     ERROR = "error"
     """actual − indicated"""
@@ -27,19 +27,19 @@ class Sign(StrEnum):
 
     @property
     def factor(self) -> float:
-        """What an error is multiplied by: 1 or −1."""
+        """The factor from an error to a value of this sign: 1 or −1."""
         return 1.0 if self is Sign.ERROR else -1.0
 
 
 def move(axis: str) -> ErrorMotion:
-    """A table's output that is a move of X, Y or Z (a turn of A, B, C at the functional point)."""
+    """The output of a table that moves X, Y or Z (or turns A, B, C) at the functional point."""
     component: Component = axis  # type: ignore[assignment]
     return ErrorMotion(FUNCTIONAL_POINT, component)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
-    """One number as a piecewise linear function of one to three axes' positions.
+    """A compensation table: one error motion, piecewise linear over one to three axes' positions.
 
     Attributes
     ----------
@@ -98,17 +98,17 @@ class Table:
 
     @property
     def direct(self) -> bool:
-        """Whether the number moves an axis itself, without levers."""
+        """Whether the table moves an axis itself, without levers."""
         return self.output.place == FUNCTIONAL_POINT
 
     @property
     def directional(self) -> bool:
-        """Whether the two directions differ."""
+        """Whether the values of the two approach directions differ."""
         return self.backward is not None
 
     @property
     def downward(self) -> F64:
-        """The values on the way down, whether they differ or not."""
+        """The values for negative approach, whether they differ or not."""
         return self.forward if self.backward is None else self.backward
 
     def as_sign(self, sign: Sign) -> Table:
@@ -123,12 +123,12 @@ class Table:
         return replace(self, forward=self.forward * factor, backward=backward)
 
     def at(self, *positions: F64, upward: bool = True) -> F64:
-        """Values at positions (n,) of each input, in its sign; the lever not applied."""
+        """Values at positions (n,) of each input, in the table's sign; the lever is not applied."""
         values = self.forward if upward else self.downward
         return interpolate(self.nodes, values, positions)
 
     def value(self, conditions: Conditions) -> F64:
-        """The error that the table stands for at n rows, mm or rad, the lever applied.
+        """The error that the table compensates at n rows, mm or rad, lever applied.
 
         Where the direction is not known, the mean of the two.
         """
@@ -145,11 +145,11 @@ class Table:
         return values * self.sign.factor
 
     def reach(self, travel: tuple[float, float]) -> float:
-        """What a lever multiplies the values by at most, its axis in a travel, mm; 1 without."""
+        """The largest factor of the lever, its axis within a travel, mm; 1 without lever."""
         return 1.0 if self.lever is None else max(abs(end - self.lever[1]) for end in travel)
 
     def on(self, *nodes: F64) -> Table:
-        """The same table read at other nodes; exact where they include the present ones."""
+        """The table at other nodes; exact where they include the present ones."""
         mesh = np.meshgrid(*nodes, indexing="ij")
         flat = [m.reshape(-1) for m in mesh]
         shape = mesh[0].shape
@@ -161,7 +161,7 @@ class Table:
         )
 
     def plus(self, other: Table) -> Table:
-        """The sum of two tables of the same number, in this one's sign, on the nodes of both.
+        """The sum of two tables of the same error motion, in this one's sign, on the nodes of both.
 
         Raises
         ------
@@ -179,11 +179,11 @@ class Table:
         return replace(mine, forward=mine.forward + theirs.forward, backward=backward)
 
     def same_number(self, other: Table) -> bool:
-        """Whether two tables hold the same number as a function of the same axes."""
+        """Whether two tables are of the same error motion over the same axes."""
         return (self.output, self.inputs, self.lever) == (other.output, other.inputs, other.lever)
 
     def difference(self, other: Table) -> float:
-        """Largest difference between two tables of the same number, anywhere, mm or rad."""
+        """Largest difference of two tables of the same error motion, anywhere, mm or rad."""
         change = self.plus(other.as_sign(self.sign).scaled(-1.0))
         return float(max(np.abs(change.forward).max(), np.abs(change.downward).max()))
 
@@ -193,7 +193,7 @@ class Table:
 
 
 def tables_of(tables: Iterable[Table], axis: str) -> tuple[Table, ...]:
-    """Those tables that look up an axis first, in order."""
+    """The tables whose first input is an axis, in order."""
     return tuple(t for t in tables if t.inputs[0] == axis)
 
 
@@ -207,7 +207,7 @@ def unit_of_position(axis: str) -> tuple[str, float]:
 
 
 def superposed(new: Iterable[Table], present: Iterable[Table]) -> tuple[Table, ...]:
-    """New tables added to those that a controller holds already (ISO/TR 16907, 10).
+    """New tables added to those that a controller already holds (ISO/TR 16907, 10.5).
 
     Tables of a number that only one of the two holds are taken as they are, as errors.
     """

@@ -1,4 +1,4 @@
-"""The working volume over which a table is to be the best, and points spread over it."""
+"""The working volume for which tables are optimised, and points spread over it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ six; no two axes' coordinates are equal or mirrored (from 13 points on; with 7 u
 
 @dataclass(frozen=True)
 class Volume:
-    """Ranges of all axes, mm (rotary: rad); `of` makes one from what a user states."""
+    """A working volume: the ranges of all axes, mm (rotary: rad)."""
 
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
@@ -42,7 +42,7 @@ class Volume:
     def of(
         cls, machine: Machine, stated: Mapping[str, tuple[float, float]] | None = None
     ) -> Volume:
-        """The travels, with stated ranges (mm; rotary: rad) in their place.
+        """The volume of a machine: its travels, or stated ranges (mm; rotary: rad).
 
         Raises
         ------

@@ -15,7 +15,7 @@ from abbe.compcore.files.campaign_csv.columns import TOOL
 from abbe.compcore.files.points_file import PointBlock, PointsFile
 from abbe.compcore.files.text.atomic import write_atomically
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.streamed_conditions import Lags, StreamedConditions
+from abbe.compcore.machine.streamed_conditions import LagStates, StreamedConditions
 from abbe.compcore.model.inverse import invert_model
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.pose import command_of
@@ -162,7 +162,7 @@ class _Reader:
         self._machine, self._file, self._given = machine, source.file, given
         self._columns = columns
         self._signals = [s for s in machine.signals if s in columns]
-        self._lags = Lags()
+        self._lags = LagStates()
         self._in_order = bool(required.lagged)
         self._last = -np.inf
         self._pending = -np.inf

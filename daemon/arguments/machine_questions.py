@@ -16,7 +16,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.machine.common_machines import COMMON_MACHINES, CommonMachine, usual_travel
 from abbe.compcore.machine.machine import Machine, Signal
 from abbe.compcore.machine.structure import Structure, is_rotary
-from abbe.compcore.model.start_model import Wanted
+from abbe.compcore.model.start_model import StartOptions
 from abbe.daemon.arguments.machine_arguments import (
     location_of,
     machine_of,
@@ -34,7 +34,7 @@ _PLACES = (
 )
 
 
-def ask_machine(name: str, wanted: Wanted) -> tuple[Machine, Wanted]:
+def ask_machine(name: str, wanted: StartOptions) -> tuple[Machine, StartOptions]:
     """Ask for all that a start model needs.
 
     Parameters

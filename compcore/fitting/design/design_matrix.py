@@ -26,7 +26,7 @@ Beside = tuple[Effect, Mapping[str, float]]
 
 
 class Problem:
-    """A model and a campaign, prepared once for fit, comparison and diagnosis.
+    """The least-squares problem of a model and a campaign, for fit, comparison and diagnosis.
 
     The unknowns θ are the effects' parameters (fitted effects and unfitted ones alike), base points
     and tools, in the order of `layout`. Set-ups' nuisances are kept apart (`eliminator`).
@@ -63,14 +63,14 @@ class Problem:
         self._eliminator: tuple[list[SetupNuisances], Eliminator] | None = None
 
     def with_sd(self, sd: F64) -> Problem:
-        """The same problem with other uncertainties of the rows, (n,); shares what is prepared."""
+        """The problem with other uncertainties of the rows, (n,); shares what is prepared."""
         other = Problem.__new__(Problem)
         other.__dict__.update(self.__dict__)
         other.sd, other.weight, other._eliminator = sd, 1.0 / sd, None
         return other
 
     def part(self, rows: Index, theta: F64) -> Problem:
-        """The problem of some of the rows, for the same unknowns; keeps nothing of this one.
+        """The problem of some of the rows with the same unknowns; keeps nothing of this one.
 
         What an effect of the instrument or a lagged signal means depends on the whole campaign and
         is taken from it.
@@ -93,7 +93,7 @@ class Problem:
         return other
 
     def beside(self, effects: Sequence[Beside], theta: F64) -> Problem:
-        """The same problem; its parts know of these effects what depends on the whole campaign."""
+        """The problem, its parts also prepared for effects that need the whole campaign."""
         other = Problem.__new__(Problem)
         other.__dict__.update(self.__dict__)
         for effect, nonlinear in effects:
@@ -180,7 +180,7 @@ class Problem:
         return self._blocks[1]
 
     def eliminator(self, theta: F64) -> Eliminator:
-        """What projects the set-ups' nuisances out of weighted columns."""
+        """The projection of set-ups' nuisances out of weighted columns."""
         blocks = self.setups(theta)
         if self._eliminator is None or self._eliminator[0] is not blocks:
             self._eliminator = (blocks, Eliminator(blocks, self.weight))
@@ -254,7 +254,7 @@ class Problem:
         return out
 
     def start(self) -> F64:
-        """θ from which a fit starts."""
+        """Start values of θ, shape (m,)."""
         return self.layout.start(self.campaign)
 
     def columns(self, theta: F64) -> F64:
@@ -334,7 +334,7 @@ class Problem:
         return sums
 
     def predicted(self, theta: F64) -> F64:
-        """What the rows would read, set-ups' nuisances apart, shape (n,), mm or rad."""
+        """Predicted readings of the rows without set-ups' nuisances, shape (n,), mm or rad."""
         if self.large:
             out = np.empty(self.n)
             most = rows_at_once(self.layout.size + 1)

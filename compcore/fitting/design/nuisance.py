@@ -1,4 +1,4 @@
-"""What an instrument's placing leaves unknown: zero, slope, frame; eliminated set-up by set-up.
+"""Nuisances of set-ups (zero, slope, frame of the instrument), eliminated set-up by set-up.
 
 The columns of one set-up are zero on the rows of all others. So each set-up's own few columns are
 projected out of its own rows, and the effects' columns that are left contain all that the set-ups
@@ -28,7 +28,7 @@ _RANK = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class SetupNuisances:
-    """The nuisances of one set-up.
+    """The nuisances of one set-up: its rows and their columns.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ def _block(
 
 
 class Eliminator:
-    """Projects the set-ups' nuisances out of weighted columns.
+    """The projection of set-ups' nuisances out of weighted columns.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ class Eliminator:
         yield from zip((block.rows for block in self.blocks), self._basis, strict=True)
 
     def project(self, columns: F64) -> F64:
-        """What of weighted columns, (n,) or (n, k), the nuisances cannot imitate; a copy."""
+        """Weighted columns, (n,) or (n, k), less what the nuisances can imitate; a copy."""
         out = columns.copy()
         for rows, basis in self.bases():
             part = out[rows]
@@ -167,7 +167,7 @@ class Eliminator:
         return found
 
     def share(self, weighted: F64) -> F64:
-        """What the nuisances that fit weighted residuals (n,) best add to the values, (n,)."""
+        """The nuisances' part of weighted residuals (n,), by least squares, (n,)."""
         out = np.zeros(weighted.shape[0])
         for block, basis, solve in zip(self.blocks, self._basis, self._solve, strict=True):
             if block.names:
@@ -175,7 +175,7 @@ class Eliminator:
         return out
 
     def leverage(self, n: int) -> F64:
-        """How much of each row its own set-up's nuisances absorb, 0 … 1, shape (n,)."""
+        """The leverage of each row in its own set-up's nuisances, 0 … 1, shape (n,)."""
         out = np.zeros(n)
         for rows, basis in self.bases():
             out[rows] = np.einsum("ij,ij->i", basis, basis)

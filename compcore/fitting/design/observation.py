@@ -1,4 +1,4 @@
-"""What a measured row sees of the machine's error: displacement, rotation, distance."""
+"""Measurement equations: displacement, rotation and distance as functions of error motions."""
 
 from __future__ import annotations
 
@@ -76,16 +76,16 @@ class Observation:
 
     @property
     def toward(self) -> F64:
-        """Row → the direction in which an error of the point is seen, (n, 3), machine axes."""
+        """The direction in which each row measures displacement, (n, 3), machine axes."""
         return self._toward
 
     @property
     def about(self) -> F64:
-        """Row → the direction about which an error of the orientation is seen, (n, 3)."""
+        """The direction about which each row measures rotation, (n, 3)."""
         return np.zeros_like(self._toward) if self._about is None else self._about
 
     def seen(self, error_motion: ErrorMotion) -> F64:
-        """What one unit of an error motion adds to the measured values, shape (n,).
+        """The derivative of the measured values by one error motion, shape (n,).
 
         mm or rad of value per mm or rad of motion, to first order (the lever rule).
         """
@@ -101,7 +101,7 @@ class Observation:
         return self._seen[error_motion]
 
     def values(self, motions: Mapping[ErrorMotion, F64], composition: Composition) -> F64:
-        """What the rows would read for given error motions (each (n,), mm or rad), shape (n,).
+        """The measured values for given error motions (each (n,), mm or rad), shape (n,).
 
         mm, or rad for rotations; distances in full, not to first order.
         """
@@ -132,7 +132,7 @@ class Observation:
         return total
 
     def base_sign(self, campaign: Campaign, name: str) -> F64:
-        """Row → what a move of a base point does along `between`: −1, 1, or 0 elsewhere, (n,)."""
+        """The derivative of each row by a base point's move along `between`: −1, 1 or 0, (n,)."""
         sign = np.zeros(campaign.n)
         i, j = self.distance, self.base_distance
         if campaign.conditions.base is not None:
@@ -143,7 +143,7 @@ class Observation:
         return sign
 
     def tool_direction(self, k: int) -> F64:
-        """Where 1 mm of the tool offset's component k (0, 1, 2) takes the point, (n, 3).
+        """The displacement of the functional point by 1 mm of tool offset component k, (n, 3).
 
         Machine axes; turns with rotary axes and with the spindle.
         """

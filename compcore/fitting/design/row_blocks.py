@@ -21,7 +21,7 @@ FEWEST_ROWS = 1000
 
 @dataclass(frozen=True, eq=False)
 class RowBlock:
-    """Some rows of a problem whose whole design matrix would be too large.
+    """A block of rows, whole set-ups mostly, whose design matrix is formed at once.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class RowBlock:
 
 
 def rows_at_once(columns: int) -> int:
-    """How many rows of a matrix with so many columns are formed at once."""
+    """The number of rows for which a matrix with so many columns is formed at once."""
     return max(FEWEST_ROWS, BLOCK_BYTES // (8 * max(columns, 1)))
 
 

@@ -1,4 +1,4 @@
-"""Measurements of a machine whose compensation was active (ISO/TR 16907:2015, 10.5).
+"""Campaigns of a machine whose compensation was active (ISO/TR 16907, 10.5).
 
 Such a machine shows only what its tables leave. Its displacements are put back to what the bare
 machine would have shown, so that one fit gives the whole error, old and new, and the new tables
@@ -18,7 +18,7 @@ from abbe.compcore.model.model import Model
 
 
 def uncompensated(campaign: Campaign, active: Model) -> Campaign:
-    """The campaign as the bare machine would have shown it.
+    """The campaign as the machine without compensation would have shown it.
 
     Parameters
     ----------

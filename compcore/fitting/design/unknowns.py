@@ -22,7 +22,7 @@ BASE_SCALE = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Unknown:
-    """One entry of the vector of unknowns.
+    """One unknown of a fit: a parameter, a base point's coordinate or a tool offset's component.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ def plausible_scale(parameter: Parameter | NonlinearParameter) -> float:
 
 @dataclass(frozen=True)
 class UnknownLayout:
-    """The layout of the vector of unknowns θ.
+    """The layout of θ, the vector of unknowns: effects' parameters, base points, tools.
 
     Term by term (linear parameters, then non-linear ones), then base points (x, y, z each), then
     the free components of tools.
@@ -147,7 +147,7 @@ class UnknownLayout:
         return held
 
     def start(self, campaign: Campaign) -> F64:
-        """θ to start from: no error, first starts, base points and tools as stated."""
+        """Start values of θ: no error, first starts, base points and tools as stated."""
         theta = np.zeros(self.size)
         for i, parameter in self.searched.items():
             theta[i] = parameter.starts[0]
@@ -158,7 +158,7 @@ class UnknownLayout:
         return theta
 
     def of_model(self, model: Model, campaign: Campaign) -> F64:
-        """θ with the model's own values; terms that are not fitted contribute nothing."""
+        """θ with the model's own values; effects that are not fitted contribute nothing."""
         theta = self.start(campaign)
         for i, term in enumerate(model.terms):
             if term.fitted:

@@ -1,4 +1,4 @@
-"""The uncertainty of each row: stated, from repeated measurements, or from what is left over."""
+"""Standard uncertainties of the rows: stated, from repeats, or from the residuals."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _name(kind: Kind) -> str:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Standard uncertainties of all rows and where they come from.
+    """The standard uncertainties of all rows, mm or rad, and where they come from.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Uncertainty:
 
     @classmethod
     def of(cls, campaign: Campaign, machine: Machine) -> Uncertainty:
-        """What a campaign states; where it does not, what its repeated measurements say.
+        """The uncertainties that a campaign states, or that its repeated measurements give.
 
         Where neither does, the rows begin at 1 µm, 1 µrad, to be `updated`.
         """
@@ -69,11 +69,11 @@ class Uncertainty:
 
     @property
     def open(self) -> bool:
-        """Whether any is to be estimated from residuals."""
+        """Whether any uncertainty is still to be estimated from residuals."""
         return "residuals" in self.source.values()
 
     def without(self, sd: F64) -> Uncertainty:
-        """The same with rows set aside: `sd` (n,) is infinite there."""
+        """The uncertainties with some rows set aside: `sd` (n,) is infinite there."""
         return Uncertainty(sd, self.source, self.unknown & np.isfinite(sd))
 
     def updated(self, campaign: Campaign, residual: F64, leverage: F64) -> Uncertainty:

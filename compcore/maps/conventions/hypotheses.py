@@ -1,4 +1,4 @@
-"""Ways in which a controller may apply a map: what is tried, and what counts as simpler."""
+"""Hypotheses about a controller's convention: which are tried, and which count as simpler."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _FITTED_COUNTS = 4
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One way of applying the map, and of having measured it.
+    """A hypothesis: a convention, a structure, and whether an artefact was measured.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Hypothesis:
     fitted_point: bool = False
 
     def key(self) -> tuple[object, ...]:
-        """What makes it the same hypothesis as another."""
+        """Key under which equal hypotheses are one."""
         c = self.convention
         point = (
             None
@@ -62,13 +62,13 @@ class Hypothesis:
         )
 
     def twin(self) -> Hypothesis:
-        """The same differences, to first order, measured the other way: all signs turned."""
+        """The hypothesis with all signs and the artefact reversed: the same to first order."""
         every = {(a, c) for a in self.structure.linear for c in COMPONENTS}
         turned = replace(self.convention, reversed=self.convention.reversed ^ every)
         return replace(self, convention=turned, artefact=not self.artefact)
 
     def words(self, stated: Structure) -> list[str]:
-        """What is different from Abbe's own conventions and the stated structure, for people."""
+        """Deviations from Abbe's own conventions and the stated structure, in words."""
         c, axes = self.convention, self.structure.linear
         found = []
         if self.structure != stated:
@@ -90,11 +90,11 @@ class Hypothesis:
         return found
 
     def describe(self, stated: Structure) -> str:
-        """One line for people."""
+        """The hypothesis in one line of text."""
         return "; ".join(self.words(stated)) or "Abbe's own conventions"
 
     def deviations(self, stated: Structure) -> int:
-        """How far from the simplest: decides between hypotheses that the points cannot tell."""
+        """Number of deviations from the simplest convention; decides between equal residuals."""
         point = self.convention.rotation_point or {}
         places = sum(1 for p in point.values() if p != 0.0)
         words = len(self.words(stated)) - (1 if places else 0)
@@ -102,7 +102,7 @@ class Hypothesis:
 
 
 def structures(stated: Structure, any_order: bool) -> list[Structure]:
-    """The stated structure, and with `any_order` all others with as many axes on each side."""
+    """The stated structure; with `any_order` all others with as many axes on each side."""
     if not any_order:
         return [stated]
     cut = len(stated.workpiece_side)
@@ -114,7 +114,7 @@ def structures(stated: Structure, any_order: bool) -> list[Structure]:
 
 
 def own_travels(machine: Machine) -> list[OwnTravel]:
-    """Ways of taking an axis's own travel that differ on this machine."""
+    """The ways of counting an axis's own travel as a lever that differ on this machine."""
     sides = {machine.own_move_in_lever(a) for a in machine.structure.linear}
     found: list[OwnTravel] = ["structure"]
     if sides != {False}:
@@ -131,7 +131,7 @@ def lever_axes(machine: Machine) -> tuple[str, ...]:
 
 
 def named_points(machine: Machine, declared: bool) -> Iterator[Point]:
-    """The map's zero and every choice of ends of the travels; first, what the machine declares."""
+    """Rotation points to try, mm: as the machine declares, the map's zero, ends of travels."""
     if declared:
         yield None
     axes = lever_axes(machine)
@@ -141,7 +141,7 @@ def named_points(machine: Machine, declared: bool) -> Iterator[Point]:
 
 
 def sign_choices(axes: tuple[str, ...]) -> list[frozenset[tuple[str, str]]]:
-    """Reversed columns worth trying, simpler ones first.
+    """Sets of reversed columns to try, simpler ones first.
 
     All linear errors or none; rotations about each direction; linear errors and rotations of
     each axis; and one odd column among otherwise uniform ones.
@@ -166,7 +166,7 @@ def sign_choices(axes: tuple[str, ...]) -> list[frozenset[tuple[str, str]]]:
 
 
 def sign_rows(choices: Iterable[frozenset[tuple[str, str]]], sources: list[tuple[str, str]]) -> F64:
-    """Choices as rows of ±1, shape (choices, sources)."""
+    """Sets of reversed columns as rows of ±1, shape (choices, sources)."""
     return np.array([[-1.0 if s in chosen else 1.0 for s in sources] for chosen in choices])
 
 

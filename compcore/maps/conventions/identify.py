@@ -1,4 +1,4 @@
-"""Which conventions a controller follows: found from points with its correction on and off.
+"""Identification of a controller's convention from points with its correction on and off.
 
 All combinations are screened to first order (`screening`); the best, and everything that differs
 from the best in one respect, are then computed exactly and ranked. What the points cannot tell
@@ -24,7 +24,7 @@ from abbe.compcore.maps.conventions.hypotheses import (
     structures,
 )
 from abbe.compcore.maps.conventions.point_fit import PointFit, fit_rotation_point
-from abbe.compcore.maps.conventions.ranking import FLOOR, Judged, Ranking, Tie
+from abbe.compcore.maps.conventions.ranking import FLOOR, RankedHypothesis, Ranking, Tie
 from abbe.compcore.maps.conventions.screening import frame, frames, screen, unseen_columns
 from abbe.compcore.maps.conventions.subject import Source, Subject
 from abbe.compcore.maps.conventions.switched import SwitchedPoints
@@ -41,7 +41,7 @@ _SCREENED_POINTS = 1500
 
 @dataclass(frozen=True)
 class Identification:
-    """What the points say.
+    """The result of an identification: verdict, best hypothesis, ranking, what would decide.
 
     Attributes
     ----------
@@ -72,8 +72,8 @@ class Identification:
     verdict: Verdict
     stated: Structure
     n: int
-    ranking: tuple[Judged, ...]
-    changes: tuple[Judged, ...]
+    ranking: tuple[RankedHypothesis, ...]
+    changes: tuple[RankedHypothesis, ...]
     ties: tuple[Tie, ...]
     twin: Hypothesis | None
     unseen: tuple[Source, ...]
@@ -85,8 +85,8 @@ class Identification:
     gain: float = field(default=1.0)
 
     @property
-    def best(self) -> Judged:
-        """The simplest of the hypotheses that fit best."""
+    def best(self) -> RankedHypothesis:
+        """The simplest of the hypotheses with the least residual."""
         return self.ranking[0]
 
     @property
@@ -105,7 +105,7 @@ def identify(
     any_order: bool = False,
     tolerance: float | None = None,
 ) -> Identification:
-    """Find the conventions that reproduce the points.
+    """Identify the convention that reproduces a controller's correction at measured points.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def identify(
     )
 
 
-def _once(judged: list[Judged]) -> list[Judged]:
+def _once(judged: list[RankedHypothesis]) -> list[RankedHypothesis]:
     return list({id(j): j for j in judged}.values())
 
 

@@ -1,4 +1,4 @@
-"""The rotation point that fits the points best, by least squares on the exact composition."""
+"""The rotation point of a map by least squares on the exact composition."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SINGULAR = 1e-6
 
 @dataclass(frozen=True)
 class PointFit:
-    """An estimated rotation point.
+    """A rotation point estimated by least squares, with its residual.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ def fit_rotation_point(
     predictor: Predictor | None = None,
     held: Mapping[str, float] | None = None,
 ) -> PointFit:
-    """Estimate the rotation point with everything else as in a hypothesis (Gauss–Newton).
+    """Estimate the rotation point (mm), all else as in a hypothesis, by Gauss–Newton.
 
     `held` fixes coordinates, axis → mm.
     """

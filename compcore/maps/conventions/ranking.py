@@ -1,4 +1,4 @@
-"""Judging hypotheses exactly, each once: how well they fit, which fit alike, what would tell."""
+"""Ranking of hypotheses by exact residuals, ties, and the pose that would decide."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ _TELLING = 1e-4
 
 
 @dataclass(frozen=True)
-class Judged:
-    """A hypothesis and how well it reproduces the points.
+class RankedHypothesis:
+    """A hypothesis with its residuals at the points: root mean square and largest, mm.
 
     Attributes
     ----------
@@ -44,8 +44,8 @@ class Judged:
 
 
 @dataclass(frozen=True)
-class Telling:
-    """A pose at which two hypotheses differ, and by how much (mm); positions and tool in mm."""
+class DistinguishingPose:
+    """A pose at which two hypotheses differ, and by how much; positions, tool, difference: mm."""
 
     positions: dict[str, float]
     tool: tuple[float, float, float]
@@ -54,25 +54,25 @@ class Telling:
 
 @dataclass(frozen=True)
 class Tie:
-    """A hypothesis that reproduces the points as well as the best.
+    """A hypothesis that reproduces the points as well as the best one.
 
     `telling` is a pose that would tell the two apart, without a tool offset if there is one; None
     where no pose in the volume would.
     """
 
-    judged: Judged
-    telling: Telling | None
+    judged: RankedHypothesis
+    telling: DistinguishingPose | None
 
 
 class Ranking:
-    """The hypotheses judged so far, each once, and how they rank."""
+    """The hypotheses whose exact residuals are known, each once, in order."""
 
     def __init__(self, subject: Subject, points: SwitchedPoints, stated: Structure) -> None:
         self._subject, self._points, self._stated = subject, points, stated
         self._at_points = subject.at(points.conditions)
         self._probes = probes(subject, points, stated)
         self._at_probes = subject.at(self._probes)
-        self._judged: dict[tuple[object, ...], Judged] = {}
+        self._judged: dict[tuple[object, ...], RankedHypothesis] = {}
 
     def refined(self, h: Hypothesis) -> Hypothesis:
         """An estimated rotation point estimated exactly; coordinates at a named place put there."""
@@ -94,29 +94,29 @@ class Ranking:
         convention = replace(h.convention, rotation_point=position)
         return replace(h, convention=convention, fitted_point=bool(fitted.sd))
 
-    def judge(self, h: Hypothesis) -> Judged:
-        """How well a hypothesis reproduces the points."""
+    def judge(self, h: Hypothesis) -> RankedHypothesis:
+        """The exact residuals of a hypothesis at the points."""
         key = h.key()
         if key not in self._judged:
             left = self._points.difference - _signed(self._at_points, h)
             rms, worst = float(np.sqrt(np.mean(left**2))), float(np.abs(left).max())
-            self._judged[key] = Judged(h, rms, worst)
+            self._judged[key] = RankedHypothesis(h, rms, worst)
         return self._judged[key]
 
-    def ranking(self) -> list[Judged]:
-        """Best first; among those that the points cannot tell apart, the simplest first."""
+    def ranking(self) -> list[RankedHypothesis]:
+        """Hypotheses by residual; of those that the points cannot tell apart the simplest first."""
         judged = sorted(self._judged.values(), key=lambda j: j.rms)
         limit = self._tied_below(judged[0])
         tied = [j for j in judged if j.rms <= limit]
         tied.sort(key=lambda j: (j.hypothesis.deviations(self._stated), j.rms))
         return tied + judged[len(tied) :]
 
-    def best(self) -> Judged:
-        """The simplest of those that fit best."""
+    def best(self) -> RankedHypothesis:
+        """The simplest of the hypotheses with the least residual."""
         return self.ranking()[0]
 
-    def ties(self, best: Judged) -> list[Tie]:
-        """All that fit as well as the best, with a pose that would tell."""
+    def ties(self, best: RankedHypothesis) -> list[Tie]:
+        """All hypotheses with as small a residual, each with a pose that would decide."""
         limit = self._tied_below(min(self._judged.values(), key=lambda j: j.rms))
         h = best.hypothesis
         others = [
@@ -130,17 +130,17 @@ class Ranking:
         return [Tie(j, self._telling(best.hypothesis, j.hypothesis)) for j in others]
 
     def gain(self, h: Hypothesis) -> float:
-        """The factor by which a convention's correction fits the points best, unit-free."""
+        """The factor by which a convention's correction fits the points best; −1: opposite sign."""
         predicted = self._at_points.correction(h.structure, h.convention)
         size = float((predicted**2).sum())
         return float((predicted * self._points.difference).sum()) / size if size else 0.0
 
-    def _tied_below(self, best: Judged) -> float:
+    def _tied_below(self, best: RankedHypothesis) -> float:
         sigma = max(best.rms, self._points.sigma, FLOOR)
         count = 3 * self._points.n
         return float(np.sqrt(best.rms**2 + _CLEAR * sigma**2 / count))
 
-    def _telling(self, one: Hypothesis, other: Hypothesis) -> Telling | None:
+    def _telling(self, one: Hypothesis, other: Hypothesis) -> DistinguishingPose | None:
         """The pose at which two hypotheses differ most; None where nowhere by a visible amount."""
         at = self._probes
         difference = _signed(self._at_probes, one) - _signed(self._at_probes, other)
@@ -150,7 +150,9 @@ class Ranking:
         if gap[i] < _TELLING:
             return None
         x, y, z = at.tool[i].tolist()
-        return Telling({a: float(q[i]) for a, q in at.positions.items()}, (x, y, z), float(gap[i]))
+        return DistinguishingPose(
+            {a: float(q[i]) for a, q in at.positions.items()}, (x, y, z), float(gap[i])
+        )
 
 
 def _signed(predictor: Predictor, h: Hypothesis) -> F64:
@@ -160,7 +162,7 @@ def _signed(predictor: Predictor, h: Hypothesis) -> F64:
 
 
 def probes(subject: Subject, points: SwitchedPoints, structure: Structure) -> Conditions:
-    """Poses all over the volume, with and without tool offsets; signals as at the points."""
+    """Poses over the whole volume, with and without tool offset; signals as at the points."""
     machine = subject.machine(structure)
     ends = [np.linspace(*machine.axis(a).travel, 3) for a in structure.linear]
     grid = [g.reshape(-1) for g in np.meshgrid(*ends, indexing="ij")]

@@ -1,4 +1,4 @@
-"""All combinations of conventions at once, to first order: which deserve an exact look.
+"""Screening of all combinations of conventions to first order, before the exact ranking.
 
 To first order the correction is a signed sum of columns, ``Σ s_j·d_j``, and linear in the
 rotation point: ``Σ s_j·(d_j + Σ_b p_b·e_bj)``. With the columns' Gram matrices the residual of
@@ -41,7 +41,7 @@ _CLEAR = 12.0
 
 @dataclass(frozen=True, eq=False)
 class ConventionFrame:
-    """One choice of chain order, own travel and forms of squareness, with its columns.
+    """A choice of chain order, own travel and forms of squareness, with the map's columns there.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class ConventionFrame:
     moves: dict[str, F64]
 
     def at_point(self, point: Point) -> F64:
-        """The columns with another rotation point."""
+        """The same columns with another rotation point (mm)."""
         shifted = self.columns
         for axis, position in (point or {}).items():
             shifted = shifted + position * self.moves[axis]
@@ -72,7 +72,7 @@ class ConventionFrame:
 def frames(
     subject: Subject, points: SwitchedPoints, stated: Structure, any_order: bool
 ) -> Iterator[ConventionFrame]:
-    """Every frame worth trying."""
+    """Every choice of chain order, own travel and forms of squareness to be screened."""
     for structure in structures(stated, any_order):
         bare = subject.machine(structure)
         for own in own_travels(bare):
@@ -84,7 +84,7 @@ def frames(
 def frame(
     subject: Subject, points: SwitchedPoints, structure: Structure, convention: Convention
 ) -> ConventionFrame:
-    """The columns of one frame; the convention's signs and rotation point are left open."""
+    """The columns of one such choice, mm; signs and rotation point stay open."""
     open_ = replace(convention, reversed=frozenset(), rotation_point={})
     machine = open_.on(subject.machine(structure))
     chain = Chain(machine, points.conditions)
@@ -118,7 +118,7 @@ class ScreenedHypothesis:
 def screen(
     found: ConventionFrame, points: SwitchedPoints, *, declared: bool
 ) -> list[ScreenedHypothesis]:
-    """The best hypotheses of a frame: with named rotation points, and with an estimated one."""
+    """The best hypotheses of a frame, with named and with an estimated rotation point."""
     unseen = unseen_columns(found, points)
     choices = _distinct(sign_choices(found.machine.structure.linear), found.sources, unseen)
     measured = points.difference.reshape(-1)

@@ -1,4 +1,4 @@
-"""What conventions are tried on: a map or a model, taken apart into signed columns.
+"""The map or model whose application is to be identified, taken apart into signed columns.
 
 Every column of a map (every error motion of a model) is a *source* whose sign a vendor may have
 turned. A source moves one error motion, or several where squareness is moved from one form to
@@ -42,7 +42,7 @@ Source = tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class MotionPart:
-    """What one source contributes to one error motion at n points, values (n,) mm or rad."""
+    """The contribution of one column to one error motion at n points, (n,), mm or rad."""
 
     source: Source
     error_motion: ErrorMotion
@@ -50,36 +50,36 @@ class MotionPart:
 
 
 class Subject(ABC):
-    """A map or a model under hypotheses about how it is applied."""
+    """A map or a model whose application by a controller is to be identified."""
 
     composition: str = "exact"
 
     @abstractmethod
     def machine(self, structure: Structure) -> Machine:
-        """The machine in a structure, before any convention."""
+        """The machine in a structure, before any convention is applied."""
 
     @abstractmethod
     def forms(self) -> tuple[Forms, ...]:
-        """Forms of squareness worth trying; the first is as written, what is stated as an angle."""
+        """Forms of squareness to try, the map's own first; a stated one first as an angle."""
 
     @abstractmethod
     def parts(self, machine: Machine, forms: Forms, at: Conditions) -> list[MotionPart]:
-        """All sources' contributions at n points; `machine` carries the convention's levers."""
+        """Contributions of all columns at n points; `machine` carries the convention's levers."""
 
     def at(self, conditions: Conditions) -> Predictor:
-        """What conventions say at these points."""
+        """A predictor of corrections at these points."""
         return Predictor(self, conditions)
 
 
 class Predictor:
-    """Corrections at fixed points; what conventions share is computed once."""
+    """Corrections at fixed points under any convention; what conventions share is computed once."""
 
     def __init__(self, subject: Subject, conditions: Conditions) -> None:
         self._subject, self._conditions = subject, conditions
         self._parts: dict[tuple[Structure, OwnTravel, Forms], list[MotionPart]] = {}
 
     def correction(self, structure: Structure, convention: Convention) -> F64:
-        """The correction under a convention, shape (n, 3), mm: reading on minus off."""
+        """The correction (reading on minus off) under a convention, shape (n, 3), mm."""
         at = self._conditions
         machine = convention.on(self._subject.machine(structure))
         forms = (convention.squareness, convention.stated)
@@ -97,7 +97,7 @@ class Predictor:
 
 
 class MapSubject(Subject):
-    """A compensation map, with squareness numbers that stand beside it (rad, Abbe's sign)."""
+    """A compensation map, with squarenesses stated beside it (rad, Abbe's sign)."""
 
     def __init__(
         self,
@@ -108,17 +108,17 @@ class MapSubject(Subject):
         self._squareness = squareness or {}
 
     def machine(self, structure: Structure) -> Machine:
-        """Travels from the tables' ranges."""
+        """The map's machine in a structure; travels are the ranges of the tables, mm."""
         return map_machine(self._map, structure)
 
     def forms(self) -> tuple[Forms, ...]:
-        """Every form of the map's own; where squareness is stated beside it, every form of that."""
+        """Forms of the map's own squareness, or of the one that is stated beside it."""
         stated: tuple[Form, ...] = ("angle", "gradient") if self._squareness else ("angle",)
         own: tuple[SquarenessForm, ...] = ("as written", "angle", "gradient")
         return tuple((form, beside) for beside in stated for form in own)
 
     def parts(self, machine: Machine, forms: Forms, at: Conditions) -> list[MotionPart]:
-        """One source a column; moving squareness is linear, so columns can be moved singly."""
+        """The contribution of each column; a squareness is moved column by column."""
         form, stated = forms
         parts = []
         for axis, table in self._map.tables.items():
@@ -142,7 +142,7 @@ class MapSubject(Subject):
 
 
 class ModelSubject(Subject):
-    """A fitted model; its own rotation points and levers are what it says, conventions override."""
+    """A fitted model; conventions override its own rotation points and levers."""
 
     def __init__(self, model: Model) -> None:
         if model.machine.structure.rotary:

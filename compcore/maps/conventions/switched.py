@@ -1,4 +1,4 @@
-"""Points at which a controller's correction was read on and off."""
+"""Points at which a controller was read with its correction on and off."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ F64 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SwitchedPoints:
-    """n points with what the controller's correction did at each.
+    """n points with the difference of a controller's readings, correction on minus off.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class SwitchedPoints:
     both_read: bool = False
 
     def thinned(self, most: int) -> SwitchedPoints:
-        """At most so many of the points, evenly taken."""
+        """At most `most` of the points, evenly taken."""
         if self.n <= most:
             return self
         rows = np.linspace(0, self.n - 1, most).astype(np.int64)

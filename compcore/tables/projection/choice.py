@@ -1,4 +1,4 @@
-"""Which tables, where a controller has fewer than would be of use."""
+"""Choice of tables where a controller has room for fewer than would be of use."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From finely known curves to tables: points placed, values fitted, rounded and kept in range."""
+"""From finely sampled curves to compensation tables: nodes placed, values fitted and rounded."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SAME = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """What a table is to hold, on fine positions.
+    """The values that a table is to hold, at fine positions, for both directions.
 
     Attributes
     ----------
@@ -53,23 +53,23 @@ class Curve:
         return bool(np.abs(self.values[0] - self.values[1]).max() > _SAME)
 
     def table(self) -> Table:
-        """All of it as one table."""
+        """The curve as one table with all its positions as nodes."""
         up, down = self.values
         backward = None if np.array_equal(up, down) else down
         return Table(self.output, (self.axis,), (self.positions,), up, backward, lever=self.lever)
 
     def plus(self, table: Table) -> Curve:
-        """With a table of errors added, whose nodes are among the positions."""
+        """The curve with a table of errors added, whose nodes are among the positions."""
         up = table.at(self.positions)
         down = table.at(self.positions, upward=False)
         return replace(self, values=self.values + np.stack([up, down]))
 
     def onedirectional(self) -> Curve:
-        """The mean of both directions for both."""
+        """The curve with the mean of both directions for both."""
         return replace(self, values=np.broadcast_to(self.values.mean(axis=0), self.values.shape))
 
     def reaching(self, position: float) -> Curve:
-        """With a position among its own; its ends held as far as that."""
+        """The curve with one more position; its ends are held as far as that."""
         if position in self.positions:
             return self
         where = int(np.searchsorted(self.positions, position))
@@ -84,7 +84,7 @@ class Curve:
 def fit_tables(
     curves: Sequence[Curve], capability: Capability, tolerance: float
 ) -> tuple[list[Table], list[str]]:
-    """Tables as a controller can hold them, and notes where its limits were felt.
+    """Tables within a controller's limits for some curves, and notes where limits were felt.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ def weights(positions: F64) -> F64:
 
 
 def hats(positions: F64, nodes: F64) -> F64:
-    """Piecewise linear interpolation as a matrix, (m, n): values at nodes → values at positions."""
+    """Hat functions of a piecewise linear table, (m, n): values at nodes → at positions."""
     if len(nodes) == 1:
         return np.ones((len(positions), 1))
     held = np.clip(positions, nodes[0], nodes[-1])
@@ -51,10 +51,10 @@ def operator(positions: F64, nodes: F64) -> F64:
 
 
 def deviation(positions: F64, curve: F64, nodes: F64, values: F64) -> float:
-    """Largest distance of a table from a curve (m,), in the curve's unit."""
+    """Largest deviation of a table from a curve (m,), in the curve's unit."""
     return float(np.abs(curve - interpolate((nodes,), values, (positions,))).max())
 
 
 def node_weights(nodes: F64) -> F64:
-    """Integrals of the nodes' hats between the first and the last, (n,); 1 for a single node."""
+    """Integrals of the nodes' hat functions over the table's range, (n,); 1 for a single node."""
     return weights(nodes) if len(nodes) > 1 else np.ones(1)

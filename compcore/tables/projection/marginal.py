@@ -38,7 +38,7 @@ _MANY = 149
 
 @dataclass(frozen=True)
 class Marginal:
-    """How a field depends on one axis.
+    """The part of an error field that depends on one axis only, the mean over the others.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Marginal:
 
 
 def fine_positions(field: ErrorField, axis: str, more: Sequence[float] = ()) -> F64:
-    """Positions over an axis's travel, (m,): equidistant ones, the effects' kinks and some more."""
+    """Fine positions over an axis's travel, (m,), mm or rad, effects' kinks among them."""
     low, high = field.model.machine.axis(axis).travel
     inside = [p for p in more if low < p < high]
     joined = np.concatenate([np.linspace(low, high, FINE), field.kinks(axis), inside])
@@ -87,7 +87,7 @@ def marginal(
     *,
     reverses: bool,
 ) -> Marginal:
-    """The marginal of a field.
+    """The part of a field that depends on one axis only, by least squares over the volume.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The six error motions of every axis, for controllers that carry them through their own levers.
+"""The six error motions of every axis, for controllers that apply their own levers (L-VOL).
 
 A rigid machine's model holds them as it is. What an axis's tables cannot hold (an error motion
 that depends on another axis, a shift at the functional point) is spread over the tables so that
@@ -35,7 +35,7 @@ _RCOND = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class AxisMotions:
-    """Error motions of one axis on fine positions.
+    """The six error motions of one axis at fine positions, mm and rad.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class AxisMotions:
     values: F64
 
     def at(self, positions: F64, upward: F64) -> F64:
-        """Values at n positions; `upward` (n,) is 1 on the way up, 0 down, ½ where unknown."""
+        """Values at n positions, (n, 6); `upward` (n,) is 1, 0 or ½ (unknown)."""
         found = [
             np.stack(
                 [interpolate((self.positions,), v[:, k], (positions,)) for k in range(6)], axis=1

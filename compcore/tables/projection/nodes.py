@@ -1,4 +1,4 @@
-"""Where the points of a table stand best: least greatest interpolation error for their number.
+"""Optimal nodes of a piecewise linear table: least interpolation error for their number.
 
 Where spacing is free the best positions are found exactly, out of a finite set of candidates, for
 all curves that share the points at once: a segment from candidate i to candidate j is allowed at a
@@ -34,7 +34,7 @@ def place(
     tolerance: float,
     through: float | None = None,
 ) -> F64:
-    """Points for curves that share them: as few as keep within a tolerance, at most so many.
+    """The fewest nodes, shared by some curves, that keep a tolerance; at most as many as allowed.
 
     Parameters
     ----------
@@ -54,6 +54,11 @@ def place(
     Returns
     -------
     Increasing positions, mm or rad.
+
+    Raises
+    ------
+    InputError
+        For fewer than two points.
     """
     if most < 2:
         raise InputError("a table needs at least two points", field="points", found=most)
@@ -80,7 +85,7 @@ def place(
 
 
 def interpolation_error(positions: F64, curves: F64, nodes: F64) -> float:
-    """Largest error of tables that hold the curves' own values at the nodes.
+    """Largest interpolation error of tables that hold the curves' own values at the nodes.
 
     At a node beyond the curves' end: the value that lets the table end with the curve.
     """
@@ -186,7 +191,7 @@ def _free(
 
 
 def candidates(positions: F64, curves: F64) -> NDArray[np.intp]:
-    """Indices of positions worth standing on: spread evenly, and where the curves bend most."""
+    """Indices of candidate nodes: spread evenly, and where the curves bend most."""
     m = len(positions)
     if m <= _CANDIDATES:
         return np.arange(m)

@@ -1,4 +1,4 @@
-"""Tables of an axis over the positions of two others, equidistant both ways."""
+"""Tables over the positions of two axes (planes), equidistant in both."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def plane_tables(
     tolerance: float,
     present: list[Table],
 ) -> tuple[list[Table], list[str]]:
-    """Tables over the two inputs of a family, for each of its outputs.
+    """Tables over two inputs, one for each output of a family: the mean over the third axis.
 
     What is wanted of them is the mean over all other axes of what other tables leave, which of all
     functions of two axes leaves least (see `abbe.compcore.tables.projection.marginal`).

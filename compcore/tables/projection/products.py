@@ -1,4 +1,4 @@
-"""Products: parts of an error that grow evenly with another axis's position, an angle's lever."""
+"""Product tables: an angle of one axis times the position of another as its lever (L-ANG)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _NOTHING = 5e-5
 
 
 def lever_origin(holds: Holds, volume: Volume, lever: str) -> float:
-    """Where a lever counts from: the middle of its range, on what positions are multiples of, mm.
+    """The origin of a lever, mm: the middle of its range, rounded to the table's unit of position.
 
     Counted from there a product is orthogonal to the tables over single axes: neither spoils the
     other.
@@ -38,7 +38,7 @@ def product_curves(
     volume: Volume,
     present: Sequence[Table] = (),
 ) -> list[Curve]:
-    """What product tables are to hold; what two of them have in common once.
+    """The curves of product tables; what two of them have in common counts once.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def product_curves(
 
 
 def counted_from(table: Table, origin: float) -> tuple[Table, ...]:
-    """The same as a table whose lever counts from another origin, and one without a lever."""
+    """A product table with another lever origin, and the table without a lever that this leaves."""
     if table.lever is None or table.lever[1] == origin:
         return (table,)
     axis, before = table.lever

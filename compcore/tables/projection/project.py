@@ -1,4 +1,4 @@
-"""The best tables that a controller can hold: those that leave least of the error in the volume."""
+"""Projection of an error field onto the tables that a controller can hold: least residual error."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _GRID_POINTS = 11
 
 @dataclass(frozen=True)
 class Projection:
-    """Tables for a controller.
+    """The result of a projection: tables, and notes where the controller's limits were felt.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Values in whole steps of what a controller stores, without bias, within its ranges."""
+"""Quantisation of table values to a controller's resolution and range, without bias."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ I64 = NDArray[np.int64]
 
 
 def rounded(values: F64, step: float, weights: F64, fixed: NDArray[np.bool_] | None = None) -> I64:
-    """Values in whole steps so that the interpolated mean error is as near to zero as can be.
+    """Values in whole steps of the resolution, the mean error of interpolation near zero.
 
     Each value is rounded to the nearest step; then, as long as that brings the weighted mean of the
     rounding errors nearer to zero, the value whose rounding was nearest to a half is rounded the
@@ -70,7 +70,7 @@ def slope_limited(values: I64, limit: int) -> I64:
 
 @dataclass(frozen=True)
 class QuantisedValues:
-    """Quantised values.
+    """Table values in whole steps of the resolution, and what limited them.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What tables over single axes are to hold: moves of X, Y and Z, and rotary axes' own angles."""
+"""Curves of tables over single axes: moves of X, Y and Z, and rotary axes' own positioning."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def longest_lever(field: ErrorField, volume: Volume, axis: str = "") -> float:
 def turning_curves(
     field: ErrorField, volume: Volume, capability: Capability, fine: Fine
 ) -> list[Curve]:
-    """Rotary axes corrected by their own angle: their positioning error motion itself, rad."""
+    """Positioning error motions of rotary axes (R-POS), over their own angle, rad."""
     machine, reversing = field.model.machine, field.reversing()
     found: list[Curve] = []
     own = [h for h in capability.holds if h.form == "axis"]
@@ -62,7 +62,7 @@ def turning_curves(
 def marginals_beside(
     turns: Sequence[Curve], field: ErrorField, volume: Volume, capability: Capability, fine: Fine
 ) -> tuple[F64, dict[str, Marginal]]:
-    """What rotary axes' own tables leave: its mean over the volume, (3,), and its marginals, mm."""
+    """Mean over the volume, (3,), and marginals, mm, of what rotary axes' own tables leave."""
     machine, reversing = field.model.machine, field.reversing()
     axes = machine.structure.axes
     turned = [c.table() for c in turns]
@@ -88,7 +88,7 @@ def marginals_beside(
 def axis_curves(
     holds: Holds, marginals: Mapping[str, Marginal], volume: Volume
 ) -> tuple[list[Curve], list[Curve]]:
-    """What tables of the form ``axis`` or ``cross`` are to hold, centred in the volume.
+    """Curves of tables of the form ``axis`` (L-POS) or ``cross`` (L-STR), centred in the volume.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from typing import Any
 from abbe.compcore.maps.convention import Convention, selectors
 from abbe.compcore.maps.conventions.hypotheses import Hypothesis
 from abbe.compcore.maps.conventions.identify import Identification
-from abbe.compcore.maps.conventions.ranking import Judged, Telling, Tie
+from abbe.compcore.maps.conventions.ranking import DistinguishingPose, RankedHypothesis, Tie
 from abbe.compcore.maps.table import COLUMNS, COMPONENTS
 
 _MOST_TOLD = 6
@@ -75,7 +75,7 @@ def _hypothesis(found: Identification, h: Hypothesis) -> dict[str, Any]:
     }
 
 
-def _judged(found: Identification, judged: Judged) -> dict[str, Any]:
+def _judged(found: Identification, judged: RankedHypothesis) -> dict[str, Any]:
     return {
         **_hypothesis(found, judged.hypothesis),
         "rms": judged.rms * 1e3,
@@ -188,7 +188,7 @@ def _open_questions(found: Identification) -> Iterator[str]:
         yield f"  and {len(found.ties) - _MOST_TOLD} more (--json lists all)"
 
 
-def _pose(telling: Telling) -> str:
+def _pose(telling: DistinguishingPose) -> str:
     where = " ".join(f"{a}={q:g}" for a, q in telling.positions.items())
     if any(telling.tool):
         where += " tool=" + ",".join(f"{v:g}" for v in telling.tool)

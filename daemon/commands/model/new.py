@@ -13,7 +13,7 @@ from abbe.daemon.arguments.force import Force
 
 if TYPE_CHECKING:
     from abbe.compcore.machine.machine import Machine
-    from abbe.compcore.model.start_model import Wanted
+    from abbe.compcore.model.start_model import StartOptions
 
 
 def register(app: typer.Typer) -> None:
@@ -64,12 +64,12 @@ def new(
     """Make a model to begin with: structure, travels, sensors; then measure and fit."""
     from abbe.compcore.errors import InputError
     from abbe.compcore.files.commented_model import save_commented
-    from abbe.compcore.model.start_model import Wanted, start_model
+    from abbe.compcore.model.start_model import StartOptions, start_model
     from abbe.daemon.answers.model import new as answer
     from abbe.daemon.outputs import MODEL, check_outputs
 
     say = check_outputs([], [(out, MODEL)], force=force, as_json=as_json)
-    wanted = Wanted(play, rotary_motions, tool_lengths, shape)
+    wanted = StartOptions(play, rotary_motions, tool_lengths, shape)
     if structure is not None:
         machine = _given(structure, name, travel or [], location or [], sensor or [])
     elif travel or location or sensor:
@@ -108,7 +108,7 @@ def _given(
     )
 
 
-def _asked(name: str, wanted: Wanted) -> tuple[Machine, Wanted]:
+def _asked(name: str, wanted: StartOptions) -> tuple[Machine, StartOptions]:
     from abbe.daemon.arguments.machine_questions import ask_machine
 
     return ask_machine(name, wanted)
