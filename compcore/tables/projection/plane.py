@@ -12,6 +12,7 @@ from abbe.compcore.tables.capability import Holds
 from abbe.compcore.tables.field import ErrorField
 from abbe.compcore.tables.projection.hats import operator
 from abbe.compcore.tables.projection.nodes import place
+from abbe.compcore.tables.projection.present import counterparts
 from abbe.compcore.tables.projection.quantise import quantise
 from abbe.compcore.tables.table import Table, move
 from abbe.compcore.tables.volume import Volume
@@ -29,9 +30,9 @@ def plane_tables(
     holds: Holds,
     besides: Sequence[Table],
     tolerance: float,
-    present: list[Table],
-) -> tuple[list[Table], list[str]]:
-    """Tables over two inputs, one for each output of a family: the mean over the third axis.
+    present: Sequence[Table],
+) -> tuple[list[Table], list[str], list[Table]]:
+    """Tables over two inputs, one for each output of a family: the mean over the other axes.
 
     What is wanted of them is the mean over all other axes of what other tables leave, which of all
     functions of two axes leaves least (see `abbe.compcore.tables.projection.marginal`).
@@ -41,7 +42,12 @@ def plane_tables(
     besides
         Tables that the controller holds as well.
     present
-        Tables in the controller; those that are added are taken out of the list.
+        Tables in the controller.
+
+    Returns
+    -------
+    The tables, notes where the controller's limits were felt, and those of `present` that none of
+    the tables stands for.
     """
     first, second = holds.inputs or ("X", "Y")
     outputs = holds.outputs or ("X", "Y", "Z")
@@ -72,14 +78,13 @@ def plane_tables(
     fine = [_refined(n, finer) for n in nodes]
     values = mean(*fine)
     fits = [operator(f, n) for f, n in zip(fine, nodes, strict=True)]
-    tables, notes = [], []
+    tables, notes, unmatched = [], [], list(present)
     for k, output in zip(index, outputs, strict=True):
         wanted = fits[0] @ values[:, :, k] @ fits[1].T
         table = Table(move(output), (first, second), (nodes[0], nodes[1]), wanted)
-        for held in list(present):
-            if held.same_number(table):
-                table = replace(table, forward=table.forward + held.on(*nodes).forward)
-                present.remove(held)
+        same, unmatched = counterparts(table, unmatched)
+        for held in same:
+            table = replace(table, forward=table.forward + held.on(*nodes).forward)
         flat = table.forward.reshape(-1)
         steps = quantise(
             flat, np.arange(float(flat.size)), holds.resolution, value_range=holds.value_range
@@ -91,7 +96,7 @@ def plane_tables(
                 f"{steps.limited * 1e3:.3g} µm"
             )
         tables.append(table)
-    return tables, notes
+    return tables, notes, unmatched
 
 
 def _refined(nodes: F64, times: int) -> F64:
