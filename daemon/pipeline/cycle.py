@@ -13,9 +13,10 @@ from abbe.daemon.guard import Correction, Guard
 from abbe.daemon.pipeline.compensate import LiveCompensator, direction_index
 from abbe.daemon.pipeline.doubts import Doubts
 from abbe.daemon.pipeline.observe import Observer
+from abbe.daemon.pipeline.pace import IDLE, Pace
 from abbe.daemon.pipeline.plan import keep_together, make_plan
 from abbe.daemon.pipeline.reading.convert import PositionConverter, SignalConverter, ToolConverter
-from abbe.daemon.pipeline.reading.directions import Directions
+from abbe.daemon.pipeline.reading.directions import StatedDirections
 from abbe.daemon.pipeline.reading.expected import Expected
 from abbe.daemon.pipeline.reading.plausible import Plausible
 from abbe.daemon.pipeline.reading.poll import Batch, Poll
@@ -23,17 +24,12 @@ from abbe.daemon.pipeline.record import CycleRecord, Listener
 from abbe.daemon.pipeline.writing.ending import Ending
 from abbe.daemon.pipeline.writing.write_back import WriteBack, WriteOutcome
 from abbe.daemon.status_word import fault_bits, status_word
-from abbe.drivers.link import Link, LinkState
+from abbe.drivers.link import Link
 
 logger = logging.getLogger("abbe.pipeline")
 
-_IDLE = 0.01
-"""s to wait after a cycle in which no link had anything to wait for."""
-_NAP = 0.2
-"""Longest sleep between two looks at whether to end, s."""
 LAST_WORD = 2.0
 """s for which it is tried to tell the controller that Abbe has ended."""
-_GOING = (LinkState.UP, LinkState.DEGRADED)
 
 
 class Pipeline:
@@ -93,7 +89,9 @@ class Pipeline:
             Plausible(expected.signals, expected.likes),
         )
         self._tool = ToolConverter(plan.tool, file.guard.signals_stale_after, expected.tool)
-        self._deadbands = Directions([file.axes[axis].deadband for axis in self.axes])
+        self._approach = StatedDirections(
+            self.axes, [file.axes[axis].deadband for axis in self.axes], plan.directions
+        )
         self._guard = Guard(configuration.limits)
         self._write_back = WriteBack(
             links, plan.targets, plan.echo, plan.status, plan.heartbeat, expected.beats
@@ -110,7 +108,7 @@ class Pipeline:
         )
         self._writes = bool(written)
         self._doubts = Doubts(self.axes, plan, links, self._write_back, file)
-        self._period = file.cycle.period
+        self._pace = Pace(file.cycle.period, [links[name].status for name in plan.fast])
         self._signals_every = file.cycle.signals_every
         self._signals_due = -math.inf
         self._observer = Observer(links, plan, self.directions)
@@ -170,7 +168,7 @@ class Pipeline:
             await asyncio.gather(*slow, return_exceptions=True)
 
     async def _cycles(self, stop: asyncio.Event, at_once: asyncio.Event) -> None:
-        due = time.monotonic()
+        self._pace.start()
         deadline, began = math.inf, -math.inf
         while True:
             if stop.is_set() and not self._ending:
@@ -189,24 +187,9 @@ class Pipeline:
                 if not self._internal:
                     logger.exception("a cycle failed; the next one begins anew")
                 self._internal = f"{type(error).__name__}: {error}"
-                await asyncio.sleep(_IDLE)
-            due = await self._until(due, stop)
+                await asyncio.sleep(IDLE)
+            await self._pace.wait(None if self._ending else stop)
         await self.ending.tell(LAST_WORD)
-
-    async def _until(self, due: float, stop: asyncio.Event) -> float:
-        """Wait for the next cycle's time; what was missed is left out."""
-        if self._period == 0.0:
-            going = any(self._links[name].status.state in _GOING for name in self._plan.fast)
-            await asyncio.sleep(0.0 if going else _IDLE)
-            return due
-        due += self._period
-        now = time.monotonic()
-        wait = max(0.0, due - now)
-        while wait > _NAP and not (stop.is_set() and not self._ending):
-            await asyncio.sleep(_NAP)
-            wait -= _NAP
-        await asyncio.sleep(min(wait, _NAP))
-        return due if due > now - self._period else now
 
     async def cycle(self) -> CycleRecord:
         """One cycle; its record is handed to the listeners too."""
@@ -216,31 +199,14 @@ class Pipeline:
         positions, faults = self._positions(batch, now)
         taken_at = self._positions.taken_at
         self._doubts.step(positions, faults, taken_at, now)
-        computed: Correction | None = None
-        directions: Sequence[float] = ()
-        if self._turns and not faults:
-            directions = self._directions(positions, batch, faults)
-        if not faults:
-            computed = self._compensation.step(positions, directions)
+        computed = self._computed(positions, batch, faults)
         foreign = self._doubts.foreign
         lost = self._tool.fault or foreign
         faulty = self._guard.every if lost else self._compensation.faulty
         decision = self._guard.step(now, computed, faulty)
         correction = decision.correction
         corrected = [positions[i] + correction[k] for i, k in self._corrected]
-        internal = bool(self._compensation.fault or self._internal)
-        wrong = 0
-        signal = self._signal_fault or bool(self._tool.fault)
-        refused = bool(self._outcome.problem)
-        if faults or signal or internal or self._ending or refused or foreign:
-            wrong = fault_bits(
-                position=bool(faults),
-                signal=signal,
-                internal=internal,
-                ending=self._ending,
-                write=refused,
-                foreign=bool(foreign),
-            )
+        wrong = self._fault_bits(faults, foreign)
         pose = self._compensation.pose
         oriented = pose is None or not (pose.damped or pose.limited)
         word = status_word(decision, wrong, self._not_held, oriented=oriented)
@@ -250,17 +216,8 @@ class Pipeline:
         if now >= self._signals_due:
             self._signals_due = now + self._signals_every
             self._take_signals(batch, now)
-        present: Mapping[str, str] = {}
         outcome = self._outcome
-        if wrong or outcome.problem or not self._observer.all_up:
-            present = self._observer.faults(
-                axes=faults,
-                readings=self._signals.readings,
-                tool=self._tool.fault,
-                compensator=self._compensation.fault,
-                write_back=outcome.problem,
-                foreign=foreign,
-            )
+        present = self._faults_present(faults, foreign, wrong, outcome)
         self._observer.log(decision, present, now, self._ending, oriented=oriented)
         self._number += 1
         record = CycleRecord(
@@ -280,6 +237,50 @@ class Pipeline:
             self.directions,
             pose,
         )
+        self._hand_out(record)
+        return record
+
+    def _computed(
+        self, positions: Sequence[float], batch: Batch, faults: dict[str, str]
+    ) -> Correction | None:
+        """The model's correction, mm and rad; None with a fault, which a bad direction adds to `faults`."""
+        directions: Sequence[float] = ()
+        if self._turns and not faults:
+            directions = self._approach(positions, batch, faults)
+        return None if faults else self._compensation.step(positions, directions)
+
+    def _fault_bits(self, faults: Mapping[str, str], foreign: object) -> int:
+        """What is wrong as the status word says it; 0 where nothing is."""
+        internal = bool(self._compensation.fault or self._internal)
+        signal = self._signal_fault or bool(self._tool.fault)
+        refused = bool(self._outcome.problem)
+        if not (faults or signal or internal or self._ending or refused or foreign):
+            return 0
+        return fault_bits(
+            position=bool(faults),
+            signal=signal,
+            internal=internal,
+            ending=self._ending,
+            write=refused,
+            foreign=bool(foreign),
+        )
+
+    def _faults_present(
+        self, faults: Mapping[str, str], foreign: str, wrong: int, outcome: WriteOutcome
+    ) -> Mapping[str, str]:
+        """Every fault in words; what stands in the status word, and how the write ended since."""
+        if not (wrong or outcome.problem or not self._observer.all_up):
+            return {}
+        return self._observer.faults(
+            axes=faults,
+            readings=self._signals.readings,
+            tool=self._tool.fault,
+            compensator=self._compensation.fault,
+            write_back=outcome.problem,
+            foreign=foreign,
+        )
+
+    def _hand_out(self, record: CycleRecord) -> None:
         for listener in tuple(self.listeners):
             try:
                 listener(record)
@@ -287,7 +288,6 @@ class Pipeline:
                 # whoever looks on must not disturb the machine
                 self.listeners.remove(listener)
                 logger.exception("%s failed and is told no more", listener)
-        return record
 
     async def _answer(
         self,
@@ -325,22 +325,6 @@ class Pipeline:
             return self._nowhere
         return tuple(math.nan if s is None else s.take(batch).value for s in self._plan.reference)
 
-    def _directions(
-        self, positions: Sequence[float], batch: Batch, faults: dict[str, str]
-    ) -> list[float]:
-        stated = list(self._deadbands.step(positions))
-        for i, channel in enumerate(self._plan.directions):
-            if channel is not None:
-                sample = batch[channel[0]][channel[1]]
-                if not sample.good:
-                    continue
-                stated[i] = sample.value
-                if sample.value not in (-1.0, 0.0, 1.0):
-                    faults[self.axes[i]] = (
-                        f"its direction reads {sample.value:g}, which is none of 1, -1, 0"
-                    )
-        return stated
-
     def _take_signals(self, batch: Batch, now: float) -> None:
         everything = batch if not self._slow else {**batch, **self._slow}
         readings = self._signals(everything, now)
@@ -354,4 +338,4 @@ class Pipeline:
         while True:
             answer = await poll()
             self._slow = {**self._slow, **answer}
-            await asyncio.sleep(max(self._signals_every, _IDLE))
+            await asyncio.sleep(max(self._signals_every, IDLE))
