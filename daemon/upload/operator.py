@@ -14,7 +14,7 @@ from typing import Self
 import typer
 
 from abbe.daemon.progress import shown
-from abbe.daemon.upload.work import OperatorPort
+from abbe.daemon.upload.operator_port import OperatorPort
 
 
 def can_ask() -> bool:

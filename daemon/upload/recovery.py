@@ -10,10 +10,11 @@ from abbe.daemon.upload.history import backups
 from abbe.daemon.upload.history.content import Content
 from abbe.daemon.upload.history.unfinished import unfinished_words
 from abbe.daemon.upload.history.upload_log import END, Entry
+from abbe.daemon.upload.ledger import Ledger
 from abbe.daemon.upload.outcome import UploadOutcome
 from abbe.daemon.upload.settle import Settled, settle
 from abbe.daemon.upload.shown_correction import Expectation
-from abbe.daemon.upload.steps import Ledger
+from abbe.daemon.upload.steps import Change
 from abbe.daemon.upload.work import Work
 from abbe.drivers.link import LinkError
 from abbe.drivers.stores.base import Identity
@@ -79,11 +80,9 @@ async def _finished(
     expected = Expectation(tables, work.model, tool, work.store.adds_error)
     kept = None if backup is None else Path(backup)
     reported: dict[str, Any] = first["controller"]
-    changeover = work.changeover(
-        Identity(reported["name"], reported["serial"]), ledger, old, new, expected, lambda: Path()
-    )
-    changeover.backup = kept
-    return await changeover.finish()
+    identity = Identity(reported["name"], reported["serial"])
+    change = Change(identity, old, new, expected, bool(first.get("puts_back")))
+    return await work.changeover(change, ledger, lambda: Path(), kept).finish()
 
 
 def _context(first: Entry) -> dict[str, Any]:

@@ -16,7 +16,9 @@ from abbe.daemon.upload.history import backups
 from abbe.daemon.upload.history.content import Content
 from abbe.daemon.upload.history.unfinished import unfinished_words
 from abbe.daemon.upload.history.upload_log import Journal, last_change
+from abbe.daemon.upload.ledger import Ledger
 from abbe.daemon.upload.lock import only_one
+from abbe.daemon.upload.operator_port import OperatorPort
 from abbe.daemon.upload.outcome import UploadOutcome
 from abbe.daemon.upload.preflight import (
     Cleared,
@@ -29,9 +31,9 @@ from abbe.daemon.upload.preflight import (
 from abbe.daemon.upload.recovery import recover
 from abbe.daemon.upload.settle import check_identity, check_ready
 from abbe.daemon.upload.shown_correction import Expectation, Seen, check_effect
-from abbe.daemon.upload.steps import Ledger
+from abbe.daemon.upload.steps import Change
 from abbe.daemon.upload.upload_plan import UploadPlan, backup_order, load_order
-from abbe.daemon.upload.work import OperatorPort, Work, user
+from abbe.daemon.upload.work import Work, user
 from abbe.drivers.link import LinkError
 
 
@@ -311,5 +313,5 @@ async def _change(work: Work, cleared: Cleared, request: UploadRequest) -> Uploa
         return backups.save(folder, old, work.controller.name, options, reported)
 
     expected = Expectation(order.tables, work.model, order.tool, work.store.adds_error)
-    changeover = work.changeover(cleared.identity, ledger, old, order.content, expected, back_up)
-    return await changeover.run()
+    change = Change(cleared.identity, old, order.content, expected, order.puts_back)
+    return await work.changeover(change, ledger, back_up).run()

@@ -6,7 +6,7 @@ import getpass
 import os
 import secrets
 import socket
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,34 +15,14 @@ from typing import Any
 from abbe.compcore.model.model import Model
 from abbe.daemon.answers.inputs import abbe_version
 from abbe.daemon.config.upload import UploadSetup
+from abbe.daemon.upload.changeover import Changeover
 from abbe.daemon.upload.history.content import Content
 from abbe.daemon.upload.history.upload_log import Journal
-from abbe.daemon.upload.shown_correction import Expectation
-from abbe.daemon.upload.steps import Allowed, Changeover, Ledger
+from abbe.daemon.upload.ledger import Ledger
+from abbe.daemon.upload.operator_port import OperatorPort
+from abbe.daemon.upload.steps import Allowed, Change, Steps
 from abbe.drivers.controllers import Controller
 from abbe.drivers.stores.base import Identity, Store
-
-
-@dataclass(frozen=True)
-class OperatorPort:
-    """The port to the operator: messages, progress, questions.
-
-    Attributes
-    ----------
-    tell
-        A line for people.
-    progress
-        Part of a transfer that is done, 0 to 1.
-    ask
-        Whether to go on; is given what would change.
-    restarted
-        Asks for a restart of the controller; True once it was done, False when nobody is there.
-    """
-
-    tell: Callable[[str], None]
-    progress: Callable[[float], None]
-    ask: Callable[[list[str]], bool]
-    restarted: Callable[[], Awaitable[bool]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,18 +72,16 @@ class Work:
 
     def changeover(
         self,
-        identity: Identity,
+        change: Change,
         ledger: Ledger,
-        old: Content,
-        new: Content,
-        expected: Expectation,
         back_up: Callable[[], Path],
+        backup: Path | None = None,
     ) -> Changeover:
-        """The sequence from one set to another."""
-        return Changeover(
-            self.store, identity, self.controller, ledger, old, new, expected, self.allowed,
-            back_up, self.tell, self.operator.progress, self.operator.restarted,
-        )  # fmt: skip
+        """The sequence of a change; `backup` is where the old set is kept already."""
+        steps = Steps(
+            self.store, self.controller, change, self.allowed, self.operator, back_up, backup
+        )
+        return Changeover(steps, ledger)
 
 
 def user() -> str:

@@ -23,8 +23,8 @@ from abbe.daemon.answers.table import TableRequest as TableOrder
 from abbe.daemon.answers.table import make
 from abbe.daemon.config import load_config
 from abbe.daemon.upload.history.upload_log import read_journal
+from abbe.daemon.upload.operator_port import OperatorPort
 from abbe.daemon.upload.session import Result, UploadRequest, finish, roll_back, upload
-from abbe.daemon.upload.work import OperatorPort
 from abbe.drivers.controllers import make_controller
 from abbe.drivers.simulated.process import SimulatedProcess
 
