@@ -7,12 +7,12 @@ angular errors in mm/m. The rows of an axis run up or down.
 
 from __future__ import annotations
 
-import math
 import re
 from pathlib import Path
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.text.atomic import write_atomically
+from abbe.compcore.files.text.numbers import checked_number
 from abbe.compcore.machine.plausible import DISPLACEMENT, ROTATION, TRAVEL, Range
 from abbe.compcore.maps.table import COLUMNS, AxisTable, CompensationMap, Row
 
@@ -112,7 +112,14 @@ class _Reader:
                 f"{len(HEADER)}: " + " ".join(HEADER),
             )
         position, *values = (
-            self._number(line, name, unit, field)
+            checked_number(
+                field,
+                file=self._file,
+                line=line,
+                field=name,
+                expected=f"a number in {unit}",
+                allowed=_ALLOWED[name[0]],
+            )
             for name, unit, field in zip(HEADER, _UNITS, fields, strict=True)
         )
         before = self._positions
@@ -129,32 +136,6 @@ class _Reader:
         lx, ly, lz, rx, ry, rz = values
         before.append(position)
         self._rows.append((lx, ly, lz, rx * _PER_RAD, ry * _PER_RAD, rz * _PER_RAD))
-
-    def _number(self, line: int, name: str, unit: str, text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise InputError(
-                "not a number",
-                file=self._file,
-                line=line,
-                field=name,
-                found=text,
-                expected=f"a number in {unit}",
-            )
-        allowed = _ALLOWED[name[0]]
-        if not allowed.holds(value):
-            raise InputError(
-                "not believable",
-                file=self._file,
-                line=line,
-                field=name,
-                found=text,
-                expected=str(allowed),
-            )
-        return value
 
     def _close(self) -> None:
         if self._axis is None:

@@ -8,7 +8,6 @@ say what the named tools' offsets are, as in a campaign.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
@@ -23,6 +22,7 @@ from abbe.compcore.files.campaign_csv.believable import column_ranges
 from abbe.compcore.files.campaign_csv.columns import TOOL, Columns, name_columns
 from abbe.compcore.files.campaign_csv.head import add_metadata, plain_line, read_head
 from abbe.compcore.files.campaign_csv.lines import LineSource, csv_cells
+from abbe.compcore.files.text.numbers import checked_number
 from abbe.compcore.machine.machine import Machine
 
 F64 = NDArray[np.float64]
@@ -212,13 +212,7 @@ class PointsFile(AbstractContextManager["PointsFile"]):
     def _number(self, text: str, name: str, line: np.int64) -> float:
         if not text and (name in TOOL or name in self.columns.directions.values()):
             return 0.0
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise self._error(line, name, "not a number", text, "a finite number")
-        return value
+        return checked_number(text, file=self.file, line=int(line), field=name)
 
     def _put_tools(self, text: list[str], line: NDArray[np.int64], columns: dict[str, F64]) -> None:
         at = self.columns.index("tool")

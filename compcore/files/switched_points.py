@@ -27,6 +27,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_csv.head import plain_line
 from abbe.compcore.files.campaign_csv.lines import LineSource, csv_cells
+from abbe.compcore.files.text.numbers import checked_number
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
@@ -194,38 +195,18 @@ class _Table:
         return np.array(
             [
                 [
-                    self._number(line, name, cells[at])
+                    checked_number(
+                        cells[at],
+                        file=self._file,
+                        line=line,
+                        field=name,
+                        allowed=self._range(name),
+                    )
                     for name, at in zip(names, places, strict=True)
                 ]
                 for line, cells in self._cells
             ]
         )
-
-    def _number(self, line: int, name: str, text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise InputError(
-                "not a number",
-                file=self._file,
-                line=line,
-                field=name,
-                found=text,
-                expected="a finite number",
-            )
-        allowed = self._range(name)
-        if not allowed.holds(value):
-            raise InputError(
-                "not believable",
-                file=self._file,
-                line=line,
-                field=name,
-                found=text,
-                expected=str(allowed),
-            )
-        return value
 
     def _range(self, name: str) -> Range:
         if name in _DIFFERENCES:

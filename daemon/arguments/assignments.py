@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from abbe.compcore.errors import InputError
+from abbe.compcore.files.text.numbers import checked_number
 from abbe.compcore.machine.plausible import TOOL, Range
 
 
@@ -35,15 +36,7 @@ def number(key: str, text: str, unit: str, allowed: Range | None = None) -> floa
     InputError
         Naming the key, what was found and the unit expected.
     """
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if value != value or value in (float("inf"), float("-inf")):
-        raise InputError("not a number", field=key, found=text, expected=f"a number in {unit}")
-    if allowed is not None and not allowed.holds(value):
-        raise InputError("not believable", field=key, found=text, expected=str(allowed))
-    return value
+    return checked_number(text, field=key, expected=f"a number in {unit}", allowed=allowed)
 
 
 def tool_offset(key: str, text: str) -> tuple[float, float, float]:

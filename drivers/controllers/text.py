@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.errors import InputError
+from abbe.compcore.files.text.numbers import checked_number
 
 F64 = NDArray[np.float64]
 
@@ -45,15 +45,7 @@ def number(text: str, file: str, line: int | None, what: str) -> float:
     InputError
         With the place.
     """
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(
-            "not a number", file=file, line=line, field=what, found=text, expected="a number"
-        )
-    return value
+    return checked_number(text, file=file, line=line, field=what, expected="a number")
 
 
 def whole_number(text: str, file: str, line: int | None, what: str) -> int:

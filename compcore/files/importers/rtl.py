@@ -7,7 +7,6 @@ Whether deviations are laser minus target is an assumption, said in the campaign
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -26,6 +25,7 @@ from abbe.compcore.files.importers.placing import (
     read_bytes,
 )
 from abbe.compcore.files.text.encodings import decoded
+from abbe.compcore.files.text.numbers import checked_number
 from abbe.compcore.machine.machine import Machine, own_component
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.units import to_internal
@@ -216,18 +216,7 @@ def _integer(text: str, name: str, line: int, what: str) -> int:
 
 
 def _numbers(text: str, name: str, line: int) -> list[float]:
-    found = []
-    for word in text.split():
-        try:
-            value = float(word)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise InputError(
-                "not a number", file=name, line=line, found=word, expected="a finite number"
-            )
-        found.append(value)
-    return found
+    return [checked_number(word, file=name, line=line) for word in text.split()]
 
 
 def _check(file: _File, name: str) -> None:

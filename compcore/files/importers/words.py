@@ -11,6 +11,7 @@ from pathlib import Path
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.importers.placing import read_bytes
 from abbe.compcore.files.text.encodings import decoded
+from abbe.compcore.files.text.numbers import checked_number
 
 _UP = {"+", "+1", "1", "up", "u", "forward", "fwd", "f", "positive", "pos", "p", "↑", "ccw"}
 _DOWN = {
@@ -142,16 +143,7 @@ def whole(text: str, sheet: Sheet, line: int, field: str) -> int:
 
 def number(text: str, sheet: Sheet, line: int, field: str) -> float:
     """A finite number of a cell; raises `InputError` naming the place."""
-    try:
-        value = float(text) if "_" not in text else math.nan
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(
-            "not a number", file=sheet.file, line=line, field=field, found=text,
-            expected="a finite number",
-        )  # fmt: skip
-    return value
+    return checked_number(text, file=sheet.file, line=line, field=field)
 
 
 def as_number(text: str) -> float | None:
