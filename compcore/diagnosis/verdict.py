@@ -19,7 +19,7 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
 from abbe.compcore.diagnosis.advice import Advice, advise
 from abbe.compcore.diagnosis.aliases import aliases
-from abbe.compcore.diagnosis.changed import standing
+from abbe.compcore.diagnosis.changed import Standing, standing
 from abbe.compcore.diagnosis.explain import headline, parameter
 from abbe.compcore.diagnosis.findings import Established, Findings, Verdict, measured_kinds
 from abbe.compcore.diagnosis.pictures import diagnosis_figures
@@ -39,6 +39,7 @@ from abbe.compcore.figures.figure import Figure
 from abbe.compcore.figures.shown import Shown
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.linalg import threads_for
+from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.model.model import Model
 from abbe.compcore.notebook import html_table
 
@@ -154,26 +155,18 @@ def diagnose(model: Model, campaign: Campaign, *, progress: Progress = lambda _:
 
 def _diagnosed(model: Model, whole: FitResult, result: FitResult, progress: Progress) -> Diagnosis:
     campaign = result.problem.campaign
-    basis = Basis.of(result)
     progress("enumerating candidates")
     tried = candidates(model, campaign)
 
     def columns(candidate: Candidate, nonlinear: Mapping[str, float]) -> F64:
         return result.effect_columns(candidate.effect, nonlinear)
 
+    basis = Basis.of(result)
     frames = Frames(result.problem, result.theta, basis)
     pool = Pool(tried, columns, basis, model.machine, placed=frames.columns)
     progress(f"testing {len(tried)} candidates")
     rows = folds(campaign.conditions)
-    chosen, ranked = search(pool, basis)
-    share = independent_share(_after(pool, basis, chosen).residual, campaign.conditions)
-    if chosen and share < _ALIKE:
-        # what the causes leave is alike from row to row: fewer rows speak than were counted
-        basis = replace(basis, share=share)
-        chosen, ranked = search(pool, basis)
-    chosen = _predicting(pool, basis, chosen, rows)
-    if not chosen:
-        basis = replace(basis, share=1.0)
+    basis, chosen, ranked = _found(pool, basis, campaign.conditions, rows)
     progress("looking for structure that is in no catalogue")
     patterns = Patterns(result.problem, result.theta, frames)
     chosen, unexplained = _compete(pool, basis, chosen, patterns)
@@ -200,16 +193,8 @@ def _diagnosed(model: Model, whole: FitResult, result: FitResult, progress: Prog
         variance = variance if unexplained else left
     progress("what has changed")
     holds = standing(model, result, [pool.found_columns(e.found) for e in established])
-    if holds is not None and (holds.changes or holds.suspicions):
-        verdict: Verdict = "changed"
-    elif established:
-        verdict = "missing"
-    elif unexplained:
-        verdict = "unexplained"
-    else:
-        verdict = "complete"
     return Diagnosis(
-        verdict,
+        _verdict(holds, established, unexplained),
         whole,
         result,
         whole.rms(*measured_kinds(whole)),
@@ -222,6 +207,35 @@ def _diagnosed(model: Model, whole: FitResult, result: FitResult, progress: Prog
         basis,
         holds,
     )
+
+
+def _found(
+    pool: Pool, basis: Basis, conditions: Conditions, rows: list[NDArray[np.int64]]
+) -> tuple[Basis, list[WeighedCandidate], list[WeighedCandidate]]:
+    """The causes that predict rows left out, and all candidates as the first search ranked them.
+
+    The basis counts as many rows as independent as what the causes leave allows.
+    """
+    chosen, ranked = search(pool, basis)
+    share = independent_share(_after(pool, basis, chosen).residual, conditions)
+    if chosen and share < _ALIKE:
+        # what the causes leave is alike from row to row: fewer rows speak than were counted
+        basis = replace(basis, share=share)
+        chosen, ranked = search(pool, basis)
+    chosen = _predicting(pool, basis, chosen, rows)
+    return basis if chosen else replace(basis, share=1.0), chosen, ranked
+
+
+def _verdict(
+    holds: Standing | None,
+    established: Sequence[Established],
+    unexplained: Sequence[ResidualPattern],
+) -> Verdict:
+    if holds is not None and (holds.changes or holds.suspicions):
+        return "changed"
+    if established:
+        return "missing"
+    return "unexplained" if unexplained else "complete"
 
 
 def _after(pool: Pool, basis: Basis, chosen: Sequence[WeighedCandidate]) -> Basis:

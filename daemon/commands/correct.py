@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Collection
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from abbe.daemon.arguments.force import Force
+
+if TYPE_CHECKING:
+    from abbe.compcore.model.model import Model
+    from abbe.daemon.answers.correct import Corrected
+    from abbe.daemon.arguments.point_arguments import Given
 
 
 def register(app: typer.Typer) -> None:
@@ -86,18 +92,13 @@ def correct(
         else:
             say(f"{done.rows} points, greatest correction {done.worst * 1e3:.2f} µm: {out}")
         return
-    from abbe.compcore.model.uncertainty import in_words
-    from abbe.daemon.answers import correct as answer
-    from abbe.daemon.arguments.point_arguments import doubts
-
-    at = given.conditions(loaded)
-    found = answer.correct_point(loaded, at, command=command, held=held)
-    warnings = [*doubts(loaded, given), *in_words(found.sure)]
-    _warn(warnings)
+    found, warnings = _at_one_point(loaded, given, command=command, held=held)
     if report is not None:
         from abbe.daemon.report.correct import corrected_page
 
         corrected_page(found, warnings, loaded.machine.name, model.name).write(report)
+    from abbe.daemon.answers import correct as answer
+
     if as_json:
         reported = answer.as_json(found, warnings, explain=explain)
         say(json.dumps(reported, ensure_ascii=False))
@@ -106,6 +107,20 @@ def correct(
         say(line)
     if report is not None:
         say(f"written: {report}")
+
+
+def _at_one_point(
+    model: Model, given: Given, *, command: bool, held: Collection[str]
+) -> tuple[Corrected, list[str]]:
+    """The correction, and what speaks against believing it."""
+    from abbe.compcore.model.uncertainty import in_words
+    from abbe.daemon.answers.correct import correct_point
+    from abbe.daemon.arguments.point_arguments import doubts
+
+    found = correct_point(model, given.conditions(model), command=command, held=held)
+    warnings = [*doubts(model, given), *in_words(found.sure)]
+    _warn(warnings)
+    return found, warnings
 
 
 def _warn(warnings: list[str]) -> None:

@@ -243,7 +243,7 @@ class Pipeline:
     def _computed(
         self, positions: Sequence[float], batch: Batch, faults: dict[str, str]
     ) -> Correction | None:
-        """The model's correction, mm and rad; None with a fault, which a bad direction adds to `faults`."""
+        """The correction, mm and rad; None with a fault: a bad direction adds one to `faults`."""
         directions: Sequence[float] = ()
         if self._turns and not faults:
             directions = self._approach(positions, batch, faults)

@@ -46,7 +46,13 @@ from pymodbus.pdu.register_message import (
     WriteSingleRegisterRequest,
 )
 
-from abbe.drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError, TooLateError
+from abbe.drivers.link import (
+    LinkDownError,
+    LinkError,
+    LinkProtocolError,
+    LinkTimeoutError,
+    TooLateError,
+)
 from abbe.drivers.modbus.buffers import cut_off, give_up_after, unsent
 from abbe.drivers.modbus.config import ModbusConfig, Table
 from abbe.drivers.modbus.framing import (
@@ -278,19 +284,7 @@ class ModbusClient:
         except LinkDownError:
             raise
         except TimeoutError as exc:
-            strange = len(context.recv_buffer)
-            if strange and self._rtu_framer is None:
-                raise self._out_of_step(client) from exc
-            if unsent(client):
-                # what is still in the buffer would be delivered whenever the network comes back
-                self.close(at_once=True)
-                raise LinkDownError(
-                    f"the request did not reach {config.where} in {limit:.3g} s"
-                ) from exc
-            more = f" ({strange} bytes came that answer something else)" if strange else ""
-            raise LinkTimeoutError(
-                f"no answer from unit {span.unit} in {limit:.3g} s{more}"
-            ) from exc
+            raise self._no_answer(client, span, limit) from exc
         except OSError as exc:
             raise LinkDownError(f"cannot send on {config.where}: {exc}") from exc
         finally:
@@ -306,6 +300,18 @@ class ModbusClient:
                 f"function {request.function_code} was asked"
             )
         return reply
+
+    def _no_answer(self, client: _Client, span: Span, limit: float) -> LinkError:
+        """The error of a request not answered in `limit` s; a connection out of step is closed."""
+        strange = len(client.ctx.recv_buffer)
+        if strange and self._rtu_framer is None:
+            return self._out_of_step(client)
+        if unsent(client):
+            # what is still in the buffer would be delivered whenever the network comes back
+            self.close(at_once=True)
+            return LinkDownError(f"the request did not reach {self._config.where} in {limit:.3g} s")
+        more = f" ({strange} bytes came that answer something else)" if strange else ""
+        return LinkTimeoutError(f"no answer from unit {span.unit} in {limit:.3g} s{more}")
 
     async def _transact(self, client: _Client, request: ModbusPDU, limit: float) -> ModbusPDU:
         """Send a request and wait at most `limit` s for what the framer takes for its answer.

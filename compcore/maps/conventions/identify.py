@@ -7,7 +7,7 @@ apart is said, with a pose that would.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -136,39 +136,25 @@ def identify(
     if tolerance is None:
         tolerance = max(3.0 * points.sigma, 1e-4, 0.005 * observed)
     declared = any(any(a.rotation_point) for a in subject.machine(structure).axes.values())
-    ranking = Ranking(subject, points, structure)
     few = points.thinned(_SCREENED_POINTS)
-    screened = [
-        s
-        for f in frames(subject, few, structure, any_order)
-        for s in screen(f, few, declared=declared)
-    ]
-    screened.sort(key=lambda s: s.rss)
-    estimated = [s for s in screened if s.hypothesis.fitted_point]
-    named = [s for s in screened if not s.hypothesis.fitted_point]
-    for s in (*named[:_EXACTLY], *estimated[:_ESTIMATED]):
-        ranking.judge(ranking.refined(s.hypothesis))
+    ranking = Ranking(subject, points, structure)
+    for h in _likely(subject, few, structure, any_order, declared):
+        ranking.judge(ranking.refined(h))
     ranking.judge(Hypothesis(structure, Convention(rotation_point=None if declared else {})))
+
+    def changed(best: RankedHypothesis) -> list[RankedHypothesis]:
+        others = _one_changed(best.hypothesis, subject, points, any_order, declared)
+        return [ranking.judge(h) for h in others]
+
     best = ranking.best()
-    changes = [
-        ranking.judge(h)
-        for h in _one_changed(best.hypothesis, subject, points, any_order, declared)
-    ]
+    changes = changed(best)
     if (better := ranking.best()) != best:  # exact composition may overturn a close first order
         best = better
-        changes = [
-            ranking.judge(h)
-            for h in _one_changed(best.hypothesis, subject, points, any_order, declared)
-        ]
+        changes = changed(best)
     ties = ranking.ties(best)
-    verdict: Verdict = "identified"
-    if best.rms > tolerance:
-        verdict = "none"
-    elif any(t.telling is not None and not any(t.telling.tool) for t in ties):
-        verdict = "ambiguous"
     h = best.hypothesis
     return Identification(
-        verdict,
+        _verdict(best, ties, tolerance),
         structure,
         points.n,
         tuple(ranking.ranking()),
@@ -183,6 +169,30 @@ def identify(
         points.both_read,
         ranking.gain(h),
     )
+
+
+def _likely(
+    subject: Subject, points: SwitchedPoints, structure: Structure, any_order: bool, declared: bool
+) -> list[Hypothesis]:
+    """The hypotheses that fit best to first order, with named and with estimated points."""
+    screened = [
+        s
+        for f in frames(subject, points, structure, any_order)
+        for s in screen(f, points, declared=declared)
+    ]
+    screened.sort(key=lambda s: s.rss)
+    estimated = [s.hypothesis for s in screened if s.hypothesis.fitted_point]
+    named = [s.hypothesis for s in screened if not s.hypothesis.fitted_point]
+    return [*named[:_EXACTLY], *estimated[:_ESTIMATED]]
+
+
+def _verdict(best: RankedHypothesis, ties: Sequence[Tie], tolerance: float) -> Verdict:
+    if best.rms > tolerance:
+        return "none"
+    # ties that only a tool's offset would tell apart do not make it ambiguous
+    if any(t.telling is not None and not any(t.telling.tool) for t in ties):
+        return "ambiguous"
+    return "identified"
 
 
 def _once(judged: list[RankedHypothesis]) -> list[RankedHypothesis]:

@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path as FilePath
 
 from abbe.drivers.simulated.bridge.device import BridgeDevice
@@ -130,50 +131,51 @@ async def _serve(options: argparse.Namespace) -> None:
         disturbances=disturbances,
     )
     server = SimulatedServer(BridgeDevice(plant), UNIT_ID)
-
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.set)
     if options.die_with_stdin:
         threading.Thread(target=_watch_stdin, args=(loop, stop), daemon=True).start()
+    with ExitStack() as stack:
+        try:
+            where = await _listen(server, options, stack)
+            ready = {
+                "ready": True,
+                **where,
+                "unit": UNIT_ID,
+                "pid": os.getpid(),
+                "seed": options.seed,
+                "tool": list(options.tool),
+                "registers": [
+                    {"block": block.name} | register.to_dict()
+                    for block in BLOCKS
+                    for register in block.registers
+                ],
+                "transducers": transducer_configs(encoders),
+            }
+            sys.stdout.write(json.dumps(ready) + "\n")
+            sys.stdout.flush()
+            await stop.wait()
+        finally:
+            await server.stop()
 
-    cable: PtyPair | None = None
-    try:
-        where: dict[str, object]
-        if options.rtu or options.serial_port:
-            name = options.serial_port
-            if name is None:
-                cable = PtyPair()
-                cable.start()
-                name = cable.near
-            await server.start_rtu(name, options.baudrate)
-            client_end = options.serial_port if cable is None else cable.far
-            where = {"protocol": "rtu", "device": client_end, "baudrate": options.baudrate}
-        else:
-            port = await server.start_tcp(options.host, options.port)
-            where = {"protocol": "tcp", "host": options.host, "port": port}
-        ready = {
-            "ready": True,
-            **where,
-            "unit": UNIT_ID,
-            "pid": os.getpid(),
-            "seed": options.seed,
-            "tool": list(options.tool),
-            "registers": [
-                {"block": block.name} | register.to_dict()
-                for block in BLOCKS
-                for register in block.registers
-            ],
-            "transducers": transducer_configs(encoders),
-        }
-        sys.stdout.write(json.dumps(ready) + "\n")
-        sys.stdout.flush()
-        await stop.wait()
-    finally:
-        await server.stop()
-        if cable is not None:
-            cable.close()
+
+async def _listen(
+    server: SimulatedServer, options: argparse.Namespace, stack: ExitStack
+) -> dict[str, object]:
+    """Serve on TCP or on a serial line, which `stack` closes; how a client gets there."""
+    if not (options.rtu or options.serial_port):
+        port = await server.start_tcp(options.host, options.port)
+        return {"protocol": "tcp", "host": options.host, "port": port}
+    near = far = options.serial_port
+    if near is None:
+        cable = PtyPair()
+        stack.callback(cable.close)
+        cable.start()
+        near, far = cable.near, cable.far
+    await server.start_rtu(near, options.baudrate)
+    return {"protocol": "rtu", "device": far, "baudrate": options.baudrate}
 
 
 def _watch_stdin(loop: asyncio.AbstractEventLoop, stop: asyncio.Event) -> None:

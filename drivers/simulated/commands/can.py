@@ -68,83 +68,98 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-async def _serve(options: argparse.Namespace) -> None:
-    wire = CanWire()
-    temperatures = [20.0, 21.25, 22.5, -3.75]
-    controller = CanopenController(wire)
-    nodes = [encoder(wire, number, options.event) for number in ENCODERS]
-    nodes += [thermometer(wire, temperatures, options.event), controller.node]
-    frames = FrameSender(wire)
-    by_number = {node.number: node for node in nodes}
+class _Bus:
+    """What is on the bus: encoders, thermometer, controller, and frames of a DBC file."""
 
-    async def send_frames() -> None:
+    def __init__(self, wire: CanWire, event: float) -> None:
+        self._wire = wire
+        self._temperatures = [20.0, 21.25, 22.5, -3.75]
+        self._controller = CanopenController(wire)
+        self.frames = FrameSender(wire)
+        self.nodes = [encoder(wire, number, event) for number in ENCODERS]
+        self.nodes += [thermometer(wire, self._temperatures, event), self._controller.node]
+        self._by_number = {node.number: node for node in self.nodes}
+
+    def orders(self) -> dict[str, Any]:
+        """Order → what carries it out."""
+        return {
+            "node": self._node,
+            "boot": lambda number: self._by_number[number].boot(),
+            "emergency": self._emergency,
+            "error_frame": self._error_frame,
+            "block": self._block,
+            "temperature": self._temperature,
+            "mute": self._mute,
+            "page": self._page,
+            "report": self._report,
+            "fault": self._wire.set_faults,
+            "break": lambda: setattr(self._wire, "broken", True),
+            "mend": lambda: setattr(self._wire, "broken", False),
+        }
+
+    async def send_frames(self, period: float) -> None:
+        """Send the DBC file's messages every so many s."""
         while True:
-            frames.send()
-            await asyncio.sleep(options.frames)
+            self.frames.send()
+            await asyncio.sleep(period)
 
-    def node(number: int, **values: Any) -> None:
+    def _node(self, number: int, **values: Any) -> None:
         for name, value in values.items():
             if name not in FAULTS:
                 raise KeyError(name)
-            setattr(by_number[number], name, value)
+            setattr(self._by_number[number], name, value)
 
-    def emergency(number: int, code: int, register: int) -> None:
-        by_number[number].emergency(code, register)
+    def _emergency(self, number: int, code: int, register: int) -> None:
+        self._by_number[number].emergency(code, register)
 
-    def error_frame(id: int, data: str) -> None:
+    def _error_frame(self, id: int, data: str) -> None:
         # an adapter makes them up; only udp_multicast carries them
-        frames.speak(CanFrame(id, bytes.fromhex(data), error=True))
+        self.frames.speak(CanFrame(id, bytes.fromhex(data), error=True))
 
-    def block(
+    def _block(
+        self,
         lose: Sequence[int] = (),
         *,
         hang_after: int | None = None,
         spoil: bool = False,
         refused: bool = False,
     ) -> None:
-        controller.node.sdo.faults = BlockFaults(set(lose), hang_after, spoil, refused)
+        faults = BlockFaults(set(lose), hang_after, spoil, refused)
+        self._controller.node.sdo.faults = faults
 
-    def temperature(values: list[float]) -> None:
-        temperatures[:] = values
+    def _temperature(self, values: list[float]) -> None:
+        self._temperatures[:] = values
 
-    def mute(*, muted: bool) -> None:
-        frames.muted = muted
+    def _mute(self, *, muted: bool) -> None:
+        self.frames.muted = muted
 
-    def page(*, only: int | None) -> None:
-        frames.only_page = only
+    def _page(self, *, only: int | None) -> None:
+        self.frames.only_page = only
 
-    def report() -> dict[str, Any]:
+    def _report(self) -> dict[str, Any]:
+        controller, setpoints = self._controller, self.frames.setpoints
         return {
             "table_length": len(controller.table),
             "table_crc32": zlib.crc32(controller.table),
             "active": controller.active,
             "offset": controller.offset,
-            "setpoints_taken": len(frames.setpoints),
-            "setpoints": [data.hex() for data in frames.setpoints[-5:]],
-            "states": {str(n.number): n.state for n in nodes},
-            "heartbeats": {str(n.number): n.heartbeat_every for n in nodes},
+            "setpoints_taken": len(setpoints),
+            "setpoints": [data.hex() for data in setpoints[-5:]],
+            "states": {str(n.number): n.state for n in self.nodes},
+            "heartbeats": {str(n.number): n.heartbeat_every for n in self.nodes},
         }
 
-    orders: dict[str, Any] = {
-        "node": node,
-        "boot": lambda number: by_number[number].boot(),
-        "emergency": emergency,
-        "error_frame": error_frame,
-        "block": block,
-        "temperature": temperature,
-        "mute": mute,
-        "page": page,
-        "report": report,
-        "fault": wire.set_faults,
-        "break": lambda: setattr(wire, "broken", True),
-        "mend": lambda: setattr(wire, "broken", False),
-    }
+
+async def _serve(options: argparse.Namespace) -> None:
+    wire = CanWire()
+    bus = _Bus(wire, options.event)
+    orders = bus.orders()
     with contextlib.ExitStack() as stack:
         where = _open(options, wire, stack, orders)
-        jobs = [asyncio.ensure_future(n.live()) for n in nodes]
+        jobs = [asyncio.ensure_future(n.live()) for n in bus.nodes]
         if options.frames:
-            jobs.append(asyncio.ensure_future(send_frames()))
-        for n in nodes:
+            jobs.append(asyncio.ensure_future(bus.send_frames(options.frames)))
+        for n in bus.nodes:
             n.boot()
         announce(ready=True, protocol="can", pid=os.getpid(), **where)
         try:

@@ -15,6 +15,22 @@ from abbe.drivers.simulated.torment.wires import WIRES, wire_class
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run; exit status 1 when a promise was not kept."""
+    parser = _parser()
+    asked = parser.parse_args(arguments)
+    unknown = {*filter(None, (asked.only + "," + asked.without).split(","))} - set(KINDS)
+    if unknown:
+        parser.error(f"no such kind: {', '.join(sorted(unknown))}")
+    runs = [
+        (protocol, variant)
+        for protocol in (list(WIRES) if asked.protocol == "all" else [asked.protocol])
+        for variant in ([asked.variant] if asked.variant else wire_class(protocol).VARIANTS)
+    ]
+    seconds = max(5.0, asked.seconds / len(runs))
+    found = sum(_violations(protocol, variant, seconds, asked) for protocol, variant in runs)
+    return 1 if found else 0
+
+
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m abbe.drivers.simulated.torment", description=__doc__
     )
@@ -26,50 +42,41 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--without", default="", help="kinds that are left out, with commas")
     parser.add_argument("--folder", type=Path, help="for the wire's log and Abbe's journal")
     parser.add_argument("--script", action="store_true", help="print the script, run nothing")
-    asked = parser.parse_args(arguments)
-    protocols = list(WIRES) if asked.protocol == "all" else [asked.protocol]
-    runs = [
-        (protocol, variant)
-        for protocol in protocols
-        for variant in ([asked.variant] if asked.variant else wire_class(protocol).VARIANTS)
-    ]
-    unknown = {*filter(None, (asked.only + "," + asked.without).split(","))} - set(KINDS)
-    if unknown:
-        parser.error(f"no such kind: {', '.join(sorted(unknown))}")
-    found = 0
-    for protocol, variant in runs:
-        kinds = _kinds(protocol, asked.only, asked.without)
-        seconds = max(5.0, asked.seconds / len(runs))
-        with tempfile.TemporaryDirectory(prefix="torment-") as made:
-            folder = Path(made)
-            if asked.folder:
-                folder = asked.folder / f"{protocol}-{variant}-{asked.seed}"
-                folder.mkdir(parents=True, exist_ok=True)
-            trial = Trial(
-                protocol,
-                variant=variant,
-                seed=asked.seed,
-                seconds=seconds,
-                kinds=kinds,
-                folder=folder,
-            )
-            _say(f"{protocol} {variant}, seed {asked.seed}, {seconds:g} s, {', '.join(kinds)}")
-            if asked.script:
-                _say(*map(str, trial.script.torments))
-                continue
-            outcome = trial.run()
-        found += len(outcome.violations)
-        _say(*outcome.lines[:20])
-        if len(outcome.lines) > 20:
-            _say(f"… and {len(outcome.lines) - 20} more")
-        tally = outcome.tally
-        _say(
-            f"  {len(outcome.violations)} violations; {tally.pictures} pictures shown, "
-            f"{tally.messages} messages, {tally.positions} positions, {tally.steps} steps judged, "
-            f"{tally.compensating} in full correction; {tally.not_judged} not judged "
-            f"({outcome.stalls} stalls); slowest recovery in calm {tally.slowest_recovery:.1f} s"
+    return parser
+
+
+def _violations(protocol: str, variant: str, seconds: float, asked: argparse.Namespace) -> int:
+    """Torment one variant of a protocol and say how it went; how many promises were not kept."""
+    kinds = _kinds(protocol, asked.only, asked.without)
+    with tempfile.TemporaryDirectory(prefix="torment-") as made:
+        folder = Path(made)
+        if asked.folder:
+            folder = asked.folder / f"{protocol}-{variant}-{asked.seed}"
+            folder.mkdir(parents=True, exist_ok=True)
+        trial = Trial(
+            protocol,
+            variant=variant,
+            seed=asked.seed,
+            seconds=seconds,
+            kinds=kinds,
+            folder=folder,
         )
-    return 1 if found else 0
+        _say(f"{protocol} {variant}, seed {asked.seed}, {seconds:g} s, {', '.join(kinds)}")
+        if asked.script:
+            _say(*map(str, trial.script.torments))
+            return 0
+        outcome = trial.run()
+    _say(*outcome.lines[:20])
+    if len(outcome.lines) > 20:
+        _say(f"… and {len(outcome.lines) - 20} more")
+    tally = outcome.tally
+    _say(
+        f"  {len(outcome.violations)} violations; {tally.pictures} pictures shown, "
+        f"{tally.messages} messages, {tally.positions} positions, {tally.steps} steps judged, "
+        f"{tally.compensating} in full correction; {tally.not_judged} not judged "
+        f"({outcome.stalls} stalls); slowest recovery in calm {tally.slowest_recovery:.1f} s"
+    )
+    return len(outcome.violations)
 
 
 def _kinds(protocol: str, only: str, without: str) -> list[str]:
