@@ -7,8 +7,8 @@ import logging
 import math
 import time
 from collections.abc import Mapping, Sequence
+from functools import partial
 
-from abbe.drivers.batch import Batch
 from abbe.drivers.bus_lock import BusLock
 from abbe.drivers.link import (
     LinkDownError,
@@ -22,6 +22,7 @@ from abbe.drivers.link import (
 )
 from abbe.drivers.quarantine import MemberHealth
 from abbe.drivers.reconnect import Reconnector
+from abbe.drivers.serial.commands import send_commands
 from abbe.drivers.serial.config import SerialConfig
 from abbe.drivers.serial.conversation import Conversation, LateAnswerError
 from abbe.drivers.serial.fields import FieldError
@@ -109,19 +110,8 @@ class AskedLine:
         LinkError
             When a value was not taken; says which, and which were before.
         """
-        channels, batch = self._config.channels, Batch(self.reconnector.label, values)
-        try:
-            texts = {name: channels[name].text_of(value) for name, value in values.items()}
-        except ValueError as error:
-            raise batch.refused(str(error)) from None
-        try:
-            async with self._bus_lock:
-                for name, text in texts.items():
-                    batch.begin(name)
-                    await self._command(name, text, until)
-                    batch.done()
-        except LinkError as error:
-            raise batch.failed(error) from error
+        send = partial(self._command, until=until)
+        await send_commands(self.reconnector.label, self._config, self._bus_lock, values, send)
 
     async def _command(self, name: str, text: str, until: float) -> None:
         section, question = self._config.channels[name], self._commands[name]

@@ -6,12 +6,11 @@ import asyncio
 import logging
 import time
 from collections.abc import Mapping, Sequence
+from functools import partial
 
-from abbe.drivers.batch import Batch
 from abbe.drivers.bus_lock import BusLock
 from abbe.drivers.link import (
     LinkDownError,
-    LinkError,
     LinkProtocolError,
     LinkStatus,
     LinkTimeoutError,
@@ -22,6 +21,7 @@ from abbe.drivers.link import (
 from abbe.drivers.quarantine import MemberHealth
 from abbe.drivers.reconnect import Reconnector
 from abbe.drivers.serial.checksum import shown
+from abbe.drivers.serial.commands import send_commands
 from abbe.drivers.serial.config import SerialConfig
 from abbe.drivers.serial.fields import FieldError
 from abbe.drivers.serial.port.lines import Splitter
@@ -107,19 +107,8 @@ class StreamingLine:
         LinkError
             When they could not be sent.
         """
-        config, batch = self._config, Batch(self.reconnector.label, values)
-        try:
-            texts = {name: config.channels[name].text_of(value) for name, value in values.items()}
-        except ValueError as error:
-            raise batch.refused(str(error)) from None
-        try:
-            async with self._bus_lock:
-                for name, text in texts.items():
-                    batch.begin(name)
-                    await self._command(name, text, until)
-                    batch.done()
-        except LinkError as error:
-            raise batch.failed(error) from error
+        send = partial(self._command, until=until)
+        await send_commands(self.reconnector.label, self._config, self._bus_lock, values, send)
 
     async def _command(self, name: str, text: str, until: float) -> None:
         config = self._config

@@ -18,7 +18,7 @@ from tests.support.daemon.live_run import (
     matched,
     read_holding,
 )
-from tests.support.daemon.refusing_gateway import RefusingGateway
+from tests.support.daemon.refusing_gateway import Refuses, RefusingGateway
 
 pytestmark = pytest.mark.integration
 
@@ -43,6 +43,13 @@ def numbers(line: str) -> dict[str, float]:
         m[1]: float(m[2])
         for m in re.finditer(r"\b([XYZ]) (-?[\d.e+-]+) mm (?:perhaps )?since", line)
     }
+
+
+def refuse(run: LiveRun, gateway: RefusingGateway, what: Refuses) -> None:
+    """Have the gateway refuse once the machine is compensated in full, and the run notice it."""
+    run.until(compensating)
+    gateway.refuses = what
+    run.until(lambda c: not c["written"])
 
 
 def test_a_machine_that_is_gone_at_the_end(tmp_path: Path) -> None:
@@ -90,9 +97,7 @@ def test_a_controller_that_refuses_blocks_gets_the_word_by_itself(
 ) -> None:
     between, port, config = gateway
     with live_run(config) as run:
-        run.until(compensating)
-        between.refuses = "blocks"
-        run.until(lambda c: not c["written"])
+        refuse(run, between, "blocks")
         assert read_holding(port, 0, 1) != b"\0\0"
         assert run.end() == 0
         assert read_holding(port, 0, 1) == b"\0\0"
@@ -103,9 +108,7 @@ def test_a_controller_that_refuses_everything_is_named_with_what_it_holds(
 ) -> None:
     between, port, config = gateway
     with live_run(config) as run:
-        run.until(compensating)
-        between.refuses = "all"
-        run.until(lambda c: not c["written"])
+        refuse(run, between, "all")
         assert run.end() == 1
         word, held = int.from_bytes(read_holding(port, 0, 1)), matched(port)
         line = last_line(run)
@@ -121,9 +124,7 @@ def test_one_that_takes_it_late_is_told_all_the_same(
 ) -> None:
     between, port, config = gateway
     with live_run(config) as run:
-        run.until(compensating)
-        between.refuses = "all"
-        run.until(lambda c: not c["written"])
+        refuse(run, between, "all")
         between.relents_after = 3
         assert run.end() == 0
         assert between.relents_after == 0

@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 
 from abbe.drivers.link import Quality
-from tests.support.drivers.raw_device import Talker, raw_device, stand_still
+from tests.support.drivers.raw_device import raw_device, stand_still
 from tests.support.drivers.serial_links import linked, until
+from tests.support.drivers.talker import Talker
 
 pytestmark = pytest.mark.integration
 
@@ -50,7 +51,7 @@ async def test_nothing_that_was_waiting_passes_for_an_answer() -> None:
 
 async def test_lines_that_waited_for_us_are_not_fresh() -> None:
     with raw_device() as device:
-        talker = Talker(device, 0.02)
+        talker = Talker(device.send_count, 0.02)
         try:
             async with linked(device.path, TOLD, timeout=30.0) as link:
                 seen: dict[float, float] = {}
@@ -80,7 +81,7 @@ async def test_lines_that_waited_for_us_are_not_fresh() -> None:
 
 async def test_a_line_is_as_old_as_its_first_byte() -> None:
     with raw_device() as device:
-        talker = Talker(device, 0.02)
+        talker = Talker(device.send_count, 0.02)
         async with linked(device.path, TOLD) as link:
             talker.close()
             began = time.monotonic()
@@ -100,7 +101,7 @@ async def test_a_line_is_as_old_as_its_first_byte() -> None:
 async def test_what_came_before_a_stall_is_missing_when_it_is_too_old() -> None:
     parts = {"messages": {"m": {"pattern": r"X(?P<x>[-+]\d+)", "within": 0.5}}}
     with raw_device() as device:
-        talker = Talker(device, 0.02)
+        talker = Talker(device.send_count, 0.02)
         try:
             async with linked(device.path, TOLD | parts) as link:
 

@@ -42,6 +42,10 @@ class RawDevice:
         while data:
             data = data[os.write(self.master, data) :]
 
+    def send_count(self, number: int) -> None:
+        """Send a counted line: X+1, X+2, …"""
+        self.send(f"X{number:+d}\r\n")
+
     def got(self, text: str) -> list[float]:
         """When a line came."""
         return [at for at, line in self.lines if line == text]
@@ -77,35 +81,6 @@ def raw_device(answer: Answer = lambda _: []) -> Iterator[RawDevice]:
         yield device
     finally:
         device.close()
-
-
-class Talker:
-    """Sends a counted line again and again from a thread, and remembers when each began to leave.
-
-    Attributes
-    ----------
-    began
-        Number in the line → monotonic s just before its first byte was sent.
-    """
-
-    def __init__(self, device: RawDevice, period: float) -> None:
-        self.began: dict[int, float] = {}
-        self._device, self._period = device, period
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._talk, daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Fall silent."""
-        self._ended.set()
-        self._thread.join()
-
-    def _talk(self) -> None:
-        number = 0
-        while not self._ended.wait(self._period):
-            number += 1
-            self.began[number] = time.monotonic()
-            self._device.send(f"X{number:+d}\r\n")
 
 
 def stand_still(seconds: float) -> None:

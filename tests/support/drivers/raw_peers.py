@@ -111,29 +111,6 @@ class Node:
         peer.send(0x580 + self.number, answer.ljust(8, b"\0"))
 
 
-class Talker:
-    """Sends a counted message again and again, and remembers when each began to leave."""
-
-    def __init__(self, send: Callable[[int], Any], period: float) -> None:
-        self.began: dict[int, float] = {}
-        self._send, self._period = send, period
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._talk, daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Fall silent."""
-        self._ended.set()
-        self._thread.join()
-
-    def _talk(self) -> None:
-        number = 0
-        while not self._ended.wait(self._period):
-            number += 1
-            self.began[number] = time.monotonic()
-            self._send(number)
-
-
 @contextlib.contextmanager
 def peer(settings: dict[str, Any], answer: Answer = lambda *_: None) -> Iterator[Peer]:
     """Somebody on the bus of these settings."""

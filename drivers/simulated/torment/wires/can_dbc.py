@@ -11,8 +11,7 @@ from typing import ClassVar
 from abbe.drivers.simulated.torment.judge.evidence import AXES, ShownPicture, WireLog
 from abbe.drivers.simulated.torment.loop import Loop, Moment
 from abbe.drivers.simulated.torment.machine import RESOLUTION, TormentMachine
-from abbe.drivers.simulated.torment.wires.base import TormentWire
-from abbe.drivers.simulated.torment.wires.slcan import SlcanEnd, SlcanFrame
+from abbe.drivers.simulated.torment.wires.slcan import SlcanFrame, SlcanWire
 
 PLACE_XY, PLACE_Z, STATE = 0x101, 0x102, 0x103
 OUT_XY, OUT_Z, OUT_STATE = 0x201, 0x202, 0x203
@@ -75,7 +74,7 @@ def frames(shown: ShownPicture) -> list[tuple[SlcanFrame, frozenset[str]]]:
     ]
 
 
-class CanDbc(TormentWire):
+class CanDbc(SlcanWire):
     """Frames on an slcan adapter; nothing that is written is ever confirmed."""
 
     KINDS: ClassVar[tuple[str, ...]] = (
@@ -94,7 +93,6 @@ class CanDbc(TormentWire):
         "mirrored",
         "sensor_jump",
     )
-    FRAMES: ClassVar[bool] = True
     BLIND: ClassVar[float] = 0.1
     WRITTEN: ClassVar[tuple[str, ...]] = (*AXES, "status", "beat")
 
@@ -102,7 +100,6 @@ class CanDbc(TormentWire):
         self, loop: Loop, machine: TormentMachine, log: WireLog, folder: Path, variant: str
     ) -> None:
         super().__init__(loop, machine, log, folder, variant)
-        self._adapter = SlcanEnd(loop, log, folder / "slcan", self._heard, self.delivery.aside)
         (folder / "machine.dbc").write_text(DBC, encoding="ascii")
 
     @property
@@ -127,14 +124,6 @@ class CanDbc(TormentWire):
         """Begin to send."""
         self._adapter.port.plug()
         self._send_all()
-
-    def cut(self) -> None:
-        """Unplug the adapter."""
-        self._adapter.unplug()
-
-    def mend(self) -> None:
-        """Plug it in again."""
-        self._adapter.port.plug()
 
     def flood(self) -> None:
         """Others' frames, as fast as the adapter can tell them, and lines that are no frames."""
@@ -170,7 +159,7 @@ class CanDbc(TormentWire):
             for f, _ in frames(shown)
         ]
 
-    def _heard(self, frame: SlcanFrame, moment: Moment) -> bool:
+    def _received(self, frame: SlcanFrame, moment: Moment) -> bool:
         if self.refuses_write(time.monotonic()):
             return False
         values: dict[str, float] = {}

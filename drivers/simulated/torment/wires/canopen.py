@@ -14,8 +14,7 @@ from typing import ClassVar
 from abbe.drivers.simulated.torment.judge.evidence import AXES, ShownPicture, WireLog
 from abbe.drivers.simulated.torment.loop import Loop, Moment
 from abbe.drivers.simulated.torment.machine import RESOLUTION, TormentMachine
-from abbe.drivers.simulated.torment.wires.base import TormentWire
-from abbe.drivers.simulated.torment.wires.slcan import SlcanEnd, SlcanFrame
+from abbe.drivers.simulated.torment.wires.slcan import SlcanFrame, SlcanWire
 
 ENCODERS = {"X": 3, "Y": 4, "Z": 5}
 CONTROLLER = 6
@@ -50,7 +49,7 @@ def _described(node: int) -> dict[tuple[int, int], bytes]:
     }
 
 
-class Canopen(TormentWire):
+class Canopen(SlcanWire):
     """Positions by PDO at SYNC, everything that is written by SDO."""
 
     KINDS: ClassVar[tuple[str, ...]] = (
@@ -76,14 +75,12 @@ class Canopen(TormentWire):
         "sensor_jump",
     )
     VARIANTS: ClassVar[tuple[str, ...]] = ("plain", "patient")
-    FRAMES: ClassVar[bool] = True
     BLIND: ClassVar[float] = 0.06
 
     def __init__(
         self, loop: Loop, machine: TormentMachine, log: WireLog, folder: Path, variant: str
     ) -> None:
         super().__init__(loop, machine, log, folder, variant)
-        self._adapter = SlcanEnd(loop, log, folder / "slcan", self._heard, self.delivery.aside)
         self._states = dict.fromkeys((*ENCODERS.values(), CONTROLLER), _PRE_OPERATIONAL)
         self._fixed = {node: _described(node) for node in self._states}
 
@@ -133,14 +130,6 @@ T_x = {{ node = "c", index = 0x2000, subindex = 4, type = "int16", scale = 0.01,
         self._adapter.port.plug()
         self._beat()
 
-    def cut(self) -> None:
-        """Unplug the adapter."""
-        self._adapter.unplug()
-
-    def mend(self) -> None:
-        """Plug it in again."""
-        self._adapter.port.plug()
-
     def flood(self) -> None:
         """Others' frames; and PDOs of nodes that are not ours."""
         texts = [SlcanFrame(0x480 + k, os.urandom(8)).text() for k in range(16)]
@@ -157,7 +146,7 @@ T_x = {{ node = "c", index = 0x2000, subindex = 4, type = "int16", scale = 0.01,
                 )
         self.loop.after(HEARTBEAT, self._beat)
 
-    def _heard(self, frame: SlcanFrame, moment: Moment) -> bool:
+    def _received(self, frame: SlcanFrame, moment: Moment) -> bool:
         if frame.extended or frame.remote:
             return True
         if frame.id == 0 and len(frame.data) == 2:

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 from typing import ClassVar
 
+from abbe.drivers.simulated.torment.delivery import FAMILIAR
 from abbe.drivers.simulated.torment.judge.evidence import AXES, ShownPicture, WireLog
 from abbe.drivers.simulated.torment.loop import Loop, Moment
 from abbe.drivers.simulated.torment.machine import TormentMachine
@@ -23,16 +24,7 @@ class Ipp(TormentWire):
     """A measuring machine's server: ``Get`` and ``GetScaleTemperatures``; it only tells."""
 
     KINDS: ClassVar[tuple[str, ...]] = (
-        "late",
-        "split",
-        "partial",
-        "wrong_id",
-        "duplicated",
-        "swapped",
-        "refused",
-        "refused_long",
-        "flood",
-        "silent",
+        *FAMILIAR,
         "reset",
         "away",
         "write_refused",

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from abbe.drivers.simulated.torment.judge.evidence import WireLog
 from abbe.drivers.simulated.torment.loop import Loop, Moment
+from abbe.drivers.simulated.torment.machine import TormentMachine
+from abbe.drivers.simulated.torment.wires.base import TormentWire
 from abbe.drivers.simulated.torment.wires.pty import PtyEnd
 
 
@@ -86,3 +89,27 @@ class SlcanEnd:
         elif kind == "F":
             return b"F00\r"
         return b"\r"
+
+
+class SlcanWire(TormentWire):
+    """The base of wires whose bus is behind an adapter; frames are lost or come as a whole."""
+
+    FRAMES: ClassVar[bool] = True
+
+    def __init__(
+        self, loop: Loop, machine: TormentMachine, log: WireLog, folder: Path, variant: str
+    ) -> None:
+        super().__init__(loop, machine, log, folder, variant)
+        self._adapter = SlcanEnd(loop, log, folder / "slcan", self._received, self.delivery.aside)
+
+    @abstractmethod
+    def _received(self, frame: SlcanFrame, moment: Moment) -> bool:
+        """A frame for the bus; False refuses it (BELL)."""
+
+    def cut(self) -> None:
+        """Unplug the adapter."""
+        self._adapter.unplug()
+
+    def mend(self) -> None:
+        """Plug it in again."""
+        self._adapter.port.plug()
