@@ -13,7 +13,7 @@ from abbe.daemon.guard import Correction, Guard
 from abbe.daemon.pipeline.compensate import LiveCompensator, direction_index
 from abbe.daemon.pipeline.doubts import Doubts
 from abbe.daemon.pipeline.observe import Observer
-from abbe.daemon.pipeline.pace import IDLE, Pace
+from abbe.daemon.pipeline.pace import IDLE, CyclePace
 from abbe.daemon.pipeline.plan import keep_together, make_plan
 from abbe.daemon.pipeline.reading.convert import PositionConverter, SignalConverter, ToolConverter
 from abbe.daemon.pipeline.reading.directions import StatedDirections
@@ -108,7 +108,7 @@ class Pipeline:
         )
         self._writes = bool(written)
         self._doubts = Doubts(self.axes, plan, links, self._write_back, file)
-        self._pace = Pace(file.cycle.period, [links[name].status for name in plan.fast])
+        self._pace = CyclePace(file.cycle.period, [links[name].status for name in plan.fast])
         self._signals_every = file.cycle.signals_every
         self._signals_due = -math.inf
         self._observer = Observer(links, plan, self.directions)

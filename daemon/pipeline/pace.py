@@ -15,7 +15,7 @@ _NAP = 0.2
 _GOING = (LinkState.UP, LinkState.DEGRADED)
 
 
-class Pace:
+class CyclePace:
     """When the next cycle is due.
 
     Parameters

@@ -14,7 +14,7 @@ from abbe.daemon.upload.ledger import Ledger
 from abbe.daemon.upload.outcome import UploadOutcome
 from abbe.daemon.upload.settle import Settled, settle
 from abbe.daemon.upload.shown_correction import Expectation
-from abbe.daemon.upload.steps import Change
+from abbe.daemon.upload.steps import ContentChange
 from abbe.daemon.upload.work import Work
 from abbe.drivers.link import LinkError
 from abbe.drivers.stores.base import Identity
@@ -81,7 +81,7 @@ async def _finished(
     kept = None if backup is None else Path(backup)
     reported: dict[str, Any] = first["controller"]
     identity = Identity(reported["name"], reported["serial"])
-    change = Change(identity, old, new, expected, bool(first.get("puts_back")))
+    change = ContentChange(identity, old, new, expected, bool(first.get("puts_back")))
     return await work.changeover(change, ledger, lambda: Path(), kept).finish()
 
 

@@ -31,7 +31,7 @@ from abbe.daemon.upload.preflight import (
 from abbe.daemon.upload.recovery import recover
 from abbe.daemon.upload.settle import check_identity, check_ready
 from abbe.daemon.upload.shown_correction import Expectation, Seen, check_effect
-from abbe.daemon.upload.steps import Change
+from abbe.daemon.upload.steps import ContentChange
 from abbe.daemon.upload.upload_plan import UploadPlan, backup_order, load_order
 from abbe.daemon.upload.work import Work, user
 from abbe.drivers.link import LinkError
@@ -313,5 +313,5 @@ async def _change(work: Work, cleared: Cleared, request: UploadRequest) -> Uploa
         return backups.save(folder, old, work.controller.name, options, reported)
 
     expected = Expectation(order.tables, work.model, order.tool, work.store.adds_error)
-    change = Change(cleared.identity, old, order.content, expected, order.puts_back)
+    change = ContentChange(cleared.identity, old, order.content, expected, order.puts_back)
     return await work.changeover(change, ledger, back_up).run()

@@ -34,7 +34,7 @@ class Allowed:
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
+class ContentChange:
     """A change of what is active in one controller.
 
     Attributes
@@ -93,7 +93,7 @@ class Steps:
         self,
         store: Store,
         controller: Controller,
-        change: Change,
+        change: ContentChange,
         allowed: Allowed,
         operator: OperatorPort,
         back_up: Callable[[], Path],

@@ -20,7 +20,7 @@ from abbe.daemon.upload.history.content import Content
 from abbe.daemon.upload.history.upload_log import Journal
 from abbe.daemon.upload.ledger import Ledger
 from abbe.daemon.upload.operator_port import OperatorPort
-from abbe.daemon.upload.steps import Allowed, Change, Steps
+from abbe.daemon.upload.steps import Allowed, ContentChange, Steps
 from abbe.drivers.controllers import Controller
 from abbe.drivers.stores.base import Identity, Store
 
@@ -72,7 +72,7 @@ class Work:
 
     def changeover(
         self,
-        change: Change,
+        change: ContentChange,
         ledger: Ledger,
         back_up: Callable[[], Path],
         backup: Path | None = None,
