@@ -186,7 +186,7 @@ def changed(standing: Standing) -> Iterator[str]:
     for change in standing.changes:
         unit, factor = ("µrad", 1e6) if change.of_rotations else ("µm", 1e3)
         text = f"{change.effect.spec} changed{since}: "
-        text += f"{_told(change)}, " if len(change.parameters) <= _MOST_CHANGED else ""
+        text += f"{_moved_parameters(change)}, " if len(change.parameters) <= _MOST_CHANGED else ""
         text += f"up to {change.largest * factor:.3g} {unit} in this campaign"
         if change.aliases:
             text += f"; this campaign cannot tell it from a change of {'; '.join(change.aliases)}"
@@ -197,14 +197,14 @@ def changed(standing: Standing) -> Iterator[str]:
         yield "and more than these has changed: fit the whole model again"
 
 
-def _told(change: Change) -> str:
+def _moved_parameters(change: Change) -> str:
     """Each parameter that moved by more than its uncertainty."""
-    told = []
+    moved = []
     for p in change.parameters:
         unit, factor = display(p.unit)
         if abs(p.by) > p.sd:
-            told.append(
+            moved.append(
                 f"{p.name} by {p.by * factor:+.3g} ± {p.sd * factor:.2g} {unit} "
                 f"(from {p.before * factor:.4g} to {p.after * factor:.4g})"
             )
-    return ", ".join(told)
+    return ", ".join(moved)

@@ -146,7 +146,7 @@ def to_the_verdict(
     model: Model,
     campaign: Campaign,
     *,
-    told: Callable[[Step], None] = lambda _: None,
+    on_step: Callable[[Step], None] = lambda _: None,
     progress: Progress = lambda _: None,
 ) -> Course:
     """Add what the diagnosis establishes until it establishes nothing more.
@@ -157,7 +157,7 @@ def to_the_verdict(
         Where to begin; it may have no effects at all.
     campaign
         The measurements.
-    told
+    on_step
         Called with every step as soon as it is made.
     progress
         Called with a few words at the start of each stage.
@@ -167,7 +167,7 @@ def to_the_verdict(
     FitError
         As `diagnose`.
     """
-    course = _Course(model, campaign, told, progress)
+    course = _Course(model, campaign, on_step, progress)
     diagnosis = course.diagnosed()
     while len(course.steps) < MOST_STEPS:
         found = [e.found.candidate.effect for e in diagnosis.established]
@@ -189,11 +189,11 @@ class _Course:
         self,
         model: Model,
         campaign: Campaign,
-        told: Callable[[Step], None],
+        on_step: Callable[[Step], None],
         progress: Progress,
     ) -> None:
         self._campaign = campaign
-        self._told, self._progress = told, progress
+        self._on_step, self._progress = on_step, progress
         self.refused: list[Effect] = []
         self.steps: list[Step] = []
         self._added: list[Effect] = []
@@ -208,7 +208,7 @@ class _Course:
         self, action: str, effect: Effect | None, result: FitResult, out: LeftOutErrors
     ) -> None:
         self.steps.append(Step(action, effect, result, out))
-        self._told(self._last)
+        self._on_step(self._last)
 
     def diagnosed(self) -> Diagnosis:
         """What the model lacks as it is now."""

@@ -212,7 +212,7 @@ def as_text(found: Corrected, *, explain: bool) -> Iterator[str]:
     if found.left is None:
         yield f"the tool is turned by A {a}, B {b}, C {c} µrad"
     else:
-        yield from _left_told(found.left)
+        yield from _orientation_left(found.left)
     if found.command:
         yield (
             f"found in {found.iterations} rounds; each shrinks what is left to "
@@ -229,7 +229,7 @@ def _plus_minus(sure: PredictionUncertainty, axis: str) -> str:
     return "" if wide is None else f" ± {wide * 1e3:.2f}"
 
 
-def _left_told(left: OrientationLeft) -> Iterator[str]:
+def _orientation_left(left: OrientationLeft) -> Iterator[str]:
     yield (
         f"the tool then points {left.direction * 1e6:.2f} µrad beside where it should, and is "
         f"turned about itself by {left.spin * 1e6:.2f} µrad"

@@ -134,9 +134,9 @@ class Patterns:
     def established(self, basis: Basis) -> list[ResidualPattern]:
         """The strongest patterns that the data establish; with a formula where a short one does."""
         found = [s for s in self.strongest(basis) if s.established(basis.n)]
-        return [self._told(basis, s) for s in found]
+        return [self._shortened(basis, s) for s in found]
 
-    def _told(self, basis: Basis, structure: ResidualPattern) -> ResidualPattern:
+    def _shortened(self, basis: Basis, structure: ResidualPattern) -> ResidualPattern:
         pattern = structure.pattern
         if pattern.terms and len(pattern.factors) < 2:
             return structure

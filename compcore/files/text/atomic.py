@@ -55,13 +55,13 @@ def write_together(contents: Mapping[Path, str | bytes | Iterable[str]]) -> None
             if not target.replaced:
                 streams.append((path, target, pieces))
                 continue
-            with _told(path):
+            with _errors_named(path):
                 ready[path] = (_prepared(target, pieces), target.path)
         for path, target, pieces in streams:
-            with _told(path):
+            with _errors_named(path):
                 _write_through(target, pieces)
         for path, (temporary, final) in ready.items():
-            with _told(path):
+            with _errors_named(path):
                 temporary.replace(final)
     except BaseException:
         for temporary, _ in ready.values():
@@ -70,7 +70,7 @@ def write_together(contents: Mapping[Path, str | bytes | Iterable[str]]) -> None
 
 
 @contextlib.contextmanager
-def _told(path: Path) -> Iterator[None]:
+def _errors_named(path: Path) -> Iterator[None]:
     try:
         yield
     except BrokenPipeError:

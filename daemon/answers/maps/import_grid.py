@@ -87,7 +87,7 @@ def imported(order: GridOrder) -> tuple[Model, list[str]]:
     grid = load_grid(grid, model.machine, None, {name: text})
     fit: dict[str, Any] = dict(model.fit) if order.onto is not None else {"abbe": abbe_version()}
     made = replace(model, terms=(*model.terms, Term(grid)), fit=fit)
-    return made, _told(made, grid, name, order)
+    return made, _lines(made, grid, name, order)
 
 
 def _provisional(order: GridOrder) -> Model:
@@ -132,7 +132,7 @@ def _measured(table: Table) -> MeasuredTable:
     )
 
 
-def _told(model: Model, grid: ErrorGrid, name: str, order: GridOrder) -> list[str]:
+def _lines(model: Model, grid: ErrorGrid, name: str, order: GridOrder) -> list[str]:
     points = sum(table.values.size for table in grid.tables)
     motions = ", ".join(dict.fromkeys(str(t.error_motion) for t in grid.tables))
     lines = [

@@ -29,7 +29,7 @@ _SAID = {
 
 
 @dataclass(frozen=True)
-class Told:
+class StepFigures:
     """One step in the unit that its campaign is told in.
 
     Attributes
@@ -52,7 +52,7 @@ class Told:
     unseen: float | None
 
     @classmethod
-    def of(cls, step: Step, unseen: Campaign | None) -> Told:
+    def of(cls, step: Step, unseen: Campaign | None) -> StepFigures:
         """The figures of a step."""
         rms = step.result.rms(*step.kinds)
         rotations = step.of_rotations
@@ -90,7 +90,11 @@ class Told:
 
 
 def write(
-    course: Course, told: Sequence[Told], noise: NoiseFloor, unseen: Campaign | None, out: Path
+    course: Course,
+    steps: Sequence[StepFigures],
+    noise: NoiseFloor,
+    unseen: Campaign | None,
+    out: Path,
 ) -> Model:
     """Write the model that was reached; every step stands in its history."""
     lengths = noise.lengths
@@ -101,7 +105,7 @@ def write(
         "noise_floor_rotation": noise.value("rotation"),
     }
     model = course.steps[0].result.problem.model
-    for one in told:
+    for one in steps:
         step = one.step
         kept = recorded(step.result, model, **record)
         extra: dict[str, Any] = {}

@@ -74,7 +74,7 @@ def diagnose(
         force=force,
         as_json=as_json,
     )
-    steps: list[applied.Told] = []
+    steps: list[applied.StepFigures] = []
     with shown("reading", expected.diagnosing(campaigns)) as tell:
         loaded, campaign = load(model, campaigns)
         noise = noise_floor(campaign, loaded.machine)
@@ -87,12 +87,12 @@ def diagnose(
                 for note in held.notes():
                     say(note)
 
-            def told(step: Step) -> None:
-                steps.append(applied.Told.of(step, unseen))
+            def on_step(step: Step) -> None:
+                steps.append(applied.StepFigures.of(step, unseen))
                 if not as_json:
                     say(steps[-1].line)
 
-            course = to_the_verdict(loaded, campaign, told=told, progress=tell)
+            course = to_the_verdict(loaded, campaign, on_step=on_step, progress=tell)
             found = course.diagnosis
             reached = applied.write(course, steps, noise, unseen, out)
         tell("what to measure next")

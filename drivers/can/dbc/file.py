@@ -41,7 +41,9 @@ def load(config: DbcConfig) -> dict[str, Message]:
         database = cantools.database.load_file(config.dbc)
     except Exception as error:
         # cantools raises its parsers' errors as they are
-        raise LinkConfigError(f"{config.dbc} cannot be read: {_told(error)}", ("dbc",)) from error
+        raise LinkConfigError(
+            f"{config.dbc} cannot be read: {_one_line(error)}", ("dbc",)
+        ) from error
     found: dict[str, Message] = {}
     for name, channel in config.channels.items():
         key = ("channels", name)
@@ -56,7 +58,7 @@ def load(config: DbcConfig) -> dict[str, Message]:
     return found
 
 
-def _told(error: Exception) -> str:
+def _one_line(error: Exception) -> str:
     """A parser's complaint in one line: it may quote a line of any length."""
     words = " ".join(str(error).split()) or type(error).__name__
     return words if len(words) <= _LONGEST else words[:_LONGEST] + " …"

@@ -133,12 +133,12 @@ class TableNode(CanopenNode):
             ),
             (0x1018, 4): u32(lambda: SERIAL + self._lies),
             (0x2300, 0): Entry(lambda: bytes((self._state(),))),
-            (0x2301, 1): Entry(lambda: self._told(memory.staged), command(self._stage).put),
+            (0x2301, 1): Entry(lambda: self._as_read(memory.staged), command(self._stage).put),
             (0x2301, 2): u32(lambda: len(memory.staged)),
             (0x2301, 3): u32(lambda: zlib.crc32(memory.staged) if memory.whole else 0),
             (0x2301, 4): command(lambda _: memory.discard()),
             (0x2302, 1): command(self._commit),
-            (0x2303, 1): Entry(lambda: self._told(memory.active)),
+            (0x2303, 1): Entry(lambda: self._as_read(memory.active)),
             (0x2303, 2): u32(lambda: len(memory.active)),
             (0x2303, 3): u32(lambda: zlib.crc32(memory.active) ^ self._lies),
             (0x2303, 4): command(lambda _: self._deactivate()),
@@ -157,7 +157,7 @@ class TableNode(CanopenNode):
     def _shown(form: str, get: Callable[[], float]) -> Entry:
         return Entry(lambda: struct.pack(form, round(get())))
 
-    def _told(self, image: bytes) -> bytes:
+    def _as_read(self, image: bytes) -> bytes:
         """An image, one bit of it altered by a liar."""
         if not (self._lies and image):
             return image

@@ -28,7 +28,7 @@ _ABOUT = {
 """High byte of the error code → what it is about."""
 
 
-def emergency_told(code: int, register: int, meaning: str) -> str:
+def emergency_text(code: int, register: int, meaning: str) -> str:
     """An emergency for people; empty when it says that the error is over.
 
     Parameters
@@ -40,7 +40,7 @@ def emergency_told(code: int, register: int, meaning: str) -> str:
     meaning
         What to say of a code that is not in the specification.
 
-    >>> emergency_told(0x5530, 0x81, "")
+    >>> emergency_text(0x5530, 0x81, "")
     'emergency 5530h, device hardware; error register 81h'
     """
     if code >> 8 == 0:

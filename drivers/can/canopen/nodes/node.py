@@ -11,7 +11,7 @@ from concurrent.futures import Executor
 from typing import TypeVar
 
 from abbe.drivers.can.canopen.config import CanopenConfig
-from abbe.drivers.can.canopen.nodes.emergencies import emergency_told
+from abbe.drivers.can.canopen.nodes.emergencies import emergency_text
 from abbe.drivers.can.canopen.nodes.setup import NodeSetup, set_up
 from abbe.drivers.can.canopen.objects import decode
 from abbe.drivers.can.canopen.process_data.pdo import Pdo
@@ -321,7 +321,7 @@ class Node(Member):
             self._on_change()
 
     def _take_emergency(self, code: int, register: int, meaning: str) -> None:
-        words = emergency_told(code, register, meaning)
+        words = emergency_text(code, register, meaning)
         message = f"{self.name}: {words}" if words else ""
         if message != self.emergency:
             self.emergency = message
