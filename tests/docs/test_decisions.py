@@ -21,5 +21,6 @@ def test_a_number_stands_for_one_record() -> None:
 def test_the_heading_has_the_number_of_the_file(path: Path) -> None:
     name = re.fullmatch(r"(\d{4})-[a-z0-9-]+\.md", path.name)
     heading = re.match(r"# (\d+)\. \S", path.read_text("utf-8"))
-    assert name and heading, path.name
+    assert name, path.name
+    assert heading, path.name
     assert int(name[1]) == int(heading[1])
