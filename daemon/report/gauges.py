@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from abbe.compcore.figures.figure import COLOURS, Trace, figure, line, points
-from abbe.daemon.answers.gauges import GaugeAnswer, GaugedPlate, worst
+from abbe.daemon.answers.measurements.gauges import GaugeAnswer, GaugedPlate, worst
 from abbe.daemon.report.page import Page, number
 
 _SHOWN = 0.12

@@ -6,7 +6,7 @@ import numpy as np
 
 from abbe.compcore.artefacts.iso10360 import LengthTestResult
 from abbe.compcore.figures.figure import COLOURS, Figure, Trace, figure, line, points
-from abbe.daemon.answers.iso10360 import ZONES, LengthAnswer, where
+from abbe.daemon.answers.measurements.iso10360 import ZONES, LengthAnswer, where
 from abbe.daemon.report.page import Page, number
 
 

@@ -8,7 +8,7 @@ from abbe.compcore.figures.figure import COLOURS, Trace, band, figure, line, poi
 from abbe.compcore.iso230.circular import CircularResult
 from abbe.compcore.iso230.diagonals import Diagonals
 from abbe.compcore.iso230.positioning import RESULTS, PositioningResult
-from abbe.daemon.answers.iso230 import (
+from abbe.daemon.answers.measurements.iso230 import (
     MEANINGS,
     SYMBOLS,
     TARGET_COLUMNS,

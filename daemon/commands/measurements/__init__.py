@@ -1,1 +1,1 @@
-"""Commands that take in measurements, or evaluate them by a standard without a model."""
+"""Commands that take in measurements, or evaluate them by a standard."""

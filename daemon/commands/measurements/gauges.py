@@ -45,7 +45,7 @@ def gauges(
     An example: abbe gauges block.csv --model fitted.toml
     """
     from abbe.compcore.files.model_file import load_model
-    from abbe.daemon.answers import gauges as answer
+    from abbe.daemon.answers.measurements import gauges as answer
     from abbe.daemon.arguments.assignments import tool_offset
     from abbe.daemon.outputs import REPORT, check_outputs
 

@@ -66,7 +66,7 @@ def iso10360(
     An example: abbe iso10360 lengths.csv --mpe "1.9+L/300" --mpl-r0 1.5
     """
     from abbe.compcore.artefacts.permissible import PermissibleError
-    from abbe.daemon.answers import iso10360 as answer
+    from abbe.daemon.answers.measurements import iso10360 as answer
     from abbe.daemon.outputs import REPORT, check_outputs
 
     say = check_outputs(files, [(report, REPORT)], force=force, as_json=as_json)

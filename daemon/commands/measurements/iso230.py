@@ -30,7 +30,7 @@ def iso230(
 ) -> None:
     """Evaluate positioning runs, circles and diagonals by ISO 230-2, ISO 230-4 and ISO 230-6."""
     from abbe.compcore.files.model_file import load_model
-    from abbe.daemon.answers import iso230 as analysis
+    from abbe.daemon.answers.measurements import iso230 as analysis
     from abbe.daemon.outputs import REPORT, check_outputs
 
     say = check_outputs([campaign, model], [(report, REPORT)], force=force, as_json=as_json)

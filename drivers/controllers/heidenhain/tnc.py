@@ -23,8 +23,8 @@ from abbe.drivers.controllers.base import (
     NamePerAxis,
     Trust,
 )
-from abbe.drivers.controllers.heidenhain_text import NcTable, nc_table, read_nc_table
-from abbe.drivers.controllers.heidenhain_transformations import rows_from_tool, written_rows
+from abbe.drivers.controllers.heidenhain.text import NcTable, nc_table, read_nc_table
+from abbe.drivers.controllers.heidenhain.transformations import rows_from_tool, written_rows
 from abbe.drivers.controllers.text import fixed, increasing, number
 
 _POINTS = 256

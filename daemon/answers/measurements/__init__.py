@@ -1,0 +1,1 @@
+"""Answers of the commands that take in measurements, or evaluate them by a standard."""

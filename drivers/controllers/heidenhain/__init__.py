@@ -1,0 +1,1 @@
+"""Heidenhain: position displays ND, controls TNC (COM and CMA tables, KinematicsComp)."""
