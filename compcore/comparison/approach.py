@@ -52,15 +52,24 @@ class SideDifference:
     @property
     def words(self) -> str:
         """In the shop's words, ISO 230's name in brackets."""
-        size, sd = abs(self.difference) * 1e3, self.sd * 1e3
-        side = "from above" if self.axis == "Z" else "from the plus side"
+        sd = f" ± {self.sd * 1e3:.1f}"
         way = "minus" if self.difference > 0.0 else "plus"
-        what = f"{self.axis} stands" if self.axis == self.component else f"{self.component} is"
-        who = "it comes" if self.axis == self.component else f"{self.axis} comes"
         return (
-            f"{what} {size:.1f} ± {sd:.1f} µm elsewhere, towards {way}, when {who} {side} "
+            f"{self._said(sd, f', towards {way},')} "
             f"(reversal error, ISO 230-1, measured in {self.component})"
         )
+
+    @property
+    def short(self) -> str:
+        """The same as a headline."""
+        return self._said("", "")
+
+    def _said(self, sd: str, way: str) -> str:
+        size = abs(self.difference) * 1e3
+        side = "from above" if self.axis == "Z" else "from the plus side"
+        what = f"{self.axis} stands" if self.axis == self.component else f"{self.component} is"
+        who = "it comes" if self.axis == self.component else f"{self.axis} comes"
+        return f"{what} {size:.1f}{sd} µm elsewhere{way} when {who} {side}"
 
 
 def by_side_and_component(

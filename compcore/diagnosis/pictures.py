@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.diagnosis.findings import Established, Findings
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
-from abbe.compcore.figures.figure import COLOURS, Figure, Trace, figure, line, points
+from abbe.compcore.figures.figure import (
+    COLOURS,
+    SIGNED,
+    Figure,
+    Trace,
+    figure,
+    line,
+    points,
+)
 
 F64 = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -85,7 +93,7 @@ def _vectors(point: F64, u: F64, residual: F64) -> Figure:
         "line": {
             "width": 4,
             "color": colour,
-            "colorscale": "RdBu",
+            "colorscale": SIGNED,
             "cmin": -largest,
             "cmax": largest,
             "showscale": True,

@@ -20,6 +20,8 @@ _AXIS = {
 }
 
 GREY = "#9aa4ae"
+SIGNED = ((0.0, COLOURS[0]), (0.5, "#d8dce0"), (1.0, COLOURS[1]))
+"""A scale of colours: minus, nothing, plus."""
 REACH = 0.12
 """The longest vector's length in a picture, as a part of the diagonal of what it shows."""
 

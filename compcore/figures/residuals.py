@@ -11,14 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign
-from abbe.compcore.figures.figure import COLOURS, GREY, REACH, Figure, figure, line, points
+from abbe.compcore.figures.figure import (
+    COLOURS,
+    GREY,
+    REACH,
+    SIGNED,
+    Figure,
+    figure,
+    line,
+    points,
+)
 from abbe.compcore.machine.structure import is_rotary
 
 F64 = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_SIGNED = ((0.0, COLOURS[0]), (0.5, "#d8dce0"), (1.0, COLOURS[1]))
-"""Minus, nothing, plus."""
 _SYMBOLS = {"X": "circle", "Y": "square", "Z": "diamond", "oblique": "x"}
 MOST_POINTS = 6000
 """More rows than this are drawn as a sample, with all of the largest residuals."""
@@ -90,7 +97,7 @@ def in_volume(residuals: Residuals) -> Figure:
     gaps = np.full_like(start, np.nan)
     path = np.stack([start, end, gaps], axis=1).reshape(-1, 3)
     colour = np.repeat(residuals.value, 3)
-    signed = {"colorscale": _SIGNED, "cmin": -largest, "cmax": largest}
+    signed = {"colorscale": SIGNED, "cmin": -largest, "cmax": largest}
     shared: dict[str, Any] = {"type": "scatter3d", "showlegend": False}
     vectors = {
         **shared,

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from abbe.compcore.campaign.campaign import LENGTHS, Kind
+from abbe.compcore.campaign.noise import NoiseFloor
+from abbe.compcore.files.campaign_record import campaign_records, noise_by_file
 from abbe.compcore.files.model_file import summary
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.machine.conditions import Conditions
@@ -48,6 +51,7 @@ def recorded(
     version: str,
     noise_floor: float | None,
     noise_floor_rotation: float | None = None,
+    noise: Sequence[NoiseFloor] | None = None,
 ) -> Model:
     """The fitted model with its provenance, and its ancestor's one-line record in the history.
 
@@ -61,11 +65,15 @@ def recorded(
         When (ISO 8601) and with which version of Abbe.
     noise_floor, noise_floor_rotation
         mm and rad; None where the campaign cannot tell.
+    noise
+        Of each of the campaign's files, where it is known already (`noise_by_file`).
     """
     campaign = result.problem.campaign
+    if noise is None:
+        noise = noise_by_file(campaign, result.model.machine, result.noise)
     record: dict[str, Any] = {
         "date": date,
-        "campaigns": [{"file": f, "sha256": h} for f, h in campaign.files.items()],
+        "campaigns": campaign_records(campaign, result.residual, noise),
         "n": campaign.n,
         "unit": "um",
         "rms": result.rms(*LENGTHS) * 1e3,

@@ -111,6 +111,7 @@ def _machine(section: MachineSection) -> Machine:
         axes,
         signals,
         section.reference_temperature,
+        section.serial,
     )
 
 
@@ -233,6 +234,7 @@ def document_of(model: Model) -> dict[str, Any]:
     machine = model.machine
     section: dict[str, Any] = {
         "name": machine.name,
+        **({"serial": machine.serial} if machine.serial else {}),
         "structure": str(machine.structure),
         "reference_temperature": machine.reference_temperature,
     }

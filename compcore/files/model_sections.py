@@ -73,6 +73,7 @@ class MachineSection(_Section):
     """``[machine]``."""
 
     name: str = ""
+    serial: Annotated[str, Field(max_length=200)] = ""
     structure: Annotated[str, Field(max_length=200)]
     reference_temperature: Annotated[Finite, AfterValidator(_within(REFERENCE_TEMPERATURE))] = 20.0
     composition: Composition = "first-order"
@@ -88,10 +89,34 @@ class ParameterSection(_Section):
     unit: str | None = None
 
 
+class _Told(BaseModel):
+    """Conditions of a campaign, as said and as seen (`abbe.compcore.campaign`)."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    machine: str = ""
+    serial: str = ""
+    date: str = ""
+    operator: str = ""
+    instrument: str = ""
+    environment: str = ""
+    warm_up: str = ""
+    load: str = ""
+    feed: str = ""
+    other_axes: str = ""
+    measuring_tool: str = ""
+    notes: str = ""
+    signals: dict[str, tuple[Finite, Finite]] = {}
+    positions: dict[str, tuple[Finite, Finite]] = {}
+    tool: list[tuple[Finite, Finite]] = []
+
+
 class _Measured(BaseModel):
     model_config = ConfigDict(extra="allow", frozen=True)
     file: str = ""
     sha256: str = ""
+    rms: Finite = 0.0
+    noise_floor: Finite = 0.0
+    conditions: _Told = _Told()
 
 
 class _Record(BaseModel):

@@ -168,6 +168,8 @@ class Machine:
         Name → what is recorded beside positions; may be empty.
     reference_temperature
         At which the machine is as it should be, °C (ISO 1: 20).
+    serial
+        Its serial number, for people and records; may be empty.
 
     Raises
     ------
@@ -181,6 +183,7 @@ class Machine:
     axes: Mapping[str, Axis]
     signals: Mapping[str, Signal] = field(default_factory=dict)
     reference_temperature: float = 20.0
+    serial: str = ""
 
     def __post_init__(self) -> None:
         for axis in self.structure.axes:

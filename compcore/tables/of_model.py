@@ -23,7 +23,6 @@ def project_tables(
     points: int | None = None,
     tolerance: float = TOLERANCE,
     present: Sequence[Table] = (),
-    orientation: bool = False,
 ) -> Projection:
     """The compensation tables that leave least of a model's error, within a controller's limits.
 
@@ -47,8 +46,6 @@ def project_tables(
         Interpolation error at the functional point that is small enough, mm.
     present
         Tables that were active while the model was measured; the new ones are added to them.
-    orientation
-        Whether tables of rotary axes hold the tool's direction too.
 
     Returns
     -------
@@ -69,5 +66,4 @@ def project_tables(
         points=points,
         tolerance=tolerance,
         present=present,
-        orientation=orientation,
     )

@@ -39,12 +39,13 @@ def conditions_record(field: ErrorField, volume: Volume) -> dict[str, Any]:
 
 
 def model_record(model: Model, file: str, sha256: str) -> dict[str, Any]:
-    """The model in the record: file, checksum, date of the fit, campaigns."""
+    """The model in the record: file, checksum, date of the fit, campaigns, their conditions."""
     keep = ("date", "campaigns", "n", "unit", "rms", "noise_floor", "abbe")
     return {
         "file": file,
         "sha256": sha256,
         "machine": model.machine.name,
+        "serial": model.machine.serial,
         "structure": str(model.machine.structure),
         "effects": [t.effect.spec for t in model.terms if t.fitted],
         "fit": {k: model.fit[k] for k in keep if k in model.fit},
@@ -100,19 +101,7 @@ def remainder_record(remainder: Remainder) -> dict[str, Any]:
         "worst": {
             axis: position * unit_of_position(axis)[1] for axis, position in remainder.worst.items()
         },
-        **_lean(remainder),
     }
-
-
-def _lean(remainder: Remainder) -> dict[str, Any]:
-    """What is left of the tool's direction, where rotary axes could turn it back."""
-    if remainder.lean_rms is None or remainder.lean_largest is None:
-        return {}
-    return {
-        "lean": {
-            "unit": "urad", "rms": remainder.lean_rms * 1e6, "max": remainder.lean_largest * 1e6
-        }
-    }  # fmt: skip
 
 
 def full_record(
@@ -128,6 +117,7 @@ def full_record(
     sign: str,
     trust: Mapping[str, str],
     superposed: Mapping[str, str] | None = None,
+    uncertainty: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """The whole record that goes with tables (ISO/TR 16907, 9.1).
 
@@ -147,6 +137,8 @@ def full_record(
         How sure Abbe is of syntax, sign and activation.
     superposed
         Files of the tables that these were added to → SHA-256.
+    uncertainty
+        How sure the model is over the volume; None where nobody knows.
     """
     return {
         "made": made,
@@ -159,5 +151,6 @@ def full_record(
         "sign": sign,
         "trust": dict(trust),
         "remaining": {name: dict(value) for name, value in remaining.items()},
+        "uncertainty": None if uncertainty is None else dict(uncertainty),
         "notes": list(notes),
     }

@@ -70,8 +70,6 @@ class TableRequest:
         Files of the tables that were active while the model was measured.
     by, note
         Who, and a remark, for the record.
-    orientation
-        Whether tables of rotary axes hold the tool's direction too.
     """
 
     model_path: Path
@@ -84,7 +82,6 @@ class TableRequest:
     present: Mapping[str, str] = field(default_factory=dict)
     by: str = ""
     note: str = ""
-    orientation: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +142,6 @@ def make(order: TableRequest, model: Model | None = None) -> TableAnswer:
         points=order.points,
         tolerance=order.tolerance,
         present=present,
-        orientation=order.orientation,
     )
     tables = controller.adapted(found.tables)
     files = controller.write(tables)
@@ -156,12 +152,12 @@ def make(order: TableRequest, model: Model | None = None) -> TableAnswer:
     if capability.form("product") is not None:
         single = project(
             error, volume, capability.without("product"), points=order.points,
-            tolerance=order.tolerance, orientation=order.orientation,
+            tolerance=order.tolerance,
         )  # fmt: skip
         remaining[SINGLE] = trial.remainder(single.tables)
     remaining[controller.name] = trial.remainder(new)
     if capability.form("grid") is None:
-        ideal = project(error, volume, capability.unlimited(), orientation=order.orientation).tables
+        ideal = project(error, volume, capability.unlimited()).tables
         remaining[IDEAL] = trial.remainder(ideal)
     if not {"L-VOL", "L-VOL+"} & set(capability.types):
         remaining[FULL] = trial.remainder(project(error, volume, RIGID).tables)
@@ -182,6 +178,7 @@ def make(order: TableRequest, model: Model | None = None) -> TableAnswer:
         sign=controller.sign,
         trust=controller.trust.as_dict(),
         superposed={name: sha256(text) for name, text in order.present.items()},
+        uncertainty=_sure_json(sure),
     )
     made = TableSet(controller.name, dict(order.options), files, record, tuple(tables))
     return TableAnswer(order, model, made, new, remaining, notes, trial, sure)
@@ -221,7 +218,6 @@ def as_json(done: TableAnswer, written: Sequence[Path]) -> dict[str, Any]:
         "trust": controller.trust.as_dict(),
         "activation": list(controller.activation()),
         "rotary_axes": as_built.lines_json(done.model),
-        "uncertainty": _sure_json(done),
         "written": [str(p) for p in written],
         **done.made.document(),
     }
@@ -255,12 +251,6 @@ def as_text(done: TableAnswer, written: Sequence[Path]) -> Iterator[str]:
     yield f"  {'':<{wide}}{'largest':>9}{'rms':>9}"
     for name, left in rows:
         yield f"  {name:<{wide}}{left.largest * 1e3:>9.1f}{left.rms * 1e3:>9.1f}"
-    own, none = done.remaining[controller.name], done.remaining[NONE]
-    if own.lean_rms is not None and none.lean_rms is not None:
-        yield (
-            f"The tool leans by {none.lean_rms * 1e6:.1f} µrad (rms) without compensation, by "
-            f"{own.lean_rms * 1e6:.1f} µrad with these tables"
-        )
     yield _sure_line(done)
     for note in done.notes:
         yield f"note: {note}"
@@ -286,16 +276,16 @@ def _sure_line(done: TableAnswer) -> str:
     )
 
 
-def _sure_json(done: TableAnswer) -> dict[str, Any] | None:
-    if done.sure is None:
+def _sure_json(sure: PredictionUncertainty | None) -> dict[str, Any] | None:
+    if sure is None:
         return None
-    wide = _lengths(done.sure) * 1e3
+    wide = _lengths(sure) * 1e3
     return {
         "largest": float(wide.max()),
         "rms": float(np.sqrt((wide**2).mean())),
         "unit": "um",
         "k": COVERAGE,
-        "beyond": [b.name for b in done.sure.beyond],
+        "beyond": [b.name for b in sure.beyond],
     }
 
 

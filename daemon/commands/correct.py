@@ -95,8 +95,10 @@ def correct(
     found, warnings = _at_one_point(loaded, given, command=command, held=held)
     if report is not None:
         from abbe.daemon.report.correct import corrected_page
+        from abbe.daemon.report.head import file_on_page, head_of
 
-        corrected_page(found, warnings, loaded.machine.name, model.name).write(report)
+        head = head_of(loaded, [file_on_page("model", model)])
+        corrected_page(found, warnings, loaded.machine.name, head).write(report)
     from abbe.daemon.answers import correct as answer
 
     if as_json:

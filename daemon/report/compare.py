@@ -12,17 +12,19 @@ from abbe.compcore.comparison.tabulate import ResidualGroup
 from abbe.compcore.comparison.words import fitted_note
 from abbe.compcore.figures.figure import Figure
 from abbe.compcore.figures.residuals import MOST_POINTS
+from abbe.daemon.report.head import PageHead
 from abbe.daemon.report.page import Page, number
 from abbe.daemon.report.versions import error_of_versions
 
 _MOST_ROWS = 40
 
 
-def comparison_page(comparison: Comparison) -> Page:
+def comparison_page(comparison: Comparison, head: PageHead) -> Page:
     """The whole page."""
     problem = comparison.problem
     machine = problem.model.machine
-    page = Page(f"{machine.name or 'Machine'}: model beside measurements", problem.campaign.name)
+    subtitle = f"{machine.name or 'Machine'}: model beside measurements"
+    page = Page(_title(comparison), subtitle, head)
     _verdict(page, comparison)
     _key_figures(page, comparison)
     if fitted := comparison.fitted_files:
@@ -72,6 +74,15 @@ def comparison_page(comparison: Comparison) -> Page:
             digits=3,
         )
     return page
+
+
+def _title(comparison: Comparison) -> str:
+    """Whether the model holds, and if not, the most that is wrong, in the shop's words."""
+    if comparison.sides and not comparison.holds:
+        return comparison.sides[0].short
+    if comparison.uncertainty.open:
+        return "What the model leaves of the measurements"
+    return "The model holds" if comparison.holds else "The model does not hold"
 
 
 def _verdict(page: Page, comparison: Comparison) -> None:

@@ -6,13 +6,14 @@ from abbe.compcore.figures.figure import figure
 from abbe.compcore.model.uncertainty import expanded
 from abbe.daemon.answers.correct import Corrected
 from abbe.daemon.arguments.effect_name import short
+from abbe.daemon.report.head import PageHead
 from abbe.daemon.report.page import Page
 
 _SMALL = 1e-6
 """mm: parts below this are gathered."""
 
 
-def corrected_page(found: Corrected, warnings: list[str], title: str, file: str) -> Page:
+def corrected_page(found: Corrected, warnings: list[str], title: str, head: PageHead) -> Page:
     """The whole page.
 
     Parameters
@@ -21,10 +22,12 @@ def corrected_page(found: Corrected, warnings: list[str], title: str, file: str)
         The point and its parts.
     warnings
         What makes the answer doubtful.
-    title, file
-        The machine's name, the model's file.
+    title
+        The machine's name.
+    head
+        Which machine, measured when, and which files.
     """
-    page = Page(f"{title or 'Machine'}: one point corrected", file)
+    page = Page(f"{title or 'Machine'}: one point corrected", head=head)
     wide: dict[str, str] = {}
     if found.sure is not None:
         wide = {a: f" ± {v * 1e3:.2f}" for a, v in expanded(found.sure).items()}

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.diagnosis.explain import (
     amount,
@@ -17,12 +18,15 @@ from abbe.compcore.diagnosis.explain import (
     headline,
     parameter,
 )
+from abbe.compcore.diagnosis.findings import Established
 from abbe.compcore.diagnosis.measure_next import Advice
 from abbe.compcore.diagnosis.pictures import CANDIDATES, IN_VOLUME, OVER_TIME
+from abbe.compcore.diagnosis.shop_words import in_the_shop
 from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.compcore.diagnosis.words import advice_text, noise_of, thinned_words
 from abbe.compcore.figures.figure import Figure
 from abbe.daemon.answers.typed import Adding
+from abbe.daemon.report.head import PageHead
 from abbe.daemon.report.page import Page, number
 
 F64 = NDArray[np.float64]
@@ -39,11 +43,13 @@ def page(
     diagnosis: Diagnosis,
     noise: NoiseFloor,
     advice: Sequence[Advice],
-    subtitle: str,
+    head: PageHead,
     adding: Adding,
 ) -> Page:
     """The whole story on one page."""
-    out = Page(_TITLES[diagnosis.verdict], subtitle)
+    machine = diagnosis.whole.problem.model.machine
+    subtitle = f"{machine.name or 'Machine'}: {_TITLES[diagnosis.verdict]}"
+    out = Page(_title(diagnosis), subtitle, head)
     if diagnosis.verdict == "changed" and diagnosis.standing is not None:
         out.section("What has changed")
         out.notes(list(changed(diagnosis.standing)))
@@ -57,6 +63,30 @@ def page(
     _candidates(out, diagnosis, figures)
     _what_to_do(out, diagnosis, advice, adding)
     return out
+
+
+def _title(diagnosis: Diagnosis) -> str:
+    """What the reader came for, in the shop's words."""
+    if diagnosis.verdict == "changed" and diagnosis.standing is not None:
+        change = diagnosis.standing.changes[:1]
+        if change:
+            unit, factor = ("µrad", 1e6) if change[0].of_rotations else ("µm", 1e3)
+            by = [(p.by, p.unit) for p in change[0].parameters]
+            said = in_the_shop(change[0].effect, change[0].largest * factor, unit, by)
+            return f"It has changed: {said[0].lower() if said[1].islower() else said[0]}{said[1:]}"
+    if diagnosis.established:
+        return _said(diagnosis, diagnosis.established[0])
+    return _TITLES[diagnosis.verdict]
+
+
+def _said(diagnosis: Diagnosis, established: Established) -> str:
+    """A cause in the shop's words, with the largest error of it that the campaign shows."""
+    unit, _, factor = diagnosis.unit
+    campaign = diagnosis.result.problem.campaign
+    shown = campaign.kind == (Kind.ROTATION if diagnosis.of_rotations else Kind.DISPLACEMENT)
+    largest = float(np.abs(established.signature[shown]).max(initial=0.0)) * factor
+    values = [(e.value, e.unit) for e in established.estimates]
+    return in_the_shop(established.effect, largest, unit, values)
 
 
 def _how_wrong(out: Page, diagnosis: Diagnosis, noise: NoiseFloor) -> None:
@@ -100,7 +130,7 @@ def _why(out: Page, diagnosis: Diagnosis, figures: Mapping[str, Callable[[], Fig
     out.section("Why")
     for i, established in enumerate(diagnosis.established, start=1):
         effect = established.found.candidate.effect
-        out.subsection(f"{i}. {effect.spec}")
+        out.subsection(f"{i}. {_said(diagnosis, established)}", effect.spec)
         out.text(explanation(established, diagnosis))
         out.table(
             ["parameter", "fitted", "plausible", "what it is"],

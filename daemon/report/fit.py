@@ -16,6 +16,7 @@ from abbe.compcore.model.error_map import error_map
 from abbe.compcore.model.model import Model
 from abbe.compcore.units import display
 from abbe.daemon.report.compare import draw_residuals
+from abbe.daemon.report.head import PageHead
 from abbe.daemon.report.page import Page, number
 from abbe.daemon.report.versions import error_of_versions
 
@@ -23,10 +24,9 @@ _FEW = 3
 """An effect with more parameters is a shape, whose coefficients say little one by one."""
 
 
-def fit_page(result: FitResult, model: Model, noise: NoiseFloor) -> Page:
+def fit_page(result: FitResult, model: Model, noise: NoiseFloor, head: PageHead) -> Page:
     """The whole page; `model` is the fitted model with its history."""
-    problem = result.problem
-    page = Page(f"{model.machine.name or 'Machine'}: fit", problem.campaign.name)
+    page = Page(f"{model.machine.name or 'Machine'}: fit", head=head)
     key = []
     for kinds, name, unit, factor in (
         (LENGTHS, "lengths, rms left", "µm", 1e3),

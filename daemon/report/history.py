@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import Any
 
 from abbe.compcore.files.model_file import summary
 from abbe.compcore.model.model import Model
+from abbe.daemon.report.campaign_courses import course_figure, courses_of
+from abbe.daemon.report.head import file_on_page, head_of
 from abbe.daemon.report.page import Page, number
-from abbe.daemon.report.versions import change, error_of_versions, number_of
+from abbe.daemon.report.versions import change, error_of_versions, floor_of, number_of
 
 
 def versions_of(model: Model) -> list[dict[str, Any]]:
@@ -18,12 +20,12 @@ def versions_of(model: Model) -> list[dict[str, Any]]:
     return [*versions, dict(summary(model))] if model.fit else versions
 
 
-def page_of(model: Model, file: str) -> Page:
-    """The page of a model and all its versions; `file` is the model file's name."""
+def page_of(model: Model, file: Path) -> Page:
+    """The page of a model, as its file has it, and of all its versions."""
     return history_page(model, versions_of(model), file)
 
 
-def history_page(model: Model, versions: Sequence[Mapping[str, Any]], file: str) -> Page:
+def history_page(model: Model, versions: Sequence[Mapping[str, Any]], file: Path) -> Page:
     """The whole page.
 
     Parameters
@@ -33,9 +35,13 @@ def history_page(model: Model, versions: Sequence[Mapping[str, Any]], file: str)
     versions
         The records of all versions, oldest first, the newest included.
     file
-        The model file's name.
+        The model's file.
     """
-    page = Page(f"{model.machine.name or 'Machine'}: versions of the model", file)
+    name = model.machine.name or "Machine"
+    page = Page(
+        _title(versions), f"{name}: versions of the model",
+        head_of(model, [file_on_page("model", file)]),
+    )  # fmt: skip
     if not versions:
         page.text("This model has not been fitted yet: abbe fit MODEL CAMPAIGN... -o OUT")
     else:
@@ -52,23 +58,33 @@ def history_page(model: Model, versions: Sequence[Mapping[str, Any]], file: str)
     return page
 
 
+def _title(versions: Sequence[Mapping[str, Any]]) -> str:
+    """How the error fell, where it counts: on held-out campaigns, if there were any."""
+    for key, what in (("holdout_rms", "The held-out error"), ("rms", "The error")):
+        told = [v for v in (number_of(r, key) for r in versions) if v is not None]
+        if len(told) > 1:
+            way = "fell" if told[-1] < told[0] else "went"
+            return f"{what} {way} from {number(told[0], 3)} to {number(told[-1], 3)} µm"
+        if told:
+            return f"{what} is {number(told[-1], 3)} µm"
+    return "The versions of the model"
+
+
 def _key_figures(page: Page, versions: Sequence[Mapping[str, Any]]) -> None:
     figures = []
-    for key, name in (("rms", "fitted campaigns"), ("holdout_rms", "held-out campaigns")):
+    for key, floor, name in (
+        ("rms", "noise_floor", "fitted campaigns"),
+        ("holdout_rms", "holdout_noise_floor", "held-out campaigns"),
+    ):
         reported = [v for v in (number_of(r, key) for r in versions) if v is not None]
         if reported:
             fall = (
                 number(reported[-1], 3) if len(reported) == 1 else _fall(reported[0], reported[-1])
             )
             figures.append((name, fall, "µm rms"))
-    floor = next(
-        (v for r in versions[::-1] if (v := number_of(r, "noise_floor")) is not None), None
-    )
-    figures.append(
-        ("noise floor", "unknown", "(no repeats)")
-        if floor is None
-        else ("noise floor", number(floor, 3), "µm")
-    )
+            level = next((v for r in versions[::-1] if (v := floor_of(r, floor)) is not None), None)
+            words = ("unknown", "(no repeats)") if level is None else (number(level, 3), "µm")
+            figures.append(("their noise floor", *words))
     page.key_figures(figures)
 
 
@@ -77,8 +93,18 @@ def _fall(first: float, last: float) -> str:
 
 
 def _picture(page: Page, versions: Sequence[Mapping[str, Any]]) -> None:
-    drawn = error_of_versions(versions)
     page.section("The error, version by version")
+    courses = courses_of(versions)
+    if courses:
+        page.text(
+            "One picture for each campaign, all in the same scale: rms of what each version leaves "
+            "unexplained of it, beside how well it repeats itself. Blue: the version was fitted to "
+            "it. Yellow: it was held out, the version has never seen it; only that fall shows that "
+            "a version predicts the machine."
+        )
+        page.figures([(course_figure(c, courses), c.caption) for c in courses])
+        return
+    drawn = error_of_versions(versions)
     if drawn is None:
         page.text("No version tells the residuals of lengths.")
         return
@@ -86,9 +112,9 @@ def _picture(page: Page, versions: Sequence[Mapping[str, Any]]) -> None:
         drawn,
         "RMS of what each version leaves unexplained. Fitted campaigns: the measurements from "
         "which its parameters come. Held-out campaigns: measurements that it has never seen; only "
-        "their fall shows that a version predicts the machine. Noise floor: how well the "
-        "measurements repeat; no model gets lastingly below it. A fit may lie a little "
-        "below, because its parameters follow some of the noise.",
+        "their fall shows that a version predicts the machine. Dashed: how well the measurements "
+        "repeat; no model gets lastingly below it. A fit may lie a little below, because its "
+        "parameters follow some of the noise.",
     )
 
 
@@ -159,6 +185,24 @@ def _measurements(page: Page, versions: Sequence[Mapping[str, Any]]) -> None:
     ]
     page.subsection("Measurements")
     page.table(["Version", "fitted to", "held out"], rows)
+    _campaigns(page, versions)
+
+
+def _campaigns(page: Page, versions: Sequence[Mapping[str, Any]]) -> None:
+    """Every campaign's own figures, version by version."""
+    rows: list[list[str | float | int | None]] = []
+    for course in courses_of(versions):
+        rows += [
+            [course.name, v.version, "held out" if v.held_out else "fitted", v.rms, v.floor]
+            for v in course.values
+        ]
+    if rows:
+        page.table(
+            ["Campaign", "Version", "", "rms", "Its noise floor"],
+            rows,
+            caption="Campaign by campaign, lengths in µm",
+            digits=3,
+        )
 
 
 def _files(record: Mapping[str, Any], key: str) -> str:

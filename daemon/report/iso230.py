@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from abbe.compcore.campaign.measuring_conditions import of_files
 from abbe.compcore.figures.figure import COLOURS, Trace, band, figure, line, points
 from abbe.compcore.iso230.circular import CircularResult
 from abbe.compcore.iso230.diagonals import Diagonals
@@ -16,12 +17,13 @@ from abbe.daemon.answers.measurements.iso230 import (
     display,
     finite,
 )
+from abbe.daemon.report.head import FileOnPage, PageHead, facts_of
 from abbe.daemon.report.page import Page
 
 
 def page(evaluation: Evaluation) -> Page:
     """Lay out an evaluation."""
-    made = Page("Accuracy and repeatability of positioning", evaluation.file)
+    made = Page("Accuracy and repeatability of positioning", head=evaluation_head(evaluation))
     made.text(
         "Evaluated by ISO 230-2 (single axes), ISO 230-4 (circles) and ISO 230-6 (diagonals). "
         "Errors are actual minus indicated. A band is the mean ± 2 s of one direction."
@@ -42,6 +44,14 @@ def page(evaluation: Evaluation) -> Page:
     if evaluation.diagonals.diagonals:
         _diagonals(made, evaluation.diagonals)
     return made
+
+
+def evaluation_head(evaluation: Evaluation) -> PageHead:
+    """The head: the campaign's conditions, and the machine as the model or the file names it."""
+    campaign = evaluation.campaign
+    machine = evaluation.machine
+    files = [FileOnPage("campaign", f, digest) for f, digest in campaign.files.items()]
+    return PageHead(facts_of(of_files(campaign), machine), files)
 
 
 def _positioning(made: Page, result: PositioningResult) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from html import escape
 from importlib.metadata import version
 from importlib.resources import files
@@ -18,6 +19,8 @@ from typing import Any
 import numpy as np
 
 from abbe.compcore.files.text.atomic import write_atomically
+from abbe.daemon.report.head import PageHead
+from abbe.daemon.report.still import still
 from abbe.daemon.report.style import STYLE
 
 Figure = Mapping[str, Any]
@@ -41,19 +44,8 @@ function draw(node) {
   inView.unobserve(node);
   const place = node.querySelector("div");
   const figure = JSON.parse(document.getElementById(node.dataset.plot).textContent);
-  const drawn = Plotly.newPlot(place, figure.data, figure.layout,
+  Plotly.newPlot(place, figure.data, figure.layout,
     {responsive: true, displaylogo: false, showSendToCloud: false});
-  place.style.minHeight = "";
-  // a printer gets nothing of a picture in space: a still of it stands in on paper
-  if ("space" in node.dataset) drawn.then((plot) => still(node, plot));
-}
-async function still(node, plot) {
-  const {clientWidth: width, clientHeight: height} = plot;
-  const image = new Image();
-  image.src = await Plotly.toImage(plot, {format: "png", width, height, scale: 2});
-  image.className = "paper";
-  node.prepend(image);
-  node.classList.add("has-still");
 }
 function drawNext() {
   if (!waiting.length) return;
@@ -63,8 +55,10 @@ function drawNext() {
 for (const node of waiting) inView.observe(node);
 setTimeout(drawNext, 100);
 window.addEventListener("beforeprint", () => {
-  while (waiting.length) draw(waiting[0]);
-  for (const plot of document.querySelectorAll(".js-plotly-plot")) Plotly.Plots.resize(plot);
+  // paper has a still drawing of what stands in space
+  for (const node of [...waiting]) if (!("space" in node.dataset)) draw(node);
+  for (const plot of document.querySelectorAll("figure:not([data-space]) .js-plotly-plot"))
+    Plotly.Plots.resize(plot);
 });
 """
 _HEIGHT = 450
@@ -79,7 +73,9 @@ class Page:
     title
         What the page is about; also the browser's title.
     subtitle
-        One line below it: the files, the date.
+        One line below it.
+    head
+        Which machine, when, by whom, and which files.
 
     Examples
     --------
@@ -90,9 +86,11 @@ class Page:
     True
     """
 
-    def __init__(self, title: str, subtitle: str = "") -> None:
+    def __init__(self, title: str, subtitle: str = "", head: PageHead | None = None) -> None:
         self._title = title
         self._subtitle = subtitle
+        self._head = head
+        self._made = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
         self._body: list[str] = []
         self._figures = 0
 
@@ -100,9 +98,10 @@ class Page:
         """Begin a section."""
         self._body.append(f"<h2>{escape(heading)}</h2>")
 
-    def subsection(self, heading: str) -> None:
-        """Begin a part of a section."""
-        self._body.append(f"<h3>{escape(heading)}</h3>")
+    def subsection(self, heading: str, spec: str = "") -> None:
+        """Begin a part of a section; `spec` is what Abbe's commands call it."""
+        beside = f" <code>{escape(spec)}</code>" if spec else ""
+        self._body.append(f"<h3>{escape(heading)}{beside}</h3>")
 
     def text(self, paragraph: str) -> None:
         """Add a paragraph."""
@@ -159,13 +158,22 @@ class Page:
         self._figures += 1
         name = f"figure-{self._figures}"
         text = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
-        space = " data-space" if any(_in_space(trace) for trace in figure["data"]) else ""
+        in_space = any(_in_space(trace) for trace in figure["data"])
+        space, drawing = (" data-space", still(figure)) if in_space else ("", "")
         height = figure["layout"].get("height", _HEIGHT)
         self._body.append(
-            f'<figure data-plot="{name}"{space}><div style="min-height:{height}px"></div>{text}'
+            f'<figure data-plot="{name}"{space}><div style="min-height:{height}px"></div>'
+            f"{drawing}{text}"
             "</figure>"
             f'<script type="application/json" id="{name}">{_json(figure)}</script>'
         )
+
+    def figures(self, figures: Sequence[tuple[Figure, str]]) -> None:
+        """Add small figures with their captions side by side, as many as there is room for."""
+        self._body.append('<div class="panels">')
+        for each, caption in figures:
+            self.figure(each, caption)
+        self._body.append("</div>")
 
     def html(self) -> str:
         """The whole page."""
@@ -177,9 +185,11 @@ class Page:
             f'<meta name="generator" content="Abbe {version("abbe")}">',
             f"<title>{escape(self._title)}</title><style>{STYLE}</style></head><body><main>",
             f"<header><h1>{escape(self._title)}</h1>",
-            f"<p>{escape(self._subtitle)}</p></header>" if self._subtitle else "</header>",
+            f"<p>{escape(self._subtitle)}</p>" if self._subtitle else "",
+            "</header>",
+            "" if self._head is None else self._head.html(),
             *self._body,
-            f"</main><footer>Abbe {version('abbe')}</footer>",
+            f"</main><footer>Made by Abbe {version('abbe')}, {self._made}</footer>",
         ]
         if self._figures:
             parts += [f"<script>{_plotly()}</script>", f"<script>{_DRAW}</script>"]

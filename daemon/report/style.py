@@ -11,7 +11,20 @@ header p { color: var(--quiet); margin: 0 0 .8rem; overflow-wrap: anywhere; }
 h1 { font-size: 1.8rem; line-height: 1.2; margin: 0 0 .4rem; letter-spacing: -.01em; }
 h2 { font-size: 1.3rem; margin: 2.4rem 0 .6rem; }
 h3 { font-size: 1.05rem; margin: 1.6rem 0 .4rem; }
+h3 code { font: 400 .85em ui-monospace, "DejaVu Sans Mono", monospace; color: var(--quiet);
+  margin-left: .5em; overflow-wrap: anywhere; }
 p { max-width: 44rem; margin: .5rem 0; }
+dl.facts { display: grid; grid-template-columns: repeat(auto-fill, minmax(9.5rem, 1fr));
+  gap: .5rem 1.4rem; margin: 0 0 .8rem; font-size: .9rem; }
+dl.facts dt { color: var(--quiet); font-size: .78rem; }
+dl.facts dd { margin: 0; overflow-wrap: anywhere; }
+dl.facts dd.unstated { color: #9aa4ae; font-style: italic; }
+table.files { font-size: .82rem; margin-bottom: 1.6rem; max-width: 100%; }
+table.files th { border-bottom-color: var(--line); font-weight: 400; color: var(--quiet); }
+table.files td { overflow-wrap: anywhere; }
+code.sha { font-family: ui-monospace, "DejaVu Sans Mono", monospace; font-size: .95em; }
+code.sha span { display: none; }
+code.sha:hover span { display: inline; }
 .wide { overflow-x: auto; margin: .8rem 0; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .92rem; }
 caption { text-align: left; color: var(--quiet); padding-bottom: .3rem; }
@@ -28,7 +41,10 @@ ul.notes { list-style: none; margin: .8rem 0; padding: .5rem .9rem; background: 
   border-left: 3px solid var(--accent); max-width: 44rem; }
 ul.warning { border-color: #d55e00; }
 figure { margin: 1rem 0; break-inside: avoid; }
-img.paper { display: none; max-width: 100%; }
+svg.still { display: none; width: 100%; max-width: 46rem; height: auto; }
+.panels { display: grid; gap: .4rem 1.6rem; grid-template-columns:
+  repeat(auto-fit, minmax(min(19rem, 100%), 1fr)); }
+.panels figure { min-width: 0; }
 figcaption { color: var(--quiet); font-size: .9rem; max-width: 44rem; margin-top: .3rem; }
 footer { max-width: 66rem; margin: 0 auto; padding: 0 1.5rem 2rem; color: var(--quiet);
   font-size: .85rem; }
@@ -39,9 +55,10 @@ footer { max-width: 66rem; margin: 0 auto; padding: 0 1.5rem 2rem; color: var(--
   h2, h3 { break-after: avoid; }
   tr, ul.notes, dl.key { break-inside: avoid; }
   thead { display: table-header-group; }
-  img.paper { display: block; }
-  figure.has-still > div { display: none; }
+  svg.still { display: block; max-height: 96mm; width: auto; max-width: 100%; }
+  figure[data-space] > div { display: none; }
   .modebar { display: none !important; }
   .wide { overflow: visible; }
+  code.sha span { display: inline; }
 }
 """

@@ -7,8 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from abbe.compcore.figures.figure import COLOURS, figure, line, points
+from abbe.compcore.model.uncertainty import UNKNOWN
 from abbe.compcore.tables.table import Table, unit_of_position
 from abbe.daemon.answers.table import FULL, NONE, TableAnswer, remaining_rows, trust_lines
+from abbe.daemon.report.head import FileOnPage, head_of
 from abbe.daemon.report.page import Page, number
 
 _GREY = "#9aa4ae"
@@ -20,13 +22,22 @@ def table_page(done: TableAnswer) -> Page:
     """The whole page."""
     controller, record = done.order.controller, done.made.record
     machine = done.model.machine
+    model = FileOnPage("model", record["model"]["file"], record["model"]["sha256"])
     page = Page(
         f"{machine.name or 'Machine'}: tables for {controller.name}",
-        f"{record['model']['file']}, made {record['made']} by {record['by'] or 'unknown'}",
+        f"made {record['made']} by {record['by'] or 'unknown'}",
+        head_of(done.model, [model]),
     )
-    page.key_figures(
-        [(name, number(left.largest * 1e3, 3), "µm largest") for name, left in remaining_rows(done)]
-    )
+    key = [
+        (name, number(left.largest * 1e3, 3), "µm largest") for name, left in remaining_rows(done)
+    ]
+    sure = record["uncertainty"]
+    if sure is not None:
+        wide = f"µm largest (k = {sure['k']:g})"
+        key.append(("how sure the model is", f"± {number(sure['largest'], 3)}", wide))
+    page.key_figures(key)
+    if sure is None:
+        page.notes([f"How sure the model is: {UNKNOWN}"], warning=True)
     page.text(f"Sign of the numbers: {controller.sign}.")
     page.notes(list(trust_lines(controller)), warning=controller.trust.least == "unverified")
     page.notes(done.notes)

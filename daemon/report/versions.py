@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.figures.figure import COLOURS, Trace, figure, line
+from abbe.compcore.figures.figure import COLOURS, Trace, figure
 from abbe.daemon.report.page import Figure
 
 F64 = NDArray[np.float64]
@@ -44,8 +44,13 @@ def error_of_versions(records: Sequence[Mapping[str, Any]]) -> Figure | None:
     held = [number_of(r, "holdout_rms") for _, r in reported]
     if any(v is not None for v in held):
         traces.append(_bars(at, held, "held-out campaigns", COLOURS[4], "#1b1f24", labels))
-    floors = [number_of(r, "noise_floor") for _, r in reported]
-    if any(v is not None for v in floors):
+    two = any(v is not None for v in held)
+    sides = ((-0.5, 0.0), (0.0, 0.5)) if two else ((-0.5, 0.5),)
+    floors = [
+        (side, [floor_of(r, key) for _, r in reported])
+        for side, key in zip(sides, ("noise_floor", "holdout_noise_floor"), strict=False)
+    ]
+    if any(v is not None for _, values in floors for v in values):
         traces.append(_floor(at, floors))
     ticks = [_tick(k, r) if len(reported) <= _NAMED else str(k) for k, r in reported]
     return figure(
@@ -103,11 +108,33 @@ def _bars(
     }
 
 
-def _floor(at: F64, floors: Sequence[float | None]) -> Trace:
-    """A level across each version's bars: campaigns differ in their noise."""
-    x = np.stack([at - 0.5, at + 0.5], axis=1).ravel()
-    y = np.repeat(np.array([np.nan if v is None else v for v in floors]), 2)
-    return line(x, y, "noise floor", line={"color": "#1b1f24", "dash": "dash", "width": 2})
+def floor_of(record: Mapping[str, Any], key: str) -> float | None:
+    """The noise floor of a version's fitted or held-out campaigns together, µm.
+
+    `key` is ``noise_floor``, which the record tells, or ``holdout_noise_floor``, which follows from
+    those of the held-out campaigns, each by its number of rows.
+    """
+    if key == "noise_floor":
+        return number_of(record, key)
+    told = [(number_of(c, "noise_floor"), number_of(c, "n")) for c in record.get("holdout", ())]
+    known = [(f, n) for f, n in told if f is not None and n]
+    if not known or len(known) < len(told):
+        return None
+    return float(np.sqrt(sum(n * f * f for f, n in known) / sum(n for _, n in known)))
+
+
+def _floor(at: F64, floors: Sequence[tuple[tuple[float, float], Sequence[float | None]]]) -> Trace:
+    """A level across each bar: campaigns differ in their noise."""
+    x, y = [], []
+    for i, middle in enumerate(at.tolist()):
+        for (left, right), values in floors:
+            level = values[i]
+            if level is not None:
+                x += [middle + left, middle + right, None]
+                y += [level, level, None]
+    style = {"color": "#1b1f24", "dash": "dash", "width": 2}
+    return {"type": "scatter", "mode": "lines", "x": x, "y": y, "name": "noise floor",
+            "line": style}  # fmt: skip
 
 
 def _tick(number: int, record: Mapping[str, Any]) -> str:

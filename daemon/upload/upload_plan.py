@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from abbe.compcore.campaign.measuring_conditions import STATED
 from abbe.compcore.errors import AbbeError, InputError
+from abbe.compcore.files.campaign_record import conditions_of
 from abbe.compcore.files.table_set import RECORD_NAME, TableSet, read_text, sha256
 from abbe.compcore.tables.record import unit_of_entries
 from abbe.compcore.tables.table import Table
@@ -54,13 +56,28 @@ class UploadPlan:
 
     @property
     def model(self) -> dict[str, Any]:
-        """SHA-256 of the model and how many versions it has, from the record."""
+        """The model from the record: SHA-256, versions, and how it was measured.
+
+        ``measured`` holds, for each campaign, its file, SHA-256 and the stated conditions.
+        """
         reported = self.record.get("model", {})
         before = reported.get("versions_before")
+        fit = reported.get("fit")
+        campaigns = fit.get("campaigns") if isinstance(fit, Mapping) else None
         return {
             "sha256": reported.get("sha256", ""),
             "versions": None if before is None else before + 1,
+            "measured": [
+                {"file": c.get("file", ""), "sha256": c.get("sha256", ""), **_said(c)}
+                for c in (campaigns if isinstance(campaigns, list) else ())
+                if isinstance(c, Mapping)
+            ],
         }
+
+
+def _said(campaign: Mapping[str, Any]) -> dict[str, str]:
+    """What a person said of a campaign's conditions."""
+    return {k: str(v) for k, v in conditions_of(campaign).items() if k in STATED}
 
 
 def load_order(folder: Path, configuration: Configuration, setup: UploadSetup) -> UploadPlan:

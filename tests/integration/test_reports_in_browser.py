@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import base64
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from playwright.sync_api import Browser, sync_playwright
 from typer.testing import CliRunner
 
-from abbe.compcore.figures.figure import figure, line
+from abbe.compcore.figures.figure import SIGNED, figure, line
 from abbe.daemon.application import app
 from abbe.daemon.report.page import Page
+from tests.support.daemon.some_setups import some_setups
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
 
@@ -145,26 +148,6 @@ def abbe(*arguments: object) -> None:
     assert done.exit_code == 0, done.output
 
 
-def some_setups(campaign: Path, out: Path, *, every: int) -> Path:
-    """A campaign with every so-manieth of its set-ups, and all rows of the master points."""
-    lines = campaign.read_text(encoding="utf-8").splitlines()
-    head = next(i for i, text in enumerate(lines) if not text.startswith("#"))
-    column = lines[head].split(",").index("setup")
-    names = list(dict.fromkeys(row.split(",")[column] for row in lines[head + 1 :]))
-    kept = {n for i, n in enumerate(names) if i % every == 0 or n.startswith("master")}
-    rows = [row for row in lines[head + 1 :] if row.split(",")[column] in kept]
-    listed: list[str] = []
-    skipped = False
-    for text in lines[:head]:
-        if text.startswith("# ["):
-            name = text.removeprefix("# [setups.").removesuffix("]")
-            skipped = text.startswith("# [setups.") and name not in kept
-        if not skipped:
-            listed.append(text)
-    out.write_text("\n".join([*listed, lines[head], *rows]) + "\n", encoding="utf-8")
-    return out
-
-
 def test_diagnose(look: Look, tmp_path: Path) -> None:
     report = tmp_path / "diagnose.html"
     abbe("diagnose", MILL / "model.toml", MILL / "fit.csv", "--report", report)
@@ -241,6 +224,98 @@ def test_what_is_in_view_comes_first_and_paper_has_everything(
         height, rel=0.1
     )
     opened.close()
+
+
+INK = """(data) => new Promise((resolve) => {
+  const image = new Image();
+  image.onload = () => {
+    const copy = document.createElement("canvas");
+    [copy.width, copy.height] = [image.width, image.height];
+    const context = copy.getContext("2d", {willReadFrequently: true});
+    context.drawImage(image, 0, 0);
+    const pixels = context.getImageData(0, 0, copy.width, copy.height).data;
+    let white = 0;
+    let [coloured, top, bottom, left, right] = [0, copy.height, 0, copy.width, 0];
+    for (let i = 0; i < pixels.length; i += 4) {
+      const [r, g, b] = pixels.slice(i, i + 3);
+      if (Math.min(r, g, b) > 250) white += 1;
+      // the viewer draws letters with coloured edges: the title stands above
+      if (i < 0.2 * pixels.length || Math.max(r, g, b) - Math.min(r, g, b) <= 60) continue;
+      const [x, y] = [(i / 4) % copy.width, Math.floor(i / 4 / copy.width)];
+      coloured += 1;
+      [top, bottom] = [Math.min(top, y), Math.max(bottom, y)];
+      [left, right] = [Math.min(left, x), Math.max(right, x)];
+    }
+    resolve({coloured, white, wide: right - left, tall: bottom - top});
+  };
+  image.src = "data:image/png;base64," + data;
+})"""
+"""Pixels in colour of a screenshot below its title, and how far they reach."""
+
+
+def printed(browser: Browser, path: Path) -> dict[str, int]:
+    """A page as Chromium prints it, and its own viewer then shows the paper: ink in colour."""
+    paper = path.with_suffix(".pdf")
+    page = browser.new_page()
+    page.goto(path.as_uri())
+    page.pdf(path=paper)
+    page.close()
+    viewer = browser.new_page(viewport={"width": 800, "height": 1000})
+    judge = browser.new_page()
+    viewer.goto(f"{paper.as_uri()}#toolbar=0&view=Fit")
+    before, found = b"", {"white": 0}
+    # the paper lies there, and stays as it is: the viewer's own sign of loading is gone
+    while not (found["white"] > 500_000 and before == viewer.screenshot()):
+        before = viewer.screenshot()
+        found = judge.evaluate(INK, base64.b64encode(before).decode())
+        viewer.wait_for_timeout(1000)
+    viewer.close()
+    judge.close()
+    return found
+
+
+def volume(path: Path, *, blank: bool = False) -> Path:
+    """A page with a picture in space and nothing else in colour; `blank`: without its still."""
+    ends = np.array([[0.0, 0.0, 0.0], [300.0, 400.0, 200.0]])
+    gap = np.full((1, 3), np.nan)
+    path_ = np.concatenate([ends, gap, ends[::-1] * [1.0, 0.0, 1.0]])
+    colour = [-2.0, -2.0, 0.0, 2.0, 2.0]
+    style = {"color": colour, "colorscale": SIGNED, "cmin": -2.0, "cmax": 2.0, "width": 4}
+    trace = {"type": "scatter3d", "mode": "lines", "line": style}
+    trace |= dict(zip("xyz", path_.T, strict=True))
+    page = Page("Volume")
+    page.figure(figure([trace], height=500))
+    html = page.html()
+    path.write_text(html.replace("svg.still { display: block", "svg.x { display: block") if blank
+                    else html, encoding="utf-8")  # fmt: skip
+    return path
+
+
+def test_paper_has_ink_where_the_volume_is(browser: Browser, tmp_path: Path) -> None:
+    ink = printed(browser, volume(tmp_path / "volume.html"))
+    assert ink["coloured"] > 300
+    assert ink["wide"] > 150
+    assert ink["tall"] > 150
+    assert printed(browser, volume(tmp_path / "blank.html", blank=True))["coloured"] == 0
+
+
+def test_on_paper_no_picture_lies_over_text(browser: Browser, tmp_path: Path) -> None:
+    report = Page("Two")
+    for _ in range(2):
+        report.figure(figure([line([0.0, 1.0], [0.0, 1.0], "a")], height=360), "Its caption.")
+        report.text("What follows.")
+    report.write(tmp_path / "two.html")
+    page = browser.new_page(viewport={"width": 700, "height": 400})
+    page.set_default_timeout(PATIENCE_MS)
+    page.goto((tmp_path / "two.html").as_uri())
+    page.emulate_media(media="print")
+    page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    drawn = "document.querySelectorAll('.js-plotly-plot .main-svg:first-child').length"
+    page.wait_for_function(f"() => {drawn} === 2")
+    for picture in page.evaluate(PICTURES):
+        assert picture["height"] > 300
+        assert -1.0 < picture["gap"] < 40.0, picture
+    page.close()
 
 
 def test_the_look_itself_notices(look: Look, tmp_path: Path) -> None:

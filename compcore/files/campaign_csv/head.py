@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from abbe.compcore.campaign.campaign import Tool
+from abbe.compcore.campaign.measuring_conditions import STATED, plain
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.formats import CAMPAIGN
 from abbe.compcore.files.text.toml_source import TomlSource
@@ -138,6 +139,12 @@ def read_head(lines: list[str], file: str) -> CampaignHead:
         for component in vector:
             if not allowed.holds(component):
                 raise source.error("not believable", path, found=component, expected=str(allowed))
+    for key in STATED:
+        if key in source.data and plain(source.data[key]) is None:
+            raise source.error(
+                "a condition is said in words", (key,), found=source.data[key],
+                expected="a text, a number or a date",
+            )  # fmt: skip
     kept = {k: v for k, v in source.data.items() if k not in ("setups", "bases", "tools")}
     return CampaignHead(
         {name: s.free for name, s in parsed.setups.items()},

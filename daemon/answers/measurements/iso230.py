@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_file import bare_machine, read_campaign
 from abbe.compcore.iso230.circular import CircularResult
@@ -38,6 +39,8 @@ class Evaluation:
     file: str
     positioning: tuple[PositioningResult, ...]
     diagonals: Diagonals
+    campaign: Campaign
+    machine: Machine
     circles: tuple[CircularResult, ...] = ()
 
 
@@ -59,7 +62,9 @@ def evaluate(path: Path, machine: Machine | None = None) -> Evaluation:
             found="set-ups " + ", ".join(campaign.setups),
             expected="rows along one moving axis with u along it, at more than one position",
         )
-    return Evaluation(str(path), found.positioning, found.diagonals, found.circles)
+    return Evaluation(
+        str(path), found.positioning, found.diagonals, campaign, machine, found.circles
+    )
 
 
 def display(result: PositioningResult) -> tuple[str, float, str, float]:

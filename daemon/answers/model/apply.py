@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.comparison.compare import compare
 from abbe.compcore.diagnosis.stepwise import Course, Step
 from abbe.compcore.files.campaign_file import require_signals
+from abbe.compcore.files.campaign_record import campaign_records, noise_by_file
 from abbe.compcore.files.fit_record import recorded
 from abbe.compcore.files.model_file import save_model
 from abbe.compcore.model.model import Model
@@ -42,6 +43,8 @@ class StepFigures:
         Of the fitted rows, and of blocks left out of the fit.
     unseen
         Of campaigns that were never fitted; None without any.
+    unseen_records
+        What the model keeps of those campaigns.
     """
 
     step: Step
@@ -50,6 +53,7 @@ class StepFigures:
     rms: float
     held_out: float
     unseen: float | None
+    unseen_records: tuple[Mapping[str, Any], ...] = ()
 
     @classmethod
     def of(cls, step: Step, unseen: Campaign | None) -> StepFigures:
@@ -58,13 +62,16 @@ class StepFigures:
         rotations = step.of_rotations
         factor = 1e6 if rotations else 1e3
         out = step.held_out.rotations if rotations else step.held_out.lengths
-        other = None
+        other: float | None = None
+        records: tuple[Mapping[str, Any], ...] = ()
         if unseen is not None:
             require_signals(unseen, step.result.model)
             compared = compare(step.result.model, unseen)
             other = (compared.rotations if rotations else compared.lengths).rms * factor
+            repeats = noise_by_file(unseen, step.result.model.machine)
+            records = tuple(campaign_records(unseen, compared.residual, repeats))
         names = ("µrad", "urad") if rotations else ("µm", "um")
-        return cls(step, *names, rms * factor, out * factor, other)
+        return cls(step, *names, rms * factor, out * factor, other, records)
 
     @property
     def line(self) -> str:
@@ -98,13 +105,15 @@ def write(
 ) -> Model:
     """Write the model that was reached; every step stands in its history."""
     lengths = noise.lengths
+    first = course.steps[0].result.problem
     record: dict[str, Any] = {
         "date": now(),
         "version": abbe_version(),
         "noise_floor": None if lengths is None else lengths.value,
         "noise_floor_rotation": noise.value("rotation"),
+        "noise": noise_by_file(first.campaign, first.model.machine, noise),
     }
-    model = course.steps[0].result.problem.model
+    model = first.model
     for one in steps:
         step = one.step
         kept = recorded(step.result, model, **record)
@@ -114,7 +123,7 @@ def write(
         if unseen is not None and one.unseen is not None and not math.isnan(one.unseen):
             if one.json_unit == "um":
                 extra["holdout_rms"] = one.unseen
-            extra["holdout"] = [{"file": f, "sha256": h} for f, h in unseen.files.items()]
+            extra["holdout"] = [dict(r) for r in one.unseen_records]
         model = replace(kept, fit={**kept.fit, **extra})
     save_model(model, out)
     return model

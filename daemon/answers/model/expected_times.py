@@ -56,8 +56,8 @@ def comparing(campaigns: Sequence[Path]) -> Stages:
     )
 
 
-def diagnosing(campaigns: Sequence[Path]) -> Stages:
-    """Of ``abbe diagnose``."""
+def diagnosing(campaigns: Sequence[Path], *, advised: bool = True) -> Stages:
+    """Of ``abbe diagnose``; `advised` where it says what to measure next."""
     mb = _megabytes(campaigns)
     tested = min(1e6 * mb / _ROW, float(ENOUGH_ROWS)) / ENOUGH_ROWS
     more = max(0.0, mb - 1.25e-6 * _ROW * ENOUGH_ROWS)
@@ -69,6 +69,6 @@ def diagnosing(campaigns: Sequence[Path]) -> Stages:
         ("looking for structure", 0.6 + 5.0 * tested),
         ("aliases", 0.1 + 0.2 * tested),
         ("what was found", 0.06 * more),
-        ("what to measure next", 0.2),
+        ("what to measure next", 0.2 if advised else 0.0),
         ("noise floor", 0.01 * mb),
     )

@@ -16,6 +16,7 @@ from abbe.compcore.effects import RotaryLocation
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.errors import FitError
 from abbe.compcore.files.campaign_file import require_signals
+from abbe.compcore.files.campaign_record import campaign_records, noise_by_file
 from abbe.compcore.files.fit_record import recorded
 from abbe.compcore.files.model_file import save_model, summary
 from abbe.compcore.fitting.fit import FitResult, fit
@@ -100,27 +101,30 @@ def revise(
         "version": abbe_version(),
         "noise_floor": None if lengths is None else lengths.value,
         "noise_floor_rotation": noise.value("rotation"),
+        "noise": noise_by_file(campaign, old.machine, noise),
     }
     # a model that was never fitted would leave no error from which to fall
     ancestor = old if old.fit else recorded(before, old, **record)
     named = {"added": added, "removed": removed}
     extra: dict[str, Any] = {k: v for k, v in named.items() if v is not None}
-    errors: tuple[float | None, float | None] = (None, None)
+    errors: tuple[float, float] | None = None
     if unseen is not None:
         progress("campaigns that are not fitted")
-        errors = (
-            compare(before.model, unseen).lengths.rms,
-            compare(after.model, unseen).lengths.rms,
+        beside = [compare(r.model, unseen) for r in (before, after)]
+        errors = (beside[0].lengths.rms, beside[1].lengths.rms)
+        repeats = noise_by_file(unseen, old.machine)
+        first, last = (
+            {"holdout": campaign_records(unseen, c.residual, repeats), "holdout_rms": rms * 1e3}
+            for c, rms in zip(beside, errors, strict=True)
         )
-        seen = {"holdout": [{"file": f, "sha256": h} for f, h in unseen.files.items()]}
-        extra |= {**seen, "holdout_rms": errors[1] * 1e3}
+        extra |= last
         if _fitted_to(ancestor, campaign) and "holdout_rms" not in ancestor.fit:
-            reported = {**ancestor.fit, **seen, "holdout_rms": errors[0] * 1e3}
-            ancestor = replace(ancestor, fit=reported)
+            ancestor = replace(ancestor, fit={**ancestor.fit, **first})
     kept = recorded(after, ancestor, **record)
     written = replace(kept, fit={**kept.fit, **extra})
     save_model(written, out)
-    return Revision(written, before, after, noise, *errors, held)
+    was, became = errors or (None, None)
+    return Revision(written, before, after, noise, was, became, held)
 
 
 def _from(fitted: Model, new: Model) -> Model:

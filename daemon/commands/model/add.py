@@ -64,7 +64,7 @@ def add(
             loaded, more, measured, holdout or [], out, added=effect.spec, progress=tell
         )
     if report is not None:
-        page_of(revision.model, out.name).write(report)
+        page_of(revision.model, out).write(report)
     if as_json:
         say(json.dumps(answer.as_json(revision, effect), ensure_ascii=False))
         return

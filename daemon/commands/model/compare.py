@@ -48,9 +48,11 @@ def compare(
         comparison = answer.with_changes(loaded, campaign, comparison)
         if report is not None:
             from abbe.daemon.report.compare import comparison_page
+            from abbe.daemon.report.head import file_on_page, head_of
 
             tell("drawing")
-            comparison_page(comparison).write(report)
+            head = head_of(loaded, [file_on_page("model", model)], campaign)
+            comparison_page(comparison, head).write(report)
     if as_json:
         reported = {**answer.as_json(comparison), "fitted_to": list(comparison.fitted_files)}
         say(json.dumps(reported, ensure_ascii=False))

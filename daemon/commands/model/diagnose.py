@@ -37,6 +37,13 @@ def diagnose(
         list[Path] | None,
         typer.Option("--holdout", help="Campaigns that are not fitted, to see the error fall."),
     ] = None,
+    measure_next: Annotated[
+        bool,
+        typer.Option(
+            "--measure-next/--no-measure-next",
+            help="Work out which measurement would tell most; large campaigns are faster without.",
+        ),
+    ] = True,
     force: Force = False,
 ) -> None:
     """Learn what is missing: every effect of the catalogue is tested against what is left over.
@@ -46,7 +53,6 @@ def diagnose(
     of the campaign that are left out of the fit are predicted better.
     """
     from abbe.compcore.campaign.noise import noise_floor
-    from abbe.compcore.diagnosis import advise
     from abbe.compcore.diagnosis import diagnose as diagnose_model
     from abbe.compcore.diagnosis.stepwise import Step, to_the_verdict
     from abbe.compcore.diagnosis.words import diagnosis_words
@@ -75,7 +81,7 @@ def diagnose(
         as_json=as_json,
     )
     steps: list[applied.StepFigures] = []
-    with shown("reading", expected.diagnosing(campaigns)) as tell:
+    with shown("reading", expected.diagnosing(campaigns, advised=measure_next)) as tell:
         loaded, campaign = load(model, campaigns)
         noise = noise_floor(campaign, loaded.machine)
         if out is None:
@@ -95,14 +101,16 @@ def diagnose(
             course = to_the_verdict(loaded, campaign, on_step=on_step, progress=tell)
             found = course.diagnosis
             reached = applied.write(course, steps, noise, unseen, out)
-        tell("what to measure next")
-        advice = advise(found)
+        if measure_next:
+            tell("what to measure next")
+        advice = found.advice if measure_next else ()
     adding = Adding(model if out is None else out, campaigns)
     if report is not None:
         from abbe.daemon.report.diagnosis import page
+        from abbe.daemon.report.head import file_on_page, head_of
 
-        subtitle = f"{model.name}, {', '.join(c.name for c in campaigns)}"
-        page(found, noise, advice, subtitle, adding).write(report)
+        head = head_of(loaded, [file_on_page("model", model)], campaign)
+        page(found, noise, advice, head, adding).write(report)
     if as_json:
         answer = diagnosed.as_json(found, noise, advice)
         if out is not None:

@@ -89,9 +89,11 @@ def fit(
         page = None
         if report is not None:
             from abbe.daemon.report.fit import fit_page
+            from abbe.daemon.report.head import file_on_page, head_of
 
             tell("drawing")
-            page = fit_page(result, record, result.noise)
+            head = head_of(loaded, [file_on_page("model, as it was", model)], campaign)
+            page = fit_page(result, record, result.noise, head)
         save_model(record, out)
         if page is not None and report is not None:
             page.write(report)

@@ -34,7 +34,7 @@ def history(
     versions = versions_of(loaded)
     effects = [t.effect.spec for t in loaded.terms]
     if report is not None:
-        history_page(loaded, versions, model.name).write(report)
+        history_page(loaded, versions, model).write(report)
     if as_json:
         say(
             json.dumps({"unit": "um", "versions": versions, "effects": effects}, ensure_ascii=False)

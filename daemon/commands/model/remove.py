@@ -57,7 +57,7 @@ def remove(
         kept = answer.unfitted(loaded, less, removed=removed.spec)
         save_model(kept, out)
         if report is not None:
-            page_of(kept, out.name).write(report)
+            page_of(kept, out).write(report)
         if as_json:
             say(json.dumps({"removed": removed.spec, "refitted": False}))
         else:
@@ -72,7 +72,7 @@ def remove(
             loaded, less, measured, holdout or [], out, removed=removed.spec, progress=tell
         )
     if report is not None:
-        page_of(revision.model, out.name).write(report)
+        page_of(revision.model, out).write(report)
     if as_json:
         say(json.dumps(answer.as_json(revision, None), ensure_ascii=False))
         return

@@ -6,14 +6,17 @@ import json
 import shlex
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
+from abbe.compcore.diagnosis import advice
 from abbe.daemon.application import app
 from abbe.daemon.arguments.lists import spread
 from benchmarks.hidden.scenario import Scenario, hide
 from benchmarks.hidden.scene import scene
+from tests.support.daemon.some_setups import some_setups
 
 DATA = Path(__file__).parents[2] / "data" / "p01-mill"
 SPEC = ["thermal_tilt", "axis=Y", "about=X", "signals=T_col_front,T_col_rear"]
@@ -64,6 +67,28 @@ def test_the_loop(tmp_path: Path) -> None:
     assert [Path(entry["file"]).name for entry in second["holdout"]] == ["check.csv"]
     assert second["added"] == " ".join(SPEC)
     assert third["removed"] == " ".join(SPEC)
+
+
+def test_what_to_measure_next_is_worked_out_once_or_not_at_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[str] = []
+    worked_out = advice._advise
+
+    def counted(*arguments: Any, **more: Any) -> list[advice.Advice]:
+        calls.append("advised")
+        return worked_out(*arguments, **more)
+
+    monkeypatch.setattr(advice, "_advise", counted)
+    campaign, page = some_setups(DATA / "fit.csv", tmp_path / "some.csv", every=4), tmp_path / "p"
+    command = ["diagnose", str(DATA / "model.toml"), str(campaign), "--json", "--report", str(page)]
+    runner = CliRunner()
+    whole = json.loads(runner.invoke(app, [*command, "--force"]).stdout)
+    assert calls == ["advised"]
+    assert whole["measure_next"]
+    less = json.loads(runner.invoke(app, [*command, "--force", "--no-measure-next"]).stdout)
+    assert calls == ["advised"]
+    assert less == {**whole, "measure_next": []}
 
 
 def test_an_offered_formula_is_added_as_it_is_printed(tmp_path: Path) -> None:

@@ -1,0 +1,191 @@
+"""The head of a page: which machine, measured when, by whom, with what, where; and which files.
+
+What ISO/TR 16907, 9.1, asks to be written down beside results. A fact that nobody stated is shown
+as such: who prints the page sees what its campaign lacks.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path, PurePath
+from typing import Any
+
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.campaign.measuring_conditions import STATED, extent, of_files, together
+from abbe.compcore.files.campaign_record import conditions_of
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.model.model import Model
+
+ALWAYS = ("date", "machine", "serial", "operator", "instrument", "environment")
+"""What stands on every page, stated or not."""
+_UNSTATED = "not stated"
+_SHORT = 12
+_AIR = ("ambient", "air")
+
+
+@dataclass(frozen=True)
+class FileOnPage:
+    """One file that a page rests on: what it is to the page, its name, its SHA-256."""
+
+    part: str
+    file: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class PageHead:
+    """What stands at the top of a page.
+
+    Attributes
+    ----------
+    facts
+        Name → what is known of it; empty: not stated.
+    files
+        What the page rests on.
+    """
+
+    facts: Mapping[str, str]
+    files: Sequence[FileOnPage] = ()
+
+    def html(self) -> str:
+        """The head as HTML."""
+        cells = "".join(
+            f"<div><dt>{escape(name)}</dt>"
+            + (f"<dd>{escape(text)}</dd>" if text else f'<dd class="unstated">{_UNSTATED}</dd>')
+            + "</div>"
+            for name, text in self.facts.items()
+        )
+        rows = "".join(
+            f"<tr><td>{escape(f.part)}</td><td>{escape(PurePath(f.file).name)}</td>"
+            f"<td>{_digest(f.sha256)}</td></tr>"
+            for f in self.files
+        )
+        table = (
+            '<table class="files"><thead><tr><th scope="col">Rests on</th>'
+            '<th scope="col">File</th><th scope="col">SHA-256</th></tr></thead>'
+            f"<tbody>{rows}</tbody></table>"
+        )
+        return f'<dl class="facts">{cells}</dl>' + (table if rows else "")
+
+
+def _digest(digest: str) -> str:
+    """Its beginning on the screen, the whole where the pointer rests and on paper."""
+    if not digest:
+        return "–"
+    known = escape(digest)
+    rest = f"<span>{known[_SHORT:]}</span>" if len(known) > _SHORT else ""
+    return f'<code class="sha" title="{known}">{known[:_SHORT]}{rest}</code>'
+
+
+def file_on_page(part: str, path: str | Path) -> FileOnPage:
+    """A file as it is now; without SHA-256 where it is not there."""
+    try:
+        return FileOnPage(part, str(path), hashlib.sha256(Path(path).read_bytes()).hexdigest())
+    except OSError:
+        return FileOnPage(part, str(path), "")
+
+
+def bare_head(part: str, paths: Iterable[str | Path]) -> PageHead:
+    """The head of a page about files that say nothing of their conditions."""
+    return PageHead(facts_of([]), [file_on_page(part, path) for path in paths])
+
+
+def head_of(
+    model: Model, files: Iterable[FileOnPage], campaign: Campaign | None = None
+) -> PageHead:
+    """The head of a page about a model.
+
+    Parameters
+    ----------
+    model
+        The model; where no campaign is given the conditions are those of the campaigns that it was
+        fitted to.
+    files
+        Files that are not campaigns.
+    campaign
+        What the page is about, beside the model.
+    """
+    fitted = [c for c in model.fit.get("campaigns", ()) if isinstance(c, Mapping)]
+    if campaign is not None:
+        known = {str(c.get("sha256")) for c in fitted}
+        conditions = of_files(campaign)
+        measured = [
+            FileOnPage("campaign, fitted" if digest in known else "campaign", file, digest)
+            for file, digest in campaign.files.items()
+        ]
+    else:
+        conditions = [conditions_of(c) for c in fitted]
+        measured = [_recorded("campaign, fitted", c) for c in fitted]
+        held = model.fit.get("holdout", ())
+        measured += [_recorded("campaign, held out", c) for c in held if isinstance(c, Mapping)]
+    return PageHead(facts_of(conditions, model.machine), (*files, *measured))
+
+
+def _recorded(part: str, record: Mapping[str, Any]) -> FileOnPage:
+    return FileOnPage(part, str(record.get("file", "–")), str(record.get("sha256", "")))
+
+
+def facts_of(
+    conditions: Sequence[Mapping[str, Any]], machine: Machine | None = None
+) -> dict[str, str]:
+    """What is known of the conditions of some campaigns, and of their machine, name → text."""
+    found = together(conditions)
+    if machine is not None:
+        found["machine"] = machine.name or found.get("machine", "")
+        found["serial"] = machine.serial or found.get("serial", "")
+        said = [found["environment"]] if "environment" in found else []
+        found["environment"] = "; ".join([*said, *_air(conditions, machine)])
+        if "other_axes" not in found:
+            found["other_axes"] = _positions(conditions, machine)
+        if "measuring_tool" not in found:
+            found["measuring_tool"] = _tool(conditions)
+    facts = {STATED[key]: found.get(key, "") for key in ALWAYS}
+    more = {STATED[key]: found[key] for key in STATED if key not in ALWAYS and found.get(key)}
+    return {**facts, **more}
+
+
+def _air(conditions: Sequence[Mapping[str, Any]], machine: Machine) -> Iterable[str]:
+    """What thermometers in the air showed."""
+    for name, signal in machine.signals.items():
+        if signal.role in _AIR:
+            low, high = extent(conditions, "signals", name)
+            if low <= high:
+                unit = "°C" if signal.unit == "degC" else signal.unit
+                yield f"{name} {_range(low, high, 3)} {unit}"
+
+
+def _positions(conditions: Sequence[Mapping[str, Any]], machine: Machine) -> str:
+    """Where the axes stood."""
+    told = []
+    for axis in machine.structure.axes:
+        low, high = extent(conditions, "positions", axis)
+        if low <= high:
+            unit = "°" if is_rotary(axis) else " mm"
+            told.append(_unbroken(f"{axis} {_range(low, high)}{unit}"))
+    return ", ".join(told)
+
+
+def _tool(conditions: Sequence[Mapping[str, Any]]) -> str:
+    """The offsets of the tools, as the rows have them."""
+    tools = [c["tool"] for c in conditions if len(c.get("tool", ())) == 3]
+    if not tools:
+        return ""
+    ends = [(min(t[k][0] for t in tools), max(t[k][1] for t in tools)) for k in range(3)]
+    parts = (
+        _unbroken(f"{name} {_range(*pair)} mm") for name, pair in zip("xyz", ends, strict=True)
+    )
+    return "offset " + ", ".join(parts)
+
+
+def _unbroken(text: str) -> str:
+    """A text that stays in one line."""
+    return text.replace(" ", "\u00a0")
+
+
+def _range(low: float, high: float, digits: int = 4) -> str:
+    one, two = (f"{v:.{digits}g}".replace("-", "−") for v in (low, high))
+    return one if one == two else f"{one} … {two}"
