@@ -99,10 +99,10 @@ def _frames(
         notifier = can.Notifier(bus, [reader], loop=asyncio.get_running_loop())
         try:
 
-            async def next_told() -> can.Message | None:
+            async def next_message() -> can.Message | None:
                 return await asyncio.wait_for(reader.get_message(), 1.0)
 
-            yield bus, next_told
+            yield bus, next_message
         finally:
             notifier.stop()
 

@@ -247,11 +247,11 @@ def main() -> None:
     rows = []
     for count in ROWS:
         command = [sys.executable, __file__, "--rows", str(count)]
-        told = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
+        measured = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
         rows.append(
-            f"| {count} | {told['seconds']:.1f} | {told['cpu']:.1f} | "
-            f"{told['cpu'] / count * 1e6:.0f} | {told['before']:.0f} | "
-            f"{told['peak'] - told['before']:.0f} |"
+            f"| {count} | {measured['seconds']:.1f} | {measured['cpu']:.1f} | "
+            f"{measured['cpu'] / count * 1e6:.0f} | {measured['before']:.0f} | "
+            f"{measured['peak'] - measured['before']:.0f} |"
         )
         print(rows[-1], flush=True)
     head = "| rows | s | processor s | µs/row | campaign and libraries, MB | the fit's peak, MB |"

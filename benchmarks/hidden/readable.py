@@ -19,8 +19,8 @@ def readable(terms: Sequence[Term], causes: Sequence[Cause]) -> str:
     if not causes:
         return "–"
     leading = _distinct(terms)[: len(causes)]
-    told = all(any(_says(term, cause) for term in leading) for cause in causes)
-    return "yes" if told else "no"
+    named = all(any(_says(term, cause) for term in leading) for cause in causes)
+    return "yes" if named else "no"
 
 
 def _distinct(terms: Sequence[Term]) -> list[Term]:

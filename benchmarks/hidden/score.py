@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from abbe.compcore.diagnosis import Diagnosis
-from abbe.compcore.diagnosis.aliases import TOLD_APART
+from abbe.compcore.diagnosis.aliases import CERTAINLY_APART
 from abbe.compcore.diagnosis.screening.pool import WeighedCandidate
 from abbe.compcore.effects import make_effect
 from abbe.compcore.effects.base import Effect
@@ -35,8 +35,8 @@ def score(diagnosis: Diagnosis, causes: Sequence[Cause]) -> str:
             return "missed"
         if diagnosis.verdict == "missing":
             return "named a cause"
-        told = {name for s in diagnosis.structure for name in s.depends_on}
-        return "described" if set(causes[0].depends) & told else "described wrongly"
+        described = {name for s in diagnosis.structure for name in s.depends_on}
+        return "described" if set(causes[0].depends) & described else "described wrongly"
     if not diagnosis.established:
         visible = any(f.established(diagnosis.basis.n) for c in known for f in _true(diagnosis, c))
         return "missed" if visible or diagnosis.verdict != "complete" else "too small"
@@ -78,5 +78,5 @@ def _true(diagnosis: Diagnosis, cause: Cause) -> list[WeighedCandidate]:
 def _inseparable(diagnosis: Diagnosis, cause: Cause) -> bool:
     """Whether the true cause explains no more of this campaign than what was named."""
     drop = max((f.screened.drop for f in _true(diagnosis, cause)), default=0.0)
-    told = diagnosis.basis.chi2 - diagnosis.left * diagnosis.basis.dof
-    return drop - told < TOLD_APART * diagnosis.left
+    explained = diagnosis.basis.chi2 - diagnosis.left * diagnosis.basis.dof
+    return drop - explained < CERTAINLY_APART * diagnosis.left

@@ -87,16 +87,16 @@ def table(outcomes: Sequence[Outcome]) -> str:
         several = len(group) > 1
         label += f" ({len(group)} campaigns; medians)" if several else ""
         counts = Counter(o.score for o in group).most_common()
-        told = ", ".join(f"{n} {s}" if several else s for s, n in counts)
-        figures = [_told(float(np.median([o.rms[m] for o in group]))) for m in METHODS]
+        scores = ", ".join(f"{n} {s}" if several else s for s, n in counts)
+        figures = [_micrometres(float(np.median([o.rms[m] for o in group]))) for m in METHODS]
         yes = sum(o.readable == "yes" for o in group)
         read = f"{yes} of {len(group)}" if several and multiple else group[0].readable
         size = f"{multiple}×" if multiple else "–"
-        lines.append(f"| {label} | {size} | {told} | {' | '.join(figures)} | {read} |")
+        lines.append(f"| {label} | {size} | {scores} | {' | '.join(figures)} | {read} |")
     return "\n".join(lines)
 
 
-def _told(rms: float) -> str:
+def _micrometres(rms: float) -> str:
     return "–" if np.isnan(rms) else f"{1e3 * rms:.3f}"
 
 

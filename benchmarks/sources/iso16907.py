@@ -363,7 +363,7 @@ def _sum_rms(old: Model, new: Model, lines: Campaign) -> float:
     """RMS when the new tables are added to the old ones."""
     from dataclasses import replace
 
-    told = old.predict(lines.conditions).translation
+    predicted = old.predict(lines.conditions).translation
     assert lines.conditions.u is not None
-    left = lines.value - np.einsum("ni,ni->n", told, lines.conditions.u)
+    left = lines.value - np.einsum("ni,ni->n", predicted, lines.conditions.u)
     return compare(new, replace(lines, value=left)).lengths.rms

@@ -232,9 +232,9 @@ def diagonals(machine: ExactMachine, fitted: Model) -> Diagonals:
         conditions = Conditions(
             {k: line[:, i] for i, k in enumerate("XYZ")}, tool=np.tile(tool, (26, 1))
         )
-        told = fitted.predict(conditions).translation @ u
+        predicted = fitted.predict(conditions).translation @ u
         before.append(np.ptp(true - true[0]))
-        left = (true - told) - (true - told)[0]
+        left = (true - predicted) - (true - predicted)[0]
         after.append(np.ptp(left))
         sd = _difference_sd(fitted, conditions, u)
         inside += int((np.abs(left[1:]) <= 1.96 * sd[1:]).sum())

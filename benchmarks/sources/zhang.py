@@ -221,14 +221,14 @@ def squarenesses(exact: ExactMachine, fitted: Model) -> dict[str, tuple[float, f
         signals = {name: np.full(82, 20.0) for name in fitted.machine.signals}
         places = Conditions(positions, tool=np.tile(PROBE, (82, 1)), signals=signals)
         true = exact.error({**positions, **signals}, PROBE)
-        told = fitted.predict(places).translation
+        predicted = fitted.predict(places).translation
         moved, _ = sensitivities(fitted, places)
         slope = shear(moved, one, two, places)
         assert fitted.covariance is not None
         sd = float(np.sqrt(slope @ fitted.covariance @ slope))
         found[one + two] = (
             float(shear(true, one, two, places)),
-            float(shear(told, one, two, places)),
+            float(shear(predicted, one, two, places)),
             sd,
         )
     return found
@@ -258,10 +258,12 @@ def gauge_block(exact: ExactMachine, fitted: Model, seed: int) -> list[tuple[str
         true = exact.error({**positions, **signals}, PROBE) @ u
         probed = true + rng.normal(0.0, 0.2e-3, 2)
         tool = np.tile(PROBE, (2, 1))
-        told = fitted.predict(Conditions(positions, tool=tool, signals=signals)).translation @ u
+        predicted = (
+            fitted.predict(Conditions(positions, tool=tool, signals=signals)).translation @ u
+        )
         # a CMM reads what its scales say: too short where the machine goes too far
         found.append(
-            (name, -float(np.diff(probed)[0]) * 1e3, -float(np.diff(probed - told)[0]) * 1e3)
+            (name, -float(np.diff(probed)[0]) * 1e3, -float(np.diff(probed - predicted)[0]) * 1e3)
         )
     return found
 
@@ -283,15 +285,15 @@ def plane_map(exact: ExactMachine, fitted: Model, temperature: float) -> PlaneMa
     signals = {name: np.full(n, temperature) for name in fitted.machine.signals}
     true = exact.error({**positions, **signals}, PROBE)
     conditions = Conditions(positions, tool=np.tile(PROBE, (n, 1)), signals=signals)
-    told = fitted.predict(conditions).translation
+    predicted = fitted.predict(conditions).translation
     point = np.stack([x, y, positions["Z"]], axis=1)
     i, j, worst = worst_pair(point, true)
     u = (point[i] - point[j]) / np.linalg.norm(point[i] - point[j])
-    _, _, left = worst_pair(point, true - told)
+    _, _, left = worst_pair(point, true - predicted)
     return PlaneMap(
         ((float(x[i]), float(y[i])), (float(x[j]), float(y[j])), worst),
         left,
-        float(u @ (told[i] - told[j])),
+        float(u @ (predicted[i] - predicted[j])),
     )
 
 

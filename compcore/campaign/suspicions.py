@@ -73,9 +73,9 @@ def of_values(campaign: Campaign, values: F64) -> Iterator[str]:
             continue
         size = float(np.sqrt(np.mean(values[rows] ** 2)))
         if size < least:
-            told = "are all 0" if size == 0.0 else f"vary by {size * factor:.2g} {unit} rms only"
+            how = "are all 0" if size == 0.0 else f"vary by {size * factor:.2g} {unit} rms only"
             yield (
-                f"the {name} {told}: the column 'value' is in {unit}; were they written in {other}?"
+                f"the {name} {how}: the column 'value' is in {unit}; were they written in {other}?"
             )
         elif size > most:
             yield (

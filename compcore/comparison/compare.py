@@ -137,18 +137,18 @@ class Comparison(Shown):
 
     def verdict(self) -> Iterator[str]:
         """Whether the model holds, what stands out, and the next command."""
-        told = [
+        parts = [
             f"{name} are off by {part.rms * factor:.3g} {unit} rms (χ²/dof {part.chi2_per_dof:.3g})"
             for part, name, unit, factor in self._parts()
             if part.n
         ]
         if self.uncertainty.open:
-            yield f"Whether this is noise is open, the campaign states none; {'; '.join(told)}."
+            yield f"Whether this is noise is open, the campaign states none; {'; '.join(parts)}."
         elif self.holds:
-            yield f"The model holds: what is left is noise; {'; '.join(told)}."
+            yield f"The model holds: what is left is noise; {'; '.join(parts)}."
             return
         else:
-            yield f"THE MODEL DOES NOT HOLD on this campaign: {'; '.join(told)}."
+            yield f"THE MODEL DOES NOT HOLD on this campaign: {'; '.join(parts)}."
         yield from self.changed
         for side in self.sides:
             yield f"{side.words}: {side.share:.0%} of what is left."

@@ -9,7 +9,7 @@ from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.comparison.lines import MeasuredLine
 from abbe.compcore.comparison.parts import ComparedRows
 
-_MOST_TOLD = 8
+_MOST_LISTED = 8
 OTHER_SETUPS = (
     "ISO/TR 16907, 11.3, asks for other set-ups and other points than those of the tables"
 )
@@ -48,7 +48,7 @@ def comparison_words(
     if lines:
         yield "lines: linear part end to end and rest (peak to valley), before → after, µm"
         ordered = sorted(lines, key=lambda line: -line.rest_after)
-        for line in ordered[:_MOST_TOLD]:
+        for line in ordered[:_MOST_LISTED]:
             linear = (
                 "slope free"
                 if line.linear_before is None or line.linear_after is None

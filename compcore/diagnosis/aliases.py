@@ -20,7 +20,7 @@ from abbe.compcore.diagnosis.screening.screening import Basis, orthonormal
 
 F64 = NDArray[np.float64]
 
-TOLD_APART = 14.0
+CERTAINLY_APART = 14.0
 """χ² from which two causes are told apart with certainty (some 3.7 standard deviations)."""
 
 
@@ -74,7 +74,7 @@ def aliases(
         missed = max(0.0, strength - imitated[other.key])
         separation = missed / variance
         worse = winner.evidence.value - other.evidence.value
-        if separation < TOLD_APART or worse < INDISTINCT:
+        if separation < CERTAINLY_APART or worse < INDISTINCT:
             found.append(Alias(other, separation, float(np.sqrt(1.0 - missed / strength))))
     found.sort(key=lambda a: a.separation)
     return found

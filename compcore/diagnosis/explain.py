@@ -32,9 +32,9 @@ def explanation(established: Established, diagnosis: Findings) -> str:
     campaign = diagnosis.result.problem.campaign
     parts = [headline(effect) + "."]
     parts.append(_evidence(established, diagnosis, campaign))
-    if told := ", ".join(parameter(e) for e in established.estimates[:4]):
+    if estimated := ", ".join(parameter(e) for e in established.estimates[:4]):
         more = len(established.estimates) - 4
-        parts.append(f"Fitted: {told}{f' and {more} more' if more > 0 else ''}.")
+        parts.append(f"Fitted: {estimated}{f' and {more} more' if more > 0 else ''}.")
     parts += _as_built(established, diagnosis)
     doubtful = [e for e in established.estimates if not e.plausible]
     parts += [

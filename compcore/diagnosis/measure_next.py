@@ -31,7 +31,7 @@ F64 = NDArray[np.float64]
 _RIDGE = 1e-9
 _ROUNDING = 1e-10
 """Part of a signature's square below which what is left of it is rounding."""
-_TOLD = 14.0
+_APART = 14.0
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def advise(
     if any(a.separation > a.separation_now for a in advice):
         effort = {p.what: p.effort for p in proposals}
         advice.sort(
-            key=lambda a: -(min(a.separation, 10 * _TOLD) - a.separation_now) / effort[a.what]
+            key=lambda a: -(min(a.separation, 10 * _APART) - a.separation_now) / effort[a.what]
         )
         rows = {p.what: rows for p, rows in zip(proposals, new.slices, strict=True)}
         return [

@@ -306,10 +306,10 @@ def _compete(
         # only be imitating what is left, and is kept only if it stands beside the description
         return _beside(pool, basis, chosen, left, patterns), left
     extended = basis
-    told: list[ResidualPattern] = []
+    described: list[ResidualPattern] = []
     for s in strong[:1]:
         extended = extended.extended(patterns.with_lower_orders(s))
-        told.append(s)
+        described.append(s)
     more, _ = search(pool, extended)
     more = [f for f in more if f.evidence.value > BEYOND_DOUBT]
     if more:
@@ -317,7 +317,7 @@ def _compete(
         for f in more:
             both = both.extended(pool.found_columns(f))
         more = [] if patterns.established(both) else more
-    return more, told + [s for s in strong[1:] if s not in told]
+    return more, described + [s for s in strong[1:] if s not in described]
 
 
 def _beside(
@@ -354,11 +354,11 @@ def _on_all_rows(
         standing = [m.found.established(whole.problem.n) for m in seen]
         if all(standing):
             grown = whole.rms(*measured_kinds(whole)) / result.rms(*measured_kinds(whole))
-            told = [
+            described = [
                 replace(e, found=m.found, estimates=m.estimates, rms_after=e.rms_after * grown)
                 for e, m in zip(kept, seen, strict=True)
             ]
-            return tuple(told), left
+            return tuple(described), left
         kept = [e for e, stands in zip(kept, standing, strict=True) if stands]
     return (), whole.chi2 / whole.dof
 

@@ -146,8 +146,8 @@ def elsewhere(error: InputError, words: Sequence[str]) -> str | None:
     command = words[0] if words else ""
     if error.file is None or (kind := recognised(error.file)) is None:
         return None
-    told = [_LAYOUTS.get(word.removeprefix("--as=")) for word in words]
-    layout = next((name for name in told if name), None) if command == "import-campaign" else None
+    stated = [_LAYOUTS.get(word.removeprefix("--as=")) for word in words]
+    layout = next((name for name in stated if name), None) if command == "import-campaign" else None
     reader = layout or _reader_of(error)
     if kind.reader == reader or (reader is None and command in kind.commands):
         return None

@@ -71,7 +71,7 @@ class FitResult(Solution, Shown):
     def table(self) -> str:
         """The parameters as an HTML table; effects with more than two parameters by their count."""
         lines = (line.partition(": ") for line in parameter_lines(self))
-        return html_table(["effect", "parameters"], [[spec, told] for spec, _, told in lines])
+        return html_table(["effect", "parameters"], [[spec, values] for spec, _, values in lines])
 
     def figures(self) -> dict[str, Callable[[], Figure]]:
         """The pictures of ``abbe fit --report``, by name."""

@@ -16,7 +16,7 @@ from abbe.compcore.model.as_built import (
 )
 from abbe.compcore.units import display
 
-_MOST_TOLD = 20
+_MOST_LISTED = 20
 _NOTHING = 1e-9
 """A standard uncertainty below this part of what is believable belongs to a convention."""
 FLEXES = 0.01
@@ -74,7 +74,7 @@ def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
         )
         return
     reported = "set aside" if result.set_aside else "used; --robust would set it aside"
-    for outlier in result.outliers[:_MOST_TOLD]:
+    for outlier in result.outliers[:_MOST_LISTED]:
         value = outlier.residual * _factor(result, outlier.row)
         unit = "µrad" if problem.campaign.kind[outlier.row] == Kind.ROTATION else "µm"
         yield (
@@ -82,8 +82,8 @@ def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
             f"set-up {outlier.setup}: {value:+.3g} {unit}, "
             f"{outlier.size:.1f} standard deviations ({reported})"
         )
-    if len(result.outliers) > _MOST_TOLD:
-        yield f"and {len(result.outliers) - _MOST_TOLD} more outliers; --json lists them all"
+    if len(result.outliers) > _MOST_LISTED:
+        yield f"and {len(result.outliers) - _MOST_LISTED} more outliers; --json lists them all"
 
 
 def parameter_lines(result: Solution) -> Iterator[str]:

@@ -195,11 +195,11 @@ def as_text(found: Corrected, *, explain: bool) -> Iterator[str]:
     yield f"     {heads[0]:>14}   {heads[1]:>14}     correction"
     for axis, asked in found.asked.items():
         if is_rotary(axis):
-            told = ""
+            turn_left = ""
             if found.left is not None:
                 turned = math.radians(found.correction(axis)) * 1e6
-                told = f"  {round(turned, 2) + 0.0:>9.2f} µrad"
-            yield f"{axis:<4} {asked:>13.4f}°   {found.answer[axis]:>13.4f}°{told}"
+                turn_left = f"  {round(turned, 2) + 0.0:>9.2f} µrad"
+            yield f"{axis:<4} {asked:>13.4f}°   {found.answer[axis]:>13.4f}°{turn_left}"
         else:
             wide = "" if found.sure is None else _plus_minus(found.sure, axis)
             yield (

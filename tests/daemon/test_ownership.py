@@ -86,16 +86,16 @@ def name() -> Iterator[str]:
                 left.unlink()
 
 
-def test_a_second_one_is_told_by_whom_since_when_and_with_what(name: str) -> None:
+def test_a_second_one_learns_by_whom_since_when_and_with_what(name: str) -> None:
     with holding(name, what="live correction with /machines/Prüfstand 3.toml") as first:
         assert first.held
         with pytest.raises(InUseError) as caught, hold([name], "me"):
             pass
-        told = str(caught.value)
-        assert "\n" not in told
-        assert name in told
-        assert f"process {first.process.pid} since 20" in told
-        assert "(live correction with /machines/Prüfstand 3.toml)" in told
+        message = str(caught.value)
+        assert "\n" not in message
+        assert name in message
+        assert f"process {first.process.pid} since 20" in message
+        assert "(live correction with /machines/Prüfstand 3.toml)" in message
         # asking again and again takes nothing away from the holder, nor from what is told
         for _ in range(100):
             with pytest.raises(InUseError, match=f"process {first.process.pid} "), hold([name], ""):

@@ -59,7 +59,7 @@ def test_without_stages_nothing_is_promised() -> None:
 
 
 @pytest.mark.integration
-def test_a_terminal_is_told_how_long_a_diagnosis_will_take(tmp_path: Path) -> None:
+def test_a_terminal_shows_how_long_a_diagnosis_will_take(tmp_path: Path) -> None:
     files = [str(DATA / "p03-bridge" / name) for name in ("model.toml", "fit.csv")]
     ours, theirs = pty.openpty()
     script = "import abbe.daemon.progress as p; p.PATIENCE = 0.0; import sys; "
@@ -70,7 +70,7 @@ def test_a_terminal_is_told_how_long_a_diagnosis_will_take(tmp_path: Path) -> No
         [sys.executable, "-c", script], stdout=subprocess.DEVNULL, stderr=theirs, cwd=tmp_path
     )
     os.close(theirs)
-    told = b""
+    shown = b""
     while True:
         try:
             piece = os.read(ours, 4096)
@@ -78,8 +78,8 @@ def test_a_terminal_is_told_how_long_a_diagnosis_will_take(tmp_path: Path) -> No
             break
         if not piece:
             break
-        told += piece
+        shown += piece
     os.close(ours)
     assert process.wait() == 0
-    assert b" candidates" in told
-    assert b" left" in told
+    assert b" candidates" in shown
+    assert b" left" in shown

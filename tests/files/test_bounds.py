@@ -55,11 +55,11 @@ def test_hostile_toml_is_one_error_within_seconds(tmp_path: Path, name: str):
     running = subprocess.run(
         [sys.executable, "-c", COUNTED, str(counted), *command], capture_output=True, check=False
     )
-    told = running.stderr
+    message = running.stderr
     assert (running.returncode, running.stdout) == (1, b"")
-    assert told.startswith(f"abbe: {path}".encode())
-    assert told.count(b"\n") == 1
-    assert len(told) < 1000
+    assert message.startswith(f"abbe: {path}".encode())
+    assert message.count(b"\n") == 1
+    assert len(message) < 1000
     assert int(counted.read_text()) < 500_000
     assert time.monotonic() - begun < 30.0  # it took minutes, on any computer
 
@@ -76,7 +76,7 @@ def test_what_people_write_is_within_the_bounds():
 
 
 @pytest.mark.parametrize("content", [b"\xff\xfe", b'format = "\xe9"\n'])
-def test_what_is_not_utf_8_is_told_with_its_line(tmp_path: Path, content: bytes):
+def test_what_is_not_utf_8_is_reported_with_its_line(tmp_path: Path, content: bytes):
     path = tmp_path / "m.toml"
     path.write_bytes(b"# one\n" + content)
     with pytest.raises(InputError, match=r"m\.toml, line 2: not UTF-8 text"):
@@ -114,10 +114,10 @@ def test_wrong_types_in_a_record_are_one_error(tables: Path, key: str, value: ob
     record = record_of(tables)
     record[key] = value
     (tables / RECORD_NAME).write_text(json.dumps(record))
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as caught:
         TableSet.load(tables)
-    assert told.value.file == str(tables / RECORD_NAME)
-    assert (told.value.field or "").startswith(key)
+    assert caught.value.file == str(tables / RECORD_NAME)
+    assert (caught.value.field or "").startswith(key)
 
 
 @pytest.mark.parametrize("key", ["controller", "options", "files", "sha256", "format"])
@@ -125,9 +125,9 @@ def test_a_key_that_a_record_lacks_is_named(tables: Path, key: str):
     record = record_of(tables)
     del record[key]
     (tables / RECORD_NAME).write_text(json.dumps(record))
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as caught:
         TableSet.load(tables)
-    assert told.value.field == key
+    assert caught.value.field == key
 
 
 @pytest.mark.parametrize("name", ["../secret", "/etc/passwd", "a/b", "..", "", "a\\b", "a\0b"])
@@ -136,9 +136,9 @@ def test_a_record_names_no_file_outside_its_folder(tables: Path, name: str):
     record = record_of(tables)
     record["files"] = {name: sha256("x")}
     (tables / RECORD_NAME).write_text(json.dumps(record))
-    with pytest.raises(InputError, match="the name of a file in the same folder") as told:
+    with pytest.raises(InputError, match="the name of a file in the same folder") as caught:
         TableSet.load(tables)
-    assert (told.value.field or "").startswith("files")
+    assert (caught.value.field or "").startswith("files")
 
 
 def test_a_list_of_files_that_was_changed_is_noticed(tables: Path):
@@ -156,7 +156,7 @@ def test_a_list_of_files_that_was_changed_is_noticed(tables: Path):
 )  # fmt: skip
 def test_a_record_that_is_no_json_is_one_error(tables: Path, text: str):
     (tables / RECORD_NAME).write_text(text)
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as caught:
         TableSet.load(tables)
-    assert told.value.file == str(tables / RECORD_NAME)
-    assert len(str(told.value)) < 1000
+    assert caught.value.file == str(tables / RECORD_NAME)
+    assert len(str(caught.value)) < 1000

@@ -58,16 +58,16 @@ def test_a_full_standard_output_is_one_line_and_a_status(shop: Path, line: str, 
         running = process(
             *line.split(), stdout=full, env={**os.environ, "PYTHONUNBUFFERED": unbuffered}
         )
-        _, told = running.communicate(timeout=60)
-    lines = [x for x in told.decode().splitlines() if x.startswith("abbe: ")]
-    [line_told] = lines
-    assert line_told.startswith("abbe: standard output c")
-    assert "be written: No space left on device" in line_told
+        _, said = running.communicate(timeout=60)
+    lines = [x for x in said.decode().splitlines() if x.startswith("abbe: ")]
+    [message] = lines
+    assert message.startswith("abbe: standard output c")
+    assert "be written: No space left on device" in message
     assert running.returncode == 1
-    assert b"Traceback" not in told
-    assert b"ignored" not in told
+    assert b"Traceback" not in said
+    assert b"ignored" not in said
     if not line.startswith("run"):
-        assert len(told.splitlines()) == 1
+        assert len(said.splitlines()) == 1
 
 
 @pytest.mark.parametrize("line", ["effects", "history fitted.toml --json", "controllers"])
@@ -98,8 +98,8 @@ sys.meta_path.insert(0, Interrupt())
 def test_an_interruption_while_python_imports_is_one_line(shop: Path, name: str):
     words = ["fit", "model.toml", "day.csv", "-o", "out.toml"]
     running = process(*words, code=INTERRUPT_AT.format(name=name), stdout=subprocess.PIPE)
-    out, told = running.communicate(timeout=60)
-    assert (running.returncode, out, told) == (130, b"", b"abbe: interrupted\n")
+    out, said = running.communicate(timeout=60)
+    assert (running.returncode, out, said) == (130, b"", b"abbe: interrupted\n")
     assert not (shop / "out.toml").exists()
 
 
@@ -142,13 +142,13 @@ def test_names_that_are_no_utf_8(shop: Path):
     ):
         words = [names.get(word, word) for word in line.split()]
         running = process(*map(os.fsencode, words), stdout=subprocess.PIPE)
-        out, told = running.communicate(timeout=60)
-        assert (running.returncode, told) == (0, b""), line
+        out, said = running.communicate(timeout=60)
+        assert (running.returncode, said) == (0, b""), line
         json.loads(out)
         assert (shop / names["r"]).read_text(encoding="utf-8")
-    told = abbe("history", names["o"] + "no").err
-    assert told == "abbe: o\\udcff\\udce9no: no such file\n"
+    said = abbe("history", names["o"] + "no").err
+    assert said == "abbe: o\\udcff\\udce9no: no such file\n"
 
 
-def test_a_name_with_line_ends_is_told_in_one_line(shop: Path):
+def test_a_name_with_line_ends_is_reported_in_one_line(shop: Path):
     assert abbe("history", "a\nb\x1b").err == "abbe: a\\nb\\x1b: no such file\n"

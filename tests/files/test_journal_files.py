@@ -33,7 +33,7 @@ def journal_at(config: Path, file: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("file", "told"),
+    ("file", "message"),
     [
         ("model.toml", "is something else than what would be written"),
         ("config.toml", "is something else than what would be written"),
@@ -44,7 +44,7 @@ def journal_at(config: Path, file: str) -> None:
         ("no/journal.log", "No such file or directory"),
     ],
 )
-def test_a_journal_on_another_file_is_refused_at_check(config: Path, file: str, told: str):
+def test_a_journal_on_another_file_is_refused_at_check(config: Path, file: str, message: str):
     folder = config.parent
     (folder / "day1.csv").write_text("time,X\n0,1\n")
     (folder / "link.log").symlink_to("model.toml")
@@ -52,7 +52,7 @@ def test_a_journal_on_another_file_is_refused_at_check(config: Path, file: str, 
     (folder / "folder").mkdir()
     journal_at(config, file)
     before = {p: p.read_bytes() for p in folder.iterdir() if p.is_file()}
-    with pytest.raises(InputError, match=told) as found:
+    with pytest.raises(InputError, match=message) as found:
         load_config(config)
     assert found.value.field == "journal.file"
     assert found.value.line
@@ -60,7 +60,7 @@ def test_a_journal_on_another_file_is_refused_at_check(config: Path, file: str, 
 
 
 @pytest.mark.parametrize(
-    ("file", "told"),
+    ("file", "message"),
     [
         ("my.log", "would be written onto the journal"),
         ("model.toml", "is something else than what would be written"),
@@ -71,7 +71,7 @@ def test_a_journal_on_another_file_is_refused_at_check(config: Path, file: str, 
     ],
 )
 def test_a_journal_of_uploads_on_another_file_is_refused_at_check(
-    tmp_path: Path, file: str, told: str
+    tmp_path: Path, file: str, message: str
 ):
     example = EXAMPLE.parent / "upload"
     for path in example.iterdir():
@@ -83,7 +83,7 @@ def test_a_journal_of_uploads_on_another_file_is_refused_at_check(
         "[upload]\n", f'[journal]\nfile = "my.log"\n[upload]\njournal = "{file}"\n', 1
     )
     config.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=told) as found:
+    with pytest.raises(InputError, match=message) as found:
         load_config(config)
     assert found.value.field == "upload.journal"
 
@@ -117,9 +117,9 @@ def test_events_that_were_lost_are_counted(tmp_path: Path, caplog: pytest.LogCap
         handler.emit(record)
     handler.close()
     assert (tmp_path / "roomy.log").read_text() == "an event\n"
-    told = [r.getMessage() for r in caplog.records]
-    assert told[0].startswith("the journal cannot be written: No space left on device")
-    assert told[1:] == ["the journal is written again; 3 events are missing in it"]
+    logged = [r.getMessage() for r in caplog.records]
+    assert logged[0].startswith("the journal cannot be written: No space left on device")
+    assert logged[1:] == ["the journal is written again; 3 events are missing in it"]
 
 
 def test_a_link_stays_when_the_journal_is_put_aside(tmp_path: Path):

@@ -29,14 +29,14 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
-def refused(words: list[str], folder: Path, *told: str) -> None:
+def refused(words: list[str], folder: Path, *expected: str) -> None:
     """A command ends with one line on standard error, and every file is what it was."""
     before = contents(folder)
     done = abbe(*words)
     assert (done.status, done.out) == (1, ""), done
     assert done.err.startswith("abbe: ")
     assert done.err.count("\n") == 1, done.err
-    for part in told:
+    for part in expected:
         assert part in done.err
     assert contents(folder) == before
 

@@ -216,7 +216,7 @@ CASES = [*cells(), *head(), *large(), *values(), *points(), *mutated()]
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
-def test_a_bad_campaign_is_told_in_one_line(case: Case, tmp_path: Path) -> None:
+def test_a_bad_campaign_is_reported_in_one_line(case: Case, tmp_path: Path) -> None:
     outcome = run(case, tmp_path)
     assert not faults(case, outcome, tmp_path)
     if outcome.status == 0 and "out.toml" in case.kept:

@@ -227,7 +227,7 @@ CASES = [*numbers(), *words(), *mutated(), *plugins(), *without(), *journals()]
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
-def test_a_bad_configuration_is_told_in_one_line(case: Case, tmp_path: Path) -> None:
+def test_a_bad_configuration_is_reported_in_one_line(case: Case, tmp_path: Path) -> None:
     outcome = run(case, tmp_path)
     assert not faults(case, outcome, tmp_path)
 

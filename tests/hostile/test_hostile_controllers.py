@@ -177,7 +177,7 @@ CASES = [*named(), *mutated(), *bad_ini()]
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
-def test_a_bad_table_is_told_in_one_line(case: Case, tmp_path: Path) -> None:
+def test_a_bad_table_is_reported_in_one_line(case: Case, tmp_path: Path) -> None:
     outcome = run(case, tmp_path)
     assert not faults(case, outcome, tmp_path)
 

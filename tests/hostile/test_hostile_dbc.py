@@ -87,7 +87,7 @@ def mutated() -> Iterator[Case]:
 
 
 @pytest.mark.parametrize("case", [*named(), *mutated()], ids=str)
-def test_a_bad_dbc_file_is_told_in_one_line(case: Case, tmp_path: Path) -> None:
+def test_a_bad_dbc_file_is_reported_in_one_line(case: Case, tmp_path: Path) -> None:
     outcome = run(case, tmp_path)
     assert not faults(case, outcome, tmp_path)
 

@@ -156,7 +156,7 @@ CASES = [*images(), *tapes(), *records()]
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
-def test_a_bad_image_is_told_in_one_line(case: Case, tmp_path: Path) -> None:
+def test_a_bad_image_is_reported_in_one_line(case: Case, tmp_path: Path) -> None:
     outcome = run(case, tmp_path)
     assert not faults(case, outcome, tmp_path)
 

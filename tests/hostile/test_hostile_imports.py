@@ -206,7 +206,7 @@ CASES = [*named(), *mutated(), *typed()]
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
-def test_a_bad_file_of_others_is_told_in_one_line(case: Case, tmp_path: Path) -> None:
+def test_a_bad_file_of_others_is_reported_in_one_line(case: Case, tmp_path: Path) -> None:
     outcome = run(case, tmp_path)
     assert not faults(case, outcome, tmp_path)
 

@@ -216,6 +216,6 @@ CASES = [*explicit(), *of_covariance(), *deep(), *mutated()]
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
-def test_a_bad_model_is_told_in_one_line(case: Case, tmp_path: Path) -> None:
+def test_a_bad_model_is_reported_in_one_line(case: Case, tmp_path: Path) -> None:
     outcome = run(case, tmp_path)
     assert not faults(case, outcome, tmp_path)

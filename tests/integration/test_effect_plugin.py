@@ -109,7 +109,7 @@ def test_it_proposes_itself(with_plugin, tmp_path):
     assert done.stdout.strip() == "air_bearing_lift axis=Y direction=Z signal=p_supply", done.stderr
 
 
-def test_its_own_errors_are_told_like_abbe_s(with_plugin, tmp_path):
+def test_its_own_errors_are_reported_like_abbe_s(with_plugin, tmp_path):
     model = tmp_path / "model.toml"
     model.write_text(MODEL.replace('unit = "bar"', 'unit = "K"'))
     done = abbe(with_plugin, "correct", model, "X=1", "Y=2", "Z=3", "p_supply=5.5")

@@ -136,7 +136,7 @@ def test_under_nohup_it_goes_on_without_its_terminal(
         assert "Traceback" not in (tmp_path / "journal.log").read_text()
 
 
-def test_a_full_disk_does_not_stop_the_machine_and_is_told(tmp_path: Path) -> None:
+def test_a_full_disk_does_not_stop_the_machine_and_is_reported(tmp_path: Path) -> None:
     with machine(tmp_path) as (simulator, config), Path("/dev/full").open("w") as full:
         command = [sys.executable, "-m", "abbe.daemon", "run", str(config), "--json"]
         process = subprocess.Popen(command, stdout=full, stderr=subprocess.PIPE, text=True)

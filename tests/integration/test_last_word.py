@@ -70,7 +70,7 @@ def test_a_machine_that_is_gone_at_the_end(tmp_path: Path) -> None:
         assert set(numbers(line)) == set("XYZ")
 
 
-def test_a_machine_that_was_never_there_has_nothing_to_be_told(tmp_path: Path) -> None:
+def test_a_machine_that_was_never_there_is_no_failure_at_the_end(tmp_path: Path) -> None:
     with machine(tmp_path) as (_, config):
         pass
     with live_run(config) as run:
@@ -119,7 +119,7 @@ def test_a_controller_that_refuses_everything_is_named_with_what_it_holds(
         )
 
 
-def test_one_that_takes_it_late_is_told_all_the_same(
+def test_one_that_takes_it_late_gets_the_word_all_the_same(
     gateway: tuple[RefusingGateway, int, Path],
 ) -> None:
     between, port, config = gateway

@@ -69,7 +69,7 @@ def test_an_unrelated_client_reads_corrected_positions_that_are_true(tmp_path: P
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_it_ends_with_the_correction_at_zero_and_the_controller_told(
+def test_it_ends_with_the_correction_at_zero_and_the_controller_informed(
     tmp_path: Path, number: signal.Signals
 ) -> None:
     with machine(tmp_path) as (simulator, config), live_run(config) as run:

@@ -231,7 +231,7 @@ async def test_the_tool_comes_to_the_wanted_pose(tmp_path: Path, name: str) -> N
         assert v == pytest.approx(run.records[-1].indicated[nc.axes.index(a)], abs=1e-12)
 
 
-async def test_at_a_pole_the_point_is_reached_and_the_rest_is_told(tmp_path: Path) -> None:
+async def test_at_a_pole_the_point_is_reached_and_the_rest_is_reported(tmp_path: Path) -> None:
     machine = machine_of(CODES["head-head"])
     errors = errors_of(machine, seed=11)
     target = {**somewhere("head-head"), "B": 0.0}

@@ -171,7 +171,7 @@ def test_mirrored_registers(scene: Scene) -> None:
     assert set(scene.found) == {"position"}
 
 
-def test_an_end_that_the_controller_was_not_told(scene: Scene) -> None:
+def test_an_end_that_the_controller_did_not_learn_of(scene: Scene) -> None:
     scene.checker.ending = 2.0
     scene.checker.ended(0, 3.0)
     assert scene.found == ["end"]

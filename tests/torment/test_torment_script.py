@@ -44,7 +44,7 @@ def test_the_machine_stays_in_its_travel_and_never_jumps() -> None:
             assert low - 1e-6 <= b <= high + 1e-6
 
 
-def test_the_machine_stands_when_it_is_told_to() -> None:
+def test_the_machine_stands_when_the_script_says_so() -> None:
     motion = RandomMotion(random.Random(5), 0.0)
     motion.at(7.0)
     motion.halt(7.0, 2.0)
@@ -69,9 +69,9 @@ def test_the_page_tells_every_protocol_and_kind() -> None:
 def test_the_command_prints_its_script(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["--protocol", "modbus-tcp", "--variant", "plain", "--seconds", "30", "--script"]
     assert main([*arguments, "--only", "late,split"]) == 0
-    told = capsys.readouterr().out
-    assert "late" in told
-    assert "silent" not in told
+    printed = capsys.readouterr().out
+    assert "late" in printed
+    assert "silent" not in printed
 
 
 def test_an_unknown_kind_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

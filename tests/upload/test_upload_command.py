@@ -110,12 +110,12 @@ def test_json_is_one_object_and_nothing_else(place: Place, made: Path):
     assert not dry["done"]
     assert dry["preflight"]["change_um"] > 0.5
     done = abbe("upload", place.config, made / "new", "--yes", "--json")
-    told = json.loads(done.out)
-    assert (told["done"], told["active"], told["journal"]) == (True, "new", "closed")
-    assert told["sha256"] == told["new"] != told["old"]
+    answer = json.loads(done.out)
+    assert (answer["done"], answer["active"], answer["journal"]) == (True, "new", "closed")
+    assert answer["sha256"] == answer["new"] != answer["old"]
     status = json.loads(abbe("upload", place.config, "--status", "--json").out)
-    assert status["active"] == told["new"]
-    assert status["from"]["upload"] == told["upload"]
+    assert status["active"] == answer["new"]
+    assert status["from"]["upload"] == answer["upload"]
     assert status["unfinished"] is None
     assert json.loads(abbe("upload", place.config, "--recover", "--json").out) == {
         "recovered": None
@@ -130,8 +130,8 @@ def test_a_failure_has_status_1_and_says_which_table_is_active(place: Place, mad
     assert "the old table" in failed.out
     assert "Traceback" not in failed.err + failed.out
     place.control.order("fault", kind="refuses", at="commit")
-    told = json.loads(abbe("upload", place.config, made / "new", "--yes", "--json").out)
-    assert (told["done"], told["active"], told["failed_step"]) == (False, "old", "activate")
+    answer = json.loads(abbe("upload", place.config, made / "new", "--yes", "--json").out)
+    assert (answer["done"], answer["active"], answer["failed_step"]) == (False, "old", "activate")
 
 
 def test_check_notices_a_control_that_adds_something_else(place: Place, made: Path):
@@ -206,10 +206,10 @@ def test_a_bad_section_is_named_with_file_line_and_key(
     head, upload, rest = place.config.read_text().partition("[upload]")
     assert found in rest
     place.config.write_text(head + upload + rest.replace(found, put, 1))
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as caught:
         load_config(place.config)
-    assert words in str(told.value)
-    assert "mill.toml, line " in str(told.value)
+    assert words in str(caught.value)
+    assert "mill.toml, line " in str(caught.value)
 
 
 def test_without_the_section_nothing_is_uploaded(place: Place, made: Path):

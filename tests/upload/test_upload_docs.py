@@ -39,9 +39,9 @@ def test_defaults_on_the_page_are_those_of_the_code():
             found = [UploadSection.model_fields.get(k) for k in keys]
             if None in found or "the guard's" in cells[3] or "required" in cells[3]:
                 continue
-            told = [d.strip("` ") for d in cells[3].split(",")]
+            documented = [d.strip("` ") for d in cells[3].split(",")]
             assert [str(f.default).removesuffix(".0") for f in found] == [
-                t.strip('"') for t in told
+                t.strip('"') for t in documented
             ], line
             compared += len(found)
     assert compared >= 9
@@ -61,8 +61,8 @@ def test_the_example_is_in_order_and_its_tables_fit_it(tmp_path: Path):
 
 
 def test_what_the_watch_proposes_can_be_typed():
-    told = words({"event": "propose", "folder": "tables"}, Path("mill.toml"))
-    typed = told.partition(": ")[2].split()
+    proposal = words({"event": "propose", "folder": "tables"}, Path("mill.toml"))
+    typed = proposal.partition(": ")[2].split()
     assert typed[:2] == ["abbe", "upload"]
     assert "upload" in [command.name for command in app.registered_commands]
     assert typed[2:] == ["mill.toml", "tables"]

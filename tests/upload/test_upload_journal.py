@@ -54,9 +54,9 @@ def test_a_journal_that_was_changed_is_refused(tmp_path: Path, change: str):
         "inserted": [lines[0], b"nothing\n", *lines[1:]],
     }[change]
     path.write_bytes(b"".join(changed))
-    with pytest.raises(InputError, match="the journal was changed") as told:
+    with pytest.raises(InputError, match="the journal was changed") as caught:
         read_journal(path)
-    assert told.value.line in (2, 3)
+    assert caught.value.line in (2, 3)
     assert "the journal was changed" in unfinished_in(path)
 
 
@@ -109,9 +109,9 @@ def test_the_last_line_is_sealed_by_the_head(tmp_path: Path):
     with pytest.raises(InputError, match="the journal was changed: its last line is another"):
         read_journal(path)
     path.write_bytes(whole[: whole.index(b"\n") + 1])
-    with pytest.raises(InputError, match="1 lines at its end are missing") as told:
+    with pytest.raises(InputError, match="1 lines at its end are missing") as caught:
         read_journal(path)
-    assert "put both files aside" in str(told.value)
+    assert "put both files aside" in str(caught.value)
     path.unlink()
     with pytest.raises(InputError, match="2 lines at its end are missing"):
         read_journal(path)
@@ -121,8 +121,8 @@ def test_the_last_line_is_sealed_by_the_head(tmp_path: Path):
     path_of(path).write_text(head.decode().replace('"lines": 2', '"lines": 1'))
     with pytest.raises(InputError, match="its last line is another"):
         read_journal(path)
-    told_head = {"format": "abbe-uploads-head/1", "lines": 1, "last": first}
-    path_of(path).write_text(json.dumps(told_head))
+    behind = {"format": "abbe-uploads-head/1", "lines": 1, "last": first}
+    path_of(path).write_text(json.dumps(behind))
     assert len(read_journal(path).entries) == 2
     # a head that was lost is no reason to refuse
     path_of(path).unlink()
@@ -141,9 +141,9 @@ def test_the_last_line_is_sealed_by_the_head(tmp_path: Path):
 def test_wrong_types_in_a_line_are_one_error(tmp_path: Path, more: dict[str, object]):
     path = tmp_path / "uploads.jsonl"
     written(path, line("a", "begin"), line("a", "end", **more))
-    with pytest.raises(InputError, match=r"uploads\.jsonl, line 2, field '") as told:
+    with pytest.raises(InputError, match=r"uploads\.jsonl, line 2, field '") as caught:
         read_journal(path)
-    assert next(iter(more)) in str(told.value)
+    assert next(iter(more)) in str(caught.value)
     assert "line 2" in unfinished_in(path)
 
 
@@ -216,8 +216,8 @@ def test_a_full_disk_at_the_lock_is_one_error(tmp_path: Path, monkeypatch: pytes
 
     with monkeypatch.context() as disk:
         disk.setattr(os, "pwrite", full)
-        told = pytest.raises(InputError, match="No space left.*nothing was uploaded")
-        with told, only_one(tmp_path / "uploads.jsonl"):
+        refused = pytest.raises(InputError, match="No space left.*nothing was uploaded")
+        with refused, only_one(tmp_path / "uploads.jsonl"):
             pass
     with only_one(tmp_path / "uploads.jsonl") as left:
         assert left == ""

@@ -16,7 +16,7 @@ import pytest
 
 from abbe.drivers.simulated.process import SimulatedProcess
 from tests.support.daemon.upload_cases import SLOW, Place, sums, texts
-from tests.support.daemon.upload_truth import active_now, check_told
+from tests.support.daemon.upload_truth import active_now, check_reported
 
 pytestmark = pytest.mark.integration
 
@@ -95,7 +95,7 @@ def test_killed_and_recovered(place: Place, made: Path, abbe: subprocess.Popen[s
     outcome = place.recover()
     assert f"the journal ends at '{step}'" in "\n".join(place.said)
     assert outcome.active == before
-    check_told(place, outcome, old, new)
+    check_reported(place, outcome, old, new)
     assert outcome.done == (before == "new")
     assert place.recover() is None
     assert place.upload(made / "new").ok

@@ -34,8 +34,8 @@ def test_a_compensated_machine_is_compensated_again(study: iso16907.Study) -> No
 
 def test_flexing_is_found_where_it_is() -> None:
     worst = flexing.run(1, flexing.FLEX)[0]
-    told = {f"{worst.motion} on {worst.by}", *worst.alike}
-    assert {"E_ZX on Y", "E_ZY on X"} <= told
+    found = {f"{worst.motion} on {worst.by}", *worst.alike}
+    assert {"E_ZX on Y", "E_ZY on X"} <= found
     assert worst.adjusted < 1e-6
     assert worst.rms > 0.1e-3
 

@@ -36,7 +36,7 @@ def test_a_fourth_base_shows_the_instruments_bias() -> None:
     assert diagonals.after.max() < 2e-3
 
 
-def test_what_no_tool_offset_shows_is_told() -> None:
+def test_what_no_tool_offset_shows_is_reported() -> None:
     _, result, _ = krulewich.run(2, "polynomial")
     # tools stand along Z: Y's roll about Z, where the spindle sits, has no lever
     (unknown,) = [u for u in result.undetermined if not u.convention]

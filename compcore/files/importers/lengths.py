@@ -90,9 +90,9 @@ def read_lengths(
     """
     header = _header(RoleColumns.of(read_sheet(Path(path)), _WORDS), unit)
     sheet, where = header.columns.sheet, header.columns.where
-    told = header.columns.states("temperature") and header.columns.states("expansion")
-    lengths_told = {"measured", "error"} & set(where) or header.repeats
-    if told and lengths_told and reduced is None:
+    states_growth = header.columns.states("temperature") and header.columns.states("expansion")
+    states_lengths = {"measured", "error"} & set(where) or header.repeats
+    if states_growth and states_lengths and reduced is None:
         raise InputError(
             "the file states temperature and expansion, but not whether the lengths are reduced "
             "to 20 °C",
@@ -101,7 +101,7 @@ def read_lengths(
             expected="--reduced (the machine's software has done it) or --not-reduced",
         )
     return [
-        replace(length, temperature=None) if reduced and lengths_told else length
+        replace(length, temperature=None) if reduced and states_lengths else length
         for line, cells in sheet.rows[1:]
         for length in _lengths(header, line, cells, tool)
     ], sheet.data

@@ -112,8 +112,8 @@ def import_rtl(
         if lines:
             metadata[name] = "; ".join(f"{k}: {v}" for k, v in lines.items())
     if environment.signals:
-        told = ", ".join(f"{k} {v:.5g}" for k, v in environment.signals.items())
-        notes.append(f"conditions from the file: {told}")
+        recorded = ", ".join(f"{k} {v:.5g}" for k, v in environment.signals.items())
+        notes.append(f"conditions from the file: {recorded}")
     placing = placing or ForeignPlacing()
     placing = replace(placing, signals={**environment.signals, **placing.signals})
     return place(source, data, [readings], placing, notes, metadata, machine)

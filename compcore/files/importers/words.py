@@ -118,13 +118,13 @@ def unit_of(
         return unit or stated or ""
     largest = max((abs(v) for v in values), default=0.0)
     if rotation or 0.0 < largest < _WONDER:
-        told = f"the largest is {largest:g}"
+        size = f"the largest is {largest:g}"
         likely = "--unit urad, mrad or arcsec" if rotation else "--unit mm, or --unit um"
         raise InputError(
             "the unit of the deviations is not stated",
             file=file,
             field="unit",
-            found=told,
+            found=size,
             expected=f"{likely}; or a heading such as deviation [{'urad' if rotation else 'mm'}]",
         )
     return "um"

@@ -12,7 +12,7 @@ from abbe.compcore.maps.conventions.identify import Identification
 from abbe.compcore.maps.conventions.ranking import DistinguishingPose, RankedHypothesis, Tie
 from abbe.compcore.maps.table import COLUMNS, COMPONENTS
 
-_MOST_TOLD = 6
+_MOST_LISTED = 6
 
 
 def import_command(
@@ -178,14 +178,14 @@ def _open_questions(found: Identification) -> Iterator[str]:
     yield "What these points cannot tell:"
     if found.unseen:
         yield f"  the signs of {', '.join(open_columns(found))}: they do next to nothing here"
-    for tie in found.ties[:_MOST_TOLD]:
+    for tie in found.ties[:_MOST_LISTED]:
         words = _difference(found, tie.judged.hypothesis)
         if tie.telling is None:
             yield f"  {words}: no point in the volume would (nor does it matter)"
         else:
             yield f"  {words}: {_pose(tie.telling)} would"
-    if len(found.ties) > _MOST_TOLD:
-        yield f"  and {len(found.ties) - _MOST_TOLD} more (--json lists all)"
+    if len(found.ties) > _MOST_LISTED:
+        yield f"  and {len(found.ties) - _MOST_LISTED} more (--json lists all)"
 
 
 def _pose(telling: DistinguishingPose) -> str:

@@ -49,14 +49,14 @@ class GaugeAnswer:
     plates: tuple[GaugedPlate, ...]
 
 
-def evaluate(path: Path, model: Model | None, name: str | None, **told: Any) -> GaugeAnswer:
+def evaluate(path: Path, model: Model | None, name: str | None, **stated: Any) -> GaugeAnswer:
     """Read measured lengths or plates and lay a model beside them.
 
     Parameters
     ----------
     name
         The model's file, for people.
-    told
+    stated
         `reduced`, `unit` and `tool`, as `read_lengths` takes them.
 
     Raises
@@ -66,11 +66,11 @@ def evaluate(path: Path, model: Model | None, name: str | None, **told: Any) -> 
     """
     try:
         if recognised(path) is PLATE:
-            plates, _ = read_plates(path, tool=told.get("tool", (0.0, 0.0, 0.0)))
+            plates, _ = read_plates(path, tool=stated.get("tool", (0.0, 0.0, 0.0)))
             corrected = [None if model is None else corrected_plate(p, model) for p in plates]
             both = zip(plates, corrected, strict=True)
             return GaugeAnswer(str(path), name, (), tuple(GaugedPlate(p, c) for p, c in both))
-        lengths, _ = read_lengths(path, **told)
+        lengths, _ = read_lengths(path, **stated)
         if not lengths:
             raise InputError("no measured length", file=path)
         after: list[float | None] = [None] * len(lengths)

@@ -11,7 +11,7 @@ from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.fitting.rigid_body import rigid_body_test
 from abbe.daemon.answers import as_built
 
-_MOST_TOLD = 20
+_MOST_LISTED = 20
 
 
 def finite(value: float, factor: float = 1.0) -> float | None:
@@ -73,7 +73,7 @@ def as_json(result: FitResult, noise: NoiseFloor) -> dict[str, Any]:
                 "rms": t.rms * 1e3,
                 "alike": list(t.alike),
             }
-            for t in rigid_body_test(result)[:_MOST_TOLD]
+            for t in rigid_body_test(result)[:_MOST_LISTED]
         ],
         "outliers": [
             {

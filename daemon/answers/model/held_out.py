@@ -14,7 +14,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_file import read_campaign, read_campaigns
 from abbe.compcore.machine.machine import Machine
 
-_MOST_TOLD = 6
+_MOST_LISTED = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +43,8 @@ class HeldOutCampaigns:
                     "that are fitted; the figures below flatter the model"
                 )
             elif found.setups:
-                names = ", ".join(found.setups[:_MOST_TOLD])
-                more = len(found.setups) - _MOST_TOLD
+                names = ", ".join(found.setups[:_MOST_LISTED])
+                more = len(found.setups) - _MOST_LISTED
                 names += f" and {more} more" if more > 0 else ""
                 yield f"{file} repeats fitted set-ups ({names}): {OTHER_SETUPS}"
 

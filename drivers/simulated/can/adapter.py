@@ -56,7 +56,7 @@ class LawicelAdapter:
         self._speak = wire.join(self._hear, self._spoilt, self._mended)
         self.port = make_port(self._receive)
         self._reports = reports
-        self._told = "active"
+        self._reported = "active"
         self._held = b""
         self._unsent: list[CanFrame] = []
         self.faults = FaultConfinement()
@@ -110,15 +110,15 @@ class LawicelAdapter:
 
     def _tell_changes(self) -> None:
         state, faults = self.faults.state, self.faults
-        if self._reports == "lines" and state != self._told:
+        if self._reports == "lines" and state != self._reported:
             self._say(f"s{_LETTERS[state]}{faults.receive:03d}{faults.transmit:03d}\r".encode())
-        self._told = state
+        self._reported = state
 
     def _close(self) -> None:
         self.open = False
         self._unsent.clear()
         self.faults.restart()
-        self._told = "active"
+        self._reported = "active"
 
     def _receive(self, data: bytes) -> None:
         *commands, self._held = (self._held + data).split(b"\r")

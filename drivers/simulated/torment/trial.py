@@ -92,7 +92,7 @@ class Trial:
         self._promises = promises
         self._seen = 0
         self._calm_since = 0.0
-        self._told: dict[str, float] = {}
+        self._reported_at: dict[str, float] = {}
         self._lines: list[str] = []
 
     def run(self) -> TrialOutcome:
@@ -186,10 +186,10 @@ class Trial:
             at = self.script.elapsed(violation.time)
             line = f"{at:8.2f} s  {violation.promise}: {violation.text}"
             self._log.say("#", line)
-            last = self._told.get(violation.promise, -1.0)
+            last = self._reported_at.get(violation.promise, -1.0)
             if 0.0 <= violation.time - last < 1.0:
                 continue
-            self._told[violation.promise] = violation.time
+            self._reported_at[violation.promise] = violation.time
             around = "; ".join(str(t).strip() for t in self.script.around(violation.time))
             self._lines.append(f"{line}\n            script: {around or 'calm'}")
 

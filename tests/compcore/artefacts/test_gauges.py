@@ -183,7 +183,7 @@ def test_one_ball_that_is_wrong_is_seen_as_it_is(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("placing,ball,cx,cy,cz,x,y,z\nA,1,0,0,0,0,0,0\nA,2,1,0,0,1,0,0\n", "three points"),
         ("placing,ball,cx,cy,cz,x,y,z\n" + "".join(f"A,{i},{i},0,0,{i},0,0\n" for i in range(4)),
@@ -194,11 +194,11 @@ def test_one_ball_that_is_wrong_is_seen_as_it_is(tmp_path):
         ("a,b\n1,2\n", "not a table of measured lengths"),
     ],
 )  # fmt: skip
-def test_bad_files_are_one_line(tmp_path, text, told):
+def test_bad_files_are_one_line(tmp_path, text, message):
     (tmp_path / "p.csv").write_text(text)
     refused = abbe("gauges", tmp_path / "p.csv")
     assert (refused.status, len(refused.err.splitlines())) == (1, 1)
-    assert told in refused.err
+    assert message in refused.err
 
 
 def test_a_signal_that_the_model_needs_is_named(tmp_path):

@@ -108,7 +108,7 @@ def test_many_short_groups_are_pooled():
     assert 30 < level.degrees_of_freedom < 66
 
 
-def test_directions_that_are_not_recorded_are_told_from_the_path():
+def test_directions_that_are_not_recorded_follow_from_the_path():
     x = np.tile([0.0, 100.0, 200.0, 100.0], 10)
     play = np.where(np.arange(40) % 4 == 3, 0.05, 0.0)
     rng = np.random.default_rng(7)
@@ -226,7 +226,7 @@ def test_rows_of_different_setups_runs_or_tools_are_no_repeats():
     assert groups[0] == groups[1] != groups[2] == groups[3]
 
 
-def test_the_approach_told_from_the_order_of_rows():
+def test_the_approach_follows_from_the_order_of_rows():
     """ISO 230-2's cycle reads the ends twice: once coming, once coming back from beyond."""
     x = [0.0, 1.0, 2.0, 2.0, 1.0, 0.0, 0.0, 1.0]
     c = campaign(np.arange(8.0), np.zeros(8), x)

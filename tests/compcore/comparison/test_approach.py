@@ -68,6 +68,6 @@ def test_a_model_that_explains_its_campaign_holds() -> None:
     model = load_model(DATA / "p03-bridge/model.toml")
     campaign = read_campaign(DATA / "p03-bridge/check.csv", model.machine)
     noise = np.random.default_rng(1).normal(0.0, campaign.sd)
-    told = compare(model, replace(campaign, value=noise))
-    assert told.holds
-    assert next(told.verdict()).startswith("The model holds")
+    found = compare(model, replace(campaign, value=noise))
+    assert found.holds
+    assert next(found.verdict()).startswith("The model holds")

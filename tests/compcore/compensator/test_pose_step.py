@@ -82,7 +82,7 @@ def test_a_controller_that_drives_it_to_the_target_reaches_the_targets_pose(name
             assert q[a] == pytest.approx(v, abs=2e-6 if a in "XYZ" else 2e-9)
 
 
-def test_through_a_pole_the_turn_is_bounded_smooth_and_told():
+def test_through_a_pole_the_turn_is_bounded_smooth_and_reported():
     machine = machine_of(CODES["head-head"])
     errors = {a: np.zeros((6, 7)) for a in machine.structure.axes}
     errors["X"][3] = 5e-5  # everything behind X leans by 50 µrad about X, across B's reach
@@ -107,7 +107,7 @@ def test_through_a_pole_the_turn_is_bounded_smooth_and_told():
     assert lefts[1000] == pytest.approx(need, rel=1e-3)
 
 
-def test_what_no_axis_can_turn_back_is_told_with_its_size():
+def test_what_no_axis_can_turn_back_is_reported_with_its_size():
     machine = machine_of(CODES["B head"])
     errors = {a: np.zeros((6, 7)) for a in machine.structure.axes}
     errors["Y"][3], errors["Y"][4] = 3e-5, 7e-5  # about X: no axis; about Y: B
@@ -147,7 +147,7 @@ def test_an_axis_that_is_not_corrected_stays_and_the_point_is_right_all_the_same
     assert said.direction_left > 1e-6
 
 
-def test_a_turn_that_is_too_far_is_held_and_told():
+def test_a_turn_that_is_too_far_is_held_and_reported():
     machine = machine_of(CODES["B head"])
     errors = {a: np.zeros((6, 7)) for a in machine.structure.axes}
     errors["Y"][4] = 0.02

@@ -27,9 +27,9 @@ def test_the_loop(tmp_path: Path) -> None:
     model, fitted, check = DATA / "model.toml", DATA / "fit.csv", DATA / "check.csv"
     done = runner.invoke(app, ["diagnose", str(model), str(fitted), "--json"])
     assert done.exit_code == 0, done.output
-    told = json.loads(done.stdout)
-    assert told["verdict"] == "missing"
-    best = told["candidates"][0]
+    answer = json.loads(done.stdout)
+    assert answer["verdict"] == "missing"
+    best = answer["candidates"][0]
     assert best["spec"].split(" ") == SPEC
     assert best["scope"] == "machine"
     assert best["parameters"]["k"]["plausible"] is True
@@ -40,8 +40,8 @@ def test_the_loop(tmp_path: Path) -> None:
         "confusable_with",
         "explanation",
     } <= set(best)
-    assert told["rms"] > best["rms_after"]
-    assert {"what", "separates", "separation"} <= set(told["measure_next"][0])
+    assert answer["rms"] > best["rms_after"]
+    assert {"what", "separates", "separation"} <= set(answer["measure_next"][0])
 
     version = tmp_path / "v1.toml"
     campaigns = ["--campaign", str(fitted), "--holdout", str(check), "-o", str(version)]

@@ -88,7 +88,7 @@ def test_apply_without_a_file_to_write_is_refused() -> None:
     assert "-o" in str(said.exception)
 
 
-def test_rotations_only_are_told_in_their_unit() -> None:
+def test_rotations_only_are_stated_in_their_unit() -> None:
     model, campaign = _read("r02-mount")
     found = diagnose(model, campaign)
     assert found.of_rotations

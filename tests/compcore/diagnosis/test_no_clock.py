@@ -81,7 +81,7 @@ def test_the_command_says_it(tmp_path: Path) -> None:
     assert answer["clock"] is False
 
 
-def test_sides_of_approach_are_not_told_from_the_order_of_rows(tmp_path: Path) -> None:
+def test_sides_of_approach_do_not_follow_from_the_order_of_rows(tmp_path: Path) -> None:
     _, timed = _read(plate(tmp_path, clock=True))
     _, untimed = _read(plate(tmp_path, clock=False))
     assert set(approach(timed, "Y")) == {-1, 1}

@@ -73,7 +73,7 @@ def test_bank_answers_for_an_extended_model_as_if_made_for_it(
         assert bank.screen(extended)[0].rank == 0, "what has joined the model is no candidate"
 
 
-def test_columns_in_frames_are_told_like_whole_columns(
+def test_columns_in_frames_weigh_like_whole_columns(
     case: tuple[Model, Campaign, FitResult],
 ) -> None:
     """Rows that see nothing, and rows at one position, make no difference to any fall of χ²."""

@@ -175,7 +175,7 @@ def test_among_the_candidates_of_five_axes(spec):
     assert spec in [e.spec for e in candidates("five axes", spec.split(" ", 1)[0])]
 
 
-def test_instrument_effects_only_where_they_could_be_told():
+def test_instrument_effects_only_where_they_could_be_distinguished():
     """A slope that is free contains a cosine; a level has none; a plate's frame no zero."""
     details = {
         "free": SetupCoverage(

@@ -70,10 +70,10 @@ def test_a_broken_plugin_is_named_and_spares_all_other_effects(plugin, code, sai
     assert registry.make_effect("backlash", {"axis": "X"}).spec == "backlash axis=X"
     assert not caplog.records, "nobody asked for a plugin"
     assert set(registry.effect_kinds()) == set(registry._BUILT_IN)
-    (told,) = caplog.messages
-    assert said in told
-    assert "\n" not in told
-    assert "left out" in told
+    (message,) = caplog.messages
+    assert said in message
+    assert "\n" not in message
+    assert "left out" in message
     with pytest.raises(InputError) as caught:
         registry.make_effect("thing", {})
     assert said in str(caught.value)

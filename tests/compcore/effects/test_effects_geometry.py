@@ -184,14 +184,14 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "keys", "field", "told"), WRONG)
-def test_wrong_keys_are_named(kind, keys, field, told):
+@pytest.mark.parametrize(("kind", "keys", "field", "message"), WRONG)
+def test_wrong_keys_are_named(kind, keys, field, message):
     m = machine("w b Y X Z C t", C=Axis("C", (-3.0, 3.0)))
     m = Machine("m", m.structure, m.axes, SIGNALS)
     with pytest.raises(InputError) as caught:
         make_effect(kind, keys).check(m)
     assert caught.value.field.split(".")[0] == field
-    assert told in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_the_catalogue_holds_the_six_and_each_has_its_page():

@@ -100,7 +100,7 @@ def test_kinks_are_where_slopes_jump():
 
 
 @pytest.mark.parametrize(
-    ("code", "nodes", "told"),
+    ("code", "nodes", "message"),
     [
         ("cubic", (), "unknown shape"),
         ("polynomial", (), "unknown shape"),
@@ -115,6 +115,6 @@ def test_kinks_are_where_slopes_jump():
         ("spline:8", (0.0, 1.0), "positions belong to shape 'table' only"),
     ],
 )
-def test_errors(code, nodes, told):
-    with pytest.raises(InputError, match=told):
+def test_errors(code, nodes, message):
+    with pytest.raises(InputError, match=message):
         Shape.parse(code, nodes)

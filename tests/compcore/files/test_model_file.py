@@ -237,8 +237,8 @@ ERRORS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("text", "line", "field", "told"), ERRORS)
-def test_every_error_names_file_line_and_key(text, line, field, told):
+@pytest.mark.parametrize(("text", "line", "field", "message"), ERRORS)
+def test_every_error_names_file_line_and_key(text, line, field, message):
     with pytest.raises(InputError) as caught:
         read(text)
     error = caught.value
@@ -247,7 +247,7 @@ def test_every_error_names_file_line_and_key(text, line, field, told):
         assert error.line == line, str(error)
     if field is not None:
         assert error.field.startswith(field), str(error)
-    assert told in str(error)
+    assert message in str(error)
     assert "\n" not in str(error)
 
 

@@ -38,15 +38,15 @@ def test_fewer_rows_than_parameters_fit_without_complaint(n: int) -> None:
     assert result.undetermined
 
 
-def test_effects_that_nothing_shows_stay_at_nothing_and_are_told() -> None:
+def test_effects_that_nothing_shows_stay_at_nothing_and_are_reported() -> None:
     machine = bridge("T")
     wanted = model(machine, "scale_expansion axis=Z signals=T", "positioning axis=X")
     result = fit(wanted, some_rows(20, signals={"T": 21.0}))
     alpha = result.model.terms[0].values["alpha"]
     assert alpha.value == pytest.approx(0.0, abs=1e-15)
     assert alpha.sd == pytest.approx(22.5e-6)
-    (told,) = [u for u in result.undetermined if not u.convention]
-    assert told.effects == ("scale_expansion axis=Z signals=T",)
+    (combination,) = [u for u in result.undetermined if not u.convention]
+    assert combination.effects == ("scale_expansion axis=Z signals=T",)
 
 
 def test_an_empty_campaign_is_refused() -> None:

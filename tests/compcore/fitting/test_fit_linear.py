@@ -80,7 +80,9 @@ def test_constant_angle_and_squareness_share_what_only_their_sum_shows() -> None
     assert result.decomposition.rank == 1
     # told as the squareness, the constant angle left at nothing
     assert angles[0] == pytest.approx(40e-6, rel=1e-3)
-    (told,) = result.undetermined
-    assert told.text.startswith("squareness X–Z and E_BX are the same thing for this campaign")
-    assert told.text.endswith("minimum-norm, in favour of squareness X–Z")
-    assert told.convention
+    (combination,) = result.undetermined
+    assert combination.text.startswith(
+        "squareness X–Z and E_BX are the same thing for this campaign"
+    )
+    assert combination.text.endswith("minimum-norm, in favour of squareness X–Z")
+    assert combination.convention

@@ -49,7 +49,7 @@ def test_gross_errors_are_listed_and_cost_nothing(seed: int) -> None:
     assert (np.abs(result.residual[bad]) > 8.0 * campaign.sd[bad]).all()
 
 
-def test_without_the_option_outliers_are_told_but_used() -> None:
+def test_without_the_option_outliers_are_reported_but_used() -> None:
     wanted, campaign, _ = measured(1)
     value = campaign.value.copy()
     value[30] += 60.0 * campaign.sd[30]
@@ -60,8 +60,8 @@ def test_without_the_option_outliers_are_told_but_used() -> None:
 
 
 def test_none_are_invented() -> None:
-    told = 0
+    outliers = 0
     for seed in range(12):
         wanted, campaign, _ = measured(20 + seed)
-        told += len(fit(wanted, campaign, robust=True).set_aside)
-    assert told <= 1
+        outliers += len(fit(wanted, campaign, robust=True).set_aside)
+    assert outliers <= 1

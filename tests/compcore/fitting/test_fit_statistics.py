@@ -36,11 +36,11 @@ def experiments():
     errors, stated, chi2, raw = [], [], [], []
     for _ in range(REPEATS):
         result = fit(wanted, with_truth(wanted, empty, theta, rng))
-        told = result.model.predict(places).translation - true
-        errors.append(_in_the_plane(told, places))
+        off = result.model.predict(places).translation - true
+        errors.append(_in_the_plane(off, places))
         stated.append(_stated(result.model, places))
         chi2.append(result.chi2)
-        raw.append((told, prediction_sd(result.model, places)[0]))
+        raw.append((off, prediction_sd(result.model, places)[0]))
     return np.array(errors), np.array(stated), np.array(chi2), result.dof, np.array(raw)
 
 
@@ -81,9 +81,9 @@ def test_intervals_of_95_percent_cover_95_percent(experiments) -> None:
 
 def test_predictions_in_the_chosen_frame_cover_95_percent_too(experiments) -> None:
     *_, raw = experiments
-    told, sd = raw[:, 0, :, :2], raw[:, 1, :, :2]
+    off, sd = raw[:, 0, :, :2], raw[:, 1, :, :2]
     # the truth's own frame differs from the fit's by what never changes: its mean over repeats
-    apart = told - told.mean(axis=0)
+    apart = off - off.mean(axis=0)
     assert 0.93 < (np.abs(apart) <= 1.96 * sd).mean() < 0.97
 
 
@@ -139,8 +139,8 @@ def test_a_prediction_that_nothing_determines_is_uncertain_by_the_plausible_rang
     plane_rows(rows)
     wanted = model(bridge(), *GEOMETRY, "positioning axis=Z shape=polynomial:1")
     result = fit(wanted, rows.campaign("plane"))
-    (told,) = [u for u in result.undetermined if not u.convention]
-    assert told.effects == ("positioning axis=Z shape=polynomial:1",)
+    (combination,) = [u for u in result.undetermined if not u.convention]
+    assert combination.effects == ("positioning axis=Z shape=polynomial:1",)
     places = somewhere(rng)
     sd, _ = prediction_sd(result.model, places)
     far = np.abs(places.position("Z") + 180.0) > 90.0

@@ -74,7 +74,7 @@ def test_a_laser_that_looks_the_other_way_measures_the_same(tmp_path):
     np.testing.assert_allclose(runs.up, np.array(UP) * 1e-3)
 
 
-def test_directions_are_told_from_the_cycle_where_they_are_not_recorded(tmp_path):
+def test_directions_follow_from_the_cycle_where_they_are_not_recorded(tmp_path):
     text = LINEAR.replace("X_dir,", "").replace(",1,1,0,0", ",1,0,0").replace(",-1,1,0,0", ",1,0,0")
     (runs,) = positioning_runs(read_text(tmp_path, text), CMM)
     np.testing.assert_allclose(runs.up, np.array(UP) * 1e-3)

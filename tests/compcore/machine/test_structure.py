@@ -69,7 +69,7 @@ def test_spaces_do_not_matter(structure):
 
 
 @pytest.mark.parametrize(
-    ("code", "told"),
+    ("code", "message"),
     [
         ("w b Y X Z", "t missing"),
         ("b Y X Z t", "'b' stands in the wrong place"),
@@ -90,10 +90,10 @@ def test_spaces_do_not_matter(structure):
         ("w w b Y t", "'w' stands in the wrong place"),
     ],
 )
-def test_errors_name_the_offending_piece(code, told):
+def test_errors_name_the_offending_piece(code, message):
     with pytest.raises(InputError) as caught:
         Structure.parse(code)
-    assert told in str(caught.value)
+    assert message in str(caught.value)
     assert caught.value.field == "structure"
     assert caught.value.found == code
     assert "w b Y X Z t" in caught.value.expected

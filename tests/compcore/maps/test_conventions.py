@@ -228,9 +228,9 @@ def test_points_on_one_line_leave_conventions_open(tables):
     found = identify(MapSubject(as_map(tables)), points, BRIDGE)
     assert found.verdict == "ambiguous"
     assert found.best.hypothesis.convention == Convention()
-    told = [t for t in found.ties if t.telling and not any(t.telling.tool)]
-    assert told
-    assert all(t.telling.difference > 1e-4 for t in told)
+    distinct = [t for t in found.ties if t.telling and not any(t.telling.tool)]
+    assert distinct
+    assert all(t.telling.difference > 1e-4 for t in distinct)
 
 
 def test_squareness_beside_the_map(tables):
@@ -353,7 +353,7 @@ def test_computed_numbers_are_not_taken_for_a_display_s(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "told"),
+    ("text", "line", "message"),
     [
         ("X,Y,Z,dX,dY,dZ\n0,0,0,1,2,3\n", 1, "unit of dX, dY, dZ is not stated.*# unit"),
         (HEAD.replace("um", "inch") + "X,Y,Z,dX,dY,dZ\n", 2, "'unit'.*found 'inch'"),
@@ -371,8 +371,8 @@ def test_computed_numbers_are_not_taken_for_a_display_s(tmp_path):
         (HEAD, 3, "the header is missing"),
     ],
 )
-def test_errors_in_the_file_name_the_line(tmp_path, text, line, told):
-    with pytest.raises(InputError, match=told) as caught:
+def test_errors_in_the_file_name_the_line(tmp_path, text, line, message):
+    with pytest.raises(InputError, match=message) as caught:
         read(tmp_path, text)
     assert caught.value.line == line
     assert caught.value.file.endswith("points.csv")

@@ -120,7 +120,7 @@ ROWS = "0 0 0 0 0 0 0\n100 1 2 3 4 5 6\n"
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "told"),
+    ("text", "line", "message"),
     [
         ("", 1, "no axis in this file.*expected a heading such as 'X Axis'"),
         (ROWS, 1, "no axis yet: found '0 0 0 0 0 0 0'"),
@@ -141,8 +141,8 @@ ROWS = "0 0 0 0 0 0 0\n100 1 2 3 4 5 6\n"
         (HEAD.replace("X", "C") + ROWS, 1, "not the name of a linear axis: found 'C'"),
     ],
 )
-def test_errors_name_the_line(text, line, told):
-    with pytest.raises(InputError, match=told) as caught:
+def test_errors_name_the_line(text, line, message):
+    with pytest.raises(InputError, match=message) as caught:
         parse_map(text, "map.txt")
     assert caught.value.file == "map.txt"
     assert caught.value.line == line
@@ -390,7 +390,7 @@ def test_rotation_points_on_a_command_line(text, point):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("far", "both ends of Y are equally far from zero.*Y=low"),
         ("W=1", "not a rotation point: found 'W=1'"),
@@ -400,8 +400,8 @@ def test_rotation_points_on_a_command_line(text, point):
         ("5,6", "not a rotation point"),
     ],
 )
-def test_rotation_points_that_cannot_be_read(text, told):
-    with pytest.raises(InputError, match=told):
+def test_rotation_points_that_cannot_be_read(text, message):
+    with pytest.raises(InputError, match=message):
         parse_rotation_point(text, RANGES)
 
 

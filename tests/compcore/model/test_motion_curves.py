@@ -103,7 +103,7 @@ def test_an_active_compensation_is_put_back(kind: str) -> None:
     assert uncompensated(shown, active).value == pytest.approx(bare.value, abs=3e-5)
 
 
-def test_flexing_is_told_from_levers() -> None:
+def test_flexing_is_distinguished_from_levers() -> None:
     wanted, campaign = measured(5)
     sound = rigid_body_test(fit(wanted, campaign))
     assert sound[0].adjusted > 0.01

@@ -70,7 +70,7 @@ def test_it_is_the_exact_inverse(name):
             assert found.conditions.positions[a][i] == pytest.approx(q, abs=tolerance), a
 
 
-def test_at_the_pole_the_turn_is_bounded_smooth_and_told():
+def test_at_the_pole_the_turn_is_bounded_smooth_and_reported():
     machine = machine_of(CODES["head-head"])
     errors = {a: np.zeros((6, 7)) for a in machine.structure.axes}
     errors["X"][3] = 5e-5  # everything behind X leans by 50 µrad about X, across B's reach
@@ -114,7 +114,7 @@ def test_a_table_that_only_turns_the_part_about_the_tool_is_brought_to_its_angle
     np.testing.assert_allclose(held.spin_left, 8e-5, rtol=1e-6)
 
 
-def test_what_no_axis_can_do_is_left_and_told_with_its_size():
+def test_what_no_axis_can_do_is_left_and_reported_with_its_size():
     machine = machine_of(CODES["B head"])
     errors = {a: np.zeros((6, 7)) for a in machine.structure.axes}
     errors["Y"][3], errors["Y"][4] = 3e-5, 7e-5  # about X: no axis; about Y: B

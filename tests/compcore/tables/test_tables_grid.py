@@ -153,7 +153,7 @@ def test_means_and_slopes_are_those_of_many_samples():
             assert np.abs(got - slope).max() < noise + 2e-8
 
 
-def test_what_remains_is_counted_without_a_shift_and_the_shift_told():
+def test_what_remains_is_counted_without_a_shift_and_the_shift_reported():
     model = rigid()
     field = ErrorField(model, state())
     trial = TrialPoints.over(field, Volume.of(model.machine))

@@ -307,10 +307,10 @@ def test_no_limit_of_a_controller_is_ever_exceeded(drawn):
             assert abs(table.at(np.zeros(1))[0]) <= 1.01 * drawn["resolution"]
 
 
-def test_limits_that_are_felt_are_told():
+def test_limits_that_are_felt_are_reported():
     holds = replace(POS, value_range=(-0.004, 0.004))
-    told = project(FIELD, VOLUME, Capability((holds,), lookup="indicated")).notes
-    assert any("cuts off" in note for note in told)
+    notes = project(FIELD, VOLUME, Capability((holds,), lookup="indicated")).notes
+    assert any("cuts off" in note for note in notes)
     few = project(FIELD, VOLUME, Capability((replace(POS, points=4),), lookup="indicated")).notes
     assert any("4 points leave" in note for note in few)
 

@@ -182,7 +182,7 @@ def test_signals_that_are_missing_are_named_with_what_to_add(warm):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (("X=200", "Y=600"), r"no position given for Z: expected Z=\.\. \(mm\)"),
         ((*POINT, "W=1"), "'W': the model knows no such axis or signal.*one of Y, X, Z, tool"),
@@ -194,12 +194,12 @@ def test_signals_that_are_missing_are_named_with_what_to_add(warm):
         ((*POINT, "X_dir=2"), "'X_dir': not a direction: found '2'"),
     ],
 )
-def test_mistakes_are_one_line_and_status_1(bridge, arguments, told):
+def test_mistakes_are_one_line_and_status_1(bridge, arguments, message):
     done = abbe("correct", bridge, *arguments)
     assert (done.status, done.out) == (1, "")
     assert done.err.startswith("abbe: ")
     assert done.err.count("\n") == 1
-    assert re.search(told, done.err), done.err
+    assert re.search(message, done.err), done.err
 
 
 def test_wrong_usage_is_status_2(bridge, tmp_path):
@@ -398,7 +398,7 @@ HEAD = "X,Y,Z\n200,600,-150\n"
 
 
 @pytest.mark.parametrize(
-    ("text", "more", "line", "told"),
+    ("text", "more", "line", "message"),
     [
         ("X,Y\n1,2\n", (), 1, "'Z': a column is missing.*indicated position of axis Z, mm"),
         (HEAD + "1,2\n", (), 3, "too few fields: found 2, expected 3"),
@@ -417,7 +417,7 @@ HEAD = "X,Y,Z\n200,600,-150\n"
     ],
 )
 def test_bad_rows_name_file_line_and_column_and_write_nothing(
-    bridge, tmp_path, text, more, line, told
+    bridge, tmp_path, text, more, line, message
 ):
     source, out = tmp_path / "in.csv", tmp_path / "out.csv"
     source.write_text(text)
@@ -425,7 +425,7 @@ def test_bad_rows_name_file_line_and_column_and_write_nothing(
     done = abbe("correct", bridge, "--points", source, "-o", out, *more)
     assert (done.status, done.out) == (1, "")
     assert done.err.startswith(f"abbe: {source}" + (f", line {line}" if line else "")), done.err
-    assert re.search(told, done.err), done.err
+    assert re.search(message, done.err), done.err
     assert out.read_text() == "X,X_corrected\nprecious"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["bridge.toml", "in.csv", "out.csv"]
 
@@ -485,24 +485,24 @@ FIVE = ("X=100", "Y=20", "Z=-30", "C=0", "B=40", "tool=0,0,-150")
 def test_a_command_turns_rotary_axes_back(head):
     done = abbe("correct", head, *FIVE, "--command", "--json")
     assert done.status == 0, done.err
-    told = json.loads(done.out)
+    answer = json.loads(done.out)
     # E_BB of B is 80 µrad whatever else: B is sent back by just that, X Y Z stay
-    assert told["rotary_correction"]["B"] == pytest.approx(-math.degrees(80e-6), abs=1e-9)
-    assert told["rotary_correction"]["C"] == pytest.approx(0.0, abs=1e-9)
-    assert told["correction"] == pytest.approx({"X": 0.0, "Y": 0.0, "Z": 0.0}, abs=1e-6)
-    assert told["orientation_left"]["direction"] == pytest.approx(0.0, abs=1e-3)
-    assert told["orientation_left"]["near_pole"] is False
+    assert answer["rotary_correction"]["B"] == pytest.approx(-math.degrees(80e-6), abs=1e-9)
+    assert answer["rotary_correction"]["C"] == pytest.approx(0.0, abs=1e-9)
+    assert answer["correction"] == pytest.approx({"X": 0.0, "Y": 0.0, "Z": 0.0}, abs=1e-6)
+    assert answer["orientation_left"]["direction"] == pytest.approx(0.0, abs=1e-3)
+    assert answer["orientation_left"]["near_pole"] is False
 
 
-def test_held_axes_stay_and_what_is_left_is_told(head):
+def test_held_axes_stay_and_what_is_left_is_reported(head):
     done = abbe("correct", head, *FIVE, "--command", "--hold", "all", "--json")
-    told = json.loads(done.out)
-    assert told["corrected"]["B"] == 40.0
-    assert told["orientation_left"]["direction"] == pytest.approx(80.0, abs=1e-3)
+    answer = json.loads(done.out)
+    assert answer["corrected"]["B"] == 40.0
+    assert answer["orientation_left"]["direction"] == pytest.approx(80.0, abs=1e-3)
     # 80 µrad about Y over the arm from B's line to the tip, R_y(40°)·(0, 0, −250)
     arm_x, arm_z = -250.0 * math.sin(math.radians(40.0)), -250.0 * math.cos(math.radians(40.0))
-    assert told["correction"]["X"] == pytest.approx(-80e-6 * arm_z, abs=1e-5)
-    assert told["correction"]["Z"] == pytest.approx(80e-6 * arm_x, abs=1e-5)
+    assert answer["correction"]["X"] == pytest.approx(-80e-6 * arm_z, abs=1e-5)
+    assert answer["correction"]["Z"] == pytest.approx(80e-6 * arm_x, abs=1e-5)
     text = abbe("correct", head, *FIVE, "--command", "--hold", "C,B").out
     assert "points 80.00 µrad beside where it should" in text
 

@@ -209,16 +209,16 @@ def test_the_lines_are_said_to_be_where_they_are(tmp_path, name):
 def test_in_words(tmp_path):
     """The line of C lies 10 µm towards −X of (50, 30): 49.990 instead of 50.000."""
     found, text = fitted(TURNTABLE, tmp_path)
-    told = " ".join(text.split())
-    assert "the line of C lies 10" in told or "the line of C lies 9.9" in told
-    assert "towards −X and" in told
-    assert "towards +Y of the configured place: enter X 49.9900 instead of 50.0000 mm" in told
-    assert "Y 30.0040 instead of 30.0000 mm" in told
+    words = " ".join(text.split())
+    assert "the line of C lies 10" in words or "the line of C lies 9.9" in words
+    assert "towards −X and" in words
+    assert "towards +Y of the configured place: enter X 49.9900 instead of 50.0000 mm" in words
+    assert "Y 30.0040 instead of 30.0000 mm" in words
     (effect,) = found["effects"]
     assert effect["parameters"]["E_X0C"]["value"] == pytest.approx(0.010, abs=1e-4)
     seen = effect["on_the_table"]["parameters"]["E_X0C"]["value"]
     assert seen == pytest.approx(-0.010, abs=1e-4), "what lies there has the opposite sign"
-    assert "it is corrected twice" in told
+    assert "it is corrected twice" in words
 
 
 def test_on_a_head_nothing_is_turned_round(tmp_path):

@@ -64,12 +64,12 @@ def fitted(tmp_path_factory) -> Path:
     return out
 
 
-def told(model: Path, *where: str) -> dict:
+def corrected(model: Path, *where: str) -> dict:
     return json.loads(run("correct", model, *where, "--json"))
 
 
 def test_inside_it_is_that_of_the_parameter(fitted):
-    sure = told(fitted, "X=300", "Y=0", "Z=0", "T_x=25")["uncertainty"]
+    sure = corrected(fitted, "X=300", "Y=0", "Z=0", "T_x=25")["uncertainty"]
     assert sure["X"] == pytest.approx(2.0 * SD_ALPHA * 5.0 * 300.0 * 1e3, rel=1e-3)
     assert (sure["Y"], sure["Z"], sure["unit"], sure["k"]) == (0.0, 0.0, "um", 2.0)
     assert sure["beyond"] == []
@@ -84,7 +84,7 @@ def test_inside_it_is_that_of_the_parameter(fitted):
     ],
 )
 def test_outside_what_nobody_saw_counts_as_a_rectangle(fitted, where, now, edge, named):
-    found = told(fitted, *where, "Y=0", "Z=0")
+    found = corrected(fitted, *where, "Y=0", "Z=0")
     sure = found["uncertainty"]
     own = SD_ALPHA * now[0] * now[1]
     change = ALPHA * (now[0] * now[1] - edge[0] * edge[1]) / math.sqrt(3.0)
@@ -95,7 +95,7 @@ def test_outside_what_nobody_saw_counts_as_a_rectangle(fitted, where, now, edge,
 
 
 def test_a_tool_that_was_not_measured_is_said(fitted):
-    sure = told(fitted, "X=300", "Y=0", "Z=0", "T_x=25", "tool=0,0,-80")["uncertainty"]
+    sure = corrected(fitted, "X=300", "Y=0", "Z=0", "T_x=25", "tool=0,0,-80")["uncertainty"]
     assert [(b["name"], b["value"], b["measured"]) for b in sure["beyond"]] == [
         ("tool z", -80.0, [0.0, 0.0])
     ]
@@ -138,6 +138,6 @@ def test_a_model_that_was_typed_in_does_not_pretend(fitted, tmp_path):
     typed = tmp_path / "typed.toml"
     values = '[effects.parameters.alpha]\nvalue = 1.1e-5\nunit = "1/K"\n'
     typed.write_text(MODEL + values, encoding="utf-8")
-    assert told(typed, "X=300", "Y=0", "Z=0", "T_x=25")["uncertainty"] is None
+    assert corrected(typed, "X=300", "Y=0", "Z=0", "T_x=25")["uncertainty"] is None
     text = run("correct", typed, "X=300", "Y=0", "Z=0", "T_x=25")
     assert "± is not known" in text

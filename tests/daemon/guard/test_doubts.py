@@ -247,7 +247,7 @@ def test_an_axis_that_moves_by_its_correction_is_not_taken_for_our_own(
         assert follow.faults() == []
 
 
-def test_speeds_are_told_from_positions_and_their_times() -> None:
+def test_speeds_follow_from_positions_and_their_times() -> None:
     motion = SampleSpeeds(2)
     for k in range(5):
         motion.step([20.0 * k, 1.0], 1.0 * k)
@@ -375,8 +375,8 @@ def test_a_temperature_is_believed_near_where_it_was_measured() -> None:
     assert bounds_of(signal, SignalSection(source="a.b")).high == 100.0
     near = bounds_of(signal, SignalSection(source="a.b"), (18.0, 24.0))
     assert (near.low, near.high) == (3.0, 39.0)
-    told = bounds_of(signal, SignalSection(source="a.b", range=(0.0, 60.0)), (18.0, 24.0))
-    assert (told.low, told.high) == (0.0, 60.0)
+    bounds = bounds_of(signal, SignalSection(source="a.b", range=(0.0, 60.0)), (18.0, 24.0))
+    assert (bounds.low, bounds.high) == (0.0, 60.0)
     load = bounds_of(Signal("m", "kg", "load"), SignalSection(source="a.b"), (0.0, 10.0))
     assert load.high == 1e6
 

@@ -269,14 +269,14 @@ async def test_nothing_is_corrected_for_an_unknown_tool(tmp_path: Path, link: Me
     await run.during(story)
 
 
-async def test_a_listener_that_fails_is_told_no_more_and_nothing_else_happens(
+async def test_a_listener_that_fails_is_called_no_more_and_nothing_else_happens(
     configuration: Configuration, link: MemoryLink, caplog: pytest.LogCaptureFixture
 ) -> None:
     run = Run(configuration, link)
-    told = []
+    records = []
 
     def broken(record: CycleRecord) -> None:
-        told.append(record)
+        records.append(record)
         raise ValueError("a bug in a screen")
 
     run.pipeline.listeners.insert(0, broken)
@@ -285,7 +285,7 @@ async def test_a_listener_that_fails_is_told_no_more_and_nothing_else_happens(
         await run.until(compensating)
 
     await run.during(story)
-    assert len(told) == 1
+    assert len(records) == 1
     assert not any(r.status & Status.INTERNAL_FAULT for r in run.records)
     assert "a bug in a screen" in caplog.text
 
@@ -382,15 +382,15 @@ async def test_every_transition_is_logged_once(
         await run.during(story)
     lines = [r.message for r in caplog.records]
     assert len([line for line in lines if line.startswith("signal T_x1: broken wire")]) == 1
-    told = [line for line in lines if line.startswith("guard: ")]
-    assert len(told) == len(set(told))
-    assert told[:3] == [
+    logged = [line for line in lines if line.startswith("guard: ")]
+    assert len(logged) == len(set(logged))
+    assert logged[:3] == [
         "guard: X, Y, Z: correction ramped in",
         "guard: X, Y, Z: corrected in full",
         "guard: X: last good correction held",
     ]
-    assert "guard: X: no correction" in told
-    assert told[-1] == "guard: Y, Z: no correction"
+    assert "guard: X: no correction" in logged
+    assert logged[-1] == "guard: Y, Z: no correction"
 
 
 async def test_a_slow_sensor_bus_does_not_slow_the_cycle_nor_does_a_hanging_one(
@@ -449,7 +449,7 @@ class DeafLink(MemoryLink):
         await super().write(values, until=until)
 
 
-async def test_a_driver_that_hangs_while_it_writes_is_told_with_what_the_controller_holds(
+async def test_a_driver_that_hangs_while_it_writes_is_reported_with_what_the_controller_holds(
     configuration: Configuration,
 ) -> None:
     link = DeafLink("cmm", dict(VALUES) | dict.fromkeys(OUTPUTS, 0.0))
@@ -463,11 +463,11 @@ async def test_a_driver_that_hangs_while_it_writes_is_told_with_what_the_control
     service.stop()
     with pytest.raises(NotReportedError) as caught:
         await asyncio.wait_for(task, 60.0)
-    told = str(caught.value)
-    assert "link cmm does not come back" in told
+    message = str(caught.value)
+    assert "link cmm does not come back" in message
     word, x = (link.written[-1][name] for name in ("abbe_status", "corrected_X"))
-    assert f"status word {int(word):#06x} (RUNNING COMPENSATING" in told
-    assert f"X {x:.10g} mm since" in told
+    assert f"status word {int(word):#06x} (RUNNING COMPENSATING" in message
+    assert f"X {x:.10g} mm since" in message
 
 
 async def test_the_word_goes_with_what_cannot_be_sent_apart_from_it(

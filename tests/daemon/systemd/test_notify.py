@@ -51,7 +51,7 @@ def test_a_manager_that_does_not_listen_stops_nothing(manager: socket.socket) ->
 
 
 @pytest.mark.parametrize("address", ["", "/nowhere/at/all", "@" + "x" * 200])
-def test_without_a_manager_nobody_is_told(address: str) -> None:
+def test_without_a_manager_nobody_is_notified(address: str) -> None:
     notifier = Notifier(address)
     assert not notifier.there
     notifier.ready()

@@ -163,16 +163,16 @@ def test_the_adapters_words_are_taken_out_from_between_the_frames() -> None:
         with serial.Serial(os.ttyname(slave), timeout=0) as opened:
             port = BufferedPort(opened)
             for size in (1, 2, 3, 7, len(said)):
-                told: list[bytes] = []
+                reports: list[bytes] = []
                 refused: list[bool] = []
-                port.on_status = told.append
+                port.on_status = reports.append
                 port.on_refused = lambda into=refused: into.append(True)  # type: ignore[misc]
                 got = b""
                 for at in range(0, len(said), size):
                     os.write(master, said[at : at + size])
                     got += come(port)
                 assert got == frames
-                assert told == [b"F24", b"F00", b"sb000256"]
+                assert reports == [b"F24", b"F00", b"sb000256"]
                 assert refused == [True]
             os.write(master, b"?" * 3000)
             assert come(port) == b""

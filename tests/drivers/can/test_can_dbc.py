@@ -83,8 +83,8 @@ async def test_a_page_that_does_not_come_any_more_is_missing(own_bus: SimulatedP
 
         async def missing() -> bool:
             samples = await link.read(("supply", "hours"))
-            told = "message DIAGNOSIS comes, but its page with hours does not"
-            return samples["supply"].good and samples["hours"].reason == told
+            reason = "message DIAGNOSIS comes, but its page with hours does not"
+            return samples["supply"].good and samples["hours"].reason == reason
 
         await until(missing)
         assert link.status.state is LinkState.UP
@@ -219,7 +219,9 @@ async def test_a_request_is_answered_again(own_bus: SimulatedProcess) -> None:
         await all_good(link, ("position_z",))
 
 
-async def test_a_second_link_on_the_same_adapter_is_told_so(bus: SimulatedProcess) -> None:
+async def test_a_second_link_on_the_same_adapter_is_refused_with_the_reason(
+    bus: SimulatedProcess,
+) -> None:
     async with linked(bus.ready, READ) as first, linked(bus.ready, READ) as second:
         await until(lambda: "another program has it" in second.status.detail)
         assert second.status.state is LinkState.DOWN

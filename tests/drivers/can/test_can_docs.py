@@ -35,11 +35,11 @@ def test_examples_work(name: str, section: dict[str, Any]) -> None:
     link = kind(name, config)
     assert set(link.channels) == set(section["channels"])
     for channel, words in section["channels"].items():
-        told = link.info(channel)
-        assert told.writable is words.get("writable", False)
-        assert told.every == words.get("every", 0.0)
+        info = link.info(channel)
+        assert info.writable is words.get("writable", False)
+        assert info.every == words.get("every", 0.0)
         if "unit" in words:
-            assert told.unit == words["unit"]
+            assert info.unit == words["unit"]
 
 
 def test_there_are_examples() -> None:
@@ -60,7 +60,7 @@ def test_there_are_examples() -> None:
         canopen_config.CanopenChannelConfig,
     ],
 )
-def test_every_key_is_told(config: Any) -> None:
+def test_every_key_is_documented(config: Any) -> None:
     for key in config.model_fields:
         if key in ("messages", "channels", "nodes"):
             assert f"[links.NAME.{key}." in DOC
@@ -70,7 +70,7 @@ def test_every_key_is_told(config: Any) -> None:
             assert re.search(rf"`{key}\b", DOC), f"{config.__name__}.{key}"
 
 
-def test_the_defaults_are_as_told() -> None:
+def test_the_defaults_are_as_documented() -> None:
     dbc = DbcConfig.model_validate(
         {"interface": "x", "channel": 0, "dbc": "x", "channels": {"x": {"message": "M"}}}
     )
@@ -92,7 +92,7 @@ def test_the_defaults_are_as_told() -> None:
     assert nodes.nodes["x"].emergency == "bad"
 
 
-def test_every_option_of_the_simulator_is_told() -> None:
+def test_every_option_of_the_simulator_is_documented() -> None:
     for option in re.findall(r"--[a-z-]+", _parser().format_help()):
         assert option in DOC or option == "--help", option
 

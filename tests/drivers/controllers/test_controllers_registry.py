@@ -162,15 +162,15 @@ def test_a_broken_plugin_is_left_out_and_costs_nobody_else(plugged, tmp_path, ca
     assert registry.controller_class("linuxcnc").name == "linuxcnc"
     assert not caplog.records, "nobody asked for a plugin"
     assert set(controller_kinds()) == FIRST
-    (told,) = caplog.messages
-    assert said in told
+    (message,) = caplog.messages
+    assert said in message
     with pytest.raises(InputError, match="plugin") as caught:
         registry.controller_class("strange")
     assert said in str(caught.value)
 
 
 def test_what_is_not_possible_is_said_with_the_reason():
-    told = {c.what: c.why for cls in controller_kinds().values() for c in cls.cannot}
+    reasons = {c.what: c.why for cls in controller_kinds().values() for c in cls.cannot}
     for name in CANNOT:
-        (why,) = [why for what, why in told.items() if name in what]
+        (why,) = [why for what, why in reasons.items() if name in what]
         assert len(why.split()) > 5, name

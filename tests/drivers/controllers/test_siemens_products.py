@@ -100,8 +100,8 @@ def test_a_rigid_machine_on_the_control(code, reading):
     left = error + moved_by(files, where, reading)
     before = error + moved_by(single, where, reading)
     rms, without = (np.sqrt(((e - e.mean(axis=0)) ** 2).sum(axis=1).mean()) for e in (left, before))
-    told = TrialPoints.over(field, Volume.of(model.machine)).remainder(tables)
-    assert rms == pytest.approx(told.rms, rel=0.05)
+    remainder = TrialPoints.over(field, Volume.of(model.machine)).remainder(tables)
+    assert rms == pytest.approx(remainder.rms, rel=0.05)
     assert rms < 0.15 * without
     # a factor that is forgotten must not move the axis by millimetres
     largest = max(

@@ -121,7 +121,7 @@ async def test_a_report_is_no_younger_than_what_was_answered_before_it(coordinat
             await link.close()
 
 
-async def test_positions_whose_coordinates_are_not_told_any_more(cmm: SimulatedProcess) -> None:
+async def test_positions_whose_coordinates_are_not_stated_any_more(cmm: SimulatedProcess) -> None:
     reported = {"move_report": {"time": 0.1, "distance": 0.05, "within": 60.0}}
     settings = {"timeout": 0.3, "coordinates_every": 0.1, "quarantine_after": 100}
     async with linked(cmm, AXES, **reported, **settings) as link:

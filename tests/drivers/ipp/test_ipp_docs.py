@@ -41,18 +41,18 @@ def test_there_are_examples() -> None:
 
 
 @pytest.mark.parametrize("config", [IppConfig, IppChannelConfig, MoveReportConfig])
-def test_every_key_is_told(config: Any) -> None:
+def test_every_key_is_documented(config: Any) -> None:
     for key, field in config.model_fields.items():
         if key != "channels":
             assert f"`{field.alias or key}`" in DOC, f"{config.__name__}.{key}"
 
 
-def test_every_axis_and_coordinate_system_is_told() -> None:
+def test_every_axis_and_coordinate_system_is_documented() -> None:
     for name in (*get_args(Axis), *get_args(Coordinates)):
         assert re.search(rf'`"?{re.escape(name)}"?`', DOC), name
 
 
-def test_the_defaults_are_as_told() -> None:
+def test_the_defaults_are_as_documented() -> None:
     config = IppConfig.model_validate({"host": "x", "channels": {"x": {"axis": "X"}}})
     for key in (
         "port",
@@ -72,7 +72,7 @@ def test_the_defaults_are_as_told() -> None:
     assert MoveReportConfig(time=0.2, distance=1.0).wait_limit == pytest.approx(0.6)
 
 
-def test_the_simulated_server_is_told() -> None:
+def test_the_simulated_server_is_documented() -> None:
     for option in re.findall(r"--[a-z-]+", _parser().format_help()):
         assert option in DOC or option == "--help", option
     server: Any = IppServer(machine=None)

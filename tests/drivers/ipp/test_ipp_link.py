@@ -241,7 +241,7 @@ def test_configurations_that_cannot_work(change: dict[str, Any], message: str) -
         IppConfig.model_validate(BASE | change)
 
 
-def test_what_each_channel_is_is_told() -> None:
+def test_what_each_channel_is_is_stated() -> None:
     config = IppConfig.model_validate(
         BASE
         | {

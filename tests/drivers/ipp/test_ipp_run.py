@@ -111,7 +111,7 @@ def test_the_correction_at_positions_and_temperatures_of_the_server(
     assert len({cycle["indicated"]["Y"] for cycle in seen}) > 5
 
 
-def test_what_is_linked_is_told(tmp_path: Path) -> None:
+def test_what_is_linked_is_reported(tmp_path: Path) -> None:
     config = tmp_path / "config.toml"
     text = CONFIG.format(model=MODEL, port=1294, report="")
     config.write_text(text + AXES + SIGNALS, encoding="utf-8")

@@ -152,7 +152,7 @@ async def test_errors_by_severity_with_and_without_completion() -> None:
         assert not heard.errors
 
 
-async def test_an_error_of_nobody_s_command_is_told() -> None:
+async def test_an_error_of_nobody_s_command_is_reported() -> None:
     def script(tag: str, command: str) -> str:
         return f'E0000 ! Error(2, 1003, "PtMeas", "No touch")\r\n{tag} %\r\n'
 

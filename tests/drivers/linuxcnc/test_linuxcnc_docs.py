@@ -34,13 +34,13 @@ def test_examples_work() -> None:
 
 
 @pytest.mark.parametrize("config", [LinuxCncConfig, LinuxCncChannelConfig, LinuxCncStoreConfig])
-def test_every_key_is_told(config: Any) -> None:
+def test_every_key_is_documented(config: Any) -> None:
     for key in config.model_fields:
         if key != "channels":
             assert re.search(rf"`{key}\b", DOC), key
 
 
-def test_every_bit_is_told() -> None:
+def test_every_bit_is_documented() -> None:
     for pin, bit in STATE_BITS.items():
         assert f"| {bit} | `{pin}` |" in DOC
 

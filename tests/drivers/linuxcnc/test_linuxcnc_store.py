@@ -44,7 +44,7 @@ def files(size: float) -> Files:
     }
 
 
-def told(axis: str, q: float, upward: bool, size: float) -> float:
+def added(axis: str, q: float, upward: bool, size: float) -> float:
     """What LinuxCNC has to add between the rows, mm."""
     return -float(np.interp(q, ROWS, [error(axis, r, upward, size) for r in ROWS]))
 
@@ -81,20 +81,20 @@ async def until(one: LinuxCncStore, true: Callable[[tuple[str, ...]], bool]) -> 
     """Wait until what speaks against an upload is this; LinuxCNC may be starting until then."""
     began = time.monotonic()
     while True:
-        told: object
+        latest: object
         try:
-            told = found = await one.readiness()
+            latest = found = await one.readiness()
             if true(found.hindrances):
                 return found
         except LinkDownError as error:
-            told = error
+            latest = error
             if "LinuxCNC is starting" not in str(error):
                 raise
-        assert time.monotonic() - began < PATIENCE, told
+        assert time.monotonic() - began < PATIENCE, latest
         await asyncio.sleep(0.05)
 
 
-def told_at_once(order: str) -> None:
+def order_at_once(order: str) -> None:
     """Have LinuxCNC do something without waiting for it."""
     subprocess.run([PYTHON, "-c", f"import linuxcnc; c = linuxcnc.command(); {order}"], check=True)
 
@@ -108,7 +108,7 @@ def check(effects: Any, size: float) -> set[tuple[str, int]]:
             direction = effect.direction.get(axis, 0)
             if direction:
                 # LinuxCNC keeps single precision
-                wanted = told(axis.lower(), at, direction > 0, size)
+                wanted = added(axis.lower(), at, direction > 0, size)
                 assert effect.correction[axis] == pytest.approx(wanted, abs=2e-7)
                 seen.add((axis, direction))
     return seen
@@ -130,7 +130,7 @@ async def test_upload_restart_verify_roll_back(mill: Mill) -> None:
             await one.restart()
     await asyncio.to_thread(mill.start)
     async with store(mill) as one:
-        await until(one, lambda told: told == ("not homed: joint 0, 1, 2",))
+        await until(one, lambda hindrances: hindrances == ("not homed: joint 0, 1, 2",))
         assert list(await one.effects()) == []
     await asyncio.to_thread(mill.ready)
 
@@ -148,7 +148,7 @@ async def test_upload_restart_verify_roll_back(mill: Mill) -> None:
         (effect,) = await one.effects()
         assert effect.position["X"] == pytest.approx(50.8, abs=1e-6)
         assert effect.direction == dict.fromkeys("XYZ", 0)
-        assert effect.correction["X"] == pytest.approx(told("x", 50.8, True, SMALL), abs=2e-7)
+        assert effect.correction["X"] == pytest.approx(added("x", 50.8, True, SMALL), abs=2e-7)
 
     # moved by somebody else while it is watched
     async with store(mill, watch=2.0) as one:
@@ -178,11 +178,11 @@ async def test_upload_restart_verify_roll_back(mill: Mill) -> None:
         assert check(await one.effects(), LARGE) == EVERYWHERE
 
         # a programme runs: not ready, and not restarted
-        told_at_once("c.mdi('G21 G90 G1 F60 X-200')")
-        ready = await until(one, lambda told: told[:1] == ("a programme runs",))
+        order_at_once("c.mdi('G21 G90 G1 F60 X-200')")
+        ready = await until(one, lambda hindrances: hindrances[:1] == ("a programme runs",))
         assert not ready.idle
-        told_at_once("c.abort()")
-        assert (await until(one, lambda told: told == ())).ready
+        order_at_once("c.abort()")
+        assert (await until(one, lambda hindrances: hindrances == ())).ready
 
         # back to none: files without effect, for LinuxCNC does not start without files
         await one.deactivate()
@@ -243,7 +243,7 @@ async def test_a_set_without_some_joints_lets_linuxcnc_start(mill: Mill) -> None
         ("exit 0", 5.0, LinkTimeoutError, "LinuxCNC is not back 5 s after"),
     ],
 )
-async def test_a_restart_that_fails_is_told(
+async def test_a_restart_that_fails_is_reported(
     mill: Mill, script: str, within: float, kind: type[LinkError], why: str
 ) -> None:
     restart = ["/bin/sh", "-c", script]
@@ -325,7 +325,7 @@ async def test_axes_of_other_kinematics_are_not_moved(tmp_path: Path) -> None:
     await one.open()
 
 
-async def test_what_is_missing_is_told(tmp_path: Path) -> None:
+async def test_what_is_missing_is_reported(tmp_path: Path) -> None:
     one = LinuxCncStore("mill", LinuxCncStoreConfig(ini=str(tmp_path / "no.ini")))
     with pytest.raises(LinkDownError, match="there is no such file"):
         await one.open()

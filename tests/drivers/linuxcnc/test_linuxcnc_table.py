@@ -103,11 +103,11 @@ def pins(joint: int) -> tuple[float, float]:
 PATH = [-250.0, -171.3, -33.3, 0.0, 48.7, 211.1, 287.9, 230.6, 101.4, 7.7, -66.6, -199.9, -120.0]
 
 
-async def test_linuxcnc_stands_where_it_was_told_to(running: tuple[Compensated, Path]) -> None:
+async def test_linuxcnc_stands_where_it_was_sent(running: tuple[Compensated, Path]) -> None:
     machine, tables = running
     rows = {a: np.loadtxt(tables / f"{a.lower()}.comp")[:, 0] for a in "XYZ"}
-    told = await asyncio.to_thread(machine.order, "mdi", "G21 G90 G1 F9000 X-260 Y-260 Z-260")
-    assert told == []
+    answer = await asyncio.to_thread(machine.order, "mdi", "G21 G90 G1 F9000 X-260 Y-260 Z-260")
+    assert answer == []
     before = -260.0
     off, raw = [], []
     for wanted in PATH:

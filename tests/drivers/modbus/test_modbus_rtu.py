@@ -168,7 +168,7 @@ async def test_a_port_that_vanishes_and_returns(tmp_path: Any) -> None:
                 await asyncio.sleep(0.02)
 
 
-async def test_a_second_link_on_the_same_port_is_told_so() -> None:
+async def test_a_second_link_on_the_same_port_is_refused_with_the_reason() -> None:
     with RtuDevice() as device:
         async with linked(device.path, CHANNELS), linked(device.path, CHANNELS) as second:
             assert second.status.state is LinkState.DOWN

@@ -19,7 +19,7 @@ ASKED: dict[str, Any] = {
     "messages": {"m": {"query": "R", "pattern": r"X(?P<x>[-+]\d+)"}},
     "channels": {"x": {"message": "m", "unit": "mm"}},
 }
-TOLD: dict[str, Any] = {
+STREAMED: dict[str, Any] = {
     "messages": {"m": {"pattern": r"X(?P<x>[-+]\d+)", "within": 30.0}},
     "channels": {"x": {"message": "m", "unit": "mm"}},
 }
@@ -39,13 +39,13 @@ async def test_an_answer_is_as_old_as_its_question() -> None:
 
 async def test_nothing_that_was_waiting_passes_for_an_answer() -> None:
     """More than one read takes in: unasked lines of long ago, then the answer."""
-    told = ["X+1\r\n"]
-    with raw_device(lambda _: [(0.0, told[0])]) as device:
+    reply = ["X+1\r\n"]
+    with raw_device(lambda _: [(0.0, reply[0])]) as device:
         async with linked(device.path, ASKED, timeout=30.0) as link:
             assert (await link.read(("x",)))["x"].value == 1.0
             for _ in range(5):
                 device.send("X+99\r\n" * 1500)
-                told[0] = "X+2\r\n"
+                reply[0] = "X+2\r\n"
                 assert (await link.read(("x",)))["x"].value == 2.0
 
 
@@ -53,7 +53,7 @@ async def test_lines_that_waited_for_us_are_not_fresh() -> None:
     with raw_device() as device:
         talker = Talker(device.send_count, 0.02)
         try:
-            async with linked(device.path, TOLD, timeout=30.0) as link:
+            async with linked(device.path, STREAMED, timeout=30.0) as link:
                 seen: dict[float, float] = {}
 
                 async def read() -> float:
@@ -82,7 +82,7 @@ async def test_lines_that_waited_for_us_are_not_fresh() -> None:
 async def test_a_line_is_as_old_as_its_first_byte() -> None:
     with raw_device() as device:
         talker = Talker(device.send_count, 0.02)
-        async with linked(device.path, TOLD) as link:
+        async with linked(device.path, STREAMED) as link:
             talker.close()
             began = time.monotonic()
             device.send("X+1")
@@ -103,7 +103,7 @@ async def test_what_came_before_a_stall_is_missing_when_it_is_too_old() -> None:
     with raw_device() as device:
         talker = Talker(device.send_count, 0.02)
         try:
-            async with linked(device.path, TOLD | parts) as link:
+            async with linked(device.path, STREAMED | parts) as link:
 
                 async def is_good() -> bool:
                     return (await link.read(("x",)))["x"].good

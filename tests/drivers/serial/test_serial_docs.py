@@ -44,13 +44,13 @@ def test_there_are_examples() -> None:
 @pytest.mark.parametrize(
     "config", [SerialConfig, SerialMessageConfig, SerialChannelConfig, ChecksumConfig, TapeSettings]
 )
-def test_every_key_is_told(config: Any) -> None:
+def test_every_key_is_documented(config: Any) -> None:
     for key in config.model_fields:
         if key not in ("messages", "channels"):
             assert re.search(rf"`{key}\b", DOC), f"{config.__name__}.{key}"
 
 
-def test_every_checksum_and_every_simulated_device_is_told() -> None:
+def test_every_checksum_and_every_simulated_device_is_documented() -> None:
     for kind in ALGORITHMS:
         assert f"`{kind}`" in DOC
     for kind in KINDS:
@@ -59,7 +59,7 @@ def test_every_checksum_and_every_simulated_device_is_told() -> None:
         assert option in DOC or option in ("--help", "--speed", "--buffer")
 
 
-def test_the_defaults_are_as_told() -> None:
+def test_the_defaults_are_as_documented() -> None:
     config = SerialConfig.model_validate(
         {
             "port": "x",

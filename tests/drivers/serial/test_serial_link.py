@@ -104,7 +104,9 @@ async def test_what_does_not_exist_is_said() -> None:
             await link.read(("u",))
 
 
-async def test_a_second_link_on_the_same_port_is_told_so(standing: SimulatedProcess) -> None:
+async def test_a_second_link_on_the_same_port_is_refused_with_the_reason(
+    standing: SimulatedProcess,
+) -> None:
     port = standing.ready["device"]
     async with linked(port, DRO) as first, linked(port, DRO) as second:
         assert second.status.state is LinkState.DOWN

@@ -236,7 +236,7 @@ async def test_an_answer_after_noise_is_found_and_noise_alone_is_bad(dro: Simula
         assert (await link.read(("x",)))["x"].good
 
 
-async def test_a_refusal_is_told_at_once(dro: SimulatedProcess) -> None:
+async def test_a_refusal_is_reported_at_once(dro: SimulatedProcess) -> None:
     parts = {
         "messages": {"u": {"query": "U", "pattern": r"(?P<u>[-+][\d.]+)", "refused": r"\?"}},
         "channels": {

@@ -73,11 +73,11 @@ async def test_a_slow_receiver_with_a_small_buffer_loses_nothing(verify: str) ->
     # it takes half of what the line carries: DC3 and DC1 all the time
     with control("--verify", verify, "--rate", "1900", "--buffer", "32") as process:
         report = await sent(process, verify=verify)
-        told = await ended(process)
-    assert told["stored"] == BLOCKS
-    assert told["complete"]
-    assert told["lost"] == 0
-    assert told["most_after_stop"] <= 8
+        taken = await ended(process)
+    assert taken["stored"] == BLOCKS
+    assert taken["complete"]
+    assert taken["lost"] == 0
+    assert taken["most_after_stop"] <= 8
     assert (report.blocks, report.tapes, report.verified) == (len(BLOCKS), 1, verify)
     characters = sum(len(block) + 1 for block in BLOCKS) + 4
     assert report.seconds > 0.8 * characters / 1900
@@ -87,8 +87,8 @@ async def test_the_line_s_own_speed_is_kept() -> None:
     """A receiver that never stops us gets no more than the line can carry."""
     with control("--rate", "1e6", "--buffer", "4096") as process:
         report = await sent(process, baudrate=9600)
-        told = await ended(process)
-    assert told["stored"] == BLOCKS
+        taken = await ended(process)
+    assert taken["stored"] == BLOCKS
     characters = sum(len(block) + 1 for block in BLOCKS) + 4
     assert report.seconds >= (characters - 8) * 10 / 9600
 
@@ -106,11 +106,11 @@ async def test_an_echo_that_differs_stops_the_transfer() -> None:
         process.order("fault", corrupt=17)
         with pytest.raises(TapeMismatchError, match=r"block 17: sent 'N10017P.*stored 'N18017P"):
             await sent(process, verify="echo")
-        told = process.order("report")
-    assert len(told["stored"]) == 18
+        taken = process.order("report")
+    assert len(taken["stored"]) == 18
 
 
-async def test_a_checksum_that_differs_is_told() -> None:
+async def test_a_checksum_that_differs_is_reported() -> None:
     with (
         control("--verify", "checksum") as process,
         pytest.raises(TapeMismatchError, match="receiver's checksum is"),
@@ -132,14 +132,14 @@ async def test_a_break_with_echo_goes_on_where_it_was() -> None:
         await asyncio.to_thread(process.order, "read")
         report = await task
         await helper
-        told = await ended(process)
+        taken = await ended(process)
     assert report.tapes == 2
-    assert told["tapes"] == 2
+    assert taken["tapes"] == 2
     assert confirmed == sorted(set(confirmed))
     assert confirmed[-1] == len(BLOCKS)
     # The block whose echo was lost in the break is sent once more; no other.
-    assert list(dict.fromkeys(told["stored"])) == BLOCKS
-    assert len(told["stored"]) <= len(BLOCKS) + 1
+    assert list(dict.fromkeys(taken["stored"])) == BLOCKS
+    assert len(taken["stored"]) <= len(BLOCKS) + 1
 
 
 async def test_a_break_without_echo_begins_again() -> None:
@@ -155,9 +155,9 @@ async def test_a_break_without_echo_begins_again() -> None:
         await asyncio.to_thread(process.order, "read")
         assert (await task).tapes == 2
         await helper
-        told = await ended(process)
+        taken = await ended(process)
     assert confirmed == [len(BLOCKS)]
-    assert told["stored"][-len(BLOCKS) :] == BLOCKS
+    assert taken["stored"][-len(BLOCKS) :] == BLOCKS
 
 
 async def test_a_port_that_does_not_come_back_says_how_far_it_was() -> None:

@@ -23,7 +23,7 @@ def test_the_campaign_s_size_is_right() -> None:
     assert f"{len(rows)} rows in {len(setups)} set-ups" in " ".join(DOC.split())
 
 
-def test_every_command_and_every_connection_option_is_told() -> None:
+def test_every_command_and_every_connection_option_is_documented() -> None:
     help_text = _parser().format_help()
     for word in ("bridge", "measure", "registers"):
         assert word in help_text

@@ -106,9 +106,9 @@ def test_the_ready_line_says_all_that_a_parent_needs(bridge: dict[str, Any]) -> 
     assert bridge["ready"] is True
     assert bridge["host"] == "127.0.0.1"
     assert bridge["port"] > 0
-    told = {r["name"]: r for r in bridge["registers"]}
-    assert set(told) == set(REGISTERS)
-    assert told["corrected_Z"]["address"] == REGISTERS["corrected_Z"].address
+    registers = {r["name"]: r for r in bridge["registers"]}
+    assert set(registers) == set(REGISTERS)
+    assert registers["corrected_Z"]["address"] == REGISTERS["corrected_Z"].address
     for config in bridge["transducers"].values():
         make_transducer(TRANSDUCER_CONFIG.validate_python(config))
 
@@ -291,7 +291,7 @@ def test_counts_that_wrap_are_followed() -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_it_ends_cleanly_when_told(number: signal.Signals) -> None:
+def test_it_ends_cleanly_when_asked(number: signal.Signals) -> None:
     with served() as (process, ready), connected(ready) as client:
         assert not client.read_input_registers(0, count=2, device_id=1).isError()
         process.send_signal(number)

@@ -233,8 +233,8 @@ async def test_whatever_frame_goes_wrong(
         control.order("fault", kind=kind, at=operation, skip=skip, times=often, seconds=seconds)
         try:
             await asyncio.wait_for(upload(one, NEW), 100.0)
-        except LinkError as told:
-            failed = str(told)
+        except LinkError as failure:
+            failed = str(failure)
             assert failed
     truth = control.order("truth")
     assert [kind, operation] in truth["happened"], truth["asked"]
@@ -277,7 +277,7 @@ async def test_an_adapter_that_goes_amid_the_transfer_and_comes_back(
     assert control.order("truth")["active"] == sums(tables(0.02, rows=2000))
 
 
-async def test_an_adapter_that_stays_away_is_told(control: SimulatedProcess) -> None:
+async def test_an_adapter_that_stays_away_is_reported(control: SimulatedProcess) -> None:
     begin(control)
     async with store(control, timeout=0.3, reconnect_within=0.5, attempts=2) as one:
         control.order("unplug")
@@ -323,7 +323,7 @@ def test_an_object_map_that_cannot_be(objects: dict[str, Any], why: str) -> None
         CanopenStoreConfig.model_validate(section)
 
 
-async def test_an_object_that_the_node_has_not_is_told(control: SimulatedProcess) -> None:
+async def test_an_object_that_the_node_has_not_is_reported(control: SimulatedProcess) -> None:
     begin(control)
     async with store(control, objects={"serial": "1018:07"}, attempts=2) as one:
         with pytest.raises(RefusedError, match="1018h:07 of node 16: refused.*not exist"):

@@ -143,9 +143,9 @@ def cut_everywhere(home: Path, kind: str, what: str) -> list[Path]:
         timeout=100,
     )
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert told["status"] == 0, done.stderr
-    return [home / f"{n:03d}" for n in range(1, told["cuts"] + 2)]
+    answer = json.loads(done.stdout)
+    assert answer["status"] == 0, done.stderr
+    return [home / f"{n:03d}" for n in range(1, answer["cuts"] + 2)]
 
 
 def started(home: Path) -> None:

@@ -56,7 +56,7 @@ def test_circuits_work(circuit: dict[str, Any]) -> None:
     assert len(CIRCUITS) == 4
 
 
-def test_every_key_is_told() -> None:
+def test_every_key_is_documented() -> None:
     for config in CONFIGS:
         for key in config.model_fields:
             if len(key) > 1:  # a, b, c, d stand in the formulas

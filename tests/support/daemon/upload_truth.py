@@ -85,7 +85,7 @@ def active_now(place: Place, old: Sums, new: Sums) -> str:
     return "old" if active == old else "new"
 
 
-def check_told(place: Place, outcome: UploadOutcome, old: Sums, new: Sums) -> None:
+def check_reported(place: Place, outcome: UploadOutcome, old: Sums, new: Sums) -> None:
     """What Abbe says agrees with what the control has."""
     truth, active = place.truth(), active_now(place, old, new)
     words = "\n".join(outcome.lines())
@@ -114,7 +114,7 @@ def check_all(place: Place, done: tuple[Any, str], old: Sums, new: Sums) -> str:
     outcome = result.outcome
     assert outcome is not None
     assert result.ok == outcome.done
-    check_told(place, outcome, old, new)
+    check_reported(place, outcome, old, new)
     if not outcome.open:
         return "new" if outcome.done else "old"
     place.control.order("clear")
@@ -123,6 +123,6 @@ def check_all(place: Place, done: tuple[Any, str], old: Sums, new: Sums) -> str:
     recovered = place.recover()
     assert recovered is not None
     assert not recovered.open, recovered.lines()
-    check_told(place, recovered, old, new)
+    check_reported(place, recovered, old, new)
     assert place.recover() is None
     return f"open, then {recovered.active}"

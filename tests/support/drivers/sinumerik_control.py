@@ -24,7 +24,7 @@ def moved_by(files: dict[str, str], where: dict[str, np.ndarray], reading: str) 
     """How far X, Y and Z stand from where they would stand without the tables, (n, 3), mm."""
     first, second = READINGS[reading]
     points: dict = defaultdict(dict)
-    told: dict = defaultdict(dict)
+    stated: dict = defaultdict(dict)
     for text in files.values():
         for found in re.finditer(r"^\$A[AN]_(\w+)\[([^]]*)\]=(\S+)$", text, re.MULTILINE):
             name, inside, value = found.groups()
@@ -34,18 +34,18 @@ def moved_by(files: dict[str, str], where: dict[str, np.ndarray], reading: str) 
             elif name == "CEC":
                 points[int(index[0])][int(index[1])] = float(value)
             elif name.startswith("ENC"):
-                told[index[-1]][name.removeprefix("ENC_COMP_")] = value
+                stated[index[-1]][name.removeprefix("ENC_COMP_")] = value
             else:
-                told[int(index[0])][name.removeprefix("CEC_")] = value
+                stated[int(index[0])][name.removeprefix("CEC_")] = value
 
     def at(table, axis: str) -> np.ndarray:
-        own = told[table]
+        own = stated[table]
         nodes = np.arange(float(own["MIN"]), float(own["MAX"]) + 1e-6, float(own["STEP"]))
         return np.interp(where[axis], nodes, [points[table][i] for i in range(len(nodes))])
 
     moves = {a: np.zeros(len(where["X"])) for a in "XYZ"}
-    factors = {int(own["MULT_BY_TABLE"]) - 1 for t, own in told.items() if isinstance(t, int)}
-    for table, own in told.items():
+    factors = {int(own["MULT_BY_TABLE"]) - 1 for t, own in stated.items() if isinstance(t, int)}
+    for table, own in stated.items():
         if isinstance(table, str):
             # added to the actual value: the axis moves the other way
             moves[table[0]] -= at(table, table[0])
@@ -53,7 +53,7 @@ def moved_by(files: dict[str, str], where: dict[str, np.ndarray], reading: str) 
         value, output = at(table, own["INPUT_AXIS"][1]), own["OUTPUT_AXIS"][1]
         number = int(own["MULT_BY_TABLE"])
         if number:
-            by = at(number - 1, told[number - 1]["INPUT_AXIS"][1])
+            by = at(number - 1, stated[number - 1]["INPUT_AXIS"][1])
             moves[output] += first * value + value * by
         else:
             moves[output] += value * (second if table in factors else 1.0)

@@ -46,8 +46,8 @@ def run(*arguments: object, status: int = 0) -> str:
 
 
 def corrections(model: Path, *where: str, more: tuple[str, ...] = ()) -> list[float]:
-    told = json.loads(run("correct", model, *where, "--json", *more))
-    return [told["correction"][a] for a in "XYZ"]
+    answer = json.loads(run("correct", model, *where, "--json", *more))
+    return [answer["correction"][a] for a in "XYZ"]
 
 
 def imported(tmp_path: Path, text: str, dialect: str, *more: str) -> Path:
@@ -122,9 +122,9 @@ def test_compare_shows_what_the_grid_leaves(tmp_path):
     ]  # fmt: skip
     campaign = tmp_path / "c.csv"
     campaign.write_text("\n".join(measured) + "\n", encoding="utf-8")
-    told = json.loads(run("compare", model, campaign, "--json"))
-    assert told["rms"] == pytest.approx(math.sqrt((0.3**2 + 0.4**2) / 2), abs=1e-6)
-    assert told["max"] == pytest.approx(0.4, abs=1e-6)
+    answer = json.loads(run("compare", model, campaign, "--json"))
+    assert answer["rms"] == pytest.approx(math.sqrt((0.3**2 + 0.4**2) / 2), abs=1e-6)
+    assert answer["max"] == pytest.approx(0.4, abs=1e-6)
     done = abbe("fit", model, campaign, "-o", tmp_path / "f.toml")
     assert done.status == 1
     assert "nothing to fit" in done.err
@@ -142,9 +142,9 @@ def test_diagnose_finds_what_has_come_since(tmp_path):
                     f"{grid + 0.04 * x + 0.05 * (-1) ** i:.4f},0.1")  # fmt: skip
     campaign = tmp_path / "c.csv"
     campaign.write_text("\n".join(rows) + "\n", encoding="utf-8")
-    told = json.loads(run("diagnose", model, campaign, "--json"))
-    assert told["verdict"] == "missing"
-    assert told["candidates"][0]["spec"].startswith(("scale axis=X", "positioning axis=X"))
+    answer = json.loads(run("diagnose", model, campaign, "--json"))
+    assert answer["verdict"] == "missing"
+    assert answer["candidates"][0]["spec"].startswith(("scale axis=X", "positioning axis=X"))
 
 
 @pytest.mark.parametrize(

@@ -115,7 +115,7 @@ def test_squareness_beside_the_map(map_file, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "message"),
     [
         (("--structure", "w b Y X t"), "axis Z of the map is not in the structure"),
         (("--structure", "w b Y X Q t"), "structure code: cannot read 'Q'"),
@@ -132,12 +132,12 @@ def test_squareness_beside_the_map(map_file, tmp_path):
         ((*BRIDGE, "--squareness", "XY=1urad", "--squareness", "YX=1urad"), "same pair twice"),
     ],
 )
-def test_mistakes_of_import_map(tmp_path, options, told):
+def test_mistakes_of_import_map(tmp_path, options, message):
     out = tmp_path / "m.toml"
     done = abbe("import-map", MAP, *options, "-o", out)
     assert (done.status, done.out) == (1, "")
     assert done.err.count("\n") == 1
-    assert told in done.err
+    assert message in done.err
     assert not out.exists()
 
 

@@ -85,14 +85,14 @@ def points_of(tables, path):
 
 
 @pytest.mark.parametrize(
-    ("truth", "told", "printed"),
+    ("truth", "verdict", "printed"),
     [
         (with_gradient, "Identified: the stated squareness as gradient.", "-as gradient"),
         (with_constant, "Identified: Abbe's own conventions.", "--squareness YX=-50urad"),
     ],
 )
 def test_which_form_a_controller_uses_is_found_and_the_printed_command_is_the_same_map(
-    tmp_path, monkeypatch, truth, told, printed
+    tmp_path, monkeypatch, truth, verdict, printed
 ):
     rows = points_of(truth(), tmp_path / "points.csv")
     stated = ("--squareness", "YX=-50urad")
@@ -101,7 +101,7 @@ def test_which_form_a_controller_uses_is_found_and_the_printed_command_is_the_sa
     spaced.write_bytes(MAP.read_bytes())
     done = abbe("identify-convention", spaced, "points.csv", *BRIDGE, *stated)
     assert done.status == 0, done.err
-    assert told in done.out
+    assert verdict in done.out
     command = re.search(r"^  (abbe import-map .*)$", done.out, re.M)[1]
     assert printed in command
     data = abbe("identify-convention", spaced, "points.csv", *BRIDGE, *stated, "--json")

@@ -52,7 +52,7 @@ def test_from_a_table_to_the_standard_s_results(abbe):
     assert [result[k] for k in "AREMB"] == pytest.approx([9, 8, 5, 2.5, 3])
 
 
-def test_an_axis_that_was_not_told(abbe, tmp_path):
+def test_an_axis_that_was_not_stated(abbe, tmp_path):
     status, out, err = abbe(
         "import-campaign", "x.csv", "--as", "iso230-2", "--axis", "X", "--model", "model.toml",
         "-o", "c.csv",

@@ -91,7 +91,7 @@ def test_diagonals(abbe, tmp_path):
     assert answer["E_body"] is None
 
 
-def test_a_campaign_with_neither_is_told_so(abbe, campaign):
+def test_a_campaign_with_neither_is_named_as_such(abbe, campaign):
     campaign.write_text(campaign.read_text().replace(",1,0,0,", ",0,1,0,"))
     status, out, err = abbe("iso230", campaign)
     assert (status, out) == (1, "")

@@ -71,7 +71,7 @@ def test_the_command_that_reads_it_is_named(files, tmp_path, command, words, ans
     assert not out.exists()
 
 
-def test_a_flaw_of_the_right_file_is_told_without_it(tmp_path):
+def test_a_flaw_of_the_right_file_is_reported_without_it(tmp_path):
     """A campaign with a bad row, a model with a bad key: the message is about the flaw alone."""
     lines = CAMPAIGN.read_text(encoding="utf-8").splitlines()
     bad = tmp_path / "bad.csv"

@@ -54,27 +54,27 @@ def test_values_in_mm(fitted, tmp_path):
     """20 µm written as 0.020: all residuals of a new fit would be 0.00 µm."""
     of_lengths = {"rows": lambda row: row["kind"] == "displacement"}
     wrong = changed(FIT, tmp_path / "mm.csv", lambda v: v / 1e3, "value", **of_lengths)
-    told = suspicions("fit", MODEL, wrong, "-o", tmp_path / "f.toml")
-    assert any("displacements vary by 0.0" in s and "written in mm?" in s for s in told)
-    told = suspicions("compare", fitted, wrong)
-    assert any("1/1000: were mm written where µm belong" in s for s in told)
+    raised = suspicions("fit", MODEL, wrong, "-o", tmp_path / "f.toml")
+    assert any("displacements vary by 0.0" in s and "written in mm?" in s for s in raised)
+    raised = suspicions("compare", fitted, wrong)
+    assert any("1/1000: were mm written where µm belong" in s for s in raised)
     assert "SUSPICIOUS: " in abbe("compare", fitted, wrong).out
 
 
 def test_values_and_uncertainties_that_leave_nothing(tmp_path):
     """sd a thousand times too large: χ²/dof 1e-6 is no praise."""
     wrong = changed(FIT, tmp_path / "sd.csv", lambda v: 30.0 * v, "sd")
-    told = suspicions("fit", MODEL, wrong, "-o", tmp_path / "f.toml")
-    (one,) = [s for s in told if s.startswith("χ²/dof")]
+    raised = suspicions("fit", MODEL, wrong, "-o", tmp_path / "f.toml")
+    (one,) = [s for s in raised if s.startswith("χ²/dof")]
     assert "0.001" in one
     assert "times less is left than the stated uncertainties say" in one
 
 
 def test_all_signs_turned(fitted, tmp_path):
     wrong = changed(CHECK, tmp_path / "turned.csv", lambda v: -v, "value")
-    told = suspicions("compare", fitted, wrong)
-    assert sum("measured is the opposite of predicted" in s for s in told) >= 1
-    assert any(s.startswith("χ²/dof is ") and "stated uncertainties" in s for s in told)
+    raised = suspicions("compare", fitted, wrong)
+    assert sum("measured is the opposite of predicted" in s for s in raised) >= 1
+    assert any(s.startswith("χ²/dof is ") and "stated uncertainties" in s for s in raised)
     again = suspicions("fit", fitted, wrong, "-o", tmp_path / "f.toml")
     assert any("measured is the opposite of predicted" in s for s in again)
 
@@ -83,14 +83,14 @@ def test_some_set_ups_turned(fitted, tmp_path):
     """One diagonal measured from its other end: only that set-up is named."""
     one = {"rows": lambda row: row["setup"] == "c0_diag0"}
     wrong = changed(CHECK, tmp_path / "one.csv", lambda v: -v, "value", **one)
-    (told,) = [s for s in suspicions("compare", fitted, wrong) if "opposite" in s]
-    assert told.endswith("in the set-up c0_diag0")
+    (raised,) = [s for s in suspicions("compare", fitted, wrong) if "opposite" in s]
+    assert raised.endswith("in the set-up c0_diag0")
 
 
 def test_degrees_fahrenheit(fitted, tmp_path):
     wrong = changed(CHECK, tmp_path / "f.csv", lambda t: 1.8 * t + 32.0, "T_x")
-    told = suspicions("compare", fitted, wrong)
-    assert any("T_x reads 6" in s and "°F would be" in s for s in told)
+    raised = suspicions("compare", fitted, wrong)
+    assert any("T_x reads 6" in s and "°F would be" in s for s in raised)
     place = ("correct", fitted, "X=350", "Y=450", "Z=-180")
     signals = [f"T_{n}=20" for n in ("amb", "y", "z", "col_front", "col_rear", "spindle")]
     done = abbe(*place, *signals, "T_x=68")

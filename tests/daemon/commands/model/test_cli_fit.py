@@ -40,12 +40,12 @@ def test_fit_writes_the_model_with_its_provenance(fitted: Path) -> None:
     assert record["rms"] == pytest.approx(0.495, abs=0.01)
     assert record["noise_floor"] == pytest.approx(0.5, abs=0.06)
     assert {"date", "abbe", "chi2_per_dof"} <= record.keys()
-    told = json.loads((fitted.parent / "fit.json").read_text())
-    assert told["chi2_per_dof"] == pytest.approx(1.0, abs=0.06)
-    assert told["determined"] == 126
-    assert all(u["convention"] for u in told["undetermined"])
-    assert len(told["undetermined"]) == 4
-    assert told["effects"][0]["parameters"]["c1"]["unit"] == "mm"
+    answer = json.loads((fitted.parent / "fit.json").read_text())
+    assert answer["chi2_per_dof"] == pytest.approx(1.0, abs=0.06)
+    assert answer["determined"] == 126
+    assert all(u["convention"] for u in answer["undetermined"])
+    assert len(answer["undetermined"]) == 4
+    assert answer["effects"][0]["parameters"]["c1"]["unit"] == "mm"
 
 
 def test_fitting_again_keeps_the_ancestor_in_the_history(fitted: Path, tmp_path: Path) -> None:
@@ -62,35 +62,37 @@ def test_fitting_again_keeps_the_ancestor_in_the_history(fitted: Path, tmp_path:
 def test_a_hidden_effect_shows_in_chi_square(folder: str, least: float, tmp_path: Path) -> None:
     data = DATA / folder
     out = tmp_path / "model.toml"
-    told = json.loads(run("fit", data / "model.toml", data / "fit.csv", "-o", out, "--json").stdout)
-    assert told["chi2_per_dof"] > least
+    answer = json.loads(
+        run("fit", data / "model.toml", data / "fit.csv", "-o", out, "--json").stdout
+    )
+    assert answer["chi2_per_dof"] > least
 
 
 def test_compare_tells_what_formats_promise(fitted: Path) -> None:
     result = run("compare", fitted, DATA / "p02-bridge" / "check.csv", "--json")
     assert result.exit_code == 0
-    told = json.loads(result.stdout)
-    assert told["unit"] == "um"
-    assert told["rms"] == pytest.approx(0.54, abs=0.03)
-    assert told["rms"] < told["p95"] < told["max"]
-    assert told["noise_floor"] == pytest.approx(0.59, abs=0.1)
-    assert 0.95 < told["chi2_per_dof"] < 1.25
-    assert told["n"] == sum(s["n"] for s in told["setups"])
-    assert {"setup", "n", "rms", "max"} <= told["setups"][0].keys()
-    worst = [abs(w["residual"]) for w in told["worst"]]
+    answer = json.loads(result.stdout)
+    assert answer["unit"] == "um"
+    assert answer["rms"] == pytest.approx(0.54, abs=0.03)
+    assert answer["rms"] < answer["p95"] < answer["max"]
+    assert answer["noise_floor"] == pytest.approx(0.59, abs=0.1)
+    assert 0.95 < answer["chi2_per_dof"] < 1.25
+    assert answer["n"] == sum(s["n"] for s in answer["setups"])
+    assert {"setup", "n", "rms", "max"} <= answer["setups"][0].keys()
+    worst = [abs(w["residual"]) for w in answer["worst"]]
     assert worst == sorted(worst, reverse=True)
-    assert worst[0] == pytest.approx(told["max"])
-    assert {r["axis"] for r in told["regions"]} == {"X", "Y", "Z"}
-    assert told["rotation"]["n"] == 0
-    assert told["rotation"]["rms"] is None
+    assert worst[0] == pytest.approx(answer["max"])
+    assert {r["axis"] for r in answer["regions"]} == {"X", "Y", "Z"}
+    assert answer["rotation"]["n"] == 0
+    assert answer["rotation"]["rms"] is None
 
 
 def test_rotations_stand_apart_in_microradians(fitted: Path) -> None:
-    told = json.loads(run("compare", fitted, DATA / "p02-bridge" / "fit.csv", "--json").stdout)
-    assert told["n"] + told["rotation"]["n"] == 2117
-    assert told["rotation"]["unit"] == "urad"
-    assert told["rotation"]["rms"] == pytest.approx(0.51, abs=0.03)
-    assert told["chi2_per_dof"] == pytest.approx(1.0, abs=0.06)
+    answer = json.loads(run("compare", fitted, DATA / "p02-bridge" / "fit.csv", "--json").stdout)
+    assert answer["n"] + answer["rotation"]["n"] == 2117
+    assert answer["rotation"]["unit"] == "urad"
+    assert answer["rotation"]["rms"] == pytest.approx(0.51, abs=0.03)
+    assert answer["chi2_per_dof"] == pytest.approx(1.0, abs=0.06)
 
 
 def test_reports_are_one_file_that_fetches_nothing(fitted: Path, tmp_path: Path) -> None:

@@ -63,9 +63,9 @@ def folder(tmp_path_factory) -> Path:
 
 def test_a_hidden_one_is_named_and_tables_hold_it_by_direction(folder, tmp_path):
     campaign, model = folder / "c.csv", tmp_path / "next.toml"
-    told = json.loads(run("diagnose", folder / "fitted.toml", campaign, "--json"))
-    assert told["verdict"] == "missing"
-    best = told["candidates"][0]
+    answer = json.loads(run("diagnose", folder / "fitted.toml", campaign, "--json"))
+    assert answer["verdict"] == "missing"
+    best = answer["candidates"][0]
     group = [best["spec"], *(str(c) for c in best["confusable_with"])]
     assert best["spec"] == "lateral_reversal axis=X direction=Y", group
     value = best["parameters"]["b"]

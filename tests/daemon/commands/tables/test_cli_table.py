@@ -39,7 +39,7 @@ def test_tables_for_linuxcnc_do_what_they_say(model, tmp_path):
     """The files, laid on the model by a reader of their own: what is left is what was printed."""
     done = abbe("table", model, "--controller", "linuxcnc", "-o", tmp_path / "t", *AT, "--json")
     assert done.status == 0, done.err
-    told = json.loads(done.out)
+    answer = json.loads(done.out)
     loaded = load_model(model)
     field = ErrorField(
         loaded, table_state(loaded, {"T_x": 23.5, "T_y": 21.0}, tool=(0.0, 0.0, -120.0)), "command"
@@ -55,11 +55,11 @@ def test_tables_for_linuxcnc_do_what_they_say(model, tmp_path):
         error[:, k] += np.where(facing[axis] > 0, *trims)
     error -= error.mean(axis=0)
     rms = np.sqrt((error**2).sum(axis=1).mean()) * 1e3
-    assert told["remaining"]["linuxcnc"]["rms"] == pytest.approx(rms, rel=0.03)
-    assert told["remaining"]["linuxcnc"]["rms"] < told["remaining"]["no compensation"]["rms"]
-    assert told["remaining"]["L-VOL"]["max"] < 1.0
-    assert told["types"] == ["L-POS"], "R-POS is nothing on a bridge"
-    assert told["sign"].startswith("type 0: the measured actual position")
+    assert answer["remaining"]["linuxcnc"]["rms"] == pytest.approx(rms, rel=0.03)
+    assert answer["remaining"]["linuxcnc"]["rms"] < answer["remaining"]["no compensation"]["rms"]
+    assert answer["remaining"]["L-VOL"]["max"] < 1.0
+    assert answer["types"] == ["L-POS"], "R-POS is nothing on a bridge"
+    assert answer["sign"].startswith("type 0: the measured actual position")
 
 
 def test_the_record_goes_with_the_table(model, tmp_path):
@@ -108,7 +108,7 @@ def test_the_screen_says_sign_and_confidence(model, tmp_path):
     assert "WARNING" not in tried.out
 
 
-def test_products_are_told_beside_what_single_axes_leave(model, tmp_path):
+def test_products_are_reported_beside_what_single_axes_leave(model, tmp_path):
     order = ("table", model, "--controller", "siemens-840d", *AT, "--set", "products=mirrored")
     done = abbe(*order, "-o", tmp_path / "a", "--report", tmp_path / "r.html")
     assert done.status == 0, done.err
@@ -145,15 +145,15 @@ def test_superposed_on_what_the_controller_holds(model, tmp_path):
     weihong = ("table", model, "--controller", "weihong", "-o", second, *AT)
     done = abbe(*weihong, "--on", first, "--json")
     assert done.status == 0, done.err
-    told = json.loads(done.out)
-    assert list(told["active_while_measured"]) == ["axeserr.dat"]
+    answer = json.loads(done.out)
+    assert list(answer["active_while_measured"]) == ["axeserr.dat"]
     owner = load_model(model).machine
     read = make_controller("weihong", owner).read
     once, twice = (read({"axeserr.dat": (f / "axeserr.dat").read_text()}) for f in (first, second))
     for one, two in zip(once, twice, strict=True):
         assert one.scaled(2.0).difference(two) < 4e-4
     plain = json.loads((first / "abbe-tables.json").read_text(encoding="utf-8"))
-    assert told["remaining"]["weihong"]["rms"] == pytest.approx(
+    assert answer["remaining"]["weihong"]["rms"] == pytest.approx(
         plain["remaining"]["weihong"]["rms"], rel=0.02
     )
     alone = abbe(*weihong, "--on", first / "axeserr.dat")
@@ -184,10 +184,10 @@ def test_every_dialect_makes_tables_of_a_machine_with_rotary_axes(name, code, tm
     done = abbe("table", folder / "m.toml", "--controller", name, "-o", folder / "t", "--json",
                 "--points", "9" if name != "heidenhain-nd" else "60")  # fmt: skip
     assert done.status == 0, done.err
-    told = json.loads(done.out)
-    left = told["remaining"]
+    answer = json.loads(done.out)
+    left = answer["remaining"]
     assert left[name]["rms"] < left["no compensation"]["rms"]
-    assert set(told["files"]) == {Path(p).name for p in told["written"]} - {"abbe-tables.json"}
+    assert set(answer["files"]) == {Path(p).name for p in answer["written"]} - {"abbe-tables.json"}
 
 
 @pytest.mark.parametrize(
@@ -213,7 +213,7 @@ def test_every_dialect_makes_tables_of_a_machine_with_rotary_axes(name, code, tm
         (("--controller", "linuxcnc"), 2, "-o"),
     ],
 )  # fmt: skip
-def test_mistakes_are_told_in_a_line(model, tmp_path, monkeypatch, arguments, status, words):
+def test_mistakes_are_reported_in_a_line(model, tmp_path, monkeypatch, arguments, status, words):
     monkeypatch.chdir(tmp_path)
     done = abbe("table", model, *arguments)
     assert done.status == status
@@ -229,10 +229,10 @@ def test_controllers_are_listed_with_what_they_hold_and_how_sure_abbe_is():
     for name, cls in controller_kinds().items():
         (row,) = [line for line in done.out.splitlines() if line.startswith(name + " ")]
         assert str(cls.trust.least) in row
-    told = json.loads(abbe("controllers", "--json").out)["controllers"]
-    assert set(told) == set(controller_kinds())
-    assert told["linuxcnc"]["tables"][0]["points"] == 256
-    assert told["fanuc"]["tables"][0]["incremental"] is True
+    answer = json.loads(abbe("controllers", "--json").out)["controllers"]
+    assert set(answer) == set(controller_kinds())
+    assert answer["linuxcnc"]["tables"][0]["points"] == 256
+    assert answer["fanuc"]["tables"][0]["incremental"] is True
     page = abbe("controllers", "pmac").out
     for words in ("DEFINE COMP", "Sign: error", "How sure", "counts", "owners = 8", "unverified"):
         assert words in page
