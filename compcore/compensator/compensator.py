@@ -230,7 +230,7 @@ class Compensator:
     def errors(self, positions: F64, directions: F64 | None = None) -> F64:
         """Errors at n points, positions (n, k) in mm or rad → (n, 3), mm, as moves of X, Y, Z.
 
-        Directions as in `step`, (n, k); None: all 0.
+        Directions as in `step`, (n, k); None: all 0. Other shapes raise `InputError`.
         """
         rows = np.asarray(positions, dtype=np.float64)
         if rows.ndim != 2 or rows.shape[1] != len(self.axes):

@@ -19,7 +19,7 @@ def along(axis: str) -> ErrorMotion:
 
 
 def require_linear(machine: Machine, axis: str, kind: str, key: str = "axis") -> None:
-    """Refuse a rotary axis."""
+    """Check that an axis is linear; a rotary one raises `InputError`."""
     if machine.axis(axis, key).rotary:
         raise InputError(
             f"{kind} is an effect of linear axes",
@@ -30,7 +30,7 @@ def require_linear(machine: Machine, axis: str, kind: str, key: str = "axis") ->
 
 
 def require_rotary(machine: Machine, axis: str, kind: str) -> None:
-    """Refuse a linear axis."""
+    """Check that an axis is rotary; a linear one raises `InputError`."""
     if not machine.axis(axis).rotary:
         raise InputError(
             f"{kind} is an effect of rotary axes",

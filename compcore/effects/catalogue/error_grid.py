@@ -185,7 +185,10 @@ class ErrorGrid(Effect):
     def motions(
         self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
     ) -> tuple[Motion, ...]:
-        """What the tables say at each row; the grid's own moves and turns as seen by the tool."""
+        """What the tables say at each row; the grid's own moves and turns as seen by the tool.
+
+        A grid whose tables were not loaded raises `InputError`.
+        """
         if self._tables is None:
             raise self._not_loaded()
         sums: dict[ErrorMotion, F64] = {}

@@ -122,7 +122,7 @@ class Formula(Effect):
         return tuple(_without_spaces(text) for text in terms)
 
     def target(self) -> ErrorMotion:
-        """The error motion."""
+        """The error motion that `channel` names; raises `InputError` where it names none."""
         match = _CHANNEL.fullmatch(self.channel)
         if match is None:
             raise InputError("not an error motion", field="channel", found=self.channel)

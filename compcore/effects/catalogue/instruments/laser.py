@@ -108,7 +108,8 @@ def air_signals(signals: Iterable[Signal]) -> list[Signal]:
 def beam_length(machine: Machine, conditions: Conditions) -> F64:
     """Distance travelled along the measured direction since the set-up's first row, mm, (n,).
 
-    Positive along u; 0 on rows that are no displacements.
+    Positive along u; 0 on rows that are no displacements. Conditions without measured directions
+    raise `InputError`.
     """
     if conditions.u is None:
         raise InputError("an effect of the instrument needs the measured directions of a campaign")
