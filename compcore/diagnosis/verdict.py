@@ -25,7 +25,7 @@ from abbe.compcore.diagnosis.findings import Established, Findings, Verdict, mea
 from abbe.compcore.diagnosis.pictures import diagnosis_figures
 from abbe.compcore.diagnosis.screening.all_rows import measured
 from abbe.compcore.diagnosis.screening.candidates import RIGID, Candidate, candidates
-from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut, folds, gain
+from abbe.compcore.diagnosis.screening.crossvalidation import folds, gain
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING
 from abbe.compcore.diagnosis.screening.frames import Frames
 from abbe.compcore.diagnosis.screening.independence import independent_share
@@ -178,7 +178,7 @@ def _diagnosed(model: Model, whole: FitResult, result: FitResult, progress: Prog
     background = basis
     for s in unexplained:
         background = background.extended(s.columns)
-    after = _after(pool, background, chosen)
+    after = pool.joined(background, chosen)
     variance = after.chi2 / after.dof
     part = result.problem.n / whole.problem.n
     established = tuple(
@@ -217,7 +217,7 @@ def _found(
     The basis counts as many rows as independent as what the causes leave allows.
     """
     chosen, ranked = search(pool, basis)
-    share = independent_share(_after(pool, basis, chosen).residual, conditions)
+    share = independent_share(pool.joined(basis, chosen).residual, conditions)
     if chosen and share < _ALIKE:
         # what the causes leave is alike from row to row: fewer rows speak than were counted
         basis = replace(basis, share=share)
@@ -238,19 +238,19 @@ def _verdict(
     return "unexplained" if unexplained else "complete"
 
 
-def _after(pool: Pool, basis: Basis, chosen: Sequence[WeighedCandidate]) -> Basis:
-    """The basis with causes in the model."""
-    for f in chosen:
-        basis = basis.extended(pool.found_columns(f))
-    return basis
-
-
 def _gain(
-    pool: Pool, beside: Basis, found: WeighedCandidate, rows: list[NDArray[np.int64]]
+    pool: Pool,
+    beside: Basis,
+    found: WeighedCandidate,
+    rows: list[NDArray[np.int64]],
+    after: Basis,
 ) -> float:
-    """By how much better a cause, beside others, predicts blocks that were left out."""
+    """By how much better a cause, beside others, predicts blocks that were left out.
+
+    `after`: the basis with all of them.
+    """
     bound = found.candidate.effect.scope == "instrument"
-    return gain(beside, pool.found_columns(found), LeftOut.of(beside, rows), bound=bound)
+    return gain(pool.left_out(beside, rows), pool.left_out(after, rows), bound=bound)
 
 
 def _predicting(
@@ -263,9 +263,10 @@ def _predicting(
     kept = list(chosen)
     while kept:
         gains = []
+        after = pool.joined(basis, kept)
         for f in kept:
-            others = _after(pool, basis, [g for g in kept if g.key != f.key])
-            gains.append(_gain(pool, others, f, rows))
+            others = pool.joined(basis, (g for g in kept if g.key != f.key))
+            gains.append(_gain(pool, others, f, rows, after))
         worst = int(np.argmin(gains))
         if gains[worst] > 0.0:
             break
@@ -287,7 +288,7 @@ def _compete(
     chosen = list(chosen)
     if not strong:
         return chosen, []
-    after = _after(pool, basis, chosen)
+    after = pool.joined(basis, chosen)
     by_causes = (
         joint_value(basis, after, chosen) - _COINCIDENCE * (len(chosen) - 1) if chosen else 0.0
     )
@@ -313,9 +314,7 @@ def _compete(
     more, _ = search(pool, extended)
     more = [f for f in more if f.evidence.value > BEYOND_DOUBT]
     if more:
-        both = extended
-        for f in more:
-            both = both.extended(pool.found_columns(f))
+        both = pool.joined(extended, more)
         more = [] if patterns.established(both) else more
     return more, described + [s for s in strong[1:] if s not in described]
 
@@ -337,7 +336,7 @@ def _beside(
         if not again.established(basis.n):
             continue
         kept.append(f)
-        described = described.extended(pool.found_columns(f))
+        described = pool.joined(described, [f])
     return kept
 
 
@@ -386,23 +385,20 @@ def _established(
 
     `share` is the part of the campaign's rows that were looked at.
     """
-    others = background
-    for f in chosen:
-        if f.key != found.key:
-            others = others.extended(pool.found_columns(f))
+    others = pool.joined(background, (f for f in chosen if f.key != found.key))
     (beside,) = pool.weighed(others, [found])
     columns = pool.found_columns(found)
     projected = others.project(columns)
     coefficients = np.linalg.lstsq(projected, others.residual, rcond=1e-10)[0]
     signature = projected @ coefficients / result.problem.weight
     # what adding it alone leaves: descriptions of other structure are not added with it
-    after = basis.extended(columns).residual
+    after = pool.joined(basis, [found]).residual
     rival = pool.ranked(others, frozenset(g.key for g in chosen))
     return Established(
         beside,
         pool.estimates(others, found, variance),
         _rms_of(result, after),
-        _gain(pool, others, found, rows),
+        _gain(pool, others, found, rows, pool.joined(background, chosen)),
         tuple(aliases(pool, others, found, rival, variance * share)),
         np.asarray(signature),
     )

@@ -181,19 +181,18 @@ def _nuisances(basis: Basis) -> F64:
     return out
 
 
-def gain(basis: Basis, columns: F64, before: LeftOut, *, bound: bool = False) -> float:
-    """Part of the left-out residual variance that added columns (n, k) remove.
+def gain(before: LeftOut, after: LeftOut, *, bound: bool = False) -> float:
+    """Part of the left-out residual variance that a cause removes.
 
     0.3 means that unseen blocks are predicted with 30 % less variance; negative: worse.
 
     Parameters
     ----------
-    before
-        What the basis without the columns leaves.
+    before, after
+        What the model leaves without the cause and with it.
     bound
         Whether the cause belongs to the placing of an instrument, and so may be fitted to the very
         rows that show it.
     """
-    after = LeftOut.of(basis.extended(columns), before.folds)
     left = after.residual if bound else before.with_what_it_foretells(after)
     return 1.0 - float(left @ left) / before.chi2 if before.chi2 > 0.0 else 0.0

@@ -14,6 +14,7 @@ plausible first; differences below `INDISTINCT` are not a distinction.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -111,6 +112,43 @@ def weigh(
     gain = basis.share * dof * math.log(basis.chi2 / left)
     price = price_of(basis, k + nonlinear_count, cost)
     return Evidence(gain - price, screened.drop / scale, k, dof, log_tests, basis.share)
+
+
+def weigh_all(
+    basis: Basis,
+    screened: Sequence[ScreenedCandidate],
+    tests: int,
+    costs: Sequence[float],
+    nonlinear_counts: Sequence[int],
+) -> list[Evidence]:
+    """Weigh many screened candidates that are seen; arguments as of `weigh`, one of each."""
+    if not screened:
+        return []
+    rank = np.array([s.rank for s in screened])
+    drop = np.array([s.drop for s in screened])
+    tried = np.array([s.tried for s in screened])
+    nonlinear = np.asarray(nonlinear_counts)
+    left = np.maximum(basis.chi2 - drop, 1e-12 * basis.chi2)
+    dof = np.maximum(1, basis.dof - rank - nonlinear)
+    log_tests = math.log(max(1.0, tests)) + 0.5 * np.log(tried)
+    with np.errstate(divide="ignore"):
+        gain = basis.share * dof * np.log(basis.chi2 / left)
+    one = math.log(basis.independent)
+    value = gain - np.maximum((rank + nonlinear) * one + np.asarray(costs), one)
+    f_drop = drop / (left / dof)
+    found = zip(
+        value.tolist(),
+        f_drop.tolist(),
+        rank.tolist(),
+        dof.tolist(),
+        log_tests.tolist(),
+        (drop > 0.0).tolist(),
+        strict=True,
+    )
+    return [
+        Evidence(v, f, k, d, logs, basis.share) if seen else Evidence(-math.inf, 0.0, 0, 0, 0.0)
+        for v, f, k, d, logs, seen in found
+    ]
 
 
 def price_of(basis: Basis, count: int, cost: float) -> float:

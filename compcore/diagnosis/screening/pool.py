@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.screening.bounded_search import least
 from abbe.compcore.diagnosis.screening.candidates import Candidate
-from abbe.compcore.diagnosis.screening.evidence import CONVINCING, Evidence, weigh
+from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut
+from abbe.compcore.diagnosis.screening.evidence import CONVINCING, Evidence, weigh, weigh_all
 from abbe.compcore.diagnosis.screening.parameters import Estimate, doubt_of, estimates
 from abbe.compcore.diagnosis.screening.screening import (
     Bank,
@@ -64,6 +65,22 @@ class WeighedCandidate:
         return e.value > CONVINCING and e.f_drop > MATERIAL * n and e.log_p < SIGNIFICANT
 
 
+class _Array:
+    """An array as a key: the same only if it is the very same array."""
+
+    def __init__(self, values: F64) -> None:
+        self._values = values
+
+    def __hash__(self) -> int:
+        return id(self._values)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Array) and other._values is self._values
+
+
+_Asked = tuple[_Array, _Array, int, tuple[tuple[str, float], ...]]
+"""Residual and extra columns of a basis, key and non-linear parameters of a cause."""
+
 Columns = Callable[[Candidate, Mapping[str, float]], F64]
 
 
@@ -102,6 +119,9 @@ class Pool:
         self._columns = columns
         self._placed = columns if placed is None else placed
         self._bank = Bank(fitted, self._trials)
+        self._known: dict[_Asked, Basis] = {}
+        self._screened: dict[tuple[_Array, _Array], list[ScreenedCandidate]] = {}
+        self._left_out: dict[tuple[_Array, _Array], LeftOut] = {}
 
     def columns(self, key: int, nonlinear: Mapping[str, float]) -> F64:
         """Weighted columns of one candidate at given non-linear parameters, shape (n, k)."""
@@ -111,6 +131,28 @@ class Pool:
         for key, candidate in enumerate(self.candidates):
             for nonlinear in candidate.choices:
                 yield key, nonlinear, partial(self._placed, candidate, nonlinear)
+
+    def joined(self, basis: Basis, found: Iterable[WeighedCandidate]) -> Basis:
+        """A basis after causes joined the model, one after the other; worked out once."""
+        for f in found:
+            key = (
+                _Array(basis.residual),
+                _Array(basis.extra),
+                f.key,
+                tuple(f.screened.nonlinear.items()),
+            )
+            if key not in self._known:
+                self._known[key] = basis.extended(self.found_columns(f))
+            known = self._known[key]
+            basis = replace(basis, residual=known.residual, extra=known.extra)
+        return basis
+
+    def left_out(self, basis: Basis, rows: Sequence[NDArray[np.int64]]) -> LeftOut:
+        """What a basis leaves of folds that are left out, always the same ones; worked out once."""
+        key = (_Array(basis.residual), _Array(basis.extra))
+        if key not in self._left_out:
+            self._left_out[key] = LeftOut.of(basis, rows)
+        return self._left_out[key]
 
     def imitated(self, basis: Basis, signature: F64) -> dict[int, float]:
         """How much of a signature's square each candidate can imitate: key → ‖P_{C⊥} v‖².
@@ -122,11 +164,15 @@ class Pool:
 
     def ranked(self, basis: Basis, without: frozenset[int] = frozenset()) -> list[WeighedCandidate]:
         """All candidates that the campaign can see, strongest evidence first."""
-        found = [
-            WeighedCandidate(self.candidates[s.key], s, self._weigh(basis, s))
-            for s in self._bank.screen(basis, without)
-            if s.rank
-        ]
+        key = (_Array(basis.residual), _Array(basis.extra))
+        if key not in self._screened:
+            self._screened[key] = self._bank.screen(basis)
+        screened = [s for s in self._screened[key] if s.rank and s.key not in without]
+        chosen = [self.candidates[s.key] for s in screened]
+        costs = [c.cost for c in chosen]
+        counts = [c.nonlinear_count for c in chosen]
+        weighed = weigh_all(basis, screened, self._tests, costs, counts)
+        found = list(map(WeighedCandidate, chosen, screened, weighed))
         found.sort(key=lambda f: -f.evidence.value)
         return found
 

@@ -8,7 +8,8 @@ pair that explains clearly more than the first two found one by one takes their 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,9 +74,7 @@ def _value(
     """Evidence of several causes together; 0 of none; `bare`: with every coefficient paid for."""
     if not found:
         return 0.0
-    after = basis
-    for f in found:
-        after = after.extended(pool.found_columns(f))
+    after = pool.joined(basis, found)
     saved = sum(_saved(basis, f) for f in found) if bare else 0.0
     return joint_value(basis, after, found) - saved
 
@@ -107,10 +106,7 @@ def _plain(pool: Pool, basis: Basis, ranked: Sequence[WeighedCandidate]) -> list
     while kept:
         weighed: list[WeighedCandidate] = []
         for f in kept:
-            beside = basis
-            for g in kept:
-                if g.key != f.key:
-                    beside = beside.extended(pool.found_columns(g))
+            beside = pool.joined(basis, (g for g in kept if g.key != f.key))
             weighed += pool.weighed(beside, [f])
         weakest = min(weighed, key=lambda f: f.evidence.value)
         if weakest.established(basis.n):
@@ -122,16 +118,14 @@ def _plain(pool: Pool, basis: Basis, ranked: Sequence[WeighedCandidate]) -> list
 def _forward(pool: Pool, basis: Basis, start: Sequence[WeighedCandidate]) -> list[WeighedCandidate]:
     """Some causes, and up to `_MOST` more, one after the other, each the best beside the others."""
     out = list(start)
-    current = basis
-    for f in out:
-        current = current.extended(pool.found_columns(f))
+    current = pool.joined(basis, out)
     for _ in range(_MOST):
         first = pool.ranked(current, _taken(pool, out))
         leader = _simplest(pool, current, [pool.refined(current, f) for f in first[:_LEADERS]])
         if leader is None or not leader.established(basis.n):
             break
         out.append(leader)
-        current = current.extended(pool.found_columns(leader))
+        current = pool.joined(current, [leader])
     return out
 
 
@@ -155,9 +149,7 @@ def _from_nothing(
         found, value = pair
         pair_keys = {f.key for f in found}
         if len(established) >= 2:
-            two = basis
-            for f in established[:2]:
-                two = two.extended(pool.found_columns(f))
+            two = pool.joined(basis, established[:2])
             reached = joint_value(basis, two, established[:2])
         else:
             reached = established[0].evidence.value if established else 0.0
@@ -179,9 +171,7 @@ def _settled(
         changed = False
         for f in list(out):
             rest = [g for g in out if g.key != f.key]
-            beside = basis
-            for g in rest:
-                beside = beside.extended(pool.found_columns(g))
+            beside = pool.joined(basis, rest)
             ranked = pool.ranked(beside, _taken(pool, rest))
             (now,) = pool.weighed(beside, [f])
             leaders = [pool.refined(beside, r) for r in [now, *ranked[:_LEADERS]]]
@@ -258,19 +248,25 @@ def _span(pool: Pool, basis: Basis, found: WeighedCandidate) -> F64:
     return orthonormal(basis.project(columns), np.linalg.norm(columns, axis=0))
 
 
+def _spans(pool: Pool, basis: Basis, found: Sequence[WeighedCandidate]) -> list[F64]:
+    """As `_span`, of several candidates at once."""
+    columns = [pool.found_columns(f) for f in found]
+    projected = basis.project(np.hstack(columns))
+    ends = np.cumsum([c.shape[1] for c in columns]).tolist()
+    return [
+        orthonormal(projected[:, end - c.shape[1] : end], np.linalg.norm(c, axis=0))
+        for end, c in zip(ends, columns, strict=True)
+    ]
+
+
 def _after_pair(
     pool: Pool, basis: Basis, found: Sequence[WeighedCandidate]
 ) -> list[WeighedCandidate]:
     """A pair in the model, and whatever comes after it; each weighed beside the others."""
     out: list[WeighedCandidate] = []
-    current = basis
-    for f in found:
-        current = current.extended(pool.found_columns(f))
+    current = pool.joined(basis, found)
     for i, f in enumerate(found):
-        other = basis
-        for j, g in enumerate(found):
-            if j != i:
-                other = other.extended(pool.found_columns(g))
+        other = pool.joined(basis, (g for j, g in enumerate(found) if j != i))
         out += pool.weighed(other, [f])
     if not all(f.established(basis.n) for f in out):
         return [f for f in out if f.established(basis.n)]
@@ -281,7 +277,7 @@ def _after_pair(
             break
         best = pool.refined(current, more[0])
         out.append(best)
-        current = current.extended(pool.found_columns(best))
+        current = pool.joined(current, [best])
     return out
 
 
@@ -304,36 +300,45 @@ def _best_pair(
     leading = sorted(ranked, key=lambda f: -f.screened.drop / f.screened.rank)[:_PAIRS_OF]
     by_value = [f for f in ranked[:_PAIRS_OF] if f not in leading]
     leading = [*leading, *by_value]
-    spans = [_span(pool, basis, f) for f in leading]
-    if len(spans) < 2:
+    if len(leading) < 2:
         return None
+    spans = _spans(pool, basis, leading)
     stacked = np.hstack(spans)
     gram = stacked.T @ stacked
     moment = stacked.T @ basis.residual
-    ends = np.cumsum([s.shape[1] for s in spans])
-    slices = [slice(e - s.shape[1], e) for e, s in zip(ends, spans, strict=True)]
+    ends = np.cumsum([s.shape[1] for s in spans]).tolist()
+    places = [np.arange(e - s.shape[1], e) for e, s in zip(ends, spans, strict=True)]
+    prices = [_price(basis, f) for f in leading]
     best: tuple[float, int, int] | None = None
-    for i in range(len(leading)):
-        for j in range(i + 1, len(leading)):
-            if _cause(leading[i]) == _cause(leading[j]):
-                continue
-            a, b = slices[i], slices[j]
-            index = np.r_[a, b]
-            values, vectors = np.linalg.eigh(gram[np.ix_(index, index)])
-            seen = values > 1e-4
-            if seen.sum() <= max(a.stop - a.start, b.stop - b.start):
-                continue  # one imitates the other: they are no two causes
-            part = vectors[:, seen].T @ moment[index]
-            drop = float((part**2 / values[seen]).sum())
-            left = max(basis.chi2 - drop, 1e-12 * basis.chi2)
-            fi, fj = leading[i], leading[j]
-            value = basis.share * basis.dof * math.log(basis.chi2 / left)
-            value -= _price(basis, fi) + _price(basis, fj)
-            # what both can say is paid once
-            value += (len(index) - int(seen.sum())) * math.log(basis.independent)
-            if best is None or value > best[0]:
-                best = (value, i, j)
+    for pairs in _alike(leading, places):
+        index = np.array([np.concatenate([places[i], places[j]]) for i, j in pairs])
+        values, vectors = np.linalg.eigh(gram[index[:, :, None], index[:, None, :]])
+        seen = values > 1e-4
+        part = np.einsum("pij,pi->pj", vectors, moment[index])
+        drop = np.where(seen, part**2 / np.where(seen, values, 1.0), 0.0).sum(axis=1)
+        left = np.maximum(basis.chi2 - drop, 1e-12 * basis.chi2)
+        value = basis.share * basis.dof * np.log(basis.chi2 / left)
+        value -= [prices[i] + prices[j] for i, j in pairs]
+        # what both can say is paid once
+        rank = seen.sum(axis=1)
+        value += (index.shape[1] - rank) * math.log(basis.independent)
+        # where one imitates the other they are no two causes
+        value[rank <= [max(len(places[i]), len(places[j])) for i, j in pairs]] = -math.inf
+        at = int(value.argmax())
+        if value[at] > -math.inf and (best is None or value[at] > best[0]):
+            best = (float(value[at]), *pairs[at])
     if best is None:
         return None
-    value, i, j = best
-    return [leading[i], leading[j]], value
+    told, i, j = best
+    return [leading[i], leading[j]], told
+
+
+def _alike(
+    leading: Sequence[WeighedCandidate], places: Sequence[NDArray[np.int64]]
+) -> Iterable[list[tuple[int, int]]]:
+    """Pairs of different causes, those of as many columns together."""
+    found: dict[int, list[tuple[int, int]]] = {}
+    for i, j in combinations(range(len(leading)), 2):
+        if _cause(leading[i]) != _cause(leading[j]):
+            found.setdefault(len(places[i]) + len(places[j]), []).append((i, j))
+    return found.values()
