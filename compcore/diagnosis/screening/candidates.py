@@ -82,7 +82,8 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
         if cls.kind in OF_A_LASER and not lasers:
             continue
         for effect in cls.candidates(machine, coverage):
-            if identity(effect) in present or effect.spec in seen:
+            spec = effect.spec
+            if identity(effect) in present or spec in seen:
                 continue
             if not coverage.duration and getattr(effect, "tau", None) is not None:
                 continue  # no clock, no lag
@@ -90,7 +91,7 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
                 effect.check(machine)
             except InputError:
                 continue
-            seen.add(effect.spec)
+            seen.add(spec)
             cost = cost_of(effect, machine, len(campaign.setups))
             if effect.kind in RIGID or effect.kind in PLAIN:
                 cost += RIGID_BODY
