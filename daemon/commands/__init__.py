@@ -23,6 +23,7 @@ NAMES = (
     "measurements.iso230",
     "measurements.iso10360",
     "measurements.gauges",
+    "measurements.iso10791",
     "correct",
     "tables.table",
     "tables.watch_tables",

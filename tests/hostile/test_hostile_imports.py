@@ -62,6 +62,16 @@ PLATE = "placing,ball,cx,cy,cz,x,y,z\n" + "".join(
     for i in range(6)
 )
 
+FIVE = """\
+format = "abbe-model/1"
+[machine]
+name = "M"
+structure = "w C' b X Y Z t"
+""" + "".join(f"[machine.axes.{a}]\ntravel = [-400.0, 400.0]\n" for a in "XYZC")
+RTEST = "# nest = spindle\n# sphere = 90, 40, 60\nC,dX [um],dY,dZ\n" + "".join(
+    f"{30 * i},{i % 3}.5,{i % 4}.25,-{i % 2}.125\n" for i in range(12)
+)
+
 AT = ("--at", "Y=450,Z=-180", "-o", "out.csv", "--force")
 
 
@@ -87,6 +97,7 @@ READ: dict[str, tuple[str, tuple[str, ...], str]] = {
     "ball bar": (BALL, command("ballbar"), "out.csv"),
     "lengths": (LENGTHS, command("lengths"), "out.csv"),
     "plate": (PLATE, command("plate"), "out.csv"),
+    "rotary test": (RTEST, ("iso10791", "m.toml", "f.txt", "-o", "out.csv", "--force"), "out.csv"),
     "errors of length": (
         "position,calibrated,error 1 [um],error 2\nX,100,1,2\nY,300,1,2\n",
         ("iso10360", "f.txt", "--mpe", "3+L/300"), "",
@@ -99,7 +110,8 @@ READ: dict[str, tuple[str, tuple[str, ...], str]] = {
 
 def files(kind: str, text: str | bytes) -> dict[str, str | bytes]:
     """The bad file and what is needed beside it."""
-    return {"f.txt": text} | ({"m.txt": MAP} if kind == "points" else {})
+    beside = {"points": {"m.txt": MAP}, "rotary test": {"m.toml": FIVE}}
+    return {"f.txt": text, **beside.get(kind, {})}
 
 
 def named() -> Iterator[Case]:
@@ -131,6 +143,10 @@ def named() -> Iterator[Case]:
         ("plate", "A,2,200", "A,2,1e300"), ("plate", "A,2,200,0,0,200.001", "A,2,200,0,0,nan"),
         ("plate", "A,2,200,0,0,200.001", "A,2,200,0,0,300"), ("plate", "cx,cy", "cx,cx"),
         ("errors of length", "X,100,1,2", "X,100,1e300,2"),
+        ("rotary test", "60,2.5", "60,1e300"), ("rotary test", "60,2.5", "1e300,2.5"),
+        ("rotary test", "60,2.5", "nan,2.5"), ("rotary test", "90, 40, 60", "90, 40"),
+        ("rotary test", "90, 40, 60", "90, 40, 1e300"), ("rotary test", "spindle", "wall"),
+        ("rotary test", "dX [um]", "dX [furlong]"), ("rotary test", "C,dX", "Q,dX"),
         ("errors of length", "[um]", "[furlong]"), ("errors of length", "X,100", "X,0"),
         ("map rows", "100.0000\t0.001", "100.0000\t1e300"),
         ("map", "100.0000\t0.001", "1e300\t0.001"),

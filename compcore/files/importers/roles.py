@@ -137,7 +137,7 @@ class RoleColumns:
     def tool(
         self, line: int, cells: list[str], otherwise: tuple[float, float, float]
     ) -> tuple[float, float, float]:
-        """The tool's offset: columns tool_x … tool_z, ``# tool = x, y, z``, or what was told, mm.
+        """The tool's offset: columns tool_x … tool_z, ``# tool = x, y, z``, or what was given, mm.
 
         Raises
         ------

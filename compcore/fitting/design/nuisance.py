@@ -25,6 +25,9 @@ Index = NDArray[np.int64]
 _RANK = 1e-9
 """Singular values below this part of the largest belong to columns that say nothing new."""
 
+_NO_COLUMN = 1e-12
+"""A column below this part of the largest is rounding: it is not made of length 1."""
+
 
 @dataclass(frozen=True, eq=False)
 class SetupNuisances:
@@ -124,7 +127,7 @@ class Eliminator:
         for block in self.blocks:
             columns = block.columns * weight[block.rows, None]
             size = np.linalg.norm(columns, axis=0)
-            size[size == 0.0] = 1.0
+            size[size <= _NO_COLUMN * size.max(initial=0.0)] = 1.0
             u, s, vt = svd(columns / size)
             keep = s > _RANK * (s[0] if s.size else 0.0)
             u, s, vt = u[:, keep], s[keep], vt[keep]

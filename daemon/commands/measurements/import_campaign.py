@@ -27,6 +27,7 @@ class ForeignLayout(StrEnum):
     MAP = "map"
     LENGTHS = "lengths"
     PLATE = "plate"
+    RTEST = "rtest"
 
 
 def register(app: typer.Typer) -> None:
@@ -95,6 +96,12 @@ def import_campaign(
         float | None,
         typer.Option(callback=within(0.1, 1e5, "mm"), help="ballbar: nominal radius, mm."),
     ] = None,
+    nest: Annotated[
+        str | None, typer.Option(help="rtest: what carries the sensors, spindle or table.")
+    ] = None,
+    placed: Annotated[
+        bool, typer.Option("--placed", help="rtest: spheres are where the file states it.")
+    ] = False,
     structure: Annotated[
         str | None, typer.Option(help='map: the structure code, such as "w b Y X Z t".')
     ] = None,
@@ -103,7 +110,7 @@ def import_campaign(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Import runs, a Renishaw rtl, a ball bar test, a map, measured lengths or plates."""
+    """Import runs, a Renishaw rtl, a ball bar test, a map, lengths, plates, or a rotary test."""
     from abbe.compcore.campaign.suspicions import of_values, without_zeros
     from abbe.compcore.files.campaign_file import write_campaign
     from abbe.compcore.files.model_file import load_model
@@ -146,6 +153,13 @@ def import_campaign(
         campaign = import_ballbar(
             file, placing, plane=plane, centre=middle, radius=radius, unit=unit, machine=machine
         )
+    elif layout is ForeignLayout.RTEST:
+        from abbe.compcore.files.importers.rtest import RotaryTestOptions, import_rtest
+
+        if machine is None:
+            raise typer.BadParameter("needed for this kind of file", param_hint="--model")
+        options = RotaryTestOptions(nest, None, axis, unit, placed)
+        campaign = import_rtest(file, machine, placing, options)
     elif layout in (ForeignLayout.LENGTHS, ForeignLayout.PLATE):
         from abbe.compcore.files.importers.artefact_rows import import_lengths, import_plates
 

@@ -27,6 +27,9 @@ Measures = Literal["length", "angle"]
 MEASURED = ErrorMotion(INSTRUMENT, "X")
 """The measured value itself."""
 
+_ONE_PLACE = 0.01
+"""mm: points that extend less in some direction are one place in it."""
+
 
 def path_coordinate(positions: F64) -> F64:
     """Where along its set-up's path each row stands, −1 … 1, shape (m,).
@@ -47,6 +50,17 @@ def path_coordinate(positions: F64) -> F64:
     return np.asarray(coordinate / reach if reach > 0.0 else coordinate)
 
 
+def _extended(arm: F64) -> F64:
+    """Points, (m, 3) mm about their middle, without directions in which they do not extend.
+
+    A sphere that a tool follows is one point of the table, however its coordinates are rounded: no
+    turn about it is seen, and none may be invented from the last decimals.
+    """
+    extent, axes = np.linalg.eigh(arm.T @ arm / max(len(arm), 1))
+    seen = extent > _ONE_PLACE**2
+    return arm if seen.all() else np.asarray(arm @ axes[:, seen] @ axes[:, seen].T)
+
+
 def frame_columns(point: F64, toward: F64, about: F64) -> F64:
     """What a small rigid displacement of a whole set-up does to its rows, shape (m, 6).
 
@@ -63,7 +77,7 @@ def frame_columns(point: F64, toward: F64, about: F64) -> F64:
     about
         Directions about which a rotation is seen, shape (m, 3); 0 on rows that see none.
     """
-    arm = point - point.mean(axis=0)
+    arm = _extended(point - point.mean(axis=0))
     return np.hstack([toward, np.cross(arm, toward) + about])
 
 

@@ -1,0 +1,364 @@
+"""Rotary axes from an R-test or ball bar: where their lines lie, how they err while they turn.
+
+The tool's point follows a point of the table while a rotary axis turns (ISO 10791-6); what it
+misses is read along X, Y, Z (R-test) or along one direction (ball bar). All readings of all
+spheres are fitted together by the lines' places and leans (effect ``rotary_location``), with the
+place of every sphere unknown; what is left at each angle is the axis's error motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.effects import RotaryLocation
+from abbe.compcore.effects.base import ErrorMotion
+from abbe.compcore.errors import InputError
+from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.iso10791.poses import around
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.kinematics import Chain
+from abbe.compcore.machine.machine import Machine, own_component
+from abbe.compcore.model.as_built import AverageLine, Side, average_lines, side_of
+from abbe.compcore.model.model import Model, Value
+
+F64 = NDArray[np.float64]
+
+_TURNED = 1e-4
+"""rad that a rotary axis must have turned to be tested."""
+_SAME_ANGLE = 1e-5
+_ALONG = 0.98
+_RANK = 1e-3
+"""Singular values below this part of the largest belong to what the spheres do not separate."""
+_IMITATED = 1e-6
+"""Singular values below this part of the largest: what lines and places could as well explain."""
+_FEWEST = 3
+
+
+@dataclass(frozen=True, slots=True)
+class ReadingRange:
+    """What a test reads in one direction, before anything is evaluated.
+
+    Attributes
+    ----------
+    axis, setup, direction
+        The rotary axis that turned; the set-up; ``radial``, ``tangential`` or ``axial``.
+    low, high
+        Least and greatest error of the tool relative to the workpiece, mm.
+    """
+
+    axis: str
+    setup: str
+    direction: str
+    low: float
+    high: float
+
+    @property
+    def range(self) -> float:
+        """Greatest less least, mm."""
+        return self.high - self.low
+
+
+@dataclass(frozen=True, eq=False)
+class AngleCurve:
+    """One error motion of a rotary axis over its angle.
+
+    Attributes
+    ----------
+    motion
+        Which; with `at_sphere` the motion of the sphere itself in that direction.
+    angle
+        Shape (m,), rad, ascending.
+    value
+        Shape (m,): error of the tool relative to the workpiece, mm or rad, without what the line's
+        place and lean explain.
+    at_sphere
+        Whether it could not be separated from tilts times levers: one sphere, or one height.
+    """
+
+    motion: ErrorMotion
+    angle: F64
+    value: F64
+    at_sphere: bool
+
+    @property
+    def range(self) -> float:
+        """Greatest less least, mm or rad."""
+        return float(np.ptp(self.value))
+
+
+@dataclass(frozen=True, eq=False)
+class RotaryAxisResult:
+    """What a test says of one rotary axis.
+
+    Attributes
+    ----------
+    axis, side
+        The axis, and on which side of the bed it is.
+    location
+        ``E_X0C`` … → value ± standard uncertainty: errors of the tool relative to the workpiece.
+    line
+        The same as it is on the machine, and what to enter.
+    ranges
+        What was read, by set-up and direction.
+    motions
+        Error motions over the angle.
+    """
+
+    axis: str
+    side: Side
+    location: dict[str, Value]
+    line: AverageLine
+    ranges: tuple[ReadingRange, ...]
+    motions: tuple[AngleCurve, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class RotaryEvaluation:
+    """What readings of rotary axes say.
+
+    Attributes
+    ----------
+    axes
+        In the order of the structure.
+    result
+        The fit of the lines.
+    left
+        Root mean square of what lines and error motions leave, mm.
+    """
+
+    axes: tuple[RotaryAxisResult, ...]
+    result: FitResult
+    left: float
+
+
+def evaluate_rotary(machine: Machine, campaign: Campaign) -> RotaryEvaluation:
+    """Evaluate the displacements of a campaign in which rotary axes turned.
+
+    Raises
+    ------
+    InputError
+        When no rotary axis of the machine turned, or nothing but displacements is wanted.
+    """
+    turned = [
+        a for a in machine.structure.rotary if np.ptp(campaign.conditions.position(a)) > _TURNED
+    ]
+    if not turned:
+        raise InputError(
+            "no rotary axis turned",
+            found=str(machine.structure),
+            expected="readings at several angles of a rotary axis",
+        )
+    if (campaign.kind != Kind.DISPLACEMENT).any():
+        raise InputError(
+            "not readings of an R-test or ball bar",
+            field="kind",
+            found="rows of other kinds",
+            expected="displacements only",
+        )
+    loose = [s.name for s in campaign.setups.values() if "frame" in s.free]
+    if loose and all(side_of(machine, a) == "tool" for a in turned):
+        raise InputError(
+            "where a head's lines lie is not seen with a sphere on the bed that stands anyhow",
+            field="placed",
+            found=", ".join(loose[:3]),
+            expected="--placed: the sphere's place is known and the nest's zero is its middle",
+        )
+    model = Model(machine).with_effects(*(RotaryLocation(axis=a) for a in turned))
+    curves, result = _separated(campaign, fit(model, campaign), turned)
+    lines = {line.axis: line for line in average_lines(result.model)}
+    found = tuple(
+        RotaryAxisResult(
+            axis,
+            side_of(machine, axis),
+            dict(term.values),
+            lines[axis],
+            tuple(_ranges(machine, campaign, axis)),
+            curves[axis],
+        )
+        for axis, term in zip(turned, result.model.terms, strict=True)
+    )
+    return RotaryEvaluation(found, result, result.rms(Kind.DISPLACEMENT))
+
+
+def _separated(
+    campaign: Campaign, result: FitResult, axes: Sequence[str]
+) -> tuple[dict[str, tuple[AngleCurve, ...]], FitResult]:
+    """Error motions of all axes, and the lines fitted without them.
+
+    Motions at all angles are fitted together with the lines and the spheres' places. What these
+    could as well explain is theirs: a motion has no constant part (the line is the average line,
+    ISO 230-7), and none that turns with the table (the sphere lies elsewhere).
+    """
+    chain = Chain(result.problem.model.machine, campaign.conditions)
+    found = {axis: _MotionColumns.of(campaign, chain, axis) for axis in axes}
+    columns = np.hstack([f.columns for f in found.values()])
+    if not columns.shape[1]:
+        return dict.fromkeys(axes, ()), replace(result, model=_with_zeros_kept(result))
+    own = result.residualise(columns * result.problem.weight[:, None])
+    amount, _, rank, _ = np.linalg.lstsq(own, result.weighted, rcond=_IMITATED)
+    parts = np.split(amount, np.cumsum([f.columns.shape[1] for f in found.values()])[:-1])
+    curves = {a: f.curves(a, p) for (a, f), p in zip(found.items(), parts, strict=True)}
+    without = replace(campaign, value=campaign.value - columns @ amount)
+    again = fit(result.problem.model, without)
+    # readings that the motions took are no evidence of how well the lines are known
+    wider = again.dof / max(again.dof - int(rank), 1)
+    return curves, replace(again, model=_with_zeros_kept(again, wider))
+
+
+def _with_zeros_kept(result: FitResult, factor: float = 1.0) -> Model:
+    """The lines in the convention of this test: axes stand at 0 where they show 0.
+
+    Where a sphere is placed anyhow, the readings do not show where an axis stands when it shows 0,
+    nor where a head's line lies beside a sphere on the bed: what is not shown is 0, as far as
+    it can be, and the rest least. Variances are multiplied by `factor`.
+    """
+    layout, theta = result.problem.layout, result.theta
+    scale, covariance = layout.scale, result.model.covariance
+    if covariance is None:
+        return result.model
+    null = np.hstack([result.null.convention, result.null.unknown])
+    zeros = [where.stop - 1 for where in layout.terms]
+    move = np.eye(layout.size)
+    if null.shape[1]:
+        kept = null[zeros]
+        move[:, zeros] -= null @ np.linalg.pinv(kept, rcond=_IMITATED)
+        _, size, right = np.linalg.svd(kept)
+        free = null @ right[int((size > _IMITATED).sum()) :].T
+        move = (np.eye(layout.size) - free @ np.linalg.pinv(free)) @ move
+    move = scale[:, None] * move / scale
+    covariance = factor * (move @ covariance @ move.T)
+    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    moved = result.model.with_values(layout.values(move @ theta, sd))
+    return replace(moved, covariance=covariance)
+
+
+def _ranges(machine: Machine, campaign: Campaign, axis: str) -> Iterator[ReadingRange]:
+    """Radial, tangential and axial readings of the set-ups in which this axis alone turned."""
+    setup = campaign.conditions.setup
+    for name in campaign.setups if setup is not None else ():
+        rows = np.flatnonzero(setup == name)
+        part = campaign.rows(rows)
+        moving = [
+            a for a in machine.structure.rotary if np.ptp(part.conditions.position(a)) > _TURNED
+        ]
+        if moving != [axis]:
+            continue
+        at, error, known = _errors(part, axis)
+        unit = around(Chain(machine, part.conditions.rows(at)), axis)
+        for direction, u in zip(("radial", "tangential", "axial"), unit, strict=True):
+            seen = known @ u[:, :, None]
+            # a direction counts where the readings of a pose hold it
+            whole = np.linalg.norm(seen[:, :, 0] - u, axis=1) < 1.0 - _ALONG
+            whole &= np.linalg.norm(u, axis=1) > 0.5
+            if whole.sum() < _FEWEST:
+                continue
+            value = np.einsum("ni,ni->n", error, u)[whole]
+            yield ReadingRange(axis, name, direction, float(value.min()), float(value.max()))
+
+
+def _errors(campaign: Campaign, axis: str) -> tuple[NDArray[np.int64], F64, F64]:
+    """One row of each pose, the error seen there (m, 3), and the projection onto what is seen.
+
+    The last has shape (m, 3, 3). Rows of one pose stand at one place; repeats are averaged.
+    """
+    c = campaign.conditions
+    keys = [np.rint(q / _SAME_ANGLE).astype(np.int64) for q in c.positions.values()]
+    if axis in c.directions:
+        keys.append(c.directions[axis].astype(np.int64))
+    _, first, number = np.unique(
+        np.stack(keys, axis=1), axis=0, return_index=True, return_inverse=True
+    )
+    number = number.reshape(-1)
+    errors, known = np.zeros((len(first), 3)), np.zeros((len(first), 3, 3))
+    for i in range(len(first)):
+        rows = number == i
+        u = _u(c)[rows]
+        back = np.linalg.pinv(u, rcond=_RANK)
+        errors[i], known[i] = back @ campaign.value[rows], back @ u
+    return first, errors, known
+
+
+@dataclass(frozen=True, eq=False)
+class _MotionColumns:
+    """What the error motions of one axis at each of its angles do to the rows.
+
+    `columns` has shape (n, angles · components); `angle` (m,) rad; `components` of the six; `unit`
+    what one unit of each column is, mm or rad.
+    """
+
+    columns: F64
+    angle: F64
+    components: tuple[int, ...]
+    unit: F64
+
+    @classmethod
+    def of(cls, campaign: Campaign, chain: Chain, axis: str) -> _MotionColumns:
+        """As many components as the spheres separate at every angle; else the sphere's own."""
+        c = campaign.conditions
+        number, angle = _groups(c, axis)
+        seen = _seen(chain, c, axis)
+        own = "XYZABC".index(own_component(axis))
+        every = tuple(range(6))
+        choices = (every, tuple(k for k in every if k != own), (0, 1, 2))
+        chosen = next((k for k in choices if _separable(seen[:, list(k)], number)), ())
+        columns = np.zeros((campaign.n, len(angle), len(chosen)))
+        columns[np.arange(campaign.n), number] = seen[:, list(chosen)]
+        unit = np.r_[np.ones(3), np.full(3, 1.0 / _reach(chain, axis))][list(chosen)]
+        return cls(columns.reshape(campaign.n, -1), angle, chosen, unit)
+
+    def curves(self, axis: str, amount: F64) -> tuple[AngleCurve, ...]:
+        """The error motions that amounts of the columns are."""
+        values = amount.reshape(len(self.angle), len(self.components)) * self.unit
+        return tuple(
+            AngleCurve(
+                ErrorMotion(axis, "XYZABC"[k]),  # type: ignore[arg-type]
+                self.angle,
+                values[:, j],
+                at_sphere=len(self.components) == 3,
+            )
+            for j, k in enumerate(self.components)
+        )
+
+
+def _groups(conditions: Conditions, axis: str) -> tuple[NDArray[np.int64], F64]:
+    """Group of each row by the axis's angle, (n,), and the groups' angles, (m,), rad."""
+    angle = conditions.position(axis)
+    _, first, number = np.unique(
+        np.rint(angle / _SAME_ANGLE).astype(np.int64), return_index=True, return_inverse=True
+    )
+    return number.reshape(-1).astype(np.int64), angle[first]
+
+
+def _seen(chain: Chain, conditions: Conditions, axis: str) -> F64:
+    """What each row sees of the six error motions, (n, 6); angles in mm at the mean lever."""
+    u = _u(conditions)
+    reach = _reach(chain, axis)
+    columns = []
+    for k in "XYZABC":
+        moved, _ = chain.influence(ErrorMotion(axis, k))  # type: ignore[arg-type]
+        columns.append(np.einsum("ni,ni->n", moved, u) / (reach if k in "ABC" else 1.0))
+    return np.stack(columns, axis=1)
+
+
+def _u(conditions: Conditions) -> F64:
+    return np.zeros((conditions.n, 3)) if conditions.u is None else conditions.u
+
+
+def _reach(chain: Chain, axis: str) -> float:
+    """Mean length of the lever, mm; at least 1."""
+    return max(1.0, float(np.linalg.norm(chain.lever(axis), axis=1).mean()))
+
+
+def _separable(seen: F64, number: NDArray[np.int64]) -> bool:
+    """Whether the readings at most of the angles determine all of these components."""
+    count = int(number.max()) + 1
+    full = 0
+    for i in range(count):
+        size = np.linalg.svd(seen[number == i], compute_uv=False)
+        full += len(size) == seen.shape[1] and size[-1] > 30.0 * _RANK * size[0]
+    return full == count
