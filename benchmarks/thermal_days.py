@@ -25,7 +25,7 @@ def main() -> None:
     """Run the scenarios, print, write the section."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", default="")
-    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--empty", type=int, default=100)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--without-others", action="store_true")

@@ -366,7 +366,10 @@ def stage_values(stage: _Stage, x: F64, changed: Mapping[str, float]) -> F64:
         return 1000.0 * scene.values["angle"] * x
     if scene.look == "rays":
         return np.full(len(x), 1000.0 * scene.values["bias"])
-    rows = {curve.over: x * {"t": 3600.0, "C": math.pi / 180.0}.get(curve.over, 1.0)}
+    rows = {
+        curve.over: x
+        * {"t": 3600.0, "A": math.pi / 180.0, "C": math.pi / 180.0}.get(curve.over, 1.0)
+    }
     if scene.look in ("line", "plate") and curve.over == "t":
         rows["X"] = np.linspace(*stage.machine.axis("X").travel, len(x))
         rows |= stage._weather(len(x))

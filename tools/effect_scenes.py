@@ -45,6 +45,8 @@ _AXES = {
 BRIDGE = _machine("w b Y X Z t", _AXES)
 ARM = _machine("w b X Z Y t", _AXES)
 CANTILEVER = _machine("w b Y X Z t", _AXES | {"Z": Axis("Z", (-500.0, 0.0))})
+_SWIVEL = Axis("A", (-math.pi / 2, math.pi / 2), location=(0.0, 0.0, 250.0))
+HEAD = _machine("w b X Y Z A t", _AXES | {"A": _SWIVEL})
 TABLE = _machine(
     "w C' b X Y Z t",
     {a: Axis(a, (-300.0, 300.0)) for a in "XYZ"} | {"C": Axis("C", (-math.pi, math.pi))},
@@ -271,6 +273,14 @@ SCENES: Mapping[str, Scene] = {
         "a horizontal arm along Y sags as it reaches out",
         machine=ARM,
     ),
+    "gravity_flexure": Scene(
+        {"axis": "A"},
+        {"sag": 1e-4},
+        Curve("A", (-90.0, 90.0), "A in degrees"),
+        "a swivel head hangs from its line the more it lies",
+        machine=HEAD,
+        state={"A": 0.9},
+    ),
     "load_bending": Scene(
         {"axis": "X", "signal": "load", "direction": "Z"},
         {"c0": -1.0e-5, "c1": 0.0, "c2": 1.0e-5},
@@ -429,6 +439,14 @@ SCENES: Mapping[str, Scene] = {
         "one line whose straightedge was not parallel",
         look="line",
         u="Z",
+    ),
+    "setup_scale": Scene(
+        {"setup": "line"},
+        {"s": 1e-4},
+        _over("X"),
+        "a plate that is warmer than was stated",
+        look="plate",
+        u="X",
     ),
     "setup_frame": Scene(
         {"setup": "line"},

@@ -137,7 +137,7 @@ class Run:
     seed: int
 
 
-def runs(seeds: int = 3, empty: int = 100) -> Iterator[Run]:
+def runs(seeds: int = 2, empty: int = 100) -> Iterator[Run]:
     """Every scenario with some seeds, and so many empty days, each kind in turn."""
     for i, scenario in enumerate(SCENARIOS):
         for k in range(seeds):

@@ -81,9 +81,9 @@ def summary(outcomes: Sequence[Outcome]) -> str:
         worse = sum(o.rms[name] > o.rms["before"] for o in here)
         idle = [o for o in empty if name in o.rms]
         more = sum(o.rms[name] > 1.01 * o.rms["before"] for o in idle)
+        still = f"; by over 1 % where the machine does not move in {more} of {len(idle)}"
         lines.append(
-            f"- {METHODS[name]}: worse than nothing in {worse} of {len(here)}; by over 1 % where "
-            f"the machine does not move in {more} of {len(idle)}"
+            f"- {METHODS[name]}: worse than nothing in {worse} of {len(here)}{still if idle else ''}"
         )
     return "\n".join(lines)
 

@@ -48,7 +48,7 @@ def files(days: Days) -> tuple[Model, Campaign, Campaign]:
 
 
 def run(one: Run, *, others: bool = True) -> Outcome:
-    """Make the days of a run, go through the loop, judge; `others`: learners too."""
+    """Make the days of a run, go through the loop, judge; `others`: black boxes too."""
     with threads_for(0):
         days = make(one)
         model, seen, unseen = files(days)
@@ -61,7 +61,7 @@ def run(one: Run, *, others: bool = True) -> Outcome:
             "abbe": held_out(course, unseen),
         }
         foretold = {"spreadsheet": learners.spreadsheet(seen, unseen)}
-        if others:
+        if others and one.scenario.warms:
             foretold |= learners.boxes(course.steps[0].result, unseen)
         rms |= {name: learners.rms(unseen.value - v, unseen) for name, v in foretold.items()}
     known = {e.spec for e in model.effects}

@@ -220,6 +220,8 @@ class Campaign:
             bool((self.kind == Kind.ROTATION).any()),
             bool(np.ptp(c.tool, axis=0).any()) if c.n else False,
             self._setup_surveys(),
+            len(np.unique(runs)),
+            _interval([c.time[runs == run] for run in np.unique(runs)]),
         )
 
     def _setup_surveys(self) -> dict[str, SetupCoverage]:
@@ -250,3 +252,12 @@ class Campaign:
             duration = float(np.ptp(c.time[rows]))
             found[name] = SetupCoverage(kinds, len(rows), duration, along, across, free, spread)
         return found
+
+
+def _interval(clocks: Sequence[F64]) -> float:
+    """Time between readings (`Coverage.interval`), s, of runs' times; 0 without any."""
+    gaps = np.sort(np.concatenate([np.diff(np.unique(t)) for t in clocks] or [np.zeros(0)]))
+    if not gaps.size:
+        return 0.0
+    passed = np.cumsum(gaps)
+    return float(gaps[int(np.searchsorted(passed, 0.25 * passed[-1]))])

@@ -60,6 +60,11 @@ class Coverage:
         Whether more than one tool offset was used.
     setup_details
         Set-up name → what it saw.
+    runs
+        Number of campaigns with a clock of their own.
+    interval
+        Time between readings that follow one another, s: a quarter of the time lies between nearer
+        ones. A lag that is shorter cannot be told from none.
     """
 
     moving: frozenset[str] = frozenset()
@@ -71,3 +76,10 @@ class Coverage:
     rotations: bool = False
     tool_varies: bool = False
     setup_details: Mapping[str, SetupCoverage] = field(default_factory=dict)
+    runs: int = 1
+    interval: float = 0.0
+
+    @property
+    def levers(self) -> bool:
+        """Whether anything shows an angle: an axis or the tool that varied, or measured angles."""
+        return bool(self.moving) or self.rotations or self.tool_varies

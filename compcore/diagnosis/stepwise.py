@@ -19,6 +19,7 @@ from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut, folds
 from abbe.compcore.diagnosis.screening.screening import Basis
 from abbe.compcore.diagnosis.verdict import Diagnosis, diagnose
 from abbe.compcore.effects.base import Effect
+from abbe.compcore.effects.catalogue.temperature.lengths import ThermalOffset
 from abbe.compcore.effects.signals import LaggedEffect
 from abbe.compcore.errors import FitError
 from abbe.compcore.fitting.fit import FitResult, fit
@@ -30,6 +31,12 @@ Progress = Callable[[str], None]
 
 MOST_STEPS = 40
 """A model that needs more effects is looked at by its user first."""
+
+OF_THE_CLOCK = ("warm_up", "drift")
+"""Causes that read no signal: what follows a recorded one is looked for in all detail before."""
+
+_TWO = 2.0
+"""Least ratio of two time constants behind one signal."""
 
 _FALLS = 0.998
 """Part of the left-out χ² below which an addition's or a lag's has fallen."""
@@ -93,7 +100,9 @@ class Step:
     Attributes
     ----------
     action
-        ``began``, ``added``, ``lagged`` (its signals stand behind a lag now), ``removed``.
+        ``began``, ``added``, ``lagged`` (its signals stand behind a lag now), ``second body``
+        (behind the same signal), ``began elsewhere`` (than in equilibrium with its signal),
+        ``removed``.
     effect
         The effect that was added, changed or taken out; None for the beginning.
     result
@@ -172,10 +181,15 @@ def to_the_verdict(
     while len(course.steps) < MOST_STEPS:
         found = [e.found.candidate.effect for e in diagnosis.established]
         new = [e for e in found if e not in course.refused]
-        taken = [course.add(effect) for effect in new]
-        if not any(taken):
+        read = [e for e in new if e.kind not in OF_THE_CLOCK]
+        if new and not read and course.bodies():
+            diagnosis = course.diagnosed()
+            continue
+        taken = [course.add(effect) for effect in read or new]
+        if any(taken):
+            course.lag()
+        elif diagnosis.verdict == "complete" or not course.bodies():
             break
-        course.lag()
         diagnosis = course.diagnosed()
     if course.prune():
         diagnosis = course.diagnosed()
@@ -232,12 +246,34 @@ class _Course:
             if not isinstance(effect, LaggedEffect) or effect.tau is not None:
                 continue
             self._progress(f"a lag for {effect.kind}")
-            lagged = effect.model_copy(update={"tau": "fit"})
-            more, _ = with_effect(self._last.result.model, lagged.kind, lagged.where())
-            if lagged not in self.refused and self._try("lagged", lagged, more, _FALLS):
-                self._added[self._added.index(effect)] = lagged
-            else:
-                self.refused.append(lagged)
+            if not self._detailed("lagged", effect, {"tau": "fit"}) and isinstance(
+                effect, ThermalOffset
+            ):
+                # a lag may be hidden by a body that began elsewhere
+                self._detailed("began elsewhere", effect, {"tau": "fit", "start": "fit"})
+
+    def bodies(self) -> bool:
+        """A second body behind a lagged signal, or one that began elsewhere than in equilibrium."""
+        before = len(self.steps)
+        for key, action in (("start", "began elsewhere"), ("tau2", "second body")):
+            for effect in list(self._added):
+                lagged = isinstance(effect, ThermalOffset) and effect.tau == "fit"
+                if lagged and getattr(effect, key) is None:
+                    self._progress(f"{effect.kind}: {action}")
+                    self._detailed(action, effect, {key: "fit"})
+        return len(self.steps) > before
+
+    def _detailed(self, action: str, effect: Effect, detail: dict[str, str]) -> bool:
+        """Exchange an effect for one of more detail, where that predicts better."""
+        fuller = effect.model_copy(update=detail)
+        if fuller in self.refused:
+            return False
+        more, _ = with_effect(self._last.result.model, fuller.kind, fuller.where())
+        if not self._try(action, fuller, more, _FALLS):
+            self.refused.append(fuller)
+            return False
+        self._added[self._added.index(effect)] = fuller
+        return True
 
     def prune(self) -> bool:
         """Take out what was added and is superfluous by now."""
@@ -257,5 +293,20 @@ class _Course:
         bound = effect.scope == "instrument"
         if self._last.held_out.falls_to(out, result, bound=bound) > falls:
             return False
+        if not _apart(result.model, effect):
+            return False
         self._make(action, effect, result, out)
         return True
+
+
+def _apart(model: Model, effect: Effect) -> bool:
+    """Whether the time constants of two bodies behind one signal are two.
+
+    Of nearly the same two lags the difference is a derivative: it follows noise, and foretells
+    nothing.
+    """
+    values = next((t.values for t in model.terms if t.effect == effect), {})
+    if "tau2" not in values or "tau" not in values:
+        return True
+    one, other = (values[name].value for name in ("tau", "tau2"))
+    return max(one, other) > _TWO * min(one, other)

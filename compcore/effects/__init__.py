@@ -22,13 +22,19 @@ if TYPE_CHECKING:
     from abbe.compcore.effects.catalogue.error_grid import ErrorGrid
     from abbe.compcore.effects.catalogue.events import Drift, Event, WarmUp
     from abbe.compcore.effects.catalogue.formula import Formula
+    from abbe.compcore.effects.catalogue.gravity import GravityFlexure
     from abbe.compcore.effects.catalogue.instruments.laser import AirRefraction, Cosine, DeadPath
     from abbe.compcore.effects.catalogue.instruments.readings import (
         InstrumentDrift,
         LengthBias,
         SensorOffset,
     )
-    from abbe.compcore.effects.catalogue.instruments.setup import SetupFrame, SetupSlope, SetupZero
+    from abbe.compcore.effects.catalogue.instruments.setup import (
+        SetupFrame,
+        SetupScale,
+        SetupSlope,
+        SetupZero,
+    )
     from abbe.compcore.effects.catalogue.linear.linear_axes import (
         Angular,
         Positioning,
@@ -74,6 +80,7 @@ __all__ = [
     "Event",
     "FeedLag",
     "Formula",
+    "GravityFlexure",
     "InstrumentDrift",
     "LateralReversal",
     "LengthBias",
@@ -95,6 +102,7 @@ __all__ = [
     "ScrewHeating",
     "SensorOffset",
     "SetupFrame",
+    "SetupScale",
     "SetupSlope",
     "SetupZero",
     "SpindleSquareness",

@@ -27,6 +27,7 @@ FAMILIES: dict[str, str] = {
     "linear.local": "Geometry of linear axes",
     "rotary_axes": "Rotary axes and spindle",
     "elastic": "Elastic, not rigid",
+    "gravity": "Elastic, not rigid",
     "error_grid": "Measured as a whole",
     "temperature.lengths": "Thermal",
     "temperature.angles": "Thermal",

@@ -65,21 +65,23 @@ LAGGING = ("ambient", "coolant", "spindle", "speed", "load", "screw", "other")
 """Roles of signals that a body follows late: they are not measured on that body itself."""
 
 
-def lag_parameter(duration: float = 20_000.0) -> NonlinearParameter:
+def lag_parameter(duration: float = 20_000.0, interval: float = 0.0) -> NonlinearParameter:
     """The time constant of a first-order lag (s), to be fitted.
 
     `duration`: how long the campaign ran, s. A lag much longer than that cannot be told from a
-    drift.
+    drift. `interval`: time from reading to reading, s. One that is shorter cannot be told from
+    none; beside the signal itself it would be its derivative.
     """
-    longest = max(3.0 * duration, 600.0)
-    starts, tau = [], 30.0
+    longest = max(3.0 * duration, 600.0, 4.0 * interval)
+    shortest = max(5.0, interval)
+    starts, tau = [], max(30.0, shortest)
     while tau < longest:
         starts.append(tau)
         tau *= 1.8
     return NonlinearParameter(
         "tau",
         "s",
-        bounds=(5.0, longest),
+        bounds=(shortest, longest),
         starts=tuple(starts),
         plausible=(30.0, 5e4),
         description="time constant of the body that follows the signal",
@@ -102,7 +104,9 @@ class LaggedEffect(Effect):
         """Time constants that the campaign is long enough to show."""
         if self.tau != "fit":
             return ()
-        return (lag_parameter(coverage.duration) if coverage.duration > 0.0 else lag_parameter(),)
+        if coverage.duration <= 0.0:
+            return (lag_parameter(),)
+        return (lag_parameter(coverage.duration, coverage.interval),)
 
     def lag(self, nonlinear: Mapping[str, float]) -> float | None:
         """The time constant in force, s; None for no lag."""

@@ -11,7 +11,7 @@ from abbe.compcore.effects.registry import make_effect
 from abbe.compcore.errors import InputError
 from abbe.compcore.model.model import Model, Term
 
-DETAIL = ("shape", "positions", "harmonics", "tau", "period")
+DETAIL = ("shape", "positions", "harmonics", "tau", "tau2", "start", "period", "gravity")
 """Where-keys that say in how much detail an effect is described, not which cause it is."""
 
 

@@ -188,8 +188,11 @@ class Event(ShiftEffect):
 
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Event]:
-        """Each direction, and axes that are not fixed to one, in a campaign that took time."""
-        if coverage.duration > 0.0:
+        """Each direction, and axes that are not fixed to one, in a campaign that took time.
+
+        Not in several campaigns at once: no collision comes at the same hour of each.
+        """
+        if coverage.duration > 0.0 and coverage.runs == 1:
             for target in shift_targets(machine):
                 yield cls.model_validate(target)
 

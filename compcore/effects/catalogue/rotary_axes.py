@@ -387,7 +387,7 @@ class SpindleSquareness(Effect):
     def check(self, machine: Machine) -> None:
         """A direction across the spindle."""
         super().check(machine)
-        along = _spindle(machine)
+        along = spindle_direction(machine)
         if self.direction == along:
             raise InputError(
                 "a spindle leans across its own direction",
@@ -406,7 +406,9 @@ class SpindleSquareness(Effect):
     ) -> tuple[Motion, ...]:
         """A constant turn between the last axis and the tool."""
         unit = np.eye(3)
-        turn = np.cross(unit["XYZ".index(_spindle(machine))], unit["XYZ".index(self.direction)])
+        turn = np.cross(
+            unit["XYZ".index(spindle_direction(machine))], unit["XYZ".index(self.direction)]
+        )
         k = int(np.argmax(np.abs(turn)))
         return (Motion(ErrorMotion(SPINDLE, ROTATIONS[k]), np.full((conditions.n, 1), turn[k])),)
 
@@ -424,7 +426,7 @@ class SpindleSquareness(Effect):
         rotations = any("rotation" in seen.kinds for seen in coverage.setup_details.values())
         if not coverage.tool_varies and not (turned and rotations):
             return
-        along = _spindle(machine)
+        along = spindle_direction(machine)
         for direction in TRANSLATIONS:
             about = next((d for d in TRANSLATIONS if d not in (along, direction)), along)
             # a lean about the line of the last rotary axis is that axis's zero
@@ -439,7 +441,8 @@ def _last_turned(machine: Machine) -> str | None:
     return _TURNED[own_component(last[0])] if last and machine.axes[last[0]].rotary else None
 
 
-def _spindle(machine: Machine) -> AxisLetter:
+def spindle_direction(machine: Machine) -> AxisLetter:
+    """The spindle's nominal direction: Z, or that of the letter in brackets in the structure."""
     name = machine.structure.spindle
     return "Z" if name is None else _TURNED[own_component(name)]
 

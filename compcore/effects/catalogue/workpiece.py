@@ -81,7 +81,7 @@ class WorkpieceExpansion(Effect):
 
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[WorkpieceExpansion]:
-        """Each recorded temperature: the workpiece's own first."""
-        signals = recorded(machine, coverage, temperature=True)
+        """Each recorded temperature: the workpiece's own first. In one place it is a mere shift."""
+        signals = recorded(machine, coverage, temperature=True) if coverage.moving else []
         for signal in by_sense(signals, ("workpiece",)):
             yield cls(signal=signal.name)

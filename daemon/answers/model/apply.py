@@ -25,6 +25,8 @@ _SAID = {
     "began": "the model as it is",
     "added": "added {0}",
     "lagged": "behind a lag: {0}",
+    "second body": "a second body follows the same signal: {0}",
+    "began elsewhere": "not in equilibrium at first: {0}",
     "removed": "taken out again, as the others say it too: {0}",
 }
 

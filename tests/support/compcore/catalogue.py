@@ -193,6 +193,25 @@ def _path(w: World, name: str) -> np.ndarray:
     return along / np.abs(along).max()
 
 
+def _hanging(w: World, pull: np.ndarray) -> dict[str, np.ndarray]:
+    """An arm along X on the table C that A carries, pulled by a force fixed in the bed."""
+    turns = np.empty((N, 3))
+    for i, (a, c) in enumerate(zip(w.q["A"], w.q["C"], strict=True)):
+        ca, sa = math.cos(a), math.sin(a)
+        # the force as A's table sees it, and the arm there; the table turns the other way round
+        seen = np.array([pull[0], ca * pull[1] - sa * pull[2], sa * pull[1] + ca * pull[2]])
+        turns[i] = -np.cross([math.cos(c), -math.sin(c), 0.0], seen)
+    return {f"E_{k}C": turns[:, i] for i, k in enumerate("ABC")}
+
+
+def _scaled(w: World, part: float) -> np.ndarray:
+    """A plate that is too large by a part, about the middle of its points."""
+    rows = w.setup == "plate"
+    point = np.stack([w.q[a] for a in "XYZ"], axis=1) + w.tool
+    arm = point - point[rows].mean(axis=0)
+    return np.where(rows, -part * (arm * w.u).sum(axis=1), 0.0)
+
+
 def _frame(w: World) -> np.ndarray:
     """A plate moved by (0.1, −0.2, 0.05) mm and turned by a small vector about its middle."""
     rows = w.setup == "plate"
@@ -429,6 +448,21 @@ ROWS: tuple[Row, ...] = (
         },
     ),
     Row(
+        "gravity_flexure",
+        {"axis": "C"},
+        {"sag": 5e-5},
+        lambda w: _hanging(w, np.array([0.0, 0.0, -5e-5])),
+        machine=FIVE_AXIS,
+    ),
+    Row(
+        "gravity_flexure",
+        {"axis": "C", "gravity": "fit"},
+        {"gx": 2e-5, "gy": -1e-5, "gz": 3e-5},
+        lambda w: _hanging(w, np.array([2e-5, -1e-5, 3e-5])),
+        machine=FIVE_AXIS,
+        spec="gravity_flexure of a machine that stands in any way",
+    ),
+    Row(
         "load_bending",
         {"axis": "X", "signal": "load", "direction": "Z"},
         {"c0": 1e-6, "c1": -2e-6, "c2": 3e-6},
@@ -478,6 +512,24 @@ ROWS: tuple[Row, ...] = (
         lambda w: {"dZ": 4e-6 * w.lagged("speed", 1200.0)},
         nonlinear={"tau": 1200.0},
         spec="thermal_offset by speed",
+    ),
+    Row(
+        "thermal_offset",
+        {"direction": "Z", "signal": "T_front", "tau": "fit", "start": "fit"},
+        {"k": -0.004, "start": 0.02},
+        lambda w: {
+            "dZ": -0.004 * (w.lagged("T_front", 1200.0) - 20) + 0.02 * np.exp(-w.t / 1200.0)
+        },
+        nonlinear={"tau": 1200.0},
+        spec="thermal_offset that began warm",
+    ),
+    Row(
+        "thermal_offset",
+        {"direction": "Z", "signal": "speed", "tau": "fit", "tau2": "3600"},
+        {"k": 4e-6, "k2": -1e-6},
+        lambda w: {"dZ": 4e-6 * w.lagged("speed", 1200.0) - 1e-6 * w.lagged("speed", 3600.0)},
+        nonlinear={"tau": 1200.0},
+        spec="thermal_offset of two bodies",
     ),
     Row(
         "thermal_bending",
@@ -613,6 +665,12 @@ ROWS: tuple[Row, ...] = (
         {"setup": "line"},
         {"slope": 0.003},
         lambda w: {VALUE: 0.003 * _path(w, "line")},
+    ),
+    Row(
+        "setup_scale",
+        {"setup": "plate"},
+        {"s": 50e-6},
+        lambda w: {VALUE: _scaled(w, 50e-6)},
     ),
     Row(
         "setup_frame",

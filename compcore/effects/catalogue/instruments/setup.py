@@ -284,3 +284,57 @@ class SetupFrame(SetupEffect):
             artefact = seen.kinds == {"displacement"} and seen.spread > 1 and seen.rows > 6
             if artefact and "frame" not in seen.free:
                 yield cls.model_validate(cls.keys_of(coverage, name))
+
+
+@register
+class SetupScale(SetupEffect):
+    """A workpiece or an artefact of another temperature than stated: all its lengths scale.
+
+    Nobody measured how warm it was. Its own expansion is then one number for all directions, and
+    is told from the machine's scales by other set-ups, or by being alike in all axes.
+
+    Formula
+        ``value = −s·u·(p − p̄)`` for displacements along u; p the functional point in the
+        workpiece's frame, p̄ the middle of the set-up's points: the warm part is too large, as for
+        `workpiece_expansion`.
+    Parameters
+    ----------
+        s = α·(T − T_stated), without a unit; within ±300 ppm: aluminium 10 K too warm has 230 ppm,
+        steel 115.
+    Signals
+        None; where a thermometer sits on the part, `workpiece_expansion` says more.
+    Typical causes
+        A part drilled warm and measured cold, an artefact from another room, a stated temperature
+        or coefficient of expansion that is wrong.
+    Cure
+        Soak; a thermometer on the part.
+    Source
+        ISO 1:2022; ISO/TR 16015 (length measurements away from 20 °C).
+    """
+
+    kind = "setup_scale"
+
+    def linear(self, machine: Machine) -> tuple[Parameter, ...]:
+        """The expansion."""
+        text = f"expansion of what set-up {self.setup} measures"
+        return (Parameter("s", "1", (-3e-4, 3e-4), text),)
+
+    def motions(
+        self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
+    ) -> tuple[Motion, ...]:
+        """``−u·(p − p̄)`` on the set-up's rows."""
+        rows = np.flatnonzero(self.rows(conditions))
+        column = np.zeros((conditions.n, 1))
+        if rows.size and conditions.u is not None:
+            chain = Chain(machine, conditions.rows(rows))
+            toward = chain.to_workpiece(conditions.u[rows])
+            arm = chain.point - chain.point.mean(axis=0)
+            column[rows, 0] = -np.einsum("ni,ni->n", arm, toward)
+        return (Motion(MEASURED, column),)
+
+    @classmethod
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[SetupScale]:
+        """Set-ups that saw displacements in two directions or more."""
+        for name, seen in coverage.setup_details.items():
+            if seen.kinds == {"displacement"} and seen.spread > 1 and seen.rows > 3:
+                yield cls(setup=name)

@@ -224,6 +224,9 @@ class ThermalTilt(LaggedEffect):
             pairs = pairs_by_sense(temperatures, axis)
             singles = by_sense(temperatures, ("structure", "ambient", "spindle"), axis)
             others = recorded(machine, coverage, temperature=False)
+            if not coverage.levers:
+                # an angle that no lever shows is a shift; by one signal it is `thermal_offset`
+                singles, others = [], []
             for about in ("X", "Y", "Z"):
                 for pair in (p for p in pairs if _of_structure(p)):
                     names = (pair[0].name, pair[1].name)

@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from pydantic import model_validator
 
 from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import (
@@ -11,14 +16,16 @@ from abbe.compcore.effects.base import (
     AxisLetter,
     ErrorMotion,
     Motion,
+    NonlinearParameter,
     Parameter,
 )
-from abbe.compcore.effects.keys import Finite, Names
+from abbe.compcore.effects.keys import Finite, Names, Tau
 from abbe.compcore.effects.registry import register
 from abbe.compcore.effects.signals import (
     LaggedEffect,
     by_sense,
     excess,
+    lag_parameter,
     per,
     recorded,
 )
@@ -107,14 +114,19 @@ class ThermalOffset(LaggedEffect):
 
     Formula
         ``d = k·(T − T0)`` at the functional point, optionally with T behind a first-order lag τ;
-        for a signal that is no temperature (speed, load) ``d = k·signal``. The direction is one of
+        for a signal that is no temperature (speed, load) ``d = k·signal``. Where two bodies follow
+        one signal, bearing and head, ``tau2`` beside ``tau`` adds ``k2`` times the signal behind
+        that second lag. With ``start = fit``
+        beside a lag also ``start·e^(−t/τ)``, t in s since the clock's start: the body was warmer
+        or colder then than its signal says. The direction is one of
         the machine's; where the signal's role is ``spindle`` and rotary axes turn the head, it
         turns with the spindle.
     Parameters
     ----------
         k in mm/K, within ±20 µm/K: a steel spindle nose 200 mm in front of its fixed bearing grows
         by 2.3 µm/K, a column of 1 m by 11 µm/K (per rpm and the like: ±0.2 mm over the signal's
-        common range).
+        common range); k2 likewise. start in mm, within ±0.1 mm: what was left of work, or of a
+        night, before the first reading.
     Signals
         One; the temperature of the body that grows, or one that it follows (lag): spindle bearing,
         coolant, ambient, or the spindle's speed with a lag of 10 to 60 minutes.
@@ -131,21 +143,67 @@ class ThermalOffset(LaggedEffect):
     kind = "thermal_offset"
     direction: AxisLetter
     signal: str
+    tau2: Tau = None
+    start: Literal["fit"] | None = None
+
+    @model_validator(mode="after")
+    def _beside_a_lag(self) -> ThermalOffset:
+        for key in ("tau2", "start"):
+            value = getattr(self, key)
+            if value is not None and self.tau is None:
+                raise InputError(
+                    "a second lag, or a state at the start, stands beside a first lag",
+                    field=key,
+                    found=value,
+                    expected="a tau beside it: tau=fit",
+                )
+        return self
+
+    def nonlinear(self, machine: Machine) -> tuple[NonlinearParameter, ...]:
+        """The time constants where they are to be fitted."""
+        return self._both(super().nonlinear(machine), machine)
+
+    def search(self, machine: Machine, coverage: Coverage) -> tuple[NonlinearParameter, ...]:
+        """Time constants that the campaign is long enough to show, and fine enough."""
+        return self._both(super().search(machine, coverage), machine)
+
+    def _both(
+        self, first: tuple[NonlinearParameter, ...], machine: Machine
+    ) -> tuple[NonlinearParameter, ...]:
+        if self.tau2 != "fit":
+            return first
+        (like,) = first or (lag_parameter(),)
+        # two are searched together: on a coarser grid
+        like = replace(like, starts=like.starts[::2])
+        second = replace(like, name="tau2", description="that of a second body")
+        return (like, second) if first else (second,)
 
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
-        """The shift by temperature."""
+        """The shift by temperature; that of a second body; what was left at the start."""
         signal = machine.signals[self.signal]
         most = 0.2 / typical(signal).change
         text = f"shift in {self.direction} by {self.signal}"
-        return (Parameter("k", per("mm", signal), (-most, most), text),)
+        found: tuple[Parameter, ...] = (Parameter("k", per("mm", signal), (-most, most), text),)
+        if self.tau2 is not None:
+            text = f"shift in {self.direction} of a second body"
+            found = (*found, Parameter("k2", per("mm", signal), (-most, most), text))
+        if self.start is None:
+            return found
+        return (*found, Parameter("start", "mm", (-0.1, 0.1), f"left in {self.direction} at first"))
 
     def motions(
         self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
     ) -> tuple[Motion, ...]:
-        """``T − T0`` on the shift."""
-        heat = excess(machine, conditions, self.signal, self.lag(nonlinear))
+        """``T − T0`` on the shift, and what decays since the clock's start."""
+        tau = self.lag(nonlinear)
+        columns = [excess(machine, conditions, self.signal, tau)]
+        if self.tau2 is not None:
+            second = nonlinear["tau2"] if self.tau2 == "fit" else self.tau2
+            columns.append(excess(machine, conditions, self.signal, second))
+        if self.start is not None and tau is not None:
+            columns.append(np.exp(-np.clip(conditions.time, 0.0, None) / tau))
         place = SPINDLE if machine.signals[self.signal].role == "spindle" else FUNCTIONAL_POINT
-        return (Motion(ErrorMotion(place, self.direction), heat[:, None]),)
+        return (Motion(ErrorMotion(place, self.direction), np.stack(columns, axis=1)),)
 
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[ThermalOffset]:

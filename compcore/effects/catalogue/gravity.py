@@ -1,0 +1,147 @@
+"""Gravity on parts that a rotary axis carries: they sag as it tilts them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BeforeValidator
+
+from abbe.compcore.campaign.coverage import Coverage
+from abbe.compcore.effects.base import (
+    F64,
+    AxisLetter,
+    Component,
+    Effect,
+    ErrorMotion,
+    Motion,
+    Parameter,
+)
+from abbe.compcore.effects.catalogue.rotary_axes import spindle_direction
+from abbe.compcore.effects.registry import register
+from abbe.compcore.effects.targets import ROTATIONS, require_rotary
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.kinematics import Chain, rotation_about
+from abbe.compcore.machine.machine import Axis, Machine
+
+_DOWN = np.array([0.0, 0.0, -1.0])
+
+
+def _fit_or_none(value: object) -> object:
+    return None if value in (None, "", "down") else value
+
+
+Gravity = Annotated[Literal["fit"] | None, BeforeValidator(_fit_or_none)]
+
+
+@register
+class GravityFlexure(Effect):
+    """A part that a rotary axis carries, and that sags under its own weight as the axis tilts it.
+
+    A swivel head, a trunnion's table, a telescope's tube: upright it stands under its weight
+    without leaning, lying it hangs. The axis's own angle is right, the part is not.
+
+    Formula
+        The part turns towards the ground by ``sag·sin z``, z the angle between the part and the
+        vertical: a turn ``sag·(s × g)`` on the axis's own line, s the part's direction as the axis
+        holds it, g gravity. The part points along ``along`` (X, Y or Z) where the axis stands at 0:
+        by default as the spindle does, or Z, and across the axis. Gravity points along −Z of the
+        machine's axes; with ``gravity = fit`` for a machine that stands tilted (an equatorial
+        mount) ``s × G``, with G its three components times the sag.
+    Parameters
+    ----------
+        sag in rad, positive towards the ground, or gx, gy, gz: within ±1 mrad. A swivel head of
+        200 kg shows 10 to 50 µrad, the tube of an amateur's telescope several mrad.
+    Signals
+        None beyond the axes' angles.
+    Typical causes
+        Weight of head, table or tube on bearings, gears and brackets that give; a clamp that is
+        not closed.
+    Cure
+        A counterweight, a clamp, a stiffer bracket; a table of the axis over its angle.
+    Source
+        Wallace, TPOINT (tube flexure, ``TF``: proportional to the sine of the zenith distance);
+        ISO/TR 16907:2015, 7.4.2.
+    """
+
+    kind = "gravity_flexure"
+    axis: str
+    along: AxisLetter | None = None
+    gravity: Gravity = None
+
+    def check(self, machine: Machine) -> None:
+        """A rotary axis, and a part that it turns."""
+        super().check(machine)
+        require_rotary(machine, self.axis, self.kind)
+        axis = machine.axis(self.axis)
+        if np.linalg.norm(np.cross(axis.direction, self._part(machine))) < 1e-6:
+            raise InputError(
+                "a part along the axis itself is not tilted by it",
+                field="along",
+                found=self.along or "the default",
+                expected="a direction across the axis",
+            )
+
+    def _part(self, machine: Machine) -> F64:
+        """Where the part points while the axis stands at 0, (3,)."""
+        axis = machine.axis(self.axis)
+        if self.along is not None:
+            return np.asarray(np.eye(3)["XYZ".index(self.along)])
+        upright = np.eye(3)["XYZ".index(spindle_direction(machine))]
+        if self.axis in machine.structure.workpiece_side:
+            upright = -_DOWN
+        parallel = np.linalg.norm(np.cross(axis.direction, upright)) < 1e-6
+        return np.array([1.0, 0.0, 0.0]) if parallel else upright
+
+    def linear(self, machine: Machine) -> tuple[Parameter, ...]:
+        """The sag; with gravity unknown three of it."""
+        if self.gravity == "fit":
+            return tuple(
+                Parameter(f"g{k}", "rad", (-1e-3, 1e-3), f"sag towards {k.upper()}") for k in "xyz"
+            )
+        text = f"sag of what {self.axis} carries, towards the ground"
+        return (Parameter("sag", "rad", (-1e-3, 1e-3), text),)
+
+    def motions(
+        self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
+    ) -> tuple[Motion, ...]:
+        """``s × g`` on the axis's three turns; the other way round on the workpiece's side."""
+        axis = machine.axis(self.axis)
+        part = self._held(axis, machine, conditions)
+        chain = Chain(machine, conditions)
+        turns: tuple[Component, ...] = ROTATIONS
+        # the directions of the axis's frame in machine axes, one row each
+        frame = np.stack([chain.component(ErrorMotion(self.axis, k)) for k in turns], axis=1)
+        # s × G = cross · (frame · G)
+        x, y, z = part.T
+        none = np.zeros(len(x))
+        cross = np.stack([none, -z, y, z, none, -x, -y, x, none], axis=1).reshape(-1, 3, 3)
+        turned = cross @ frame
+        if self.axis in machine.structure.workpiece_side:
+            turned = -turned
+        columns = turned if self.gravity == "fit" else (turned @ _DOWN)[:, :, None]
+        return tuple(
+            Motion(ErrorMotion(self.axis, k), np.ascontiguousarray(columns[:, i]))
+            for i, k in enumerate(turns)
+        )
+
+    def _held(self, axis: Axis, machine: Machine, conditions: Conditions) -> F64:
+        """Where the part points in the axis's frame, that of its stator, (n, 3)."""
+        turn = rotation_about(np.asarray(axis.direction), conditions.position(self.axis))
+        if self.axis in machine.structure.workpiece_side:
+            turn = np.swapaxes(turn, 1, 2)
+        return np.asarray(turn @ self._part(machine))
+
+    def positions_used(self, machine: Machine) -> tuple[str, ...]:
+        """The axis, and the rotary axes by which gravity turns in its frame."""
+        return machine.structure.rotary
+
+    @classmethod
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[GravityFlexure]:
+        """Each rotary axis that moved: upright, then in a machine that stands in any way."""
+        for gravity in (None, "fit"):
+            for axis in machine.structure.rotary:
+                if axis in coverage.moving:
+                    yield cls(axis=axis, gravity=gravity)
