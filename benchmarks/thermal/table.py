@@ -82,9 +82,8 @@ def summary(outcomes: Sequence[Outcome]) -> str:
         idle = [o for o in empty if name in o.rms]
         more = sum(o.rms[name] > 1.01 * o.rms["before"] for o in idle)
         still = f"; by over 1 % where the machine does not move in {more} of {len(idle)}"
-        lines.append(
-            f"- {METHODS[name]}: worse than nothing in {worse} of {len(here)}{still if idle else ''}"
-        )
+        still = still if idle else ""
+        lines.append(f"- {METHODS[name]}: worse than nothing in {worse} of {len(here)}{still}")
     return "\n".join(lines)
 
 
