@@ -74,9 +74,9 @@ class MeasuredPlate:
     def errors(self, indicated: F64 | None = None) -> F64:
         """Errors of indication, shape (n, 3), mm: indicated less placed; of holes in the plane."""
         to = self.indicated if indicated is None else indicated
-        return np.asarray((to - self.placed(to)) @ self.seen(to))
+        return np.asarray((to - self.placed(to)) @ self.calibrated_directions(to))
 
-    def seen(self, indicated: F64 | None = None) -> F64:
+    def calibrated_directions(self, indicated: F64 | None = None) -> F64:
         """Projection onto the directions in which the plate is calibrated, shape (3, 3)."""
         if not self.planar:
             return np.eye(3)

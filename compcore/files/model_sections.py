@@ -89,7 +89,7 @@ class ParameterSection(_Section):
     unit: str | None = None
 
 
-class _Told(BaseModel):
+class _StatedConditions(BaseModel):
     """Conditions of a campaign, as said and as seen (`abbe.compcore.campaign`)."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
@@ -116,7 +116,7 @@ class _Measured(BaseModel):
     sha256: str = ""
     rms: Finite = 0.0
     noise_floor: Finite = 0.0
-    conditions: _Told = _Told()
+    conditions: _StatedConditions = _StatedConditions()
 
 
 class _Record(BaseModel):

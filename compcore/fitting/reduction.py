@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.fitting.design.design_matrix import Beside, Problem
+from abbe.compcore.fitting.design.design_matrix import OutsideEffect, Problem
 from abbe.compcore.fitting.design.row_blocks import RowBlock
 from abbe.compcore.fitting.determinacy import Decomposition
 
@@ -24,7 +24,7 @@ _CACHED_ROWS = 1500
 
 
 def triangle(
-    problem: Problem, theta: F64, free: Index | None = None, beside: Sequence[Beside] = ()
+    problem: Problem, theta: F64, free: Index | None = None, beside: Sequence[OutsideEffect] = ()
 ) -> F64:
     """The triangular factor of [∂/∂θ, more columns, residual], nuisances projected out.
 
@@ -40,7 +40,7 @@ def triangle(
     if not problem.large:
         return _factor(problem.eliminator(theta).project(columns_of(problem)))
     if beside:
-        problem = problem.beside(beside, theta)
+        problem = problem.prepared_for(beside, theta)
     factors: list[F64] = []
     shared = np.zeros((0, 0))
     for row_block in problem.row_blocks(theta):

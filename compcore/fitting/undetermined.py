@@ -82,7 +82,7 @@ def split_null_space(
         null, weak = null[:, others], weak[others]
     if not null.shape[1]:
         return NullSpace(null, null)
-    field, frame = _felt(model, campaign, layout, theta)
+    field, frame = _displacements(model, campaign, layout, theta)
     felt = field @ (layout.scale[: layout.model_size, None] * null[: layout.model_size])
     left, size, _ = svd(frame)
     left = left[:, size > 1e-12 * size[0]]
@@ -99,8 +99,10 @@ def split_null_space(
     return NullSpace(convention, np.hstack(unknown))
 
 
-def _felt(model: Model, campaign: Campaign, layout: UnknownLayout, theta: F64) -> tuple[F64, F64]:
-    """What parameters, and displacements of workpiece and tool, do all over the volume."""
+def _displacements(
+    model: Model, campaign: Campaign, layout: UnknownLayout, theta: F64
+) -> tuple[F64, F64]:
+    """Displacements over the volume by each parameter, and by moves of workpiece and tool."""
     somewhere = sample_volume(model.machine, campaign)
     values = layout.values(theta, np.zeros(layout.size))
     field = _stacked(*sensitivities(model.with_values(values), somewhere))

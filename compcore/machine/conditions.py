@@ -229,7 +229,7 @@ class Conditions:
             self._lags[key] = lagged
         return self._lags[key]
 
-    def remembered(self, key: Hashable, source: F64, make: Callable[[], F64]) -> F64:
+    def cached(self, key: Hashable, source: F64, make: Callable[[], F64]) -> F64:
         """An array computed from `source` by `make`, kept as long as `source` is the same array.
 
         Six error motions of one axis share their basis functions. The result is read-only.

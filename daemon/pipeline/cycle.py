@@ -86,7 +86,7 @@ class Pipeline:
         self._signals = SignalConverter(
             plan.signals,
             file.guard.signals_stale_after,
-            Plausible(expected.signals, expected.likes),
+            Plausible(expected.signals, expected.similar),
         )
         self._tool = ToolConverter(plan.tool, file.guard.signals_stale_after, expected.tool)
         self._approach = StatedDirections(
@@ -142,7 +142,7 @@ class Pipeline:
         read = bool(self._plan.tool)
         compensation.set_tool(self._compensation.tool if read else configuration.file.tool.offset)
         self._compensation = compensation
-        self._signals.judge(Plausible(expected.signals, expected.likes))
+        self._signals.judge(Plausible(expected.signals, expected.similar))
         self._guard.allow(configuration.limits)
         self._guard.change()
         self._signals_due = now

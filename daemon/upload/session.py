@@ -30,7 +30,7 @@ from abbe.daemon.upload.preflight import (
 )
 from abbe.daemon.upload.recovery import recover
 from abbe.daemon.upload.settle import check_identity, check_ready
-from abbe.daemon.upload.shown_correction import Expectation, Seen, check_effect
+from abbe.daemon.upload.shown_correction import EffectCheck, Expectation, check_effect
 from abbe.daemon.upload.steps import ContentChange
 from abbe.daemon.upload.upload_plan import UploadPlan, backup_order, load_order
 from abbe.daemon.upload.work import Work, user
@@ -205,7 +205,7 @@ async def roll_back(
         )
 
 
-async def check(configuration: Configuration, operator: OperatorPort) -> Seen:
+async def check(configuration: Configuration, operator: OperatorPort) -> EffectCheck:
     """Check what the controller adds against the tables that are active; writes nothing.
 
     As after an upload: where the store is set up to move the machine for that, it does.

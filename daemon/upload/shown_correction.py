@@ -23,7 +23,7 @@ class WrongEffectError(AbbeError):
 
 
 @dataclass(frozen=True)
-class Seen:
+class EffectCheck:
     """The findings of a check of the effect.
 
     Attributes
@@ -121,7 +121,7 @@ class Expectation:
 
 async def check_effect(
     store: Store, expected: Expectation, *, tolerance: float, looks: int, every: float
-) -> Seen:
+) -> EffectCheck:
     """Compare what the controller shows with what the table says, several times.
 
     Parameters
@@ -138,7 +138,7 @@ async def check_effect(
     LinkError
         When nothing can be read.
     """
-    seen, off_before = Seen(), False
+    seen, off_before = EffectCheck(), False
     for look in range(looks):
         if look:
             await asyncio.sleep(every)
@@ -157,8 +157,8 @@ async def check_effect(
 
 
 def _compared(
-    effect: ShownCorrection, expected: Expectation, tolerance: float, seen: Seen
-) -> tuple[Seen, str]:
+    effect: ShownCorrection, expected: Expectation, tolerance: float, seen: EffectCheck
+) -> tuple[EffectCheck, str]:
     looks, worst, largest, wrong = seen.looks, seen.worst, seen.largest, ""
     for axis, (low, high) in expected.at(effect).items():
         unit, factor = ("µrad", 1e6) if is_rotary(axis) else ("µm", 1e3)
@@ -173,4 +173,4 @@ def _compared(
             )
         else:
             worst, largest = max(worst, off), max(largest, abs(shown) * factor)
-    return Seen(looks, worst, largest), wrong
+    return EffectCheck(looks, worst, largest), wrong

@@ -13,7 +13,7 @@ from typing import Any
 from abbe.daemon.upload.history.content import Content, short
 from abbe.daemon.upload.operator_port import OperatorPort
 from abbe.daemon.upload.settle import check_identity, check_ready
-from abbe.daemon.upload.shown_correction import Expectation, Seen, check_effect
+from abbe.daemon.upload.shown_correction import EffectCheck, Expectation, check_effect
 from abbe.drivers.controllers import Controller
 from abbe.drivers.link import LinkProtocolError
 from abbe.drivers.stores.base import Identity, RefusedError, Store
@@ -104,7 +104,7 @@ class Steps:
         self._controller, self._operator, self._back_up = controller, operator, back_up
         self.tell = operator.tell
         self.kept = backup
-        self.seen = Seen()
+        self.seen = EffectCheck()
         self.acts = True
         self.notes: list[str] = []
 

@@ -17,7 +17,7 @@ from abbe.compcore.diagnosis.screening.candidates import Candidate
 from abbe.compcore.diagnosis.screening.parameters import Estimate, neighbours, with_slopes
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.screening import Basis
-from abbe.compcore.fitting.design.design_matrix import Beside
+from abbe.compcore.fitting.design.design_matrix import OutsideEffect
 from abbe.compcore.fitting.design.nuisance import Eliminator
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.fitting.reduction import triangle
@@ -77,7 +77,7 @@ class _Factor:
         self._whole = whole
         self._found = found
         self._machine = whole.problem.model.machine
-        wanted: list[Beside] = []
+        wanted: list[OutsideEffect] = []
         keys: list[tuple[int, str]] = []
         for i, f in enumerate(found):
             effect, chosen = f.candidate.effect, f.screened.nonlinear

@@ -106,7 +106,7 @@ class Patterns:
         self._quantities = variables(machine, campaign.conditions)
         on = error_motions(machine)
         observation = problem.observation(theta)
-        self._seen = {c: observation.seen(c) * problem.weight for c in on}
+        self._seen = {c: observation.sensitivity(c) * problem.weight for c in on}
         order = 3 if campaign.n <= _MANY_ROWS else 2
         shortest = _shortest(self._quantities)
         quantities, point = self._quantities, on[0]

@@ -54,7 +54,7 @@ class ShapedEffect(Effect):
         shape = self.parsed_shape(machine)
         position = conditions.position(self.axis)
         key = ("shape", axis, shape)
-        return conditions.remembered(key, position, lambda: shape.basis(position, axis))
+        return conditions.cached(key, position, lambda: shape.basis(position, axis))
 
     def motions(
         self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]

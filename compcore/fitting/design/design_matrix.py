@@ -21,7 +21,7 @@ Index = NDArray[np.int64]
 
 _Key = tuple[tuple[float, ...], bytes]
 
-Beside = tuple[Effect, Mapping[str, float]]
+OutsideEffect = tuple[Effect, Mapping[str, float]]
 """An effect that is laid beside a model, and its non-linear parameters by name."""
 
 
@@ -92,7 +92,7 @@ class Problem:
         }
         return other
 
-    def beside(self, effects: Sequence[Beside], theta: F64) -> Problem:
+    def prepared_for(self, effects: Sequence[OutsideEffect], theta: F64) -> Problem:
         """The problem, its parts also prepared for effects that need the whole campaign."""
         other = Problem.__new__(Problem)
         other.__dict__.update(self.__dict__)
@@ -244,11 +244,11 @@ class Problem:
 
     def _stack(self, observation: Observation, motions: tuple[Motion, ...], count: int) -> F64:
         if len(motions) == 1 and motions[0].columns.shape[1] == count:
-            seen = observation.seen(motions[0].error_motion) * self.weight
+            seen = observation.sensitivity(motions[0].error_motion) * self.weight
             return np.asarray(seen[:, None] * motions[0].columns)
         out = np.zeros((self.n, count))
         for motion in motions:
-            seen = observation.seen(motion.error_motion) * self.weight
+            seen = observation.sensitivity(motion.error_motion) * self.weight
             where = slice(motion.first, motion.first + motion.columns.shape[1])
             out[:, where] += seen[:, None] * motion.columns
         return out

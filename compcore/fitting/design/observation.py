@@ -84,7 +84,7 @@ class Observation:
         """The direction about which each row measures rotation, (n, 3)."""
         return np.zeros_like(self._toward) if self._about is None else self._about
 
-    def seen(self, error_motion: ErrorMotion) -> F64:
+    def sensitivity(self, error_motion: ErrorMotion) -> F64:
         """The derivative of the measured values by one error motion, shape (n,).
 
         mm or rad of value per mm or rad of motion, to first order (the lever rule).
@@ -128,7 +128,7 @@ class Observation:
     def _first_order_sum(self, motions: Mapping[ErrorMotion, F64]) -> F64:
         total = np.zeros(self._toward.shape[0])
         for error_motion, value in motions.items():
-            total += self.seen(error_motion) * value
+            total += self.sensitivity(error_motion) * value
         return total
 
     def base_sign(self, campaign: Campaign, name: str) -> F64:

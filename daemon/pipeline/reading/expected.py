@@ -12,7 +12,7 @@ from abbe.compcore.machine.structure import is_rotary
 from abbe.daemon.config import Configuration
 from abbe.daemon.config.channels import split, transducer_of
 from abbe.daemon.config.sections import SignalSection
-from abbe.daemon.pipeline.reading.plausible import Likes, PlausibleBounds
+from abbe.daemon.pipeline.reading.plausible import PlausibleBounds, SimilarSensors
 from abbe.daemon.pipeline.reading.poll import Channel
 from abbe.drivers.link import Link, Sample
 from abbe.drivers.transducers import AnyTransducerConfig
@@ -44,7 +44,7 @@ class Expected:
         For each axis, least and greatest position, mm (rotary: rad).
     signals
         By signal.
-    likes
+    similar
         Sensors that are compared.
     tool
         For x, y and z, least and greatest offset, mm.
@@ -59,7 +59,7 @@ class Expected:
 
     positions: tuple[tuple[float, float], ...]
     signals: Mapping[str, PlausibleBounds]
-    likes: tuple[Likes, ...]
+    similar: tuple[SimilarSensors, ...]
     tool: tuple[tuple[float, float], ...]
     steps: tuple[float, ...]
     read_back: tuple[Channel, ...]
@@ -79,7 +79,7 @@ def expected_of(
         signals={
             name: bounds_of(known[name], file.signals[name], measured.get(name)) for name in known
         },
-        likes=tuple(_likes(known, measured)),
+        similar=tuple(_similar_sensors(known, measured)),
         tool=(_tool(configuration),) * 3,
         steps=tuple(_same_within(configuration, links, axis) for axis in written),
         read_back=tuple(_read_back(configuration, links)),
@@ -138,9 +138,9 @@ def _positions(configuration: Configuration, axes: Sequence[str]) -> Iterator[tu
             yield believed.low, believed.high
 
 
-def _likes(
+def _similar_sensors(
     known: Mapping[str, Signal], measured: Mapping[str, tuple[float, float]]
-) -> Iterator[Likes]:
+) -> Iterator[SimilarSensors]:
     groups: dict[tuple[str, str], list[str]] = {}
     for name, signal in known.items():
         if signal.temperature and signal.role in _COMPARED:
@@ -152,7 +152,7 @@ def _likes(
             if len(ranges) == len(names):
                 spread = max(high for _, high in ranges) - min(low for low, _ in ranges)
                 apart = max(_APART, spread)
-            yield Likes(tuple(names), apart, role, unit)
+            yield SimilarSensors(tuple(names), apart, role, unit)
 
 
 def _tool(configuration: Configuration) -> tuple[float, float]:

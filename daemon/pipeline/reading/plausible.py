@@ -1,4 +1,4 @@
-"""Plausibility of signals: out of range, too fast, unlike their likes.
+"""Plausibility of signals: out of range, too fast, unlike similar sensors.
 
 A thermometer that comes loose, a wire that breaks into another, a register that flips: the reading
 is a number, and the correction that it makes is the largest there is. Pure: values and times in,
@@ -58,7 +58,7 @@ class PlausibleBounds:
 
 
 @dataclass(frozen=True, slots=True)
-class Likes:
+class SimilarSensors:
     """Sensors of one role, and how far (in `unit`) one may be from the others' median."""
 
     names: tuple[str, ...]
@@ -84,12 +84,12 @@ class Plausible:
     ----------
     bounds
         By signal; one without is not judged.
-    likes
+    similar
         Sensors that are compared with one another.
     """
 
     bounds: Mapping[str, PlausibleBounds]
-    likes: tuple[Likes, ...] = ()
+    similar: tuple[SimilarSensors, ...] = ()
     _courses: dict[str, _Course] = field(default_factory=dict, init=False)
 
     def doubt(self, name: str, value: float, time: float) -> str:
@@ -118,12 +118,12 @@ class Plausible:
         )
 
     def compared(self, readings: Mapping[str, Reading]) -> dict[str, str]:
-        """Which readings are too far from those of their likes, and how far."""
+        """Which readings are too far from those of similar sensors, and how far."""
         doubts: dict[str, str] = {}
-        for likes in self.likes:
+        for similar in self.similar:
             values = {
                 name: readings[name].value
-                for name in likes.names
+                for name in similar.names
                 if name in readings and not readings[name].fault
             }
             if len(values) < 2:
@@ -132,9 +132,9 @@ class Plausible:
             # of two that differ, nobody knows which is wrong
             half = 0.5 if len(values) == 2 else 1.0
             for name, value in values.items():
-                if abs(value - middle) > half * likes.apart:
+                if abs(value - middle) > half * similar.apart:
                     doubts[name] = (
-                        f"{value:g} {likes.unit}, and the sensors of role {likes.role} are at "
-                        f"{middle:g} {likes.unit}; at most {likes.apart:g} apart is believed"
+                        f"{value:g} {similar.unit}, and the sensors of role {similar.role} are at "
+                        f"{middle:g} {similar.unit}; at most {similar.apart:g} apart is believed"
                     )
         return doubts

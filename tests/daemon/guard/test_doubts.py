@@ -20,7 +20,7 @@ from abbe.daemon.guard import GuardState
 from abbe.daemon.pipeline.reading.controller_watch import Beat, DeviceClock
 from abbe.daemon.pipeline.reading.expected import bounds_of, expected_of
 from abbe.daemon.pipeline.reading.motion import SampleSpeeds
-from abbe.daemon.pipeline.reading.plausible import Likes, Plausible, PlausibleBounds
+from abbe.daemon.pipeline.reading.plausible import Plausible, PlausibleBounds, SimilarSensors
 from abbe.daemon.pipeline.writing.own_writes import Follow
 from abbe.daemon.status_word import Status
 from abbe.drivers.link import ChannelInfo, LinkError, Sample, WirePlace
@@ -218,8 +218,8 @@ class _Reading:
 
 
 def test_likes_are_compared() -> None:
-    likes = Likes(("a", "b", "c"), 15.0, "scale", "degC")
-    plausible = Plausible({}, (likes,))
+    similar = SimilarSensors(("a", "b", "c"), 15.0, "scale", "degC")
+    plausible = Plausible({}, (similar,))
     readings = {"a": _Reading(20.0), "b": _Reading(21.0), "c": _Reading(40.0)}
     assert set(plausible.compared(readings)) == {"c"}
     readings["b"] = _Reading(21.0, "broken wire")
@@ -384,10 +384,10 @@ def test_a_temperature_is_believed_near_where_it_was_measured() -> None:
 def test_thermometers_of_one_role_may_be_as_far_apart_as_they_were(tmp_path: Path) -> None:
     configuration = configured(tmp_path, QUICK)
     links = configuration.make_links()
-    scales = expected_of(configuration, ("X", "Y", "Z"), links).likes
-    assert [likes.apart for likes in scales if likes.role == "scale"] == [30.0]
+    scales = expected_of(configuration, ("X", "Y", "Z"), links).similar
+    assert [similar.apart for similar in scales if similar.role == "scale"] == [30.0]
     names = [n for n, s in configuration.model.machine.signals.items() if s.role == "scale"]
     ranges = {name: [18.0 + i, 38.0 + i] for i, name in enumerate(names)}
     model = replace(configuration.model, fit={"measured": {"signals": ranges}})
-    scales = expected_of(replace(configuration, model=model), ("X", "Y", "Z"), links).likes
-    assert [likes.apart for likes in scales] == [20.0 + len(names) - 1]
+    scales = expected_of(replace(configuration, model=model), ("X", "Y", "Z"), links).similar
+    assert [similar.apart for similar in scales] == [20.0 + len(names) - 1]
