@@ -65,6 +65,10 @@ UPLOADS = OutputKind(
     "a journal of uploads",
     re.compile(rb'\A(?:\{"format": "abbe-uploads/1"|\{[^\n]{0,25}(?:\n\{"format"|\Z)|\0)'),
 )
+RECORDS_CSV = OutputKind(
+    "records that Abbe exported", re.compile(rb"\Atime,series,unit,least,mean,greatest\n")
+)
+RECORDS_PARQUET = OutputKind("a Parquet file", re.compile(rb"\APAR1"))
 RECORD = OutputKind(
     "a record of Abbe's tables", re.compile(rb'"format":\s*"' + formats.TABLES.encode() + b'"')
 )

@@ -20,6 +20,8 @@ from abbe.daemon.ownership.claims import held_by_run
 from abbe.daemon.ownership.lock import hold
 from abbe.daemon.pipeline.cycle import LAST_WORD, Pipeline
 from abbe.daemon.pipeline.record import Listener
+from abbe.daemon.records.recorder import Recorder
+from abbe.daemon.records.run import recorded
 from abbe.daemon.reload import Prepared, Takeover, prepare
 from abbe.daemon.systemd.notify import Notifier
 from abbe.daemon.systemd.supervised import Supervised
@@ -77,6 +79,7 @@ class Service:
         self._at_once = asyncio.Event()
         self._notifier = Notifier.of_environment() if notifier is None else notifier
         self._reloading: asyncio.Task[None] | None = None
+        self._recorder: Recorder | None = None
 
     def add(self, listeners: Sequence[Listener]) -> None:
         """Have more listeners told of every cycle."""
@@ -145,6 +148,8 @@ class Service:
         elif new.compensation is not None and new.expected is not None:
             self.pipeline.change_model(new.configuration, new.compensation, new.expected)
             self.configuration, self.identity = new.configuration, new.identity
+            if self._recorder is not None:
+                self._recorder.began(new.identity, new.configuration.model.machine.name)
 
     async def _watch_files(self) -> None:
         """Say, once, that a file was changed since it was read."""
@@ -180,7 +185,10 @@ class Service:
         timer = None if duration is None else loop.call_later(duration, self._stop.set)
         self._supervise()
         watching = asyncio.create_task(self._watch_files())
-        with _signals(loop, self):
+        with (
+            _signals(loop, self),
+            recorded(self.configuration, self.pipeline, self.identity) as self._recorder,
+        ):
             try:
                 await asyncio.gather(*(self._open(link) for link in self.links.values()))
                 # what is there by now stays: the collector need not walk it within a cycle

@@ -33,6 +33,7 @@ DAEMON: tuple[Rooms, ...] = (
         ("upload", "tables, safely"),
         ("ownership", "one at a time"),
         ("systemd", "as a service"),
+        ("records", "what was"),
     ),
 )
 DRIVERS: tuple[Rooms, ...] = (

@@ -10,6 +10,7 @@ NAMES = (
     "demo",
     "run",
     "service",
+    "records",
     "check",
     "model.new",
     "model.fit",

@@ -61,6 +61,12 @@ class Configuration:
         name = self.file.journal.file
         return None if name is None else data_folder(self.path) / name
 
+    @property
+    def records_path(self) -> Path | None:
+        """The database of records, None: none is kept."""
+        records = self.file.records
+        return None if records is None else data_folder(self.path) / records.file
+
     def make_links(self) -> dict[str, Link]:
         """The links, made but not opened; channels are known from now on."""
         return {name: setup.kind(name, setup.config) for name, setup in self.links.items()}

@@ -232,6 +232,29 @@ class JournalSection(Section):
     """How many files put aside are kept."""
 
 
+class RecordsSection(Section):
+    """Where a machine's records are kept: positions, corrections, signals, events."""
+
+    file: Annotated[str, Field(pattern=r"^.+\.sqlite$", max_length=1000)] = "records.sqlite"
+    """Path, relative as the journal's; ends in ``.sqlite``."""
+    every: Annotated[float, Field(ge=0.1, le=3600.0)] = 1.0
+    """s from one cycle that is kept to the next; every change of the status word is kept too."""
+    full_days: Annotated[float, Field(ge=0.01, le=36500.0)] = 7.0
+    """Days for which every value is kept; then least, mean and greatest of each minute."""
+    minute_days: Annotated[float, Field(ge=0.01, le=36500.0)] = 90.0
+    """Days for which minutes are kept; then hours."""
+    hour_days: Annotated[float, Field(ge=0.01, le=36500.0)] = 3650.0
+    """Days for which hours and events are kept."""
+    max_bytes: Annotated[int, Field(ge=1_000_000)] = 2_000_000_000
+    """Size of the file beyond which the oldest goes."""
+
+    @model_validator(mode="after")
+    def _ages_rise(self) -> RecordsSection:
+        if not self.full_days <= self.minute_days <= self.hour_days:
+            raise ValueError("full_days, minute_days and hour_days must not fall")
+        return self
+
+
 class ConfigFile(Section):
     """A whole configuration file; links are checked by their own classes afterwards."""
 
@@ -248,4 +271,5 @@ class ConfigFile(Section):
     controller: ControllerSection = ControllerSection()
     output: OutputSection = OutputSection()
     journal: JournalSection = JournalSection()
+    records: RecordsSection | None = None
     upload: UploadSection | None = None

@@ -1,0 +1,222 @@
+"""The thread that writes records: whatever the disk does, the cycle never waits for it.
+
+Items are handed over by a bounded queue. A disk that is full or read-only is said once, tried again
+every few seconds, and what came meanwhile is counted as lost; a file that is damaged is put aside
+and a new one begun.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import queue
+import sqlite3
+import threading
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from abbe.daemon.records.schema import NotRecordsError, open_to_write
+from abbe.daemon.records.thinning import Retention, thin
+
+logger = logging.getLogger("abbe.records")
+
+COMMIT_EVERY = 0.5
+"""s from one commit to the next: what a crash can lose."""
+_AGAIN = 5.0
+"""s from one attempt to write to the next."""
+_THIN_EVERY = 900.0
+"""s from one look at what has grown old to the next."""
+_WAITING = 20_000
+"""Items that may wait; about ten minutes of a slow disk."""
+_END = 5.0
+"""s that the last items are given at the end."""
+
+Value = tuple[str, str, float, float]
+"""Series, unit, time (s since 1970), value."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunRow:
+    """The beginning of a run, or of a reloaded model within one."""
+
+    began: float
+    abbe: str
+    configuration: str
+    configuration_sha256: str
+    model: str
+    model_sha256: str
+    machine: str
+
+
+@dataclass(frozen=True, slots=True)
+class EventRow:
+    """One event of the journal."""
+
+    time: float
+    level: str
+    part: str
+    message: str
+
+
+_Item = Sequence[Value] | RunRow | EventRow
+
+
+class RecordWriter:
+    """Writes records in a thread of its own.
+
+    Parameters
+    ----------
+    path
+        The database; made where there is none.
+    retention
+        How long what is kept.
+    """
+
+    def __init__(self, path: Path, retention: Retention) -> None:
+        self._path = path
+        self._retention = retention
+        self._queue: queue.Queue[_Item] = queue.Queue(_WAITING)
+        self._end = threading.Event()
+        self._lost = 0
+        self._problem = ""
+        self._series: dict[str, int] = {}
+        self._connection: sqlite3.Connection | None = None
+        self._thin_at = time.monotonic() + _THIN_EVERY / 10
+        self._thread = threading.Thread(target=self._run, name="records", daemon=True)
+        self._thread.start()
+
+    def put(self, item: _Item) -> None:
+        """Hand something over; never waits. What finds no room is counted as lost."""
+        try:
+            self._queue.put_nowait(item)
+        except queue.Full:
+            self._lost += 1
+
+    def close(self) -> None:
+        """Write what waits, and end."""
+        self._end.set()
+        self._thread.join(_END)
+
+    def _run(self) -> None:
+        retry_at = -float("inf")
+        while True:
+            ending = self._end.wait(COMMIT_EVERY)
+            if time.monotonic() >= retry_at or ending:
+                items = list(self._waiting())
+                try:
+                    self._write(items)
+                except sqlite3.Error as error:
+                    self._lost += len(items)
+                    self._failed(error)
+                    retry_at = time.monotonic() + _AGAIN
+            if ending:
+                self._close()
+                return
+
+    def _waiting(self) -> Iterable[_Item]:
+        for _ in range(self._queue.qsize()):
+            yield self._queue.get_nowait()
+
+    def _write(self, items: Sequence[_Item]) -> None:
+        if not items and self._connection is not None:
+            self._thin()
+            return
+        if self._connection is None:
+            self._connection = open_to_write(self._path)
+            self._series = dict(
+                self._connection.execute("SELECT name, series FROM series").fetchall()
+            )
+        with self._connection as connection:
+            connection.execute("BEGIN IMMEDIATE")
+            for item in items:
+                self._one(connection, item)
+        if self._problem:
+            self._problem = ""
+            logger.warning("records are written again; %d are missing", self._lost)
+            self._lost = 0
+        self._thin()
+
+    def _one(self, connection: sqlite3.Connection, item: _Item) -> None:
+        if isinstance(item, RunRow):
+            connection.execute(
+                "INSERT INTO runs (began, abbe, configuration, configuration_sha256, model, "
+                "model_sha256, machine) VALUES (?, ?, ?, ?, ?, ?, ?)",
+                (
+                    item.began,
+                    item.abbe,
+                    item.configuration,
+                    item.configuration_sha256,
+                    item.model,
+                    item.model_sha256,
+                    item.machine,
+                ),
+            )
+        elif isinstance(item, EventRow):
+            connection.execute(
+                "INSERT INTO events (time, level, part, message) VALUES (?, ?, ?, ?)",
+                (item.time, item.level, item.part, item.message),
+            )
+        else:
+            rows = [(self._number(connection, n, unit), at, value) for n, unit, at, value in item]
+            connection.executemany("INSERT OR REPLACE INTO full VALUES (?, ?, ?)", rows)
+
+    def _number(self, connection: sqlite3.Connection, name: str, unit: str) -> int:
+        found = self._series.get(name)
+        if found is None:
+            made = connection.execute(
+                "INSERT INTO series (name, unit) VALUES (?, ?) "
+                "ON CONFLICT (name) DO UPDATE SET unit = excluded.unit RETURNING series",
+                (name, unit),
+            )
+            ((found,),) = made.fetchall()
+            self._series[name] = found
+        return found
+
+    def _thin(self) -> None:
+        now = time.monotonic()
+        if self._connection is not None and now >= self._thin_at:
+            self._thin_at = now + _THIN_EVERY
+            thin(self._connection, self._retention, time.time(), self._path)
+
+    def _failed(self, error: sqlite3.Error) -> None:
+        # what was numbered in a transaction that failed was not
+        self._series = {}
+        self._close()
+        damaged = not isinstance(error, sqlite3.OperationalError | NotRecordsError)
+        if damaged and isinstance(error, sqlite3.DatabaseError):
+            self._put_aside(error)
+            return
+        if not self._problem:
+            logger.error("records cannot be written: %s (%s)", error, self._path)
+        self._problem = str(error) or type(error).__name__
+
+    def _put_aside(self, error: sqlite3.Error) -> None:
+        """A damaged file keeps what can be rescued from it, under another name."""
+        stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+        aside = self._path.with_name(f"{self._path.name}.damaged-{stamp}")
+        try:
+            self._path.rename(aside)
+            for end in ("-wal", "-shm"):
+                beside = self._path.with_name(self._path.name + end)
+                with contextlib.suppress(FileNotFoundError):
+                    beside.rename(aside.with_name(aside.name + end))
+        except OSError as failure:
+            if not self._problem:
+                logger.error(
+                    "the records are damaged (%s) and cannot be put aside: %s (%s)",
+                    error,
+                    failure.strerror,
+                    self._path,
+                )
+            self._problem = str(error)
+            return
+        logger.error("the records were damaged (%s): put aside as %s, begun anew", error, aside)
+
+    def _close(self) -> None:
+        if self._connection is not None:
+            with contextlib.suppress(sqlite3.Error):
+                self._connection.close()
+            self._connection = None
