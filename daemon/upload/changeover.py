@@ -13,11 +13,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from abbe.compcore.errors import AbbeError
+from abbe.daemon.upload.checks.shown_correction import WrongEffectError
 from abbe.daemon.upload.history.upload_log import END
 from abbe.daemon.upload.ledger import Ledger
 from abbe.daemon.upload.outcome import UploadOutcome
 from abbe.daemon.upload.settle import settle
-from abbe.daemon.upload.shown_correction import WrongEffectError
 from abbe.daemon.upload.steps import Step, Steps
 from abbe.drivers.link import LinkError
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from abbe.compcore.errors import InputError
+from abbe.daemon.upload.checks.shown_correction import Expectation
 from abbe.daemon.upload.history import backups
 from abbe.daemon.upload.history.content import Content
 from abbe.daemon.upload.history.unfinished import unfinished_words
@@ -13,7 +14,6 @@ from abbe.daemon.upload.history.upload_log import END, Entry
 from abbe.daemon.upload.ledger import Ledger
 from abbe.daemon.upload.outcome import UploadOutcome
 from abbe.daemon.upload.settle import Settled, settle
-from abbe.daemon.upload.shown_correction import Expectation
 from abbe.daemon.upload.steps import ContentChange
 from abbe.daemon.upload.work import Work
 from abbe.drivers.link import LinkError

@@ -12,6 +12,15 @@ from abbe.daemon.config import Configuration
 from abbe.daemon.config.upload import UploadSetup
 from abbe.daemon.ownership.claims import held_by_upload
 from abbe.daemon.ownership.lock import hold
+from abbe.daemon.upload.checks.preflight import (
+    Cleared,
+    check_tables,
+    limits_of,
+    preflight,
+    present_tables,
+    unreachable,
+)
+from abbe.daemon.upload.checks.shown_correction import EffectCheck, Expectation, check_effect
 from abbe.daemon.upload.history import backups
 from abbe.daemon.upload.history.content import Content
 from abbe.daemon.upload.history.unfinished import unfinished_words
@@ -20,17 +29,8 @@ from abbe.daemon.upload.ledger import Ledger
 from abbe.daemon.upload.lock import only_one
 from abbe.daemon.upload.operator_port import OperatorPort
 from abbe.daemon.upload.outcome import UploadOutcome
-from abbe.daemon.upload.preflight import (
-    Cleared,
-    check_tables,
-    limits_of,
-    preflight,
-    present_tables,
-    unreachable,
-)
 from abbe.daemon.upload.recovery import recover
 from abbe.daemon.upload.settle import check_identity, check_ready
-from abbe.daemon.upload.shown_correction import EffectCheck, Expectation, check_effect
 from abbe.daemon.upload.steps import ContentChange
 from abbe.daemon.upload.upload_plan import UploadPlan, backup_order, load_order
 from abbe.daemon.upload.work import Work, user

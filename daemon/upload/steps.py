@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from abbe.daemon.upload.checks.shown_correction import EffectCheck, Expectation, check_effect
 from abbe.daemon.upload.history.content import Content, short
 from abbe.daemon.upload.operator_port import OperatorPort
 from abbe.daemon.upload.settle import check_identity, check_ready
-from abbe.daemon.upload.shown_correction import EffectCheck, Expectation, check_effect
 from abbe.drivers.controllers import Controller
 from abbe.drivers.link import LinkProtocolError
 from abbe.drivers.stores.base import Identity, RefusedError, Store

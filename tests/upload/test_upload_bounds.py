@@ -14,7 +14,7 @@ from abbe.compcore.machine.structure import Structure
 from abbe.compcore.model.model import Model
 from abbe.compcore.tables.field import ErrorField
 from abbe.compcore.tables.table import Table, move
-from abbe.daemon.upload.bounds import (
+from abbe.daemon.upload.checks.bounds import (
     Extent,
     Limits,
     OutOfBoundsError,
@@ -23,7 +23,7 @@ from abbe.daemon.upload.bounds import (
     largest_change,
     largest_correction,
 )
-from abbe.daemon.upload.shown_correction import Expectation
+from abbe.daemon.upload.checks.shown_correction import Expectation
 from abbe.drivers.stores.base import ShownCorrection
 from tests.support.daemon.upload_cases import TRAVELS
 from tests.support.daemon.upload_cases import model as mill

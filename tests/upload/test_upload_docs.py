@@ -52,7 +52,7 @@ def test_the_example_is_in_order_and_its_tables_fit_it(tmp_path: Path):
     assert configuration.upload is not None
     assert configuration.upload.section.max_change_um == 20.0
     folder = make_tables(ROOT / "examples" / "upload" / "model.toml", tmp_path / "tables")
-    from abbe.daemon.upload.preflight import check_tables, limits_of
+    from abbe.daemon.upload.checks.preflight import check_tables, limits_of
     from abbe.daemon.upload.upload_plan import load_order
 
     order = load_order(folder, configuration, configuration.upload)

@@ -60,7 +60,7 @@ def gauges(
         unit=unit,
     )
     if report is not None:
-        from abbe.daemon.report.gauges import page
+        from abbe.daemon.report.measurements.gauges import page
 
         page(found).write(report)
     if as_json:

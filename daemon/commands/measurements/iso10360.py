@@ -79,7 +79,7 @@ def iso10360(
     )
     found = answer.evaluate(files, limits, reduced=reduced, unit=unit)
     if report is not None:
-        from abbe.daemon.report.iso10360 import page
+        from abbe.daemon.report.measurements.iso10360 import page
 
         page(found).write(report)
     if as_json:

@@ -83,7 +83,7 @@ def iso10791(
     if output is not None:
         write_campaign(found.campaign, output)
     if report is not None:
-        from abbe.daemon.report.iso10791 import page
+        from abbe.daemon.report.measurements.iso10791 import page
 
         page(found).write(report)
     if as_json:

@@ -37,7 +37,7 @@ def iso230(
     machine = None if model is None else load_model(model).machine
     evaluation = analysis.evaluate(campaign, machine)
     if report is not None:
-        from abbe.daemon.report.iso230 import page
+        from abbe.daemon.report.measurements.iso230 import page
 
         page(evaluation).write(report)
     if as_json:

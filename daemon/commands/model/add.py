@@ -46,7 +46,7 @@ def add(
     from abbe.daemon.arguments.assignments import split_assignments
     from abbe.daemon.outputs import MODEL, REPORT, check_outputs
     from abbe.daemon.progress import shown
-    from abbe.daemon.report.history import page_of
+    from abbe.daemon.report.model.history import page_of
 
     say = check_outputs(
         [model, *campaign, *(holdout or [])],

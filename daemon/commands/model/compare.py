@@ -47,8 +47,8 @@ def compare(
         tell("whether it holds")
         comparison = answer.with_changes(loaded, campaign, comparison)
         if report is not None:
-            from abbe.daemon.report.compare import comparison_page
             from abbe.daemon.report.head import file_on_page, head_of
+            from abbe.daemon.report.model.compare import comparison_page
 
             tell("drawing")
             head = head_of(loaded, [file_on_page("model", model)], campaign)

@@ -106,8 +106,8 @@ def diagnose(
         advice = found.advice if measure_next else ()
     adding = Adding(model if out is None else out, campaigns)
     if report is not None:
-        from abbe.daemon.report.diagnosis import page
         from abbe.daemon.report.head import file_on_page, head_of
+        from abbe.daemon.report.model.diagnosis import page
 
         head = head_of(loaded, [file_on_page("model", model)], campaign)
         page(found, noise, advice, head, adding).write(report)

@@ -88,8 +88,8 @@ def fit(
             reported = result.report()
         page = None
         if report is not None:
-            from abbe.daemon.report.fit import fit_page
             from abbe.daemon.report.head import file_on_page, head_of
+            from abbe.daemon.report.model.fit import fit_page
 
             tell("drawing")
             head = head_of(loaded, [file_on_page("model, as it was", model)], campaign)

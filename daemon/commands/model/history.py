@@ -27,7 +27,7 @@ def history(
     """Show the error falling version by version, down to the noise floor, and the effects now."""
     from abbe.compcore.files.model_file import load_model
     from abbe.daemon.outputs import REPORT, check_outputs
-    from abbe.daemon.report.history import history_page, versions_of
+    from abbe.daemon.report.model.history import history_page, versions_of
 
     say = check_outputs([model], [(report, REPORT)], force=force, as_json=as_json)
     loaded = load_model(model)

@@ -42,7 +42,7 @@ def remove(
     from abbe.daemon.answers.model import revise as answer
     from abbe.daemon.outputs import MODEL, REPORT, check_outputs
     from abbe.daemon.progress import shown
-    from abbe.daemon.report.history import page_of
+    from abbe.daemon.report.model.history import page_of
 
     name = " ".join(effect)
     say = check_outputs(

@@ -15,8 +15,8 @@ from abbe.compcore.model.as_built import ON_THE_TABLE, average_line_words, rever
 from abbe.compcore.model.error_map import error_map
 from abbe.compcore.model.model import Model
 from abbe.compcore.units import display
-from abbe.daemon.report.compare import draw_residuals
 from abbe.daemon.report.head import PageHead
+from abbe.daemon.report.model.compare import draw_residuals
 from abbe.daemon.report.page import Page, number
 from abbe.daemon.report.versions import error_of_versions
 

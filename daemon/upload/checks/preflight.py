@@ -10,7 +10,7 @@ from abbe.compcore.errors import AbbeError, InputError
 from abbe.compcore.model.model import Model
 from abbe.compcore.tables.table import Table
 from abbe.daemon.config.upload import UploadSetup
-from abbe.daemon.upload.bounds import Extent, Limits, check, extent, largest_change
+from abbe.daemon.upload.checks.bounds import Extent, Limits, check, extent, largest_change
 from abbe.daemon.upload.history.content import Content, short
 from abbe.daemon.upload.settle import check_identity, check_ready
 from abbe.daemon.upload.upload_plan import UploadPlan

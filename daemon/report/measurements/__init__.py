@@ -1,0 +1,1 @@
+"""Pages of measurements evaluated by a standard, or against calibrated artefacts."""
