@@ -58,7 +58,7 @@ _SAID: Mapping[str, Callable[[Where, str], str]] = {
         f"{w['axis']} turns about {w['about']} by where {w['by']} stands: {s}"
     ),
     "overhang_sag": lambda w, s: f"{w['by']} sags as it reaches out, {s} in {w['direction']}",
-    "load_bending": lambda w, s: f"the machine bends under the load {_names(w)}: {s}",
+    "load_bending": lambda w, s: f"{w['axis']} bends under the load {_names(w)}: {s}",
     "error_grid": lambda _, s: f"errors measured as a whole, on a grid: {s}",
     "scale_expansion": lambda w, s: f"the scale of {w['axis']} grows with {_names(w)}: {s}",
     "thermal_offset": lambda w, s: f"the tool moves in {w['direction']} with {_names(w)}: {s}",
@@ -80,8 +80,8 @@ _SAID: Mapping[str, Callable[[Where, str], str]] = {
     "sensor_offset": lambda w, s: f"the thermometer {w['signal']} reads wrong, worth {s}",
     "setup_zero": lambda w, s: f"the zero of {w['setup']} is not what was thought: {s}",
     "setup_slope": lambda w, s: f"the reference of {w['setup']} was not aligned: {s}",
-    "setup_frame": lambda w, s: f"{w['setup']} lies a little elsewhere than was thought: {s}",
-    "formula": lambda w, s: f"{w['channel']} follows a formula: {s}",
+    "setup_frame": lambda w, s: f"the set-up {w['setup']} lies elsewhere than thought: {s}",
+    "formula": lambda w, s: f"a formula describes what is left in {w['channel']}: {s}",
 }
 
 _TWO_SIDES = ("backlash", "reversal_angle", "lateral_reversal")
