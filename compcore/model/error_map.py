@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain
+from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.model.model import Model
 
 F64 = NDArray[np.float64]
@@ -41,6 +42,62 @@ class ErrorMap:
     worst_error: float
 
 
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """A plane of two linear axes, and what holds all over it.
+
+    Attributes
+    ----------
+    across
+        The two axes that span it.
+    ranges
+        Least and greatest position of each of the two, mm.
+    points
+        Grid points along each.
+    at
+        Where the other axes stand, mm (rotary: rad).
+    signals, directions
+        Name → value; axis → direction of approach.
+    tool
+        Tool or probe offset, mm, machine axes.
+    time, spindle_angle
+        s; rad, None where it is not known.
+    """
+
+    across: tuple[str, str]
+    ranges: tuple[tuple[float, float], tuple[float, float]]
+    points: tuple[int, int]
+    at: Mapping[str, float]
+    signals: Mapping[str, float]
+    directions: Mapping[str, float]
+    tool: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    time: float = 0.0
+    spindle_angle: float | None = None
+
+    @property
+    def grid(self) -> tuple[F64, F64]:
+        """Positions along each of the two axes, mm."""
+        first, second = (
+            np.linspace(*ends, count) for ends, count in zip(self.ranges, self.points, strict=True)
+        )
+        return first, second
+
+    def conditions(self) -> Conditions:
+        """A row for each point of the grid, the second axis the faster."""
+        p, q = (g.ravel() for g in np.meshgrid(*self.grid, indexing="ij"))
+        n = len(p)
+        positions = {a: np.full(n, v) for a, v in self.at.items()}
+        positions |= {self.across[0]: p, self.across[1]: q}
+        return Conditions(
+            positions,
+            directions={a: np.full(n, v) for a, v in self.directions.items()},
+            tool=np.tile(np.asarray(self.tool, dtype=np.float64), (n, 1)),
+            time=np.full(n, self.time),
+            signals={k: np.full(n, v) for k, v in self.signals.items()},
+            spindle_angle=None if self.spindle_angle is None else np.full(n, self.spindle_angle),
+        )
+
+
 def error_map(
     model: Model,
     across: tuple[str, str],
@@ -57,7 +114,7 @@ def error_map(
     across
         Two linear axes.
     at
-        Where the other axes stand, mm (rotary: rad).
+        Where the other axes stand, mm (rotary: rad); the middle of their travel where not given.
     signals
         Name → value; temperatures that are not given are at the reference temperature, other
         signals 0.
@@ -72,31 +129,52 @@ def error_map(
         When the machine lacks one of the axes.
     """
     machine = model.machine
-    for name in across:
-        if machine.axis(name, "across").rotary:
-            raise InputError("a plane is spanned by linear axes", field="across", found=name)
-    first, second = (np.linspace(*machine.axes[a].travel, points) for a in across)
-    p, q = (g.ravel() for g in np.meshgrid(first, second, indexing="ij"))
-    n = len(p)
-    positions = {a: np.full(n, at.get(a, machine.axes[a].middle)) for a in machine.structure.axes}
-    positions |= {across[0]: p, across[1]: q}
-    values = {
-        s.name: machine.reference_temperature if s.temperature else 0.0
-        for s in machine.signals.values()
-    } | dict(signals or {})
-    conditions = Conditions(
-        positions,
-        tool=np.tile(np.asarray(tool, dtype=np.float64), (n, 1)),
-        signals={k: np.full(n, v) for k, v in values.items()},
-    )
-    error = model.predict(conditions).translation
-    chain = Chain(machine, conditions)
-    i, j, length = worst_pair(chain.to_machine_axes(chain.point), error)
-    return ErrorMap(
+    first, second = (spanning_axis(machine, name) for name in across)
+    plane = Plane(
         across,
-        (first, second),
-        error.reshape(points, points, 3),
-        {across[0]: (float(p[i]), float(p[j])), across[1]: (float(q[i]), float(q[j]))},
+        (first.travel, second.travel),
+        (points, points),
+        {a: at.get(a, machine.axes[a].middle) for a in machine.structure.axes if a not in across},
+        {
+            s.name: machine.reference_temperature if s.temperature else 0.0
+            for s in machine.signals.values()
+        }
+        | dict(signals or {}),
+        {},
+        tool,
+    )
+    return map_plane(model, plane)
+
+
+def spanning_axis(machine: Machine, name: str) -> Axis:
+    """A linear axis, as one that can span a plane.
+
+    Raises
+    ------
+    InputError
+        When the machine lacks it, or it turns.
+    """
+    axis = machine.axis(name, "plane")
+    if axis.rotary:
+        raise InputError("a plane is spanned by linear axes", field="plane", found=name)
+    return axis
+
+
+def map_plane(model: Model, plane: Plane) -> ErrorMap:
+    """Errors of a fitted model on the grid of a plane."""
+    conditions = plane.conditions()
+    error = model.predict(conditions).translation
+    chain = Chain(model.machine, conditions)
+    i, j, length = worst_pair(chain.to_machine_axes(chain.point), error)
+    p, q = (conditions.position(a) for a in plane.across)
+    return ErrorMap(
+        plane.across,
+        plane.grid,
+        error.reshape(*plane.points, 3),
+        {
+            plane.across[0]: (float(p[i]), float(p[j])),
+            plane.across[1]: (float(q[i]), float(q[j])),
+        },
         length,
     )
 

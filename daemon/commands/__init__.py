@@ -26,6 +26,7 @@ NAMES = (
     "measurements.gauges",
     "measurements.iso10791",
     "correct",
+    "error_map",
     "tables.table",
     "tables.watch_tables",
     "tables.upload",

@@ -1,9 +1,14 @@
 """Zhang's calibration: squareness, thermal scales, lines, gauge block, error map."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from abbe.compcore.files.model_file import save_model
 from benchmarks.sources import zhang
+from tests.support.daemon.command_line import abbe
 
 
 @pytest.fixture(scope="module")
@@ -54,3 +59,34 @@ def test_the_worst_pair_of_a_plane_is_predicted(study: zhang.Study) -> None:
         assert abs(worst) > 10e-3
         assert plane.predicted == pytest.approx(worst, abs=1.5e-3)
         assert abs(plane.left) < 0.15 * abs(worst)
+
+
+def test_his_error_maps_by_the_command(study: zhang.Study, tmp_path: Path) -> None:
+    """The plane at 20 and 19 °C: lengths between all points, against the exact chain."""
+    model = tmp_path / "zhang.toml"
+    save_model(study.result.model, model)
+    probe = ",".join(f"{v:g}" for v in zhang.PROBE)
+    done = abbe(
+        "error-map", model, "Z=-330", f"tool={probe}", "--temperature", "20,19",
+        "--range", "X=0,700", "--range", "Y=0,900", "--points", "10", "--json",
+    )  # fmt: skip
+    assert done.status == 0, done.err
+    told = json.loads(done.out)
+    x, y = (g.ravel() for g in np.meshgrid(told["grid"]["X"], told["grid"]["Y"], indexing="ij"))
+    places = np.stack([x, y, np.full(x.shape, -330.0)], axis=1)
+    apart = places[:, None] - places[None]
+    length = np.linalg.norm(apart, axis=2) + np.eye(len(x))
+    positions = dict(zip("XYZ", places.T, strict=True))
+    largest = []
+    for one, warmth in zip(told["maps"], (20.0, 19.0), strict=True):
+        warm = {name: np.full(len(x), warmth) for name in study.result.model.machine.signals}
+        true = zhang.machine().error({**positions, **warm}, zhang.PROBE) * 1e3
+        said = np.array(one["error"]).reshape(-1, 3)
+
+        def of_lengths(error: np.ndarray) -> np.ndarray:
+            return np.einsum("ijk,ijk->ij", apart, error[:, None] - error[None]) / length
+
+        largest.append(float(np.abs(of_lengths(true)).max()))
+        assert abs(one["worst_pair"]["length_error"]) == pytest.approx(largest[-1], abs=1.5)
+        assert np.abs(of_lengths(said - true)).max() < 2.0
+    assert largest[1] > largest[0] + 5.0
