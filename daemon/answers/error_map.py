@@ -63,17 +63,19 @@ def notes_of(mapped: Sequence[MappedPlane]) -> list[str]:
 
 
 def state_in_words(model: Model, plane: Plane) -> str:
-    """Where the other axes stand, signals and tool."""
+    """Where the other axes stand, signals and tool; signals of one value together."""
     parts = [
         f"{a} = {math.degrees(v) if is_rotary(a) else v:g}{'°' if is_rotary(a) else ' mm'}"
         for a, v in plane.at.items()
     ]
+    alike: dict[tuple[float, str], list[str]] = {}
     for name, value in plane.signals.items():
         unit = model.machine.signals[name].unit
-        parts.append(f"{name} = {value:g} {'°C' if unit == 'degC' else unit}".rstrip())
+        alike.setdefault((value, "°C" if unit == "degC" else unit), []).append(name)
+    parts += [f"{', '.join(n)} = {v:g} {unit}".rstrip() for (v, unit), n in alike.items()]
     if any(plane.tool):
         parts.append(f"tool {', '.join(f'{v:g}' for v in plane.tool)} mm")
-    return ", ".join(parts)
+    return "; ".join(parts).replace("-", "−")
 
 
 def as_json(mapped: Sequence[MappedPlane], warnings: list[str]) -> dict[str, Any]:

@@ -91,12 +91,13 @@ def planes(
         given.spindle_angle,
     )
     required = RequiredInputs.of(model)
+    needed = set(required.signals)
     made = []
     for warmth in temperature or (None,):
         thermal = {
             s.name: warmth
             for s in machine.signals.values()
-            if warmth is not None and s.unit == "degC"
+            if warmth is not None and s.unit == "degC" and s.name in needed
         }
         signals = {**thermal, **given.signals}
         given.require(model, required, signals, clock=given.time is not None)
