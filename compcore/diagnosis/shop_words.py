@@ -81,6 +81,8 @@ _SAID: Mapping[str, Callable[[Where, str], str]] = {
     "setup_zero": lambda w, s: f"the zero of {w['setup']} is not what was thought: {s}",
     "setup_slope": lambda w, s: f"the reference of {w['setup']} was not aligned: {s}",
     "setup_frame": lambda w, s: f"the set-up {w['setup']} lies elsewhere than thought: {s}",
+    "gravity_flexure": lambda w, s: f"what {w['axis']} carries sags as it turns: {s}",
+    "setup_scale": lambda w, s: f"the part or artefact of {w['setup']} was warmer than said: {s}",
     "formula": lambda w, s: f"a formula describes what is left in {w['channel']}: {s}",
 }
 
