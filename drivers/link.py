@@ -363,29 +363,12 @@ class Link(ABC):
             `LinkError.written` say what became of each.
         """
 
-    def _in_time(self, until: float, names: Iterable[str]) -> None:
-        """Refuse to send what has become too old.
-
-        Raises
-        ------
-        TooLateError
-            When it is later than `until`.
-        """
-        if time.monotonic() > until:
-            late = TooLateError(f"link {self.name}: too old before it could be sent, so not sent")
-            raise late.leaving(untouched=names)
-
     @abstractmethod
     async def close(self) -> None:
         """End the link and all its tasks; safe to call twice."""
 
 
 PLUGINS: PluginGroup[Link] = PluginGroup(LINK_GROUP, Link, "link driver")
-
-
-def available_links() -> dict[str, str]:
-    """Names of all installed link plugins → where each lives (``module:Class``)."""
-    return {name: entry.value for name, entry in PLUGINS.entries().items()}
 
 
 def link_class(driver: str) -> type[Link]:

@@ -11,7 +11,6 @@ import re
 from pathlib import Path
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.text.atomic import write_atomically
 from abbe.compcore.files.text.numbers import checked_number
 from abbe.compcore.machine.plausible import DISPLACEMENT, ROTATION, TRAVEL, Range
 from abbe.compcore.maps.table import COLUMNS, AxisTable, CompensationMap, Row
@@ -153,17 +152,6 @@ class _Reader:
 
     def _error(self, problem: str, line: int, found: str | None, expected: str) -> InputError:
         return InputError(problem, file=self._file, line=line, found=found, expected=expected)
-
-
-def save_map(compensation: CompensationMap, path: str | Path) -> None:
-    """Write a map, atomically.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be written.
-    """
-    write_atomically(path, format_map(compensation))
 
 
 def format_map(compensation: CompensationMap) -> str:

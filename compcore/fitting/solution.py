@@ -162,17 +162,6 @@ class Solution:
             mixed = columns @ (d.scale[:, None] * d.determined / d.singular[: d.rank])
             return np.asarray(np.linalg.qr(mixed)[0])
 
-    @cached_property
-    def full_basis(self) -> F64:
-        """Orthonormal basis of the weighted Jacobian and all nuisances, (n, rank + q)."""
-        n, r = self.basis.shape
-        out = np.zeros((n, r + self.eliminator.rank))
-        out[:, :r] = self.basis
-        for rows, own in self.eliminator.bases():
-            out[rows, r : r + own.shape[1]] = own
-            r += own.shape[1]
-        return out
-
     def residualise(self, columns: F64) -> F64:
         """Weighted columns, (n, k), less what model and nuisances can imitate."""
         left = self.eliminator.project(columns)

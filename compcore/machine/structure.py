@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 from abbe.compcore.errors import InputError
 
-LINEAR = "XYZUVW"
 ROTARY = "ABC"
 _AXIS = r"[XYZUVWABC][0-9]?"
 _TOKEN = re.compile(rf"\s*(?:(?P<end>[wbt])|\(\s*(?P<spindle>{_AXIS}'?)\s*\)|(?P<axis>{_AXIS}'?))")

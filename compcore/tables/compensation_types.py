@@ -234,12 +234,6 @@ def on_machine(names: Iterable[str], machine: Machine) -> tuple[str, ...]:
     return tuple(found)
 
 
-def representable(motion: MotionDependence, types: Iterable[str], machine: Machine) -> bool:
-    """Whether tables of these types can hold an error motion exactly, but for interpolation."""
-    role = motion.role(machine)
-    return any(role in TYPES[name].holds for name in expand(types))
-
-
 def error_motions(machine: Machine, effect: Effect) -> tuple[MotionDependence, ...]:
     """The error motions that an effect of machine or workpiece moves; none for instruments."""
     if effect.scope == "instrument":

@@ -83,6 +83,8 @@ class LiveCompensator:
 
     def __init__(self, model: Model, turning: Sequence[str] = ()) -> None:
         self._compensator = Compensator(model, turning=turning)
+        if direct := self._compensator.direct_effects:
+            logger.info("computed at every point, as no table holds them: %s", "; ".join(direct))
         self._poses = bool(turning)
         self.axes = self._compensator.axes
         self.directions = (*DIRECTIONS, *turning)

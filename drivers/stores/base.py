@@ -196,11 +196,6 @@ class Store(ABC):
 PLUGINS: PluginGroup[Store] = PluginGroup(STORE_GROUP, Store, "store")
 
 
-def available_stores() -> dict[str, str]:
-    """Names of all installed stores → where each lives (``module:Class``)."""
-    return {name: entry.value for name, entry in PLUGINS.entries().items()}
-
-
 def store_class(kind: str) -> type[Store]:
     """Load a store plugin by its name.
 

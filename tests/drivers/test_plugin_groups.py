@@ -8,7 +8,7 @@ import pytest
 
 from abbe.compcore import plugins
 from abbe.drivers import link
-from abbe.drivers.link import LinkConfigError, available_links, link_class
+from abbe.drivers.link import PLUGINS, LinkConfigError, link_class
 from abbe.drivers.modbus.link import ModbusLink
 from abbe.drivers.stores.base import store_class
 
@@ -28,7 +28,7 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_abbes_own_is_not_replaced_by_another_of_its_name():
     assert link_class("modbus") is ModbusLink
-    assert available_links()["modbus"] == OWN.value
+    assert PLUGINS.entries()["modbus"].value == OWN.value
 
 
 @pytest.mark.parametrize(

@@ -11,10 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from abbe.drivers.link import available_links
+from abbe.drivers.link import PLUGINS
 from tests.support.daemon.command_line import abbe
 
-OURS = {name: where for name, where in available_links().items() if where.startswith("abbe.")}
+OURS = {
+    name: entry.value
+    for name, entry in PLUGINS.entries().items()
+    if entry.value.startswith("abbe.")
+}
 ROOT = Path(__file__).parents[2]
 
 

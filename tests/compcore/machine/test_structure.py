@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.machine.structure import LINEAR, ROTARY, Structure, is_rotary
+from abbe.compcore.machine.structure import ROTARY, Structure, is_rotary
 
 
 def test_moving_bridge():
@@ -49,7 +49,7 @@ def test_numbered_axes():
 
 @st.composite
 def structures(draw):
-    names = draw(st.lists(st.sampled_from(LINEAR + ROTARY), unique=True, min_size=1, max_size=7))
+    names = draw(st.lists(st.sampled_from("XYZUVW" + ROTARY), unique=True, min_size=1, max_size=7))
     cut = draw(st.integers(0, len(names)))
     spindle = draw(st.sampled_from([None, *ROTARY]))
     on_workpiece = spindle is not None and draw(st.booleans())

@@ -19,7 +19,6 @@ from abbe.compcore.tables.compensation_types import (
     error_motions,
     expand,
     on_machine,
-    representable,
     types_needed,
 )
 from tests.support.compcore.catalogue import FIVE_AXIS, MILL, ROWS
@@ -79,10 +78,11 @@ def test_an_unknown_type_lists_those_that_exist():
 )
 def test_which_elementary_types_hold_an_error_motion(channel, positions, held_by):
     motion = MotionDependence(channel, tuple(positions))
+    role = motion.role(FIVE_AXIS)
     elementary = [*LINEAR, *ROTARY, "FOR", "L-SPEC", "R-SPEC"]
-    assert {t for t in elementary if representable(motion, [t], FIVE_AXIS)} == held_by
-    whole = representable(motion, ["L-VOL", "R-VOL"], FIVE_AXIS)
-    assert whole == bool(held_by)
+    assert {t for t in elementary if role in TYPES[t].holds} == held_by
+    whole = {r for t in expand(["L-VOL", "R-VOL"]) for r in TYPES[t].holds}
+    assert (role in whole) == bool(held_by)
 
 
 def test_directions_belong_to_the_table_of_their_axis():

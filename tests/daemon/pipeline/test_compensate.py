@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import math
 
 import pytest
 
-from abbe.compcore.effects import Angular, ScaleExpansion, Straightness, ThermalTilt
+from abbe.compcore.effects import Angular, ScaleExpansion, Straightness, ThermalTilt, make_effect
 from abbe.compcore.machine.machine import Axis, Machine, Signal
 from abbe.compcore.machine.structure import Structure
 from abbe.compcore.model.model import Model, Term, Value
@@ -115,3 +116,13 @@ def test_a_compensator_that_fails_is_a_named_fault_and_recovers(
     assert len([r for r in caplog.records if "on purpose" in r.message]) == 1
     assert stage.step([0.0, 100.0, 0.0], [0.0] * 3) == fine
     assert stage.fault == ""
+
+
+def test_what_no_table_holds_is_named_in_the_log(caplog: pytest.LogCaptureFixture) -> None:
+    odd = make_effect("formula", {"channel": "dX", "terms": ("max(X-350,Y-450)",)})
+    with caplog.at_level(logging.INFO, "abbe.pipeline"):
+        LiveCompensator(model(growth("X", "T1")))
+        assert caplog.messages == []
+        names = [p.name for p in odd.linear(machine())]
+        LiveCompensator(model(Term(odd, {n: Value(1e-5) for n in names})))
+    assert caplog.messages == [f"computed at every point, as no table holds them: {odd.spec}"]

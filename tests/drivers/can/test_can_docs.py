@@ -14,7 +14,7 @@ from abbe.drivers.can.canopen.config import CanopenConfig, NodeConfig
 from abbe.drivers.can.dbc import config as dbc_config
 from abbe.drivers.can.dbc.config import DbcConfig, DbcMessageConfig, RequestConfig
 from abbe.drivers.can.error_frames import LEFT_THE_BUS
-from abbe.drivers.link import available_links, link_class
+from abbe.drivers.link import PLUGINS, link_class
 from abbe.drivers.simulated.commands.can import _parser
 from tests.support.drivers.can_links import DBC
 
@@ -44,8 +44,8 @@ def test_examples_work(name: str, section: dict[str, Any]) -> None:
 
 def test_there_are_examples() -> None:
     assert [name for name, _ in EXAMPLES] == ["can", "encoders", "field", "try_nodes"]
-    assert available_links()["can"] == "abbe.drivers.can.dbc.link:DbcLink"
-    assert available_links()["canopen"] == "abbe.drivers.can.canopen.link:CanopenLink"
+    assert PLUGINS.entries()["can"].value == "abbe.drivers.can.dbc.link:DbcLink"
+    assert PLUGINS.entries()["canopen"].value == "abbe.drivers.can.canopen.link:CanopenLink"
 
 
 @pytest.mark.parametrize(

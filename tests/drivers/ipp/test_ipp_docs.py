@@ -11,7 +11,7 @@ import pytest
 
 from abbe.drivers.ipp.config import Axis, Coordinates, IppChannelConfig, IppConfig, MoveReportConfig
 from abbe.drivers.ipp.link import IppLink
-from abbe.drivers.link import available_links, link_class
+from abbe.drivers.link import PLUGINS, link_class
 from abbe.drivers.simulated.commands.ipp import _orders, _parser
 from abbe.drivers.simulated.ipp.server import IppServer
 
@@ -36,7 +36,7 @@ def test_examples_work(name: str, section: dict[str, Any]) -> None:
 
 def test_there_are_examples() -> None:
     assert [name for name, _ in EXAMPLES] == ["cmm", "reported"]
-    assert available_links()["ipp"] == "abbe.drivers.ipp.link:IppLink"
+    assert PLUGINS.entries()["ipp"].value == "abbe.drivers.ipp.link:IppLink"
     assert "docs/ipp.md" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 

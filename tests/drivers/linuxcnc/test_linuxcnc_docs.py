@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from abbe.drivers.link import available_links, link_class
+from abbe.drivers.link import PLUGINS, link_class
 from abbe.drivers.linuxcnc.config import STATE_BITS, LinuxCncChannelConfig, LinuxCncConfig
 from abbe.drivers.linuxcnc.link import LinuxCncLink
 from abbe.drivers.stores.linuxcnc.config import LinuxCncStoreConfig
@@ -30,7 +30,7 @@ def test_examples_work() -> None:
         assert link_class(rest.pop("driver")) is LinuxCncLink
         link = LinuxCncLink("mill", LinuxCncConfig.model_validate(rest))
         assert set(link.channels) == set(rest["channels"])
-    assert available_links()["linuxcnc"] == "abbe.drivers.linuxcnc.link:LinuxCncLink"
+    assert PLUGINS.entries()["linuxcnc"].value == "abbe.drivers.linuxcnc.link:LinuxCncLink"
 
 
 @pytest.mark.parametrize("config", [LinuxCncConfig, LinuxCncChannelConfig, LinuxCncStoreConfig])

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from abbe.drivers.link import available_links, link_class
+from abbe.drivers.link import PLUGINS, link_class
 from abbe.drivers.modbus.config import BlockConfig, ModbusChannelConfig, ModbusConfig
 from abbe.drivers.modbus.link import ModbusLink
 
@@ -79,7 +79,7 @@ def refusal(**changes: Any) -> str:
 
 
 def test_the_driver_is_found_by_its_name() -> None:
-    assert "modbus" in available_links()
+    assert "modbus" in PLUGINS.entries()
     assert link_class("modbus") is ModbusLink
     assert ModbusLink.Config is ModbusConfig
 

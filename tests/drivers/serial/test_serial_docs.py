@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from abbe.drivers.link import available_links, link_class
+from abbe.drivers.link import PLUGINS, link_class
 from abbe.drivers.serial.checksum import ALGORITHMS, ChecksumConfig
 from abbe.drivers.serial.config import SerialChannelConfig, SerialConfig, SerialMessageConfig
 from abbe.drivers.serial.link import SerialLink
@@ -38,7 +38,7 @@ def test_examples_work(name: str, section: dict[str, Any]) -> None:
 
 def test_there_are_examples() -> None:
     assert [name for name, _ in EXAMPLES] == ["dro", "thermometers", "laser"]
-    assert available_links()["serial"] == "abbe.drivers.serial.link:SerialLink"
+    assert PLUGINS.entries()["serial"].value == "abbe.drivers.serial.link:SerialLink"
 
 
 @pytest.mark.parametrize(

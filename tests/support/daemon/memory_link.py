@@ -7,7 +7,15 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 
-from abbe.drivers.link import ChannelInfo, Link, LinkConfig, LinkState, Quality, Sample
+from abbe.drivers.link import (
+    ChannelInfo,
+    Link,
+    LinkConfig,
+    LinkState,
+    Quality,
+    Sample,
+    TooLateError,
+)
 
 
 class MemoryLink(Link):
@@ -55,7 +63,8 @@ class MemoryLink(Link):
         return Sample(value, now)
 
     async def write(self, values: Mapping[str, float], *, until: float = math.inf) -> None:
-        self._in_time(until, values)
+        if time.monotonic() > until:
+            raise TooLateError("too old before it could be sent").leaving(untouched=values)
         if self.write_error is not None:
             raise self.write_error
         self.written.append(dict(values))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from abbe.compcore.files.map_file import load_map, save_map
+from abbe.compcore.files.map_file import format_map, load_map
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.switched_points import read_switched
 from abbe.compcore.machine.conditions import Conditions
@@ -32,7 +32,7 @@ def tables():
 @pytest.fixture
 def map_file(tables, tmp_path):
     path = tmp_path / "map.txt"
-    save_map(as_map(tables), path)
+    path.write_text(format_map(as_map(tables)), encoding="utf-8")
     return path
 
 
