@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.noise import NoiseFloor
+from abbe.compcore.campaign.sampling import sampling_words
 from abbe.compcore.comparison.lines import MeasuredLine
 from abbe.compcore.comparison.parts import ComparedRows
 
@@ -58,6 +59,7 @@ def comparison_words(
                 f"  {line.setup} ({line.length:.0f} mm): {linear}; "
                 f"{line.rest_before * 1e3:.1f} → {line.rest_after * 1e3:.1f}"
             )
+    yield from sampling_words(campaign)
 
 
 def _worst_groups(part: ComparedRows, unit: str) -> Iterator[str]:

@@ -20,6 +20,7 @@ NAMES = (
     "model.remove",
     "model.history",
     "effects",
+    "measurements.plan",
     "measurements.import_campaign",
     "measurements.iso230",
     "measurements.iso10360",

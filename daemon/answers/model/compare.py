@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
 from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.campaign.sampling import samplings
 from abbe.compcore.comparison.compare import Comparison
 from abbe.compcore.comparison.parts import ComparedRows
 from abbe.compcore.diagnosis.changed import standing
 from abbe.compcore.diagnosis.explain import changed
 from abbe.compcore.fitting.fit import fit
+from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.model import Model
 from abbe.daemon.answers.model.fit import finite
 
@@ -37,6 +40,17 @@ def as_json(comparison: Comparison) -> dict[str, Any]:
             for line in comparison.lines
         ],
         "uncertainty": {k.name.lower(): s for k, s in comparison.uncertainty.source.items()},
+        "sampling": [
+            {
+                "axis": s.axis,
+                "setup": s.setup,
+                "even": s.even,
+                "unit": "deg" if is_rotary(s.axis) else "mm",
+                "step": math.degrees(s.step) if is_rotary(s.axis) else s.step,
+                "shortest_wave": math.degrees(s.shortest) if is_rotary(s.axis) else s.shortest,
+            }
+            for s in samplings(comparison.problem.campaign)
+        ],
         "left_out": list(comparison.left_out),
         "suspicions": list(comparison.suspicions),
         "rotation": {

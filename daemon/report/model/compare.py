@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 
 from abbe.compcore.campaign.noise import NoiseLevel
+from abbe.compcore.campaign.sampling import sampling_words
 from abbe.compcore.comparison.compare import Comparison
 from abbe.compcore.comparison.parts import ComparedRows
 from abbe.compcore.comparison.tabulate import ResidualGroup
@@ -30,6 +31,7 @@ def comparison_page(comparison: Comparison, head: PageHead) -> Page:
     if fitted := comparison.fitted_files:
         page.notes([fitted_note(fitted)], warning=True)
     page.notes([str(level) for level in comparison.noise.levels.values()])
+    page.notes(list(sampling_words(problem.campaign)))
     page.notes(
         [
             f"Left out: {spec}; it belongs to a placing of the instrument in another campaign."
