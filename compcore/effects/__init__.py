@@ -49,14 +49,14 @@ if TYPE_CHECKING:
         LateralReversal,
         ReversalAngle,
     )
-    from abbe.compcore.effects.catalogue.rotary_axes import (
+    from abbe.compcore.effects.catalogue.rotary.location import RotaryLocation
+    from abbe.compcore.effects.catalogue.rotary.motions import (
         RotaryAxial,
-        RotaryLocation,
         RotaryPositioning,
         RotaryRadial,
         RotaryTilt,
-        SpindleSquareness,
     )
+    from abbe.compcore.effects.catalogue.rotary.spindle import SpindleSquareness
     from abbe.compcore.effects.catalogue.temperature.angles import ThermalBending, ThermalTilt
     from abbe.compcore.effects.catalogue.temperature.lengths import (
         ScaleExpansion,

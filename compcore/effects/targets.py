@@ -10,12 +10,18 @@ from abbe.compcore.machine.machine import Machine, own_component
 
 TRANSLATIONS: tuple[Component, ...] = ("X", "Y", "Z")
 ROTATIONS: tuple[Component, ...] = ("A", "B", "C")
+_TURNED: dict[str, AxisLetter] = {"A": "X", "B": "Y", "C": "Z"}
 
 
 def along(axis: str) -> ErrorMotion:
     """An axis's positioning error motion: E_XX, E_YV, E_CC, …"""
     component: Component = own_component(axis)  # type: ignore[assignment]
     return ErrorMotion(axis, component)
+
+
+def turned_about(axis: str) -> AxisLetter:
+    """The machine direction about which a rotary axis turns: Z for C (ISO 841)."""
+    return _TURNED[own_component(axis)]
 
 
 def require_linear(machine: Machine, axis: str, kind: str, key: str = "axis") -> None:

@@ -14,6 +14,7 @@ from itertools import combinations
 
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.registry import make_effect
+from abbe.compcore.effects.targets import turned_about
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Axis, Machine, Signal, own_component
 from abbe.compcore.model.model import Model
@@ -25,7 +26,6 @@ _ENDS = 4
 _FEWEST, _MOST = 6, 16
 _WHOLE_TURN = math.radians(300.0)
 """A rotary axis that turns at least so far repeats after a turn."""
-_TURNED = {"A": "X", "B": "Y", "C": "Z"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +123,7 @@ def _rotary(axis: Axis, wanted: StartOptions) -> Iterator[Effect]:
     yield make_effect("rotary_positioning", form)
     if not wanted.rotary_motions:
         return
-    across = [d for d in "XYZ" if d != _TURNED[own_component(axis.name)]]
+    across = [d for d in "XYZ" if d != turned_about(axis.name)]
     yield make_effect("rotary_axial", form)
     for kind in ("rotary_radial", "rotary_tilt"):
         for direction in across:
@@ -153,4 +153,4 @@ def _at(signals: list[Signal], role: str, axis: str | None) -> list[Signal]:
 
 def _spindle(machine: Machine) -> str:
     name = machine.structure.spindle
-    return "Z" if name is None else _TURNED[own_component(name)]
+    return "Z" if name is None else turned_about(name)

@@ -14,7 +14,7 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.diagnosis.screening.evidence import RIGID_BODY, cost_of
 from abbe.compcore.effects.base import Effect
-from abbe.compcore.effects.catalogue.rotary_axes import RotaryMotion
+from abbe.compcore.effects.catalogue.rotary.motions import RotaryMotion
 from abbe.compcore.effects.registry import effect_kinds
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Machine

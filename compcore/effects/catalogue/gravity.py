@@ -18,7 +18,7 @@ from abbe.compcore.effects.base import (
     Motion,
     Parameter,
 )
-from abbe.compcore.effects.catalogue.rotary_axes import spindle_direction
+from abbe.compcore.effects.catalogue.rotary.spindle import spindle_direction
 from abbe.compcore.effects.registry import register
 from abbe.compcore.effects.targets import ROTATIONS, require_rotary
 from abbe.compcore.errors import InputError

@@ -1,4 +1,4 @@
-"""Effects of rotary axes: location of the axis average line, error motions (ISO 230-7)."""
+"""Error motions of rotary axes: positioning, radial, axial, tilt (ISO 230-7)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import (
     ABOUT,
     F64,
-    SPINDLE,
     AxisLetter,
     Component,
     Effect,
@@ -22,90 +21,10 @@ from abbe.compcore.effects.base import (
 from abbe.compcore.effects.keys import Harmonics, Numbers
 from abbe.compcore.effects.registry import register
 from abbe.compcore.effects.shapes import Shape
-from abbe.compcore.effects.targets import ROTATIONS, TRANSLATIONS, require_rotary
+from abbe.compcore.effects.targets import TRANSLATIONS, require_rotary, turned_about
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine, own_component
-
-_TURNED: dict[str, AxisLetter] = {"A": "X", "B": "Y", "C": "Z"}
-"""A rotary axis's letter → the direction about which it turns."""
-
-
-@register
-class RotaryLocation(Effect):
-    """Where a rotary axis really lies: position and orientation of its axis average line.
-
-    Every computation with a rotary axis takes the place of its line from the machine's parameters.
-    If the line lies elsewhere, or leans, each point moves on another circle than the one computed.
-
-    Formula
-        Constants on the axis's error motions, in its stator's frame, with their origin at the
-        nominal line (``location`` in the model file). For a C axis: E_X0C, E_Y0C, E_A0C, E_B0C, and
-        E_C0C (where it stands when it shows 0); for A and B by their letters. They are errors of
-        the tool relative to the workpiece. On the **tool side** the line lies E_X0C, E_Y0C beside
-        its nominal place and leans by E_A0C, E_B0C. On the **workpiece side** it is the opposite: a
-        table C' whose line lies 10 µm towards −X of the nominal place has E_X0C = +10 µm. An axis
-        that is carried by another counts from where the other carries it.
-    Parameters
-    ----------
-        E_X0C, E_Y0C in mm, within ±0.2 mm; E_A0C, E_B0C, E_C0C in rad, within ±1 mrad. After a
-        careful set-up 5 to 20 µm and 10 to 50 µrad; more after a collision.
-    Signals
-        None beyond the angle, which turns the levers.
-    Typical causes
-        Set-up of the table or head, an old value in the controller, collision, thermal growth of
-        column or trunnion.
-    Cure
-        Calibrate with a sphere and probe (R-test) and enter the place and direction that ``abbe
-        fit`` says, on either side of the bed (not the nominal place plus the parameter: on the
-        workpiece side that doubles the error); then take the effect out. Compensation R-POR.
-    Source
-        ISO 230-7:2015 (axis average line); ISO/TR 16907:2015, 6 and 8.2 (R-POR); ISO 10791-6.
-    """
-
-    kind = "rotary_location"
-    axis: str
-
-    def check(self, machine: Machine) -> None:
-        """Rotary axes only."""
-        super().check(machine)
-        require_rotary(machine, self.axis, self.kind)
-
-    def components(self) -> tuple[Component, ...]:
-        """Two crossings, two leanings and the zero angle, as ISO lists them."""
-        own = own_component(self.axis)
-        across = [d for d in TRANSLATIONS if d != _TURNED[own]]
-        leaning = [ABOUT[d] for d in across]
-        zero: Component = own  # type: ignore[assignment]
-        return (*across, *leaning, zero)
-
-    def linear(self, machine: Machine) -> tuple[Parameter, ...]:
-        """E_X0C, E_Y0C, E_A0C, E_B0C, E_C0C, and alike for A and B."""
-        found = []
-        for k in self.components():
-            error_motion = ErrorMotion(self.axis, k)
-            plausible = (-1e-3, 1e-3) if error_motion.rotation else (-0.2, 0.2)
-            text = f"axis average line of {self.axis}, {k}"
-            found.append(Parameter(f"E_{k}0{self.axis}", error_motion.unit, plausible, text))
-        return tuple(found)
-
-    def motions(
-        self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
-    ) -> tuple[Motion, ...]:
-        """One constant each."""
-        one = np.ones((conditions.n, 1))
-        return tuple(
-            Motion(ErrorMotion(self.axis, k), one, first=i) for i, k in enumerate(self.components())
-        )
-
-    def positions_used(self, machine: Machine) -> tuple[str, ...]:
-        """None: constants in the stator's frame."""
-        return ()
-
-    @classmethod
-    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[RotaryLocation]:
-        """Each rotary axis that moved."""
-        return (cls(axis=a) for a in machine.structure.rotary if a in coverage.moving)
 
 
 class RotaryMotion(Effect):
@@ -261,7 +180,7 @@ class RotaryRadial(RotaryMotion):
         """Two for each rotary axis that moved."""
         for axis in (a for a in machine.structure.rotary if a in coverage.moving):
             for direction in TRANSLATIONS:
-                if direction != _TURNED[own_component(axis)]:
+                if direction != turned_about(axis):
                     yield cls(axis=axis, direction=direction)
 
 
@@ -291,7 +210,7 @@ class RotaryAxial(RotaryMotion):
 
     def component(self) -> Component:
         """Along the axis."""
-        return _TURNED[own_component(self.axis)]
+        return turned_about(self.axis)
 
     def check(self, machine: Machine) -> None:
         """The axis's own direction, if any is given."""
@@ -350,105 +269,12 @@ class RotaryTilt(RotaryMotion):
         """Two for each rotary axis that moved."""
         for axis in (a for a in machine.structure.rotary if a in coverage.moving):
             for direction in TRANSLATIONS:
-                if direction != _TURNED[own_component(axis)]:
+                if direction != turned_about(axis):
                     yield cls(axis=axis, direction=direction)
 
 
-@register
-class SpindleSquareness(Effect):
-    """The spindle's axis average line is not parallel to the axis that it should be parallel to.
-
-    Two tools of different lengths then touch at different places, and a face cutter leaves a
-    hollow.
-
-    Formula
-        The spindle leans towards ``direction`` by a constant angle: a turn about s × direction at
-        the spindle, s the spindle's nominal direction (Z; the letter in brackets in the structure
-        code says otherwise). For a spindle along Z, direction X is ISO's E_B of the spindle, and
-        direction Y its −E_A.
-    Parameters
-    ----------
-        angle in rad, positive where a longer tool's far side (positive s) leans towards positive
-        direction; within ±500 µrad (0.02 mm in 300 mm is 67 µrad).
-    Signals
-        None; tools of different lengths, or a turned tool with a radial offset, show it.
-    Typical causes
-        Alignment of the head, a collision, thermal tilt of the head.
-    Cure
-        Shim the head; tool lengths told to the controller with L-ANG or L-VOL.
-    Source
-        ISO 230-7:2015; ISO 10791-1 (squareness of the spindle); Krulewich, LLNL, who fits the
-        spindle's two squarenesses along with the machine.
-    """
-
-    kind = "spindle_squareness"
-    direction: AxisLetter
-
-    def check(self, machine: Machine) -> None:
-        """A direction across the spindle."""
-        super().check(machine)
-        along = spindle_direction(machine)
-        if self.direction == along:
-            raise InputError(
-                "a spindle leans across its own direction",
-                field="direction",
-                found=self.direction,
-                expected="one of " + ", ".join(d for d in "XYZ" if d != along),
-            )
-
-    def linear(self, machine: Machine) -> tuple[Parameter, ...]:
-        """The angle."""
-        text = f"lean of the spindle towards {self.direction}"
-        return (Parameter("angle", "rad", (-5e-4, 5e-4), text),)
-
-    def motions(
-        self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
-    ) -> tuple[Motion, ...]:
-        """A constant turn between the last axis and the tool."""
-        unit = np.eye(3)
-        turn = np.cross(
-            unit["XYZ".index(spindle_direction(machine))], unit["XYZ".index(self.direction)]
-        )
-        k = int(np.argmax(np.abs(turn)))
-        return (Motion(ErrorMotion(SPINDLE, ROTATIONS[k]), np.full((conditions.n, 1), turn[k])),)
-
-    def positions_used(self, machine: Machine) -> tuple[str, ...]:
-        """None: a constant."""
-        return ()
-
-    @classmethod
-    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[SpindleSquareness]:
-        """Both directions where the tool's offset varied: with one tool it is a shift.
-
-        Also where orientations were measured while rotary axes turned the spindle: collimation.
-        """
-        turned = any(a in coverage.moving for a in machine.structure.rotary)
-        rotations = any("rotation" in seen.kinds for seen in coverage.setup_details.values())
-        if not coverage.tool_varies and not (turned and rotations):
-            return
-        along = spindle_direction(machine)
-        for direction in TRANSLATIONS:
-            about = next((d for d in TRANSLATIONS if d not in (along, direction)), along)
-            # a lean about the line of the last rotary axis is that axis's zero
-            zero = not coverage.tool_varies and about == _last_turned(machine)
-            if direction != along and not zero:
-                yield cls(direction=direction)
-
-
-def _last_turned(machine: Machine) -> str | None:
-    """The direction about which the last axis before the tool turns; None where it is linear."""
-    last = machine.structure.tool_side[-1:]
-    return _TURNED[own_component(last[0])] if last and machine.axes[last[0]].rotary else None
-
-
-def spindle_direction(machine: Machine) -> AxisLetter:
-    """The spindle's nominal direction: Z, or that of the letter in brackets in the structure."""
-    name = machine.structure.spindle
-    return "Z" if name is None else _TURNED[own_component(name)]
-
-
 def _across(axis: str, direction: str, what: str) -> None:
-    own = _TURNED[own_component(axis)]
+    own = turned_about(axis)
     if direction == own:
         raise InputError(
             f"a {what} is across the axis",

@@ -1,0 +1,1 @@
+"""Rotary axes and the spindle: average lines, error motions (ISO 230-7)."""
