@@ -76,6 +76,9 @@ def _inputs(configuration: Configuration, links: dict[str, Link]) -> Iterator[di
         if axis.direction is not None:
             yield _row(links, f"direction of {name}", axis.direction) | {"becomes": "1, −1, 0"}
     for name, signal in file.signals.items():
+        if signal.source is None:
+            yield _typed(name, signals[name].unit, signal.entered_for or 0.0)
+            continue
         yield _row(links, f"signal {name}", signal.source, signal.transducer) | {
             "becomes": signals[name].unit
         }
@@ -103,6 +106,18 @@ def _outputs(configuration: Configuration, links: dict[str, Link]) -> Iterator[d
     for name in ("status", "heartbeat"):
         if (channel := getattr(output, name)) is not None:
             yield _row(links, f"Abbe's {name}", channel) | {"from": "Abbe"}
+
+
+def _typed(name: str, unit: str, seconds: float) -> dict[str, Any]:
+    """A signal that a person types in."""
+    return {
+        "what": f"signal {name}",
+        "channel": "typed in",
+        "where": f"abbe enter, good for {seconds:g} s",
+        "unit": unit,
+        "transducer": None,
+        "becomes": unit,
+    }
 
 
 def _row(

@@ -15,6 +15,8 @@ from typing import NoReturn
 
 from abbe.compcore.errors import AbbeError
 from abbe.daemon.config import Configuration
+from abbe.daemon.control.controls import Controls
+from abbe.daemon.control.server import ControlServer
 from abbe.daemon.identity import RunIdentity
 from abbe.daemon.ownership.claims import held_by_run
 from abbe.daemon.ownership.lock import hold
@@ -184,6 +186,7 @@ class Service:
         loop = asyncio.get_running_loop()
         timer = None if duration is None else loop.call_later(duration, self._stop.set)
         self._supervise()
+        control = self._control()
         watching = asyncio.create_task(self._watch_files())
         with (
             _signals(loop, self),
@@ -196,9 +199,13 @@ class Service:
                 gc.freeze()
                 logger.info("running: %s: %s", self.configuration.path, self.identity.words())
                 self._warn_of_uploads()
+                if control is not None:
+                    await control.start()
                 await self._until_ended()
             finally:
                 gc.unfreeze()
+                if control is not None:
+                    await control.stop()
                 watching.cancel()
                 if self._reloading is not None:
                     await asyncio.wait({self._reloading}, timeout=_GRACE)
@@ -206,6 +213,11 @@ class Service:
                     timer.cancel()
                 await asyncio.gather(*(self._close(link) for link in self.links.values()))
                 self._notifier.close()
+
+    def _control(self) -> ControlServer | None:
+        """Where a person may change what runs, if the configuration says so."""
+        path = self.configuration.control_path
+        return None if path is None else ControlServer(path, Controls(self))
 
     def _supervise(self) -> None:
         """Have the service manager, where there is one, told of every cycle."""

@@ -21,8 +21,8 @@ from typing import Any
 import typer
 
 from abbe.compcore.compensator.folding.slow_state import SlowState
-from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.lag import LagState
+from abbe.compcore.model.lags import lags_of
 from abbe.compcore.model.model import Model
 from abbe.compcore.tables.change import predicted_change
 from abbe.compcore.tables.volume import Volume
@@ -45,19 +45,6 @@ _STILL = {"mm": 0.01, "rad": 1e-5}
 """Motion below this is none."""
 
 Tell = Callable[[dict[str, Any]], None]
-
-
-def lags_of(model: Model) -> tuple[tuple[str, float], ...]:
-    """(signal, time constant in s) of every lag that the model's fitted effects read."""
-    machine = model.machine
-    here = Conditions.at(
-        {name: axis.middle for name, axis in machine.axes.items()},
-        signals=dict.fromkeys(machine.signals, machine.reference_temperature),
-    )
-    for term in model.terms:
-        if term.fitted and term.effect.scope != "instrument":
-            term.effect.motions(machine, here, term.nonlinear(machine))
-    return here.lags_computed()
 
 
 class Follower:
@@ -300,7 +287,7 @@ def watch(
     InputError
         For an unknown controller, or options that it does not have.
     """
-    model = configuration.model
+    model = configuration.model.switched()
     target = TableTarget(
         make_controller(task.controller, model.machine, task.options),
         task.options,

@@ -186,8 +186,13 @@ class Compensator:
             if key[0] == signal:
                 self._lags[key] = LagState(key[1])
 
-    def continue_lags(self, before: Compensator) -> None:
-        """Take the lags over from the compensator that ran before, where both have one.
+    @property
+    def lag_states(self) -> Mapping[tuple[str, float], LagState]:
+        """(signal, time constant in s) → its lag as of the last update."""
+        return self._lags
+
+    def continue_lags(self, before: Mapping[tuple[str, float], LagState]) -> None:
+        """Take lags over from the `lag_states` of a compensator that ran before.
 
         A machine's warmth does not begin anew with a new model: each lag goes on from the state of
         the same signal's lag with the nearest time constant; a signal that had none begins in
@@ -195,7 +200,7 @@ class Compensator:
         """
         for key in self._lags:
             signal, tau = key
-            known = [lag for (name, _), lag in before._lags.items() if name == signal]
+            known = [lag for (name, _), lag in before.items() if name == signal]
             if known:
                 nearest = min(known, key=lambda lag: abs(math.log(lag.tau / tau)))
                 self._lags[key] = replace(nearest, tau=tau)

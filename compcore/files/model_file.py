@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import tomli_w
@@ -28,7 +28,7 @@ from abbe.compcore.files.text.atomic import write_together
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.machine.machine import Axis, Machine, Signal, Vec3, nominal_direction
 from abbe.compcore.machine.structure import Structure, is_rotary
-from abbe.compcore.model.model import Model, Term, Value
+from abbe.compcore.model.model import Model, Switch, Term, Value
 from abbe.compcore.units import to_internal
 
 
@@ -127,6 +127,13 @@ def _term(
     if not isinstance(kind, str):
         raise source.error("an effect needs its kind", ("effects", index, "kind"), found=kind)
     keys.pop("parameters", None)
+    switch = _switch(source, keys.pop("switch", "on"), ("effects", index, "switch"))
+    switches = keys.pop("tables", {}) if kind == "error_grid" else {}
+    if not isinstance(switches, dict):
+        raise source.error(
+            "not the switches of tables", ("effects", index, "tables"), found=switches,
+            expected='{ E_XX = "off", … }',
+        )  # fmt: skip
     try:
         effect = make_effect(kind, keys)
         if kind == "error_grid":
@@ -139,7 +146,26 @@ def _term(
         raise InputError(
             error.problem, field=field, found=error.found, expected=error.expected
         ) from None
-    return Term(effect, _values(source, index, effect, machine, section.get("parameters", {})))
+    values = _values(source, index, effect, machine, section.get("parameters", {}))
+    term = Term(effect, values, switch)
+    for name, stated in switches.items():
+        here = ("effects", index, "tables", name)
+        try:
+            term.require_table(name)
+        except InputError as error:
+            raise source.error(
+                error.problem, here, found=error.found, expected=error.expected
+            ) from None
+        term = replace(term, tables={**term.tables, name: _switch(source, stated, here)})
+    return term
+
+
+def _switch(source: TomlSource, value: object, key: tuple[str | int, ...]) -> Switch:
+    for switch in get_args(Switch):
+        if value == switch:
+            found: Switch = switch
+            return found
+    raise source.error("not a switch", key, found=value, expected='"on", "off" or "shown"')
 
 
 def _with_data(
@@ -300,6 +326,10 @@ def _effect_table(term: Term, machine: Machine) -> dict[str, Any]:
             | {"unit": units[name]}
             for name, v in term.values.items()
         }
+    if term.switch != "on":
+        table["switch"] = term.switch
+    if term.tables:
+        table["tables"] = dict(term.tables)
     return table
 
 

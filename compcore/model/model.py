@@ -18,6 +18,8 @@ from abbe.compcore.notebook import html_table
 
 F64 = NDArray[np.float64]
 Composition = Literal["first-order", "exact"]
+Switch = Literal["on", "off", "shown"]
+"""Whether an effect's compensation is applied, left out, or computed and reported only."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,16 +34,60 @@ class Value:
 class Term:
     """One effect of a model with its parameter values (empty until fitted).
 
-    `values` maps the names of linear and non-linear parameters to `Value`.
+    Attributes
+    ----------
+    effect
+        The effect.
+    values
+        The names of linear and non-linear parameters → `Value`.
+    switch
+        Whether its compensation is applied (ISO/TR 16907, 9.2.4 k). The effect belongs to the
+        model either way: fit and comparison do not ask.
+    tables
+        For an effect that holds tables of its own (an error grid): those that are switched
+        otherwise, by name.
     """
 
     effect: Effect
     values: Mapping[str, Value] = field(default_factory=dict)
+    switch: Switch = "on"
+    tables: Mapping[str, Switch] = field(default_factory=dict)
 
     @property
     def fitted(self) -> bool:
         """Whether the effect has its values; without, it predicts 0."""
         return bool(self.values) or self.effect.given
+
+    @property
+    def table_names(self) -> tuple[str, ...]:
+        """Names of the effect's own tables; empty where it has none."""
+        tables = getattr(self.effect, "tables", ())
+        return tuple(dict.fromkeys(table.name for table in tables))
+
+    def require_table(self, name: str) -> None:
+        """Refuse a name that none of the effect's tables has.
+
+        Raises
+        ------
+        InputError
+            Lists those that there are.
+        """
+        known = self.table_names
+        if name not in known:
+            raise InputError(
+                f"{self.effect.kind} has no such table",
+                field="tables",
+                found=name,
+                expected="one of " + (", ".join(known) or "none: the effect is one compensation"),
+            )
+
+    def part(self, wanted: Switch) -> Term | None:
+        """What of this term is switched so; None: nothing."""
+        if not self.tables:
+            return self if self.switch == wanted else None
+        names = [n for n in self.table_names if self.tables.get(n, self.switch) == wanted]
+        only = getattr(self.effect, "only", None)
+        return replace(self, effect=only(names), tables={}) if names and only else None
 
     def coefficients(self, machine: Machine) -> F64:
         """The linear parameters in the order of the effect's columns, shape (p,)."""
@@ -182,6 +228,72 @@ class Model:
         """This model with new values, one mapping for each term."""
         terms = tuple(replace(term, values=v) for term, v in zip(self.terms, values, strict=True))
         return replace(self, terms=terms)
+
+    @property
+    def switches(self) -> dict[str, Switch]:
+        """Every effect's switch by its spec; tables that differ by ``SPEC NAME``."""
+        found: dict[str, Switch] = {}
+        for term in self.terms:
+            found[term.effect.spec] = term.switch
+            found.update({f"{term.effect.spec} {name}": s for name, s in term.tables.items()})
+        return found
+
+    def switched(self, wanted: Switch = "on") -> Model:
+        """The part of this model whose compensation is on (or off, or only shown).
+
+        What is applied by `abbe correct`, `table` and `run` is the part that is on. Its covariance
+        is that of the effects that are left.
+        """
+        if not any(term.switch != wanted or term.tables for term in self.terms):
+            return self
+        kept: list[Term] = []
+        rows: list[int] = []
+        row = 0
+        for term in self.terms:
+            part = term.part(wanted)
+            if part is not None:
+                kept.append(part)
+                rows += range(row, row + len(term.values))
+            row += len(term.values)
+        covariance = self.covariance
+        if covariance is not None and len(covariance) == row:
+            covariance = covariance[np.ix_(rows, rows)]
+        return replace(self, terms=tuple(kept), covariance=covariance)
+
+    def with_switch(self, name: str, switch: Switch, table: str = "") -> Model:
+        """This model with one effect, or one table of an effect, switched.
+
+        Parameters
+        ----------
+        name
+            The effect's spec, or as much of its beginning as is unique.
+        switch
+            On, off or shown.
+        table
+            Name of one of its tables; empty: the whole effect.
+
+        Raises
+        ------
+        InputError
+            When no effect, or more than one, is called that, or it has no such table.
+        """
+        found = [i for i, t in enumerate(self.terms) if t.effect.spec == name]
+        found = found or [i for i, t in enumerate(self.terms) if t.effect.spec.startswith(name)]
+        if len(found) != 1:
+            raise InputError(
+                "no effect is called that" if not found else "more than one effect is called that",
+                field="effect",
+                found=name,
+                expected="one of " + "; ".join(t.effect.spec for t in self.terms),
+            )
+        terms = list(self.terms)
+        term = terms[found[0]]
+        if not table:
+            terms[found[0]] = replace(term, switch=switch, tables={})
+        else:
+            term.require_table(table)
+            terms[found[0]] = replace(term, tables={**term.tables, table: switch})
+        return replace(self, terms=tuple(terms))
 
     def signals_needed(self) -> tuple[str, ...]:
         """Signals that the fitted machine and workpiece effects read, in order of first use."""

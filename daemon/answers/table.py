@@ -34,6 +34,7 @@ from abbe.compcore.tables.table import Table
 from abbe.compcore.tables.volume import Volume
 from abbe.daemon.answers import as_built
 from abbe.daemon.answers.inputs import abbe_version, now
+from abbe.daemon.answers.switches import not_applied
 from abbe.drivers.controllers import Confidence, Controller
 
 F64 = NDArray[np.float64]
@@ -130,7 +131,8 @@ def make(order: TableRequest, model: Model | None = None) -> TableAnswer:
     AbbeError
         When the files do not read back as what was written.
     """
-    model = load_model(order.model_path) if model is None else model
+    whole = load_model(order.model_path) if model is None else model
+    model = whole.switched()
     controller, volume = order.controller, order.volume
     capability = controller.capability
     error = ErrorField(model, order.state, capability.lookup)
@@ -162,7 +164,13 @@ def make(order: TableRequest, model: Model | None = None) -> TableAnswer:
     if not {"L-VOL", "L-VOL+"} & set(capability.types):
         remaining[FULL] = trial.remainder(project(error, volume, RIGID).tables)
     lines = tuple(average_line_words(model))
-    said = ([order.note] if order.note else [], found.notes, lines, in_words(sure))
+    said = (
+        [order.note] if order.note else [],
+        not_applied(whole),
+        found.notes,
+        lines,
+        in_words(sure),
+    )
     notes = tuple(dict.fromkeys(itertools.chain(*said)))
     record = records.full_record(
         model=records.model_record(

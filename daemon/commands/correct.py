@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -77,7 +77,8 @@ def correct(
     say = check_outputs(
         [model, points], [(out, CORRECTED), (report, REPORT)], force=force, as_json=as_json
     )
-    loaded = load_model(model)
+    whole = load_model(model)
+    loaded = whole.switched()
     given = Given.parse(arguments or [], loaded.machine)
     held = held_axes(hold, loaded.machine)
     if points is not None and out is not None:
@@ -86,6 +87,10 @@ def correct(
 
         with shown("correcting") as tell:
             done = correct_file(loaded, points, out, given, command=command, held=held, tell=tell)
+        if loaded is not whole:
+            from abbe.daemon.answers.switches import not_applied
+
+            done.warnings += not_applied(whole)
         _warn(done.warnings)
         if as_json:
             say(json.dumps(done.as_json(out), ensure_ascii=False))
@@ -93,6 +98,7 @@ def correct(
             say(f"{done.rows} points, greatest correction {done.worst * 1e3:.2f} µm: {out}")
         return
     found, warnings = _at_one_point(loaded, given, command=command, held=held)
+    switched = _switched(whole, given) if loaded is not whole else {}
     if report is not None:
         from abbe.daemon.report.correct import corrected_page
         from abbe.daemon.report.head import file_on_page, head_of
@@ -102,13 +108,22 @@ def correct(
     from abbe.daemon.answers import correct as answer
 
     if as_json:
-        reported = answer.as_json(found, warnings, explain=explain)
+        reported = answer.as_json(found, warnings, explain=explain) | switched
         say(json.dumps(reported, ensure_ascii=False))
         return
     for line in answer.as_text(found, explain=explain):
         say(line)
     if report is not None:
         say(f"written: {report}")
+
+
+def _switched(whole: Model, given: Given) -> dict[str, Any]:
+    """What is not applied, for ``--json``; said on standard error."""
+    from abbe.daemon.answers.switches import notes, shown_parts, switches_json
+
+    parts = shown_parts(whole, given.conditions)
+    _warn(notes(whole, parts))
+    return switches_json(whole, parts)
 
 
 def _at_one_point(

@@ -107,7 +107,8 @@ class Channels:
         file = self.file
         for kind in ("axes", "signals", "reference"):
             for name, section in getattr(file, kind).items():
-                yield section.source, (kind, name, "source")
+                if section.source is not None:
+                    yield section.source, (kind, name, "source")
         for name, axis in file.axes.items():
             if axis.direction is not None:
                 yield axis.direction, ("axes", name, "direction")

@@ -71,6 +71,12 @@ class _Checks:
                     found=name,
                     expected="one of " + ", ".join(axes),
                 )
+            if section.datum and self.file.control is None:
+                raise self.source.error(
+                    "nobody could set its datum",
+                    (*key, "datum"),
+                    expected="a section [control] with its socket",
+                )
             self._channel(section.source, (*key, "source"))
             self._units(section.source, section.transducer, unit_of(name), key)
             if section.direction is not None:
@@ -94,8 +100,15 @@ class _Checks:
                     found=name,
                     expected="one of " + (", ".join(known) or "none"),
                 )
-            self._channel(section.source, (*key, "source"))
-            self._units(section.source, section.transducer, known[name].unit, key)
+            if section.source is not None:
+                self._channel(section.source, (*key, "source"))
+                self._units(section.source, section.transducer, known[name].unit, key)
+            elif self.file.control is None:
+                raise self.source.error(
+                    "nobody could type it in",
+                    (*key, "entered_for"),
+                    expected="a section [control] with its socket",
+                )
         for name in self.model.signals_needed():
             if name not in self.file.signals:
                 users = [e.spec for e in self.model.effects if name in e.signals_needed()]

@@ -67,6 +67,12 @@ class Configuration:
         records = self.file.records
         return None if records is None else data_folder(self.path) / records.file
 
+    @property
+    def control_path(self) -> Path | None:
+        """Where a running correction takes requests, None: nowhere."""
+        section = self.file.control
+        return None if section is None else data_folder(self.path).absolute() / section.socket
+
     def make_links(self) -> dict[str, Link]:
         """The links, made but not opened; channels are known from now on."""
         return {name: setup.kind(name, setup.config) for name, setup in self.links.items()}

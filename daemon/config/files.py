@@ -9,6 +9,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.files.text.write_target import WriteTarget
 from abbe.daemon.config.configuration import Configuration
+from abbe.daemon.control.socket_path import check_path
 from abbe.daemon.outputs import JOURNAL, UPLOADS, OutputKind, require_kind
 
 Key = tuple[str | int, ...]
@@ -30,6 +31,13 @@ def check_files(source: TomlSource, configuration: Configuration) -> None:
         For a journal on the configuration, the model or another journal, and on an existing file
         that is no journal.
     """
+    if configuration.control_path is not None:
+        try:
+            check_path(configuration.control_path)
+        except InputError as error:
+            raise source.error(
+                error.problem, ("control", "socket"), found=error.found, expected=error.expected
+            ) from None
     taken = {
         WriteTarget.of(configuration.path).identity: "the configuration",
         WriteTarget.of(configuration.model_path).identity: "the model",

@@ -50,7 +50,7 @@ def _on_times(configuration: Configuration) -> Iterator[str]:
     positions = {split(axis.source)[0] for axis in file.axes.values()}
     watched = (getattr(file.controller, key) for key in WATCHED)
     positions |= {split(channel)[0] for channel in watched if channel is not None}
-    signals = {split(signal.source)[0] for signal in file.signals.values()}
+    signals = {split(s.source)[0] for s in file.signals.values() if s.source is not None}
     signals |= {split(channel)[0] for channel in file.tool.sources or ()}
     for name, setup in configuration.links.items():
         timeout = getattr(setup.config, "timeout", None)

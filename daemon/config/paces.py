@@ -64,6 +64,7 @@ def _limits(channels: Channels) -> Iterator[tuple[str, float, Key, float, float]
     for echo in file.output.echo:
         yield echo.source, *stale, _VALUE
     for signal in file.signals.values():
-        yield signal.source, *signals, _VALUE
+        if signal.source is not None:
+            yield signal.source, *signals, _VALUE
     for channel in file.tool.sources or ():
         yield channel, *signals, _VALUE

@@ -66,6 +66,9 @@ class AxisSection(Section):
     direction: ChannelName | None = None
     """Channel that says in which direction the axis moved last (1, −1, 0); default: it is told
     from the positions."""
+    datum: bool = False
+    """Whether the encoder is not absolute: nothing is corrected before `abbe datum` has said where
+    the axis stands."""
     deadband: Length = 0.01
     """Way back from the farthest point that counts as a change of direction, mm (rotary: rad)."""
 
@@ -73,13 +76,24 @@ class AxisSection(Section):
 class SignalSection(Section):
     """Where a signal of the model (a temperature, a load, …) comes from."""
 
-    source: ChannelName
+    source: ChannelName | None = None
+    entered_for: Annotated[float, Field(gt=0.0, le=1e7, allow_inf_nan=False)] | None = None
+    """In place of `source`: no sensor reads it, a person types it in (`abbe enter`); s for which
+    that counts at most."""
     transducer: AnyTransducerConfig | None = None
     """Ohms, mA, … → the signal's unit; none where the channel is in that unit already."""
     range: Annotated[tuple[Finite, Finite], Field(strict=False)] | None = None
     """Least and greatest value that is believed, in the signal's unit; default by its role."""
     max_rate: Positive | None = None
     """Fastest change that is believed, in the signal's unit per s; default by its role."""
+
+    @model_validator(mode="after")
+    def _read_or_entered(self) -> SignalSection:
+        if (self.source is None) == (self.entered_for is None):
+            raise ValueError("a signal is either read (source) or typed in (entered_for)")
+        if self.entered_for is not None and (self.transducer or self.max_rate):
+            raise ValueError("what a person types in has no transducer and no max_rate")
+        return self
 
     @model_validator(mode="after")
     def _range_rises(self) -> SignalSection:
@@ -220,6 +234,13 @@ class GuardSection(Section):
         return math.hypot(*self.vector) if self.max_norm is None else self.max_norm
 
 
+class ControlSection(Section):
+    """Where a person may switch, type in and set what runs. Without this section nobody can."""
+
+    socket: Annotated[str, Field(min_length=1)] = "control.sock"
+    """Path relative to the configuration; only the user who runs the correction may use it."""
+
+
 class JournalSection(Section):
     """Where events (links lost and found, guard transitions, …) are written."""
 
@@ -272,4 +293,5 @@ class ConfigFile(Section):
     output: OutputSection = OutputSection()
     journal: JournalSection = JournalSection()
     records: RecordsSection | None = None
+    control: ControlSection | None = None
     upload: UploadSection | None = None

@@ -5,12 +5,15 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from abbe.compcore.compensator.compensator import Compensator
 from abbe.compcore.compensator.pose_step import PoseError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.error_motion import FUNCTIONAL_POINT
+from abbe.compcore.machine.lag import LagState
 from abbe.compcore.machine.machine import own_component
+from abbe.compcore.model.lags import lags_of
 from abbe.compcore.model.model import Model
 from abbe.daemon.guard import DIRECTIONS, Correction, Vec3
 from abbe.daemon.pipeline.reading.convert import SignalReading
@@ -59,7 +62,7 @@ class LiveCompensator:
     Parameters
     ----------
     model
-        The model; its fitted effects count.
+        The model; its fitted effects count, those that are switched on for the correction.
     turning
         Rotary axes that are corrected too.
 
@@ -71,6 +74,8 @@ class LiveCompensator:
         The order of a correction: X, Y, Z and the rotary axes that are corrected.
     pose
         What the last step said of the pose; None where no rotary axis is corrected.
+    shown
+        What effects that are only shown gave at the last step, in X, Y, Z, mm; None: nothing.
     tool
         The tool's offset, mm.
     fault
@@ -82,9 +87,19 @@ class LiveCompensator:
     """
 
     def __init__(self, model: Model, turning: Sequence[str] = ()) -> None:
-        self._compensator = Compensator(model, turning=turning)
+        applied, only_shown = model.switched("on"), model.switched("shown")
+        self._compensator = Compensator(applied, turning=turning)
         if direct := self._compensator.direct_effects:
             logger.info("computed at every point, as no table holds them: %s", "; ".join(direct))
+        self._shown = None if not only_shown.terms else Compensator(only_shown)
+        self._resting = {
+            key: LagState(key[1])
+            for key in lags_of(model)
+            if key not in self._compensator.lag_states
+        }
+        """Lags of effects that are not applied: a machine's warmth goes on without them."""
+        self._shown_ready = False
+        self.shown: Vec3 | None = None
         self._poses = bool(turning)
         self.axes = self._compensator.axes
         self.directions = (*DIRECTIONS, *turning)
@@ -92,7 +107,10 @@ class LiveCompensator:
         self.uses_directions = any(
             term.fitted and term.effect.directions_used() for term in model.terms
         )
-        self._affected = affected_directions(model)
+        self._affected = {
+            **dict.fromkeys(model.signals_needed(), 0),
+            **affected_directions(applied),
+        }
         machine = model.machine
         self._unseen = {
             name: machine.reference_temperature if machine.signals[name].temperature else 0.0
@@ -109,7 +127,11 @@ class LiveCompensator:
     ) -> None:
         """Go on in the place of another one, at `time` (monotonic, s), with its last readings."""
         self._unseen = {n: v for n, v in self._unseen.items() if n in before._unseen}
-        self._compensator.continue_lags(before._compensator)
+        known = {**before._resting, **before._compensator.lag_states}
+        self._compensator.continue_lags(known)
+        if self._shown is not None:
+            self._shown.continue_lags(known)
+        self._resting.update({k: replace(known[k]) for k in self._resting if k in known})
         self.update(time, readings)
 
     def update(self, time: float, readings: Mapping[str, SignalReading]) -> None:
@@ -136,16 +158,43 @@ class LiveCompensator:
                 # lags begin in equilibrium with the first value, which the stand-in is not
                 self._compensator.restart_lags(name)
             self._compensator.update(time, values)
+            for key, lag in self._resting.items():
+                if key[0] in late:
+                    self._resting[key] = lag = LagState(key[1])
+                lag.step(time, values[key[0]])
         except Exception as error:  # noqa: BLE001  (whatever it is, the guard has to act on it)
             self._failed(error)
             self._ready = False
         else:
             self._ready = True
+        self._update_shown(time, values)
+
+    def _update_shown(self, time: float, values: Mapping[str, float]) -> None:
+        """What is only shown takes nothing down when it fails."""
+        if self._shown is None:
+            return
+        try:
+            self._shown.update(time, values)
+            self._shown_ready = True
+        except Exception as error:  # noqa: BLE001
+            if self._shown_ready:
+                logger.warning("what is only shown cannot be computed: %s", error)
+            self._shown_ready = False
+
+    def _shown_at(self, positions: Sequence[float], directions: Sequence[float]) -> Vec3 | None:
+        if self._shown is None or not self._shown_ready:
+            return None
+        try:
+            return self._shown.step(positions, directions)
+        except Exception:  # noqa: BLE001  (as above)
+            return None
 
     def set_tool(self, offset: Vec3) -> None:
         """Change the tool's offset, mm."""
         self.tool = offset
         self._compensator.set_tool(*offset)
+        if self._shown is not None:
+            self._shown.set_tool(*offset)
 
     def step(self, positions: Sequence[float], directions: Sequence[float]) -> Correction | None:
         """Correction in X, Y, Z (mm) and of the rotary axes that are corrected (rad).
@@ -170,6 +219,8 @@ class LiveCompensator:
             self._failed(ArithmeticError(f"the correction is {correction}"))
             return None
         self.fault = ""
+        if self._shown is not None:
+            self.shown = self._shown_at(positions, directions)
         return correction
 
     def _failed(self, error: Exception) -> None:

@@ -15,7 +15,13 @@ from abbe.daemon.pipeline.doubts import Doubts
 from abbe.daemon.pipeline.observe import Observer
 from abbe.daemon.pipeline.pace import IDLE, CyclePace
 from abbe.daemon.pipeline.plan import keep_together, make_plan
-from abbe.daemon.pipeline.reading.convert import PositionConverter, SignalConverter, ToolConverter
+from abbe.daemon.pipeline.reading.convert import (
+    PositionConverter,
+    SignalConverter,
+    SignalReading,
+    ToolConverter,
+)
+from abbe.daemon.pipeline.reading.datum import Datum
 from abbe.daemon.pipeline.reading.directions import StatedDirections
 from abbe.daemon.pipeline.reading.expected import Expected
 from abbe.daemon.pipeline.reading.plausible import Plausible
@@ -54,13 +60,15 @@ class Pipeline:
         The order of a correction: X, Y, Z and the rotary axes that are corrected.
     reads
         Link → channels that are read in every cycle.
+    links
+        As given.
     ending
         Says the last word.
     """
 
     def __init__(self, configuration: Configuration, links: Mapping[str, Link]) -> None:
         file = configuration.file
-        self._links = links
+        self.links = self._links = links
         self.listeners: list[Listener] = []
         self._compensation = LiveCompensator(configuration.model, configuration.limits.turning)
         self.directions = self._compensation.directions
@@ -87,6 +95,7 @@ class Pipeline:
             plan.signals,
             file.guard.signals_stale_after,
             Plausible(expected.signals, expected.similar),
+            {n: s.entered_for for n, s in file.signals.items() if s.entered_for is not None},
         )
         self._tool = ToolConverter(plan.tool, file.guard.signals_stale_after, expected.tool)
         self._approach = StatedDirections(
@@ -147,6 +156,37 @@ class Pipeline:
         self._guard.change()
         self._signals_due = now
 
+    def enter(self, signal: str, value: float, seconds: float | None) -> float:
+        """Take a value that a person has read; the s for which it counts.
+
+        The step that it makes in the correction is let go as a ramp.
+
+        Raises
+        ------
+        InputError
+            For a signal that is not typed in, a value that cannot be, or too long a time.
+        """
+        good_for = self._signals.enter(signal, value, seconds, time.monotonic())
+        self._guard.change()
+        self._signals_due = -math.inf
+        return good_for
+
+    @property
+    def entered(self) -> Mapping[str, SignalReading]:
+        """Signals that a person types in, as they were last read."""
+        return {name: self._signals.readings[name] for name in self._signals.typed}
+
+    @property
+    def datums(self) -> Mapping[str, Datum]:
+        """Axis → the datum of its encoder, which is not absolute."""
+        return self._plan.datums
+
+    def _watch_datums(self) -> None:
+        """A device that was away may have begun to count anew: its axes have no datum then."""
+        for axis, datum in self._plan.datums.items():
+            link = self._plan.positions[self.axes.index(axis)].channel[0]
+            datum.see(self._links[link].status.reconnects)
+
     @property
     def longest_end(self) -> float:
         """Time after `stop` within which the correction is at zero, s."""
@@ -196,6 +236,8 @@ class Pipeline:
         began = time.monotonic()
         batch = await self._poll()
         now = time.monotonic()
+        if self._plan.datums:
+            self._watch_datums()
         positions, faults = self._positions(batch, now)
         taken_at = self._positions.taken_at
         self._doubts.step(positions, faults, taken_at, now)
@@ -236,6 +278,7 @@ class Pipeline:
             self._doubts.speeds,
             self.directions,
             pose,
+            None if faults else self._compensation.shown,
         )
         self._hand_out(record)
         return record

@@ -98,6 +98,10 @@ class Observer:
             reading = readings[source.name]
             if reading.fault and source.channel[0] not in lost:
                 found[f"signal {source.name}"] = reading.fault
+        read = {source.name for source in self._plan.signals}
+        for name, reading in readings.items():
+            if reading.fault and name not in read:
+                found[f"signal {name}"] = reading.fault
         if tool and not any(link in lost for link, _ in self._plan.tool):
             found["tool"] = tool
         if compensator:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from abbe.compcore.machine.conditions import unit_of
 from abbe.daemon.config import Configuration
 from abbe.daemon.config.channels import split, transducer_of
 from abbe.daemon.pipeline.reading.controller_watch import Watch
 from abbe.daemon.pipeline.reading.convert import ChannelSource
+from abbe.daemon.pipeline.reading.datum import Datum
 from abbe.daemon.pipeline.reading.expected import Expected, expected_of, written_axes
 from abbe.daemon.pipeline.reading.poll import Channel, by_link
 from abbe.daemon.pipeline.writing.write_back import AxisTarget
@@ -32,6 +34,8 @@ class PipelinePlan:
         The controller's heartbeat and status word.
     targets, echo, status, heartbeat
         What is written.
+    datums
+        Axis → the datum of its encoder, where that is not absolute.
     fast
         Link → channels that are read in every cycle.
     slow
@@ -50,6 +54,7 @@ class PipelinePlan:
     echo: tuple[tuple[Channel, Channel], ...]
     status: Channel | None
     heartbeat: Channel | None
+    datums: dict[str, Datum]
     fast: dict[str, tuple[str, ...]]
     slow: dict[str, tuple[str, ...]]
     expected: Expected
@@ -83,6 +88,10 @@ def make_plan(
         return ChannelSource(axis, where, transducer_of(axis, unit, config))
 
     positions = tuple(axis_source(a, file.axes[a].source, file.axes[a].transducer) for a in axes)
+    datums = {
+        s.name: Datum(s.transducer, unit_of(s.name)) for s in positions if file.axes[s.name].datum
+    }
+    positions = tuple(replace(s, transducer=datums.get(s.name, s.transducer)) for s in positions)
     directions = tuple(_channel(file.axes[a].direction) if with_directions else None for a in axes)
     reference = tuple(
         axis_source(a, file.reference[a].source, file.reference[a].transducer)
@@ -91,7 +100,9 @@ def make_plan(
         for a in axes
     )
     signals = tuple(
-        _source(name, section.source, section.transducer) for name, section in file.signals.items()
+        _source(name, section.source, section.transducer)
+        for name, section in file.signals.items()
+        if section.source is not None
     )
     tool = tuple(split(name) for name in file.tool.sources or ())
     controller = file.controller
@@ -130,6 +141,7 @@ def make_plan(
         echo,
         _channel(file.output.status),
         _channel(file.output.heartbeat),
+        datums,
         by_link([*with_positions, *(c for c in with_signals if c[0] in fast_links)]),
         by_link(c for c in with_signals if c[0] not in fast_links),
         expected_of(configuration, axes, links),

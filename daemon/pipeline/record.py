@@ -47,6 +47,8 @@ class CycleRecord(NamedTuple):
         Of the decision: X, Y, Z and the rotary axes that are corrected.
     pose
         What the rotary axes leave of the tool's direction; None where none is corrected.
+    shown
+        What effects that are only shown would give in X, Y, Z; None where there are none.
     """
 
     number: int
@@ -64,6 +66,7 @@ class CycleRecord(NamedTuple):
     speeds: tuple[float, ...] = ()
     directions: tuple[str, ...] = DIRECTIONS
     pose: PoseError | None = None
+    shown: tuple[float, float, float] | None = None
 
 
 Listener = Callable[[CycleRecord], None]

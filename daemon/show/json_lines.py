@@ -98,6 +98,8 @@ class JsonLines:
             line["signals"] = others
         if any(map(math.isfinite, record.reference)):
             line["reference"] = _positions(self._axes, record.reference)
+        if record.shown is not None:
+            line["shown"] = {d: round(c, 6) for d, c in zip(DIRECTIONS, record.shown, strict=True)}
         if record.pose is not None:
             line["orientation_left"] = {
                 "direction": round(1e6 * record.pose.direction_left, 3),

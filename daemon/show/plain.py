@@ -54,6 +54,11 @@ class PlainLines:
             headline(record),
             f"correction {correction}",
         ]
+        if record.shown is not None:
+            shown = " ".join(
+                f"{d} {1e3 * c:+.1f}" for d, c in zip("XYZ", record.shown, strict=True)
+            )
+            parts.append(f"only shown {shown} µm")
         if record.pose is not None and (record.pose.damped or record.pose.limited):
             parts.append(f"{1e6 * record.pose.direction_left:.1f} µrad of the tool's lean left")
         if (errors := volumetric_errors(record, self._axes)) is not None:

@@ -238,6 +238,8 @@ def _written_folders(configuration: Configuration) -> list[Path]:
     """Folders of journals and backups that are not the service's own: those with a whole path."""
     file, upload = configuration.file, configuration.upload
     names = [file.journal.file and Path(file.journal.file).parent]
+    if file.control is not None:
+        names.append(Path(file.control.socket).parent)
     if upload is not None:
         names += [Path(upload.section.journal).parent, Path(upload.section.backups)]
     return [folder for folder in names if folder and folder.is_absolute()]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
@@ -58,6 +58,15 @@ class MeasuredTable:
     values: F64
     down: F64 | None = None
     lever: tuple[str, float] | None = None
+
+    @property
+    def name(self) -> str:
+        """ISO 230-1 name: E_XX for an axis's own table, E_X(X,Y,Z) for a grid's."""
+        component, place = self.error_motion.component, self.error_motion.place
+        if self.axes == (place,) and self.lever is None:
+            return f"E_{component}{place}"
+        inside = ",".join(self.positions)
+        return f"E_{component}{'' if place == FUNCTIONAL_POINT else place}({inside})"
 
     @property
     def positions(self) -> tuple[str, ...]:
@@ -118,6 +127,15 @@ class ErrorGrid(Effect):
         made = self.model_copy(update={"sha256": sha256})
         made._tables, made._text = tuple(tables), text
         made._stacks = _stacks(tables)
+        return made
+
+    def only(self, names: Collection[str]) -> ErrorGrid:
+        """The same effect with some of its tables, by name."""
+        if self._tables is None:
+            raise self._not_loaded()
+        kept = [table for table in self._tables if table.name in names]
+        made = self.model_copy()
+        made._tables, made._text, made._stacks = tuple(kept), self._text, _stacks(kept)
         return made
 
     def __eq__(self, other: object) -> bool:

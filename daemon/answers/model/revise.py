@@ -21,7 +21,7 @@ from abbe.compcore.files.fit_record import recorded
 from abbe.compcore.files.model_file import save_model, summary
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.model.as_built import average_line_words, reversed_parameters
-from abbe.compcore.model.model import Model, Term
+from abbe.compcore.model.model import Model
 from abbe.compcore.units import display
 from abbe.daemon.answers import as_built
 from abbe.daemon.answers.inputs import abbe_version, now
@@ -130,7 +130,7 @@ def revise(
 def _from(fitted: Model, new: Model) -> Model:
     """The next version with the values that its effects have in this one, where to begin."""
     values = {term.effect: term.values for term in fitted.terms}
-    terms = tuple(Term(t.effect, values.get(t.effect, t.values)) for t in new.terms)
+    terms = tuple(replace(t, values=values.get(t.effect, t.values)) for t in new.terms)
     return replace(new, terms=terms)
 
 

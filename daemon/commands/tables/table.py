@@ -88,7 +88,9 @@ def table(
         model,
         made_for,
         arguments.options(settings or []),
-        table_state(loaded, arguments.signals(at or [], loaded), tool=tool_offset("tool", tool)),
+        table_state(
+            loaded.switched(), arguments.signals(at or [], loaded), tool=tool_offset("tool", tool)
+        ),
         Volume.of(loaded.machine, arguments.ranges(volume or [], loaded.machine)),
         points,
         tolerance * 1e-3,

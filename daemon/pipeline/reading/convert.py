@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 
+from abbe.compcore.errors import InputError
 from abbe.daemon.pipeline.reading.controller_watch import Watch
 from abbe.daemon.pipeline.reading.plausible import Plausible
 from abbe.daemon.pipeline.reading.poll import Batch, Channel
@@ -168,6 +169,8 @@ class SignalConverter:
         is no fault; one that answers with a broken sensor is one at once.
     plausible
         Which values are not to be believed.
+    typed
+        Signals that a person types in → s for which that counts at most.
     """
 
     def __init__(
@@ -175,12 +178,56 @@ class SignalConverter:
         sources: Sequence[ChannelSource],
         stale_after: float,
         plausible: Plausible | None = None,
+        typed: Mapping[str, float] | None = None,
     ) -> None:
+        self.typed = dict(typed or {})
+        self._until: dict[str, float] = {}
         self._sources = tuple(sources)
         self._stale_after = stale_after
         self._plausible = plausible or Plausible({})
         self.readings: Mapping[str, SignalReading] = {s.name: SignalReading() for s in sources}
         """By signal; replaced as a whole at every call."""
+        self.readings = {
+            **self.readings, **{n: SignalReading(fault=_NOT_ENTERED) for n in self.typed}
+        }  # fmt: skip
+
+    def enter(self, name: str, value: float, seconds: float | None, now: float) -> float:
+        """Take a value that a person has read at `now`; the s for which it counts.
+
+        Raises
+        ------
+        InputError
+            For a signal that is not typed in, a value that is not plausible, and too long a time.
+        """
+        if name not in self.typed:
+            raise InputError(
+                "not a signal that is typed in",
+                field=name,
+                expected="one of " + (", ".join(self.typed) or "none"),
+            )
+        longest = self.typed[name]
+        if seconds is not None and seconds > longest:
+            raise InputError(
+                "counts for no longer than the configuration says",
+                field=name,
+                found=f"{seconds:g} s",
+                expected=f"{longest:g} s at most",
+            )
+        if doubt := self._plausible.outside(name, value):
+            raise InputError(doubt, field=name)
+        good_for = longest if seconds is None else seconds
+        self._until[name] = now + good_for
+        self.readings = {**self.readings, name: SignalReading(value, "", now)}
+        return good_for
+
+    def _typed_in(self, name: str, now: float) -> SignalReading:
+        held = self.readings[name]
+        if name not in self._until:
+            return held
+        fault = self._plausible.outside(name, held.value)
+        if now > self._until[name]:
+            fault = f"was typed in {now - held.time:.0f} s ago and counts no longer"
+        return SignalReading(held.value, fault, held.time)
 
     def judge(self, plausible: Plausible) -> None:
         """Change what is believed, from the next reading on."""
@@ -205,10 +252,15 @@ class SignalConverter:
             elif sample.quality is not Quality.UNAVAILABLE or now - held.time > self._stale_after:
                 held = SignalReading(held.value, _why(sample, now, sample.time), held.time)
             fresh[source.name] = held
+        for name in self.typed:
+            fresh[name] = self._typed_in(name, now)
         for name, doubt in self._plausible.compared(fresh).items():
             fresh[name] = SignalReading(fresh[name].value, doubt, fresh[name].time)
         self.readings = fresh
         return fresh
+
+
+_NOT_ENTERED = "nobody has typed it in yet"
 
 
 class ToolConverter:

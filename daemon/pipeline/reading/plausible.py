@@ -92,14 +92,22 @@ class Plausible:
     similar: tuple[SimilarSensors, ...] = ()
     _courses: dict[str, _Course] = field(default_factory=dict, init=False)
 
+    def outside(self, name: str, value: float) -> str:
+        """Why a value cannot be, whatever was before; empty when it can."""
+        limits = self.bounds.get(name)
+        if limits is None or limits.low <= value <= limits.high:
+            return ""
+        unit = f" {limits.unit}" if limits.unit else ""
+        return f"{value:g}{unit} is not {limits.low:g} to {limits.high:g}{unit}{limits.why}"
+
     def doubt(self, name: str, value: float, time: float) -> str:
         """Why a reading taken at `time` (monotonic, s) is not to be believed; empty when it is."""
         limits = self.bounds.get(name)
         if limits is None:
             return ""
         unit = f" {limits.unit}" if limits.unit else ""
-        if not limits.low <= value <= limits.high:
-            return f"{value:g}{unit} is not {limits.low:g} to {limits.high:g}{unit}{limits.why}"
+        if outside := self.outside(name, value):
+            return outside
         course = self._courses.setdefault(name, _Course())
         far = abs(value - course.value)
         until_doubted = min(time, course.doubted_since) - course.time
