@@ -34,6 +34,7 @@ DAEMON: tuple[Rooms, ...] = (
         ("ownership", "one at a time"),
         ("systemd", "as a service"),
         ("records", "what was"),
+        ("control", "by a person"),
     ),
 )
 DRIVERS: tuple[Rooms, ...] = (

@@ -25,7 +25,7 @@ _WITHIN = 5.0
 """s in which an axis has to have stood still for its datum."""
 
 
-class Running(Protocol):
+class RunningService(Protocol):
     """A service, as far as its controls need it."""
 
     configuration: Configuration
@@ -41,7 +41,7 @@ class Controls:
         What runs.
     """
 
-    def __init__(self, service: Running) -> None:
+    def __init__(self, service: RunningService) -> None:
         self._service = service
         self._one_by_one = asyncio.Lock()
 

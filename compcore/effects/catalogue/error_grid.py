@@ -130,7 +130,13 @@ class ErrorGrid(Effect):
         return made
 
     def only(self, names: Collection[str]) -> ErrorGrid:
-        """The same effect with some of its tables, by name."""
+        """The same effect with some of its tables, by name.
+
+        Raises
+        ------
+        InputError
+            When its data have not been loaded.
+        """
         if self._tables is None:
             raise self._not_loaded()
         kept = [table for table in self._tables if table.name in names]
