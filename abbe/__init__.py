@@ -5,14 +5,14 @@ The whole loop, in the order in which it is walked::
     import abbe
 
     model = abbe.load_model("machine.toml")                     # structure, sensors, effects
-    campaign = abbe.read_campaigns(["day1.csv"], model.machine)
-    print(abbe.noise_floor(campaign, model.machine))            # what no model can beat
+    campaign = abbe.read_campaigns(["day1.csv"], model)
+    print(abbe.noise_floor(campaign, model))                    # what no model can beat
 
     result = abbe.fit(model, campaign)                          # every parameter ± its uncertainty
     print(result.report())
     result.plot()                                               # pictures of `abbe fit --report`
 
-    check = abbe.read_campaigns(["day2.csv"], model.machine)    # measurements that were not fitted
+    check = abbe.read_campaigns(["day2.csv"], model)            # measurements that were not fitted
     abbe.compare(result.model, check).lengths.rms               # mm
 
     found = abbe.diagnose(result.model, campaign)               # which physical cause is missing
@@ -24,7 +24,7 @@ The whole loop, in the order in which it is walked::
     sd, _ = abbe.prediction_sd(result.model, where)
 
     live = abbe.Compensator(result.model)                       # microseconds a point
-    control = abbe.make_controller("csv", model.machine)        # or as the controller's own tables
+    control = abbe.make_controller("csv", model)                # or as the controller's own tables
     tables = abbe.project_tables(result.model, control.capability, signals={"T_x": 20.0})
 
 Lengths are mm, angles rad, temperatures °C, time s; error = actual − indicated. A name is imported

@@ -106,3 +106,34 @@ class NotContractionError(AbbeError):
 
 class FitError(AbbeError):
     """The measurements cannot determine what was asked for."""
+
+
+def require_type(value: object, kind: type, name: str) -> None:
+    """Refuse an argument of a Python call that is another thing than it should be.
+
+    Parameters
+    ----------
+    value
+        What was given.
+    kind
+        What it should be.
+    name
+        The argument's name.
+
+    Raises
+    ------
+    TypeError
+        With what was given and expected, and where in it that stands.
+
+    >>> require_type("model.toml", dict, "model")
+    Traceback (most recent call last):
+    TypeError: model: found str, expected dict
+    """
+    if isinstance(value, kind):
+        return
+    part = kind.__name__.lower()
+    inside = isinstance(getattr(value, part, None), kind)
+    raise TypeError(
+        f"{name}: found {type(value).__name__}, expected {kind.__name__}"
+        + (f" (its .{part} is one)" if inside else "")
+    )

@@ -21,7 +21,8 @@ from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.campaign.pseudo_residuals import Differences, in_time, pairs, triples
 from abbe.compcore.campaign.repeats import repeat_groups
 from abbe.compcore.distributions import chi2_limit, f_limit
-from abbe.compcore.machine.machine import Machine
+from abbe.compcore.errors import require_type
+from abbe.compcore.machine.machine import Machine, OfMachine, machine_of
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -118,11 +119,14 @@ class NoiseFloor:
         return "\n".join(f"noise floor, {level}" for level in self.levels.values())
 
 
-def noise_floor(campaign: Campaign, machine: Machine | None = None) -> NoiseFloor:
+def noise_floor(campaign: Campaign, machine: Machine | OfMachine | None = None) -> NoiseFloor:
     """Estimate the noise of each kind of measurement in a campaign from its repeats.
 
-    With a machine, repeats under another load or speed do not count (`repeat_groups`).
+    With a machine, or a model of it, repeats under another load or speed do not count: see
+    `repeat_groups`.
     """
+    require_type(campaign, Campaign, "campaign")
+    machine = None if machine is None else machine_of(machine)
     groups = repeat_groups(campaign, machine)
     back_and_forth = repeat_groups(campaign, machine, both_ways=True)
     levels = {}

@@ -25,7 +25,7 @@ from abbe.compcore.comparison.tabulate import ResidualGroup, group, tables
 from abbe.compcore.comparison.words import comparison_words, fitted_note
 from abbe.compcore.distributions import chi2_limit
 from abbe.compcore.effects.base import Effect
-from abbe.compcore.errors import FitError
+from abbe.compcore.errors import FitError, require_type
 from abbe.compcore.figures.figure import Figure
 from abbe.compcore.figures.shown import Shown
 from abbe.compcore.fitting.design.design_matrix import Problem
@@ -234,6 +234,8 @@ def compare(model: Model, campaign: Campaign) -> Comparison:
     FitError
         When the campaign has no rows.
     """
+    require_type(model, Model, "model")
+    require_type(campaign, Campaign, "campaign")
     if not campaign.n:
         raise FitError("the campaign has no rows")
     seen_in_fit = _seen_in_fit(model, campaign)

@@ -22,7 +22,7 @@ from abbe.compcore.compensator.folding.slow_state import SlowState
 from abbe.compcore.compensator.pose_step import PoseError, PoseStep, pose_step
 from abbe.compcore.compensator.step_cartesian import Step, nine, square_step
 from abbe.compcore.compensator.step_general import chain_step
-from abbe.compcore.errors import InputError
+from abbe.compcore.errors import InputError, require_type
 from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.lag import LagState
 from abbe.compcore.model.inverse import Inverse, invert
@@ -93,6 +93,7 @@ class Compensator:
                     expected="one of " + (", ".join(model.machine.structure.rotary) or "none"),
                 )
         self.turning = tuple(turning)
+        require_type(model, Model, "model")
         if not tolerance_mm > 0.0:
             raise InputError("must be above zero", field="tolerance_mm", found=tolerance_mm)
         self.model = model

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.diagnosis.measure_next import Advice, separable
 from abbe.compcore.diagnosis.measure_next import advise as _advise
+from abbe.compcore.errors import require_type
 from abbe.compcore.linalg import threads_for
 
 __all__ = ["Advice", "advise"]
@@ -18,6 +19,7 @@ def advise(diagnosis: Findings, most: int = 4) -> list[Advice]:
 
     At the most `most` of them, the most useful first; `diagnosis` is what `diagnose` found.
     """
+    require_type(diagnosis, Findings, "diagnosis")
     result = diagnosis.result
     if not result.problem.model.terms or not result.problem.model.machine.structure.linear:
         return []  # nothing yet to be sharpened, or no line that could be measured

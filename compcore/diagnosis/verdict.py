@@ -34,7 +34,7 @@ from abbe.compcore.diagnosis.screening.screening import Basis
 from abbe.compcore.diagnosis.screening.search import joint_value, search
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import Patterns, ResidualPattern
 from abbe.compcore.diagnosis.words import diagnosis_words
-from abbe.compcore.errors import FitError
+from abbe.compcore.errors import FitError, require_type
 from abbe.compcore.figures.figure import Figure
 from abbe.compcore.figures.shown import Shown
 from abbe.compcore.fitting.fit import FitResult, fit
@@ -141,6 +141,8 @@ def diagnose(model: Model, campaign: Campaign, *, progress: Progress = lambda _:
     FitError
         When the campaign has no rows, or no more than the model has unknowns.
     """
+    require_type(model, Model, "model")
+    require_type(campaign, Campaign, "campaign")
     progress("fitting the model as it is")
     whole = fit(model, campaign)
     result = whole.thin

@@ -20,7 +20,7 @@ from abbe.compcore.files.campaign_csv.rows import CampaignRows
 from abbe.compcore.files.campaign_csv.table import parse_rows
 from abbe.compcore.files.campaign_csv.writing import write_campaign
 from abbe.compcore.files.formats import CAMPAIGN
-from abbe.compcore.machine.machine import Axis, Machine
+from abbe.compcore.machine.machine import Axis, Machine, OfMachine, machine_of
 from abbe.compcore.machine.structure import Structure
 from abbe.compcore.model.model import Model
 
@@ -114,17 +114,27 @@ def _head_and_header(
     )
 
 
-def read_campaigns(paths: Sequence[str | Path], machine: Machine) -> Campaign:
+def read_campaigns(
+    paths: str | Path | Sequence[str | Path], machine: Machine | OfMachine
+) -> Campaign:
     """Read one or more campaign files of a machine and join them (`join_campaigns`).
+
+    Parameters
+    ----------
+    paths
+        The files; one alone need not stand in a list.
+    machine
+        The machine, or a model of it.
 
     Raises
     ------
     InputError
         As `read_campaign`; and when a file is given twice, since its rows would count double.
     """
+    machine = machine_of(machine)
     seen: dict[str, str] = {}
     campaigns = []
-    for path in paths:
+    for path in [paths] if isinstance(paths, str | Path) else paths:
         campaign = read_campaign(path, machine)
         (sha256,) = campaign.files.values()
         if sha256 in seen:

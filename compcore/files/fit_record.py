@@ -11,6 +11,7 @@ import numpy as np
 
 from abbe.compcore.campaign.campaign import LENGTHS, Kind
 from abbe.compcore.campaign.noise import NoiseFloor
+from abbe.compcore.errors import require_type
 from abbe.compcore.files.campaign_record import campaign_records, noise_by_file
 from abbe.compcore.files.model_file import summary
 from abbe.compcore.fitting.fit import FitResult
@@ -68,6 +69,8 @@ def recorded(
     noise
         Of each of the campaign's files, where it is known already (`noise_by_file`).
     """
+    require_type(result, FitResult, "result")
+    require_type(ancestor, Model, "ancestor")
     campaign = result.problem.campaign
     if noise is None:
         noise = noise_by_file(campaign, result.model.machine, result.noise)

@@ -13,7 +13,7 @@ import tomli_w
 
 from abbe.compcore.effects.base import Effect, NonlinearParameter, Parameter
 from abbe.compcore.effects.registry import make_effect
-from abbe.compcore.errors import AbbeError, InputError
+from abbe.compcore.errors import AbbeError, InputError, require_type
 from abbe.compcore.files import formats
 from abbe.compcore.files.model_sections import (
     MachineSection,
@@ -234,6 +234,7 @@ def save_model(model: Model, path: str | Path) -> None:
     AbbeError
         When `load_model` would refuse it: nothing is written then.
     """
+    require_type(model, Model, "model")
     text = format_model(model)
     grids: dict[str, str] = {}
     missing: dict[Path, str] = {}

@@ -30,7 +30,7 @@ from abbe.compcore.files.campaign_csv.lines import LineSource, csv_cells
 from abbe.compcore.files.text.numbers import checked_number
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.machine import Machine
+from abbe.compcore.machine.machine import Machine, OfMachine, machine_of
 from abbe.compcore.machine.plausible import DISPLACEMENT, TOOL, TRAVEL, Range, signal_range
 from abbe.compcore.maps.conventions.switched import SwitchedPoints
 
@@ -53,7 +53,7 @@ class _Head(BaseModel):
     positions: Literal["off", "on"] = "off"
 
 
-def read_switched(path: str | Path, machine: Machine) -> SwitchedPoints:
+def read_switched(path: str | Path, machine: Machine | OfMachine) -> SwitchedPoints:
     """Read a file of points.
 
     Raises
@@ -61,6 +61,7 @@ def read_switched(path: str | Path, machine: Machine) -> SwitchedPoints:
     InputError
         Naming file, line, column, what was found and what was expected.
     """
+    machine = machine_of(machine)
     with LineSource(path) as source:
         numbered = [
             (first + i, line) for first, lines in source.chunks() for i, line in enumerate(lines)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import LENGTHS, Campaign
 from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
-from abbe.compcore.errors import FitError
+from abbe.compcore.errors import FitError, require_type
 from abbe.compcore.figures.figure import Figure
 from abbe.compcore.figures.shown import Shown
 from abbe.compcore.fitting.design.design_matrix import Problem
@@ -118,6 +118,8 @@ def fit(
     InputError
         When the frame names axes that the machine lacks.
     """
+    require_type(model, Model, "model")
+    require_type(campaign, Campaign, "campaign")
     if not campaign.n:
         raise FitError("the campaign has no rows")
     frame = ReferenceFrame() if frame is None else frame

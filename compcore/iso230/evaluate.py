@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.errors import require_type
 from abbe.compcore.iso230.circular import CircularResult, evaluate_circles
 from abbe.compcore.iso230.diagonals import Diagonals, evaluate_diagonals
 from abbe.compcore.iso230.positioning import (
@@ -12,7 +13,7 @@ from abbe.compcore.iso230.positioning import (
     evaluate_positioning,
     positioning_runs,
 )
-from abbe.compcore.machine.machine import Machine
+from abbe.compcore.machine.machine import Machine, OfMachine, machine_of
 
 
 @dataclass(frozen=True)
@@ -34,11 +35,13 @@ class Iso230:
     circles: tuple[CircularResult, ...] = ()
 
 
-def evaluate_iso230(campaign: Campaign, machine: Machine) -> Iso230:
+def evaluate_iso230(campaign: Campaign, machine: Machine | OfMachine) -> Iso230:
     """Evaluate a campaign's positioning tests (ISO 230-2), circles (230-4), diagonals (230-6).
 
     Set-ups that are none of these count for nothing.
     """
+    require_type(campaign, Campaign, "campaign")
+    machine = machine_of(machine)
     runs = positioning_runs(campaign, machine)
     return Iso230(
         tuple(evaluate_positioning(r) for r in runs),

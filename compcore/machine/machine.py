@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -241,3 +241,25 @@ class Machine:
                 found=name,
                 expected="one of " + ", ".join(self.structure.axes),
             ) from None
+
+
+class OfMachine(Protocol):
+    """Whatever belongs to one machine: a model."""
+
+    @property
+    def machine(self) -> Machine:
+        """The machine."""
+
+
+def machine_of(given: Machine | OfMachine) -> Machine:
+    """The machine where a call takes a machine or a model of one.
+
+    Raises
+    ------
+    TypeError
+        When it is neither.
+    """
+    machine = given if isinstance(given, Machine) else getattr(given, "machine", None)
+    if isinstance(machine, Machine):
+        return machine
+    raise TypeError(f"machine: found {type(given).__name__}, expected Machine or Model")

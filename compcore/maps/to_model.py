@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.effects import Angular, Effect, Positioning, Squareness, Straightness
 from abbe.compcore.effects.base import AxisLetter
-from abbe.compcore.errors import InputError
+from abbe.compcore.errors import InputError, require_type
 from abbe.compcore.machine.machine import Axis, Machine, own_component
 from abbe.compcore.machine.structure import Structure
 from abbe.compcore.maps.convention import Convention
@@ -58,6 +58,8 @@ def import_map(
     InputError
         When map and structure do not name the same axes.
     """
+    require_type(compensation, CompensationMap, "compensation")
+    require_type(structure, Structure, "structure")
     convention = convention or Convention()
     machine = map_machine(compensation, structure, name)
     convention.check(machine)

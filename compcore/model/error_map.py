@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.errors import InputError
+from abbe.compcore.errors import InputError, require_type
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.machine import Axis, Machine
@@ -128,6 +128,7 @@ def error_map(
     InputError
         When the machine lacks one of the axes.
     """
+    require_type(model, Model, "model")
     machine = model.machine
     first, second = (spanning_axis(machine, name) for name in across)
     plane = Plane(

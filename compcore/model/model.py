@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.effects.base import INSTRUMENT, Effect, ErrorMotion
-from abbe.compcore.errors import InputError
+from abbe.compcore.errors import InputError, require_type
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain, exact, first_order
 from abbe.compcore.machine.machine import Machine
@@ -347,6 +347,7 @@ class Model:
 
     def predict(self, conditions: Conditions) -> Prediction:
         """The error at the functional point at n rows of conditions, by the model's composition."""
+        require_type(conditions, Conditions, "conditions")
         return self._predict(Chain(self.machine, conditions))
 
     def _predict(self, chain: Chain) -> Prediction:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.errors import require_type
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.model.model import Model
@@ -40,6 +41,7 @@ def motion_curves(model: Model, axis: str, points: int = 61) -> list[MotionCurve
     At the reference temperature, other signals 0, direction of approach unknown, the other axes in
     the middle of their travels. Evaluated at `points` places along the travel of `axis`.
     """
+    require_type(model, Model, "model")
     machine = model.machine
     q = np.linspace(*machine.axis(axis).travel, points)
     positions = {a: np.full(points, machine.axes[a].middle) for a in machine.structure.axes}

@@ -8,7 +8,7 @@ from typing import Any
 
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.registry import make_effect
-from abbe.compcore.errors import InputError
+from abbe.compcore.errors import InputError, require_type
 from abbe.compcore.model.model import Model, Term
 
 DETAIL = ("shape", "positions", "harmonics", "tau", "tau2", "start", "period", "gravity")
@@ -91,6 +91,7 @@ def add_effect(model: Model, effect: Effect | str, **keys: Any) -> Model:
     InputError
         As `with_effect`, and for a spec that is not made of KEY=VALUE.
     """
+    require_type(model, Model, "model")
     if isinstance(effect, Effect):
         return with_effect(model, effect.kind, effect.where())[0]
     kind, *assignments = effect.split() or [effect]
@@ -115,6 +116,7 @@ def remove_effect(model: Model, name: str) -> Model:
     InputError
         When no effect, or more than one, is called that.
     """
+    require_type(model, Model, "model")
     return without_effect(model, name)[0]
 
 

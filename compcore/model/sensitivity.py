@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.effects.base import Effect, Motion
+from abbe.compcore.errors import require_type
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.model.model import Model, Term, Value
@@ -103,6 +104,8 @@ def prediction_sd(model: Model, conditions: Conditions) -> tuple[F64, F64]:
     ValueError
         When the model has no covariance.
     """
+    require_type(model, Model, "model")
+    require_type(conditions, Conditions, "conditions")
     if model.covariance is None:
         raise ValueError("the model has no covariance; fit it first")
     size = model.covariance.shape[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from abbe.compcore.errors import require_type
 from abbe.compcore.model.model import Model
 from abbe.compcore.tables.capability import Capability
 from abbe.compcore.tables.field import ErrorField, table_state
@@ -58,6 +59,8 @@ def project_tables(
         When a signal that the model reads is not stated, a range leaves an axis's travel, or
         `points` is more than the controller holds.
     """
+    require_type(model, Model, "model")
+    require_type(capability, Capability, "capability")
     state = table_state(model, signals or {}, tool=tool, time=time)
     return project(
         ErrorField(model, state, capability.lookup),

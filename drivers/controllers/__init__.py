@@ -11,7 +11,7 @@ from functools import cache
 from importlib import import_module
 from typing import Any
 
-from abbe.compcore.machine.machine import Machine
+from abbe.compcore.machine.machine import Machine, OfMachine, machine_of
 from abbe.compcore.plugins import PluginGroup
 from abbe.drivers.controllers.base import (
     CONTROLLER_GROUP,
@@ -77,7 +77,7 @@ def controller_class(name: str) -> type[Controller]:
 
 
 def make_controller(
-    name: str, machine: Machine, options: Mapping[str, Any] | None = None
+    name: str, machine: Machine | OfMachine, options: Mapping[str, Any] | None = None
 ) -> Controller:
     """A dialect for a machine.
 
@@ -94,4 +94,4 @@ def make_controller(
         For an unknown name or option.
     """
     cls = controller_class(name)
-    return cls(machine, with_options(cls, options or {}))
+    return cls(machine_of(machine), with_options(cls, options or {}))

@@ -11,7 +11,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
-from abbe.compcore.errors import InputError
+from abbe.compcore.errors import InputError, require_type
 from abbe.compcore.files.campaign_csv.columns import RESERVED, TOOL, UNIT_VECTOR
 from abbe.compcore.files.campaign_csv.rows import PER_UNIT
 from abbe.compcore.files.formats import CAMPAIGN
@@ -36,6 +36,7 @@ def write_campaign(campaign: Campaign, path: str | Path) -> None:
         When the campaign holds what the format cannot: several runs (clocks), a name with a line
         end or blanks around it, a number that is not finite; or when the file cannot be written.
     """
+    require_type(campaign, Campaign, "campaign")
     run = campaign.conditions.run
     if run is not None and len(np.unique(run)) > 1:
         raise InputError(

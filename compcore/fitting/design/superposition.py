@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.errors import require_type
 from abbe.compcore.fitting.design.observation import Observation
 from abbe.compcore.model.model import Model
 
@@ -27,6 +28,8 @@ def uncompensated(campaign: Campaign, active: Model) -> Campaign:
     active
         The model (or map) from which the controller's tables were made.
     """
+    require_type(campaign, Campaign, "campaign")
+    require_type(active, Model, "active")
     conditions = campaign.conditions
     error = active.predict(conditions).translation
     bases = {name: np.asarray(place) for name, place in campaign.bases.items()}

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.errors import InputError
+from abbe.compcore.errors import InputError, require_type
 from abbe.compcore.machine.structure import Structure
 from abbe.compcore.maps.convention import Convention
 from abbe.compcore.maps.conventions.hypotheses import (
@@ -124,6 +124,8 @@ def identify(
     InputError
         When there are too few points, or no differences to explain.
     """
+    require_type(points, SwitchedPoints, "points")
+    require_type(structure, Structure, "structure")
     observed = float(np.sqrt(np.mean(points.difference**2)))
     if points.n < 3:
         raise InputError("too few points", found=points.n, expected="at least 3, better 30")
