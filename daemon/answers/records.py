@@ -11,7 +11,7 @@ from typing import Any
 
 from abbe.compcore.errors import AbbeError
 from abbe.compcore.files.text.atomic import write_atomically
-from abbe.daemon.records.reading import Records, Span
+from abbe.daemon.records.reading import RecordedSpan, Records
 from abbe.daemon.records.writer import EventRow, RunRow
 from abbe.daemon.status_word import Status
 
@@ -83,7 +83,7 @@ def part(records: Records, first: float, last: float) -> dict[str, Any]:
     }
 
 
-def part_text(found: Mapping[str, Any], spans: Sequence[Span]) -> Iterator[str]:
+def part_text(found: Mapping[str, Any], spans: Sequence[RecordedSpan]) -> Iterator[str]:
     """The trace of a part, for people."""
     yield f"{found['from']} to {found['to']}"
     if not found["kept"]:
@@ -165,7 +165,7 @@ def _iso(time: float) -> str:
     return datetime.fromtimestamp(time).astimezone().isoformat("T", "milliseconds")
 
 
-def _spans(spans: Sequence[Span]) -> Iterator[str]:
+def _spans(spans: Sequence[RecordedSpan]) -> Iterator[str]:
     if not spans:
         return
     width = max(len(s.name) for s in spans)

@@ -16,7 +16,7 @@ _RUN = "began, abbe, configuration, configuration_sha256, model, model_sha256, m
 
 
 @dataclass(frozen=True, slots=True)
-class Span:
+class RecordedSpan:
     """A series between two times.
 
     Attributes
@@ -80,7 +80,7 @@ class Records:
         )
         return [EventRow(*row) for row in rows]
 
-    def spans(self, first: float, last: float, names: Sequence[str] = ()) -> list[Span]:
+    def spans(self, first: float, last: float, names: Sequence[str] = ()) -> list[RecordedSpan]:
         """Least, mean and greatest of series between two times, however finely they are kept.
 
         Raises
@@ -104,7 +104,7 @@ class Records:
                 {"series": self._number(name), "first": first, "last": last},
             ).fetchall()
             if row[3]:
-                found.append(Span(name, unit, *row))
+                found.append(RecordedSpan(name, unit, *row))
         return found
 
     def values(
