@@ -21,6 +21,7 @@ from abbe.daemon.identity import RunIdentity
 from abbe.daemon.ownership.claims import held_by_run
 from abbe.daemon.ownership.lock import hold
 from abbe.daemon.pipeline.cycle import LAST_WORD, Pipeline
+from abbe.daemon.pipeline.live_uncertainty import LiveUncertainty
 from abbe.daemon.pipeline.record import Listener
 from abbe.daemon.records.recorder import Recorder
 from abbe.daemon.records.run import recorded
@@ -62,6 +63,8 @@ class Service:
         Made, not yet running; its listeners can be added to.
     identity
         Version and files of what runs.
+    uncertainty
+        How sure the correction is.
     again
         Whether, after a reload that changed wires, Abbe has to begin anew once it has ended.
     """
@@ -77,6 +80,10 @@ class Service:
         self.again = False
         self.links = configuration.make_links() if links is None else dict(links)
         self.pipeline = Pipeline(configuration, self.links)
+        self.uncertainty = LiveUncertainty(
+            configuration.model, self.pipeline.axes, lambda: self.pipeline.tool
+        )
+        self.add([self.uncertainty])
         self._stop = asyncio.Event()
         self._at_once = asyncio.Event()
         self._notifier = Notifier.of_environment() if notifier is None else notifier
@@ -149,6 +156,7 @@ class Service:
             self.stop()
         elif new.compensation is not None and new.expected is not None:
             self.pipeline.change_model(new.configuration, new.compensation, new.expected)
+            self.uncertainty.change_model(new.configuration.model)
             self.configuration, self.identity = new.configuration, new.identity
             if self._recorder is not None:
                 self._recorder.began(new.identity, new.configuration.model.machine.name)
@@ -188,6 +196,7 @@ class Service:
         self._supervise()
         control = self._control()
         watching = asyncio.create_task(self._watch_files())
+        looking = asyncio.create_task(self.uncertainty.run())
         with (
             _signals(loop, self),
             recorded(self.configuration, self.pipeline, self.identity) as self._recorder,
@@ -207,6 +216,7 @@ class Service:
                 if control is not None:
                     await control.stop()
                 watching.cancel()
+                looking.cancel()
                 if self._reloading is not None:
                     await asyncio.wait({self._reloading}, timeout=_GRACE)
                 if timer is not None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import copy
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,3 +52,7 @@ class StreamedConditions(Conditions):
     def lag(self, name: str, tau: float) -> F64:
         """A signal behind a first-order lag of time constant `tau` (s), shape (n,)."""
         return self.flow.follow(name, tau, self.time, self.signal(name))
+
+    def aside(self) -> StreamedConditions:
+        """The same rows with lags of their own: what is asked of them leaves no trace here."""
+        return replace(self, flow=copy.deepcopy(self.flow), _lags={}, _made={})

@@ -80,7 +80,16 @@ def _add(chain: Chain, motion: Motion, translation: F64, rotation: F64, where: s
         rotation[:, :, where] += turned[:, :, None] * motion.columns[:, None, :]
 
 
-def prediction_sd(model: Model, conditions: Conditions) -> tuple[F64, F64]:
+def covariance_root(covariance: F64) -> F64:
+    """A matrix R with ``R Rᵀ`` = the covariance, (p, p), for many predictions of one model."""
+    # mm, rad and 1/K differ by orders of magnitude: decompose the correlations
+    sd = np.sqrt(np.diag(covariance))
+    unit = np.where(sd > 0.0, sd, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
+    return np.asarray(unit[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def prediction_sd(model: Model, conditions: Conditions, root: F64 | None = None) -> tuple[F64, F64]:
     """Standard uncertainty of a model's predicted error, from the fit's covariance.
 
     What the campaign did not determine counts with the width of its plausible range, so that a
@@ -93,6 +102,8 @@ def prediction_sd(model: Model, conditions: Conditions) -> tuple[F64, F64]:
         A fitted model with its covariance.
     conditions
         The n rows at which it predicts.
+    root
+        `covariance_root` of the model's covariance, where it is known already.
 
     Returns
     -------
@@ -109,11 +120,7 @@ def prediction_sd(model: Model, conditions: Conditions) -> tuple[F64, F64]:
     if model.covariance is None:
         raise ValueError("the model has no covariance; fit it first")
     size = model.covariance.shape[0]
-    # mm, rad and 1/K differ by orders of magnitude: decompose the correlations
-    sd = np.sqrt(np.diag(model.covariance))
-    unit = np.where(sd > 0.0, sd, 1.0)
-    values, vectors = np.linalg.eigh(model.covariance / np.outer(unit, unit))
-    half = unit[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    half = covariance_root(model.covariance) if root is None else root
     translation, rotation = np.zeros((conditions.n, 3)), np.zeros((conditions.n, 3))
     most = max(1, 4_000_000 // (3 * max(size, 1)))
     for at in range(0, conditions.n, most):

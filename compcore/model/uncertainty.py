@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,18 +65,20 @@ class PredictionUncertainty:
     beyond: tuple[OutsideMeasured, ...]
 
 
-def uncertainty(model: Model, conditions: Conditions) -> PredictionUncertainty | None:
+def uncertainty(
+    model: Model, conditions: Conditions, root: F64 | None = None
+) -> PredictionUncertainty | None:
     """The standard uncertainty of a fitted model's prediction, mm; None without a covariance.
 
     Two parts, independent of each other: that of the fitted parameters
     (`sensitivity.prediction_sd`), and, outside of the positions, signals and tools of the campaigns
     that were fitted, the change of the prediction since the nearest condition that was measured,
     as a rectangular distribution of that half width: nobody has seen whether the machine goes on
-    as the model does.
+    as the model does. `root`: `sensitivity.covariance_root`, where it is known already.
     """
     if model.covariance is None:
         return None
-    moved, turned = prediction_sd(model, conditions)
+    moved, turned = prediction_sd(model, conditions, root)
     nearest, beyond = _nearest(model, conditions)
     if beyond:
         here, there = model.predict(conditions), model.predict(nearest)
@@ -112,14 +114,57 @@ def _nearest(model: Model, conditions: Conditions) -> tuple[Conditions, list[Out
     return found, beyond
 
 
-def unmeasured(model: Model, ranges: Mapping[str, tuple[float, float]]) -> list[OutsideMeasured]:
-    """Axes on which points lie outside of what was measured; ranges in mm (rotary: rad)."""
+def unmeasured(
+    model: Model,
+    ranges: Mapping[str, tuple[float, float]],
+    signals: Mapping[str, tuple[float, float]] | None = None,
+    tool: Sequence[tuple[float, float]] = (),
+) -> list[OutsideMeasured]:
+    """What of many points lies outside of what was measured.
+
+    Parameters
+    ----------
+    ranges
+        Axis → least and greatest position, mm (rotary: rad).
+    signals
+        Signal → least and greatest, in its unit.
+    tool
+        Least and greatest of x, y and z of the tool's offset, mm.
+    """
     beyond: list[OutsideMeasured] = []
     for axis, ends in model.measured_positions.items():
         if axis in ranges:
             unit, scale = ("°", 180.0 / np.pi) if is_rotary(axis) else ("mm", 1.0)
             _held(axis, np.array(ranges[axis]) * scale, ends, unit, beyond)
+    needed = model.signals_needed()
+    for name, ends in model.measured_signals.items():
+        if name in needed and name in (signals or {}):
+            known = model.machine.signals.get(name)
+            _held(name, np.array((signals or {})[name]), ends, known.unit if known else "", beyond)
+    for k, (mine, ends) in enumerate(zip(tool, model.measured_tool, strict=False)):
+        _held(f"tool {'xyz'[k]}", np.array(mine), ends, "mm", beyond)
     return beyond
+
+
+def outside_names(model: Model, conditions: Conditions) -> list[str]:
+    """For each row what of it was not measured, names with a blank between; empty: nothing."""
+    columns: list[tuple[str, F64, tuple[float, float]]] = []
+    for axis, ends in model.measured_positions.items():
+        if axis in conditions.positions:
+            scale = 180.0 / np.pi if is_rotary(axis) else 1.0
+            columns.append((axis, conditions.position(axis) * scale, ends))
+    needed = set(model.signals_needed())
+    for name, ends in model.measured_signals.items():
+        if name in needed and name in conditions.signals:
+            columns.append((name, conditions.signals[name], ends))
+    for k, ends in enumerate(model.measured_tool):
+        columns.append((f"tool_{'xyz'[k]}", conditions.tool[:, k], ends))
+    found = [""] * conditions.n
+    for name, values, (low, high) in columns:
+        slack = _SLACK * (1.0 + abs(low) + abs(high))
+        for row in np.flatnonzero(np.maximum(low - values, values - high) > slack).tolist():
+            found[row] = f"{found[row]} {name}".strip()
+    return found
 
 
 def _held(

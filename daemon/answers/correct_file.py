@@ -20,7 +20,14 @@ from abbe.compcore.model.inverse import invert_model
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.pose import command_of
 from abbe.compcore.model.required_inputs import RequiredInputs
-from abbe.compcore.model.uncertainty import unmeasured
+from abbe.compcore.model.sensitivity import covariance_root
+from abbe.compcore.model.uncertainty import (
+    COVERAGE,
+    UNKNOWN,
+    outside_names,
+    uncertainty,
+    unmeasured,
+)
 from abbe.daemon.arguments.point_arguments import Given, beyond, unfitted
 
 F64 = NDArray[np.float64]
@@ -38,20 +45,31 @@ class CorrectedFile:
         Greatest correction of a single axis, mm.
     ranges
         Axis → least and greatest indicated position, mm (rotary: rad).
+    signals, tool
+        Signal, component of the tool's offset (mm) → least and greatest.
+    widest
+        Greatest ± of a single axis, k = 2, mm; None where it was not asked for or nobody knows.
     """
 
     rows: int = 0
     worst: float = 0.0
     ranges: dict[str, tuple[float, float]] = field(default_factory=dict)
+    signals: dict[str, tuple[float, float]] = field(default_factory=dict)
+    tool: dict[str, tuple[float, float]] = field(default_factory=dict)
+    widest: float | None = None
     warnings: list[str] = field(default_factory=list)
 
-    def add(self, positions: dict[str, F64], correction: F64) -> None:
+    def add(self, at: Conditions, correction: F64) -> None:
         """Take some rows into account."""
         self.rows += len(correction)
         self.worst = max(self.worst, float(np.abs(correction).max()))
-        for axis, q in positions.items():
-            low, high = self.ranges.get(axis, (np.inf, -np.inf))
-            self.ranges[axis] = (min(low, float(q.min())), max(high, float(q.max())))
+        tool = dict(zip("xyz", at.tool.T, strict=True))
+        for kept, columns in (
+            (self.ranges, at.positions), (self.signals, at.signals), (self.tool, tool),
+        ):  # fmt: skip
+            for name, q in columns.items():
+                low, high = kept.get(name, (np.inf, -np.inf))
+                kept[name] = (min(low, float(q.min())), max(high, float(q.max())))
 
     def as_json(self, out: Path) -> dict[str, Any]:
         """One object for ``--json``."""
@@ -61,6 +79,8 @@ class CorrectedFile:
             "max_correction": self.worst * 1e3,
             "unit": "um",
         }
+        if self.widest is not None:
+            reported["uncertainty"] = {"largest": self.widest * 1e3, "k": COVERAGE}
         return reported | ({"warnings": self.warnings} if self.warnings else {})
 
 
@@ -72,26 +92,32 @@ def correct_file(
     *,
     command: bool,
     held: Collection[str] = (),
+    sure: bool = False,
     tell: Callable[[str], None],
 ) -> CorrectedFile:
     """Correct every point of a file; the output appears whole or not at all.
 
     `given` stands for columns that the file lacks; a command does not move rotary axes in `held`.
+    With `sure` each row has its ± (k = 2) and what of it was not measured.
 
     Raises
     ------
     InputError
-        For bad rows (file, line, column) and for what the model needs and neither file nor
-        command line has.
+        Where ± is asked for and the model has none; for bad rows (file, line, column) and for what
+        the model needs and neither file nor command line has.
     NotContractionError
         When a command cannot be found; names the line.
     """
+    if sure and model.covariance is None:
+        raise InputError(UNKNOWN, field="--uncertainty", expected="a model that abbe fit wrote")
     summary = CorrectedFile()
     required = RequiredInputs.of(model)
     with PointsFile(path, model.machine, tuple(model.machine.signals)) as source:
         reader = _Reader(model, required, source, given)
-        write_atomically(out, _lines(model, source, reader, summary, command, held, tell))
-    far = [f"{b}: nobody has seen what it does there" for b in unmeasured(model, summary.ranges)]
+        write_atomically(out, _lines(model, source, reader, summary, command, held, sure, tell))
+    tool = [summary.tool[k] for k in "xyz" if k in summary.tool]
+    out_there = unmeasured(model, summary.ranges, summary.signals, tool)
+    far = [f"{b}: nobody has seen what it does there" for b in out_there]
     summary.warnings = beyond(model, summary.ranges) + far + unfitted(model)
     return summary
 
@@ -103,11 +129,14 @@ def _lines(
     summary: CorrectedFile,
     command: bool,
     held: Collection[str],
+    sure: bool,
     tell: Callable[[str], None],
 ) -> Iterator[str]:
+    root = covariance_root(model.covariance) if sure and model.covariance is not None else None
     turned = model.machine.structure.rotary if command else ()
     added = [f"{a}_corrected" for a in (*"XYZ", *turned)]
     added += ["orientation_left_urad"] if turned else []
+    added += [*(f"plus_minus_{a}_um" for a in "XYZ"), "not_measured"] if sure else []
     for name in added:
         if name in source.columns:
             raise InputError(
@@ -137,19 +166,35 @@ def _lines(
         else:
             moved = model.axis_error(at)
             answer = start + np.stack([moved[a] for a in "XYZ"], axis=1)
+        surely = None if root is None else _how_sure(model, at.aside(), root, summary)
         reader.settle()
-        summary.add(dict(at.positions), answer - start)
+        summary.add(at, answer - start)
         tell(f"correcting: {summary.rows:,} rows")
         more = [""] * len(block.text)
         if angles:
             rows = np.stack(angles, axis=1).tolist()
             more = ["".join(f",{q:.9f}" for q in row[:-1]) + f",{row[-1]:.3f}" for row in rows]
+        if surely is not None:
+            more = [m + s for m, s in zip(more, surely, strict=True)]
         yield "".join(
             f"{text},{x:.7f},{y:.7f},{z:.7f}{rest}\n"
             for text, (x, y, z), rest in zip(block.text, answer.tolist(), more, strict=True)
         )
     if not summary.rows:
         raise InputError("no points", file=source.file, expected="a row below the header")
+
+
+def _how_sure(model: Model, at: Conditions, root: F64, summary: CorrectedFile) -> list[str]:
+    """Each row's further cells: ± in X, Y, Z and what was not measured."""
+    found = uncertainty(model, at, root)
+    if found is None:
+        return [",,,,"] * at.n
+    wide = COVERAGE * found.translation
+    summary.widest = max(summary.widest or 0.0, float(wide.max()))
+    return [
+        "".join(f",{v:.3f}" for v in row) + f",{names}"
+        for row, names in zip((wide * 1e3).tolist(), outside_names(model, at), strict=True)
+    ]
 
 
 class _Reader:
@@ -189,7 +234,7 @@ class _Reader:
         if required.lagged and "time" not in columns:
             raise columns.missing("time", ": the model follows a signal slowly")
 
-    def conditions(self, block: PointBlock) -> Conditions:
+    def conditions(self, block: PointBlock) -> StreamedConditions:
         """The rows in the units inside the code."""
         n, columns, given = len(block.text), self._columns, self._given
 

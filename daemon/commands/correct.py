@@ -53,6 +53,10 @@ def correct(
         Path | None,
         typer.Option("-o", "--out", help="The points with columns X_corrected, …", metavar="CSV"),
     ] = None,
+    sure: Annotated[
+        bool,
+        typer.Option("--uncertainty", help="With --points: the ± of each row, and why it is wide."),
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
     report: Annotated[
         Path | None,
@@ -72,6 +76,8 @@ def correct(
         raise typer.BadParameter("--points IN.csv and -o OUT.csv go together")
     if points is not None and (explain or report):
         raise typer.BadParameter("--explain and --report are for one point")
+    if sure and points is None:
+        raise typer.BadParameter("--uncertainty is for --points; one point always has its ±")
     if hold and not command:
         raise typer.BadParameter("--hold goes with --command")
     say = check_outputs(
@@ -86,7 +92,9 @@ def correct(
         from abbe.daemon.progress import shown
 
         with shown("correcting") as tell:
-            done = correct_file(loaded, points, out, given, command=command, held=held, tell=tell)
+            done = correct_file(
+                loaded, points, out, given, command=command, held=held, sure=sure, tell=tell
+            )
         if loaded is not whole:
             from abbe.daemon.answers.switches import not_applied
 
@@ -95,7 +103,8 @@ def correct(
         if as_json:
             say(json.dumps(done.as_json(out), ensure_ascii=False))
         else:
-            say(f"{done.rows} points, greatest correction {done.worst * 1e3:.2f} µm: {out}")
+            wide = "" if done.widest is None else f" (± {done.widest * 1e3:.2f} at most)"
+            say(f"{done.rows} points, greatest correction {done.worst * 1e3:.2f} µm{wide}: {out}")
         return
     found, warnings = _at_one_point(loaded, given, command=command, held=held)
     switched = _switched(whole, given) if loaded is not whole else {}

@@ -129,6 +129,11 @@ class Pipeline:
         self._number = 0
         self.began = time.monotonic()
 
+    @property
+    def tool(self) -> tuple[float, float, float]:
+        """The tool's present offset, mm."""
+        return self._compensation.tool
+
     def change_model(
         self, configuration: Configuration, compensation: LiveCompensator, expected: Expected
     ) -> None:

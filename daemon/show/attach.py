@@ -95,15 +95,20 @@ async def _run(
     drawing: asyncio.Task[None] | None = None
     handlers: list[logging.Handler] = []
     if how == "screen":
-        screen = LiveScreen(machine, pipeline.axes, corrected, service.links, title, duration)
+        screen = LiveScreen(
+            machine, pipeline.axes, corrected, service.links, title, duration, service.uncertainty
+        )
         service.add([screen])
         handlers.append(screen.events)
     elif how != "quiet":
         writer = LineWriter(sys.stdout)
         if how == "json":
-            service.add([JsonLines(writer, machine, pipeline.axes, corrected, service.links)])
+            sure = service.uncertainty
+            lines = JsonLines(writer, machine, pipeline.axes, corrected, service.links, sure)
+            service.add([lines])
         else:
-            service.add([PlainLines(writer, service.links, figures.axes)])
+            sure = service.uncertainty
+            service.add([PlainLines(writer, service.links, figures.axes, sure)])
     with (
         service.owning(),
         journal(

@@ -8,7 +8,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from abbe.compcore.machine.machine import Machine
+from abbe.compcore.model.uncertainty import COVERAGE
 from abbe.daemon.guard import DIRECTIONS
+from abbe.daemon.pipeline.live_uncertainty import LiveUncertainty
 from abbe.daemon.pipeline.record import CycleRecord
 from abbe.daemon.show.writer import LineWriter
 from abbe.drivers.link import Link
@@ -27,6 +29,8 @@ class JsonLines:
         Order of a record's positions.
     links
         Shown with their state.
+    sure
+        Says how sure the correction is.
     """
 
     def __init__(
@@ -36,8 +40,10 @@ class JsonLines:
         axes: tuple[str, ...],
         corrected_axes: tuple[str, ...],
         links: Mapping[str, Link],
+        sure: LiveUncertainty | None = None,
     ) -> None:
         self._writer = writer
+        self._sure = sure
         self._axes = [_shown(machine, a) for a in axes]
         self._corrected = [_shown(machine, a) for a in corrected_axes]
         self._temperatures = {s.name for s in machine.signals.values() if s.temperature}
@@ -94,6 +100,13 @@ class JsonLines:
                 for (axis, factor, _), speed in zip(self._axes, record.speeds, strict=False)
             },
         }
+        if self._sure is not None and (latest := self._sure.latest) is not None:
+            line["uncertainty"] = {
+                **{d: round(1e3 * w, 3) for d, w in zip(DIRECTIONS, latest.wide, strict=True)},
+                "unit": "um",
+                "k": COVERAGE,
+                "beyond": [b.name for b in latest.beyond],
+            }
         if others:
             line["signals"] = others
         if any(map(math.isfinite, record.reference)):

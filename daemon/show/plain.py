@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 
 from abbe.daemon.pipeline.headline import headline
+from abbe.daemon.pipeline.live_uncertainty import LiveUncertainty
 from abbe.daemon.pipeline.record import CycleRecord
 from abbe.daemon.show.figures import volumetric_errors
 from abbe.daemon.show.writer import LineWriter
@@ -26,12 +27,19 @@ class PlainLines:
         Shown with their state.
     axes
         Indices of the corrected linear axes in a record's positions.
+    sure
+        Says how sure the correction is.
     """
 
     def __init__(
-        self, writer: LineWriter, links: Mapping[str, Link], axes: tuple[int, ...]
+        self,
+        writer: LineWriter,
+        links: Mapping[str, Link],
+        axes: tuple[int, ...],
+        sure: LiveUncertainty | None = None,
     ) -> None:
         self._writer = writer
+        self._sure = sure
         self._links = links
         self._axes = axes
         self._due = 0.0
@@ -49,6 +57,9 @@ class PlainLines:
         correction = " ".join(f"{d} {1e3 * c:+.1f}" for d, c in amounts[:3]) + " µm"
         if turns := " ".join(f"{d} {1e6 * c:+.1f}" for d, c in amounts[3:]):
             correction += f" {turns} µrad"
+        if self._sure is not None and (latest := self._sure.latest) is not None:
+            wide = ", ".join(f"{1e3 * w:.1f}" for w in latest.wide)
+            correction += f" (± {wide})"
         parts = [
             f"{record.time:7.1f} s",
             headline(record),

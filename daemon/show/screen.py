@@ -20,6 +20,7 @@ from abbe.compcore.machine.machine import Machine
 from abbe.daemon.guard import GuardState
 from abbe.daemon.pipeline.compensate import direction_index
 from abbe.daemon.pipeline.headline import headline
+from abbe.daemon.pipeline.live_uncertainty import LiveUncertainty, PlusMinus
 from abbe.daemon.pipeline.record import CycleRecord
 from abbe.daemon.show.bars import deviation_bar, sparkline
 from abbe.daemon.show.figures import ErrorFigures, volumetric_errors
@@ -78,6 +79,8 @@ class LiveScreen:
         First words of the screen.
     duration
         s that the run will last, None: until it is ended.
+    sure
+        Says how sure the correction is.
     """
 
     def __init__(
@@ -88,8 +91,10 @@ class LiveScreen:
         links: Mapping[str, Link],
         title: str,
         duration: float | None = None,
+        sure: LiveUncertainty | None = None,
     ) -> None:
         self._machine = machine
+        self._sure = sure
         self._axes = axes
         self._corrected = corrected_axes
         self._indices = tuple(axes.index(a) for a in corrected_axes if not machine.axes[a].rotary)
@@ -147,6 +152,8 @@ class LiveScreen:
             waiting = [f"{n}: {link.status.state.value}" for n, link in self._links.items()]
             return Panel(f"waiting for the first cycle … {', '.join(waiting)}", title=self._title)
         parts: list[RenderableType] = [self._state(record), Text(), self._axes_table(record, width)]
+        if self._sure is not None and (latest := self._sure.latest) is not None:
+            parts.append(_how_sure(latest))
         if self._before:
             parts += [Text(), self._errors(width)]
         parts += [Text(), self._signals(record, width), Text(), self._health(record)]
@@ -278,6 +285,15 @@ class LiveScreen:
         for level, line in self.events.lines:
             text.append("\n" + line, "yellow" if level >= logging.WARNING else "dim")
         return text
+
+
+def _how_sure(latest: PlusMinus) -> Text:
+    """± of the correction, and what lies outside of what was measured."""
+    wide = "  ".join(f"{d} ± {1e3 * w:.1f}" for d, w in zip("XYZ", latest.wide, strict=True))
+    text = Text.assemble(("how sure (k = 2)  ", "dim"), f"{wide} µm")
+    for beyond in latest.beyond:
+        text.append(f"\n{beyond}", "yellow")
+    return text
 
 
 def _position(value: float, rotary: bool = False) -> str:

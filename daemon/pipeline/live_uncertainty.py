@@ -1,0 +1,131 @@
+"""How sure the correction is while it runs: ± where the machine stands, beside the cycle.
+
+A listener that keeps the last record, and a task that looks at it once a second in a thread of its
+own: nothing is added to the cycle.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.model.model import Model
+from abbe.compcore.model.sensitivity import covariance_root
+from abbe.compcore.model.uncertainty import OutsideMeasured, expanded, uncertainty
+from abbe.daemon.guard import Vec3
+from abbe.daemon.pipeline.record import CycleRecord
+
+logger = logging.getLogger("abbe.pipeline")
+
+EVERY = 1.0
+"""s from one look to the next."""
+
+
+@dataclass(frozen=True)
+class PlusMinus:
+    """How sure the correction was at one moment.
+
+    Attributes
+    ----------
+    wide
+        ± in X, Y, Z, k = 2, mm.
+    beyond
+        What lay outside of what was measured.
+    """
+
+    wide: Vec3
+    beyond: tuple[OutsideMeasured, ...]
+
+
+class LiveUncertainty:
+    """The ± of a running correction.
+
+    Parameters
+    ----------
+    model
+        The model that corrects.
+    axes
+        Order of a record's positions.
+    tool
+        Says the tool's present offset, mm.
+    every
+        s from one look to the next.
+
+    Attributes
+    ----------
+    latest
+        What was found last; None before the first look, without a covariance, and while a position
+        or a signal is missing.
+    """
+
+    def __init__(
+        self, model: Model, axes: tuple[str, ...], tool: Callable[[], Vec3], every: float = EVERY
+    ) -> None:
+        self._axes, self._tool, self._every = axes, tool, every
+        self._record: CycleRecord | None = None
+        self._said: tuple[str, ...] = ()
+        self.latest: PlusMinus | None = None
+        self.change_model(model)
+
+    def change_model(self, model: Model) -> None:
+        """Go on with another model of the same machine."""
+        self._model = model
+        self._root = None if model.covariance is None else covariance_root(model.covariance)
+        self._needed = model.signals_needed()
+
+    def __call__(self, record: CycleRecord) -> None:
+        """Keep a cycle's record."""
+        self._record = record
+
+    async def run(self) -> None:
+        """Look until cancelled; at once over where no ± can be known."""
+        while True:
+            await asyncio.sleep(self._every)
+            record = self._record
+            if record is None or self._root is None:
+                continue
+            try:
+                self.latest = await asyncio.to_thread(self.at, record, self._tool())
+            except Exception:
+                # whoever looks on must not disturb the machine
+                logger.exception("how sure the correction is cannot be worked out any more")
+                self.latest = None
+                return
+            self._say()
+
+    def at(self, record: CycleRecord, tool: Vec3) -> PlusMinus | None:
+        """The ± at a record's position, signals and tool."""
+        values = {n: record.signals[n].value for n in self._needed if n in record.signals}
+        known = (*record.indicated, *values.values())
+        if len(values) < len(self._needed) or not all(map(math.isfinite, known)):
+            return None
+        at = Conditions(
+            {a: np.array([q]) for a, q in zip(self._axes, record.indicated, strict=True)},
+            # play is as uncertain on either side
+            directions={a: np.ones(1) for a in self._axes},
+            tool=np.array([tool]),
+            time=np.array([record.time]),
+            signals={n: np.array([v]) for n, v in values.items()},
+        )
+        found = uncertainty(self._model, at, self._root)
+        if found is None:
+            return None
+        wide = expanded(found)
+        return PlusMinus((wide["X"], wide["Y"], wide["Z"]), found.beyond)
+
+    def _say(self) -> None:
+        """Have the journal know, once, which signal or tool has left what was measured."""
+        beyond = () if self.latest is None else self.latest.beyond
+        outside = {b.name: str(b) for b in beyond if b.name not in self._axes}
+        names = tuple(sorted(outside))
+        if names and names != self._said:
+            logger.warning("%s: the correction is less sure", "; ".join(outside.values()))
+        elif self._said and not names:
+            logger.info("all signals are where the machine was measured again")
+        self._said = names
