@@ -24,6 +24,7 @@ def project_tables(
     points: int | None = None,
     tolerance: float = TOLERANCE,
     present: Sequence[Table] = (),
+    orientation: bool = False,
 ) -> Projection:
     """The compensation tables that leave least of a model's error, within a controller's limits.
 
@@ -47,6 +48,8 @@ def project_tables(
         Interpolation error at the functional point that is small enough, mm.
     present
         Tables that were active while the model was measured; the new ones are added to them.
+    orientation
+        Whether tables of rotary axes hold the tool's direction too.
 
     Returns
     -------
@@ -69,4 +72,5 @@ def project_tables(
         points=points,
         tolerance=tolerance,
         present=present,
+        orientation=orientation,
     )

@@ -101,7 +101,19 @@ def remainder_record(remainder: Remainder) -> dict[str, Any]:
         "worst": {
             axis: position * unit_of_position(axis)[1] for axis, position in remainder.worst.items()
         },
+        **_lean(remainder),
     }
+
+
+def _lean(remainder: Remainder) -> dict[str, Any]:
+    """What is left of the tool's direction, where rotary axes could turn it back."""
+    if remainder.lean_rms is None or remainder.lean_largest is None:
+        return {}
+    return {
+        "lean": {
+            "unit": "urad", "rms": remainder.lean_rms * 1e6, "max": remainder.lean_largest * 1e6
+        }
+    }  # fmt: skip
 
 
 def full_record(

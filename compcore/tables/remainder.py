@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.machine.error_motion import ErrorMotion
+from abbe.compcore.machine.machine import own_component
 from abbe.compcore.tables.field import ErrorField
+from abbe.compcore.tables.projection.motions import LETTERS
+from abbe.compcore.tables.projection.orientation import lean, pointing_axes
 from abbe.compcore.tables.table import Table
 from abbe.compcore.tables.volume import Volume
 
@@ -36,6 +40,9 @@ class Remainder:
         Axis → positions of all points, (n,).
     errors
         (n, 3), mm, the shift taken off.
+    lean_rms, lean_largest
+        Of the angle by which the tool is tilted, rad; None on a machine without rotary axes that
+        could turn it back.
     """
 
     rms: float
@@ -45,6 +52,8 @@ class Remainder:
     worst: Mapping[str, float]
     positions: Mapping[str, F64]
     errors: F64
+    lean_rms: float | None = None
+    lean_largest: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,12 +88,14 @@ class TrialPoints:
 
     def remainder(self, tables: Iterable[Table] = ()) -> Remainder:
         """The residual error with a set of tables; without tables the error itself."""
-        removed = self.field.removed(tuple(tables), self.positions, self.directions)
+        tables = tuple(tables)
+        removed = self.field.removed(tables, self.positions, self.directions)
         left = self.errors - removed
         shift = left.mean(axis=0)
         left = left - shift
         length = np.linalg.norm(left, axis=1)
         worst = int(length.argmax())
+        tilt = self._tilt(tables)
         return Remainder(
             rms=float(np.sqrt((length**2).mean())),
             p95=float(np.quantile(length, 0.95)),
@@ -93,4 +104,25 @@ class TrialPoints:
             worst={a: float(p[worst]) for a, p in self.positions.items()},
             positions=self.positions,
             errors=left,
+            lean_rms=None if tilt is None else float(np.sqrt((tilt**2).mean())),
+            lean_largest=None if tilt is None else float(tilt.max()),
         )
+
+    def _tilt(self, tables: Sequence[Table]) -> F64 | None:
+        """By what the tool is tilted where tables turn rotary axes, (n,), rad.
+
+        Error motions of other axes that a table holds are carried to the point through levers, and
+        turn nothing.
+        """
+        machine = self.field.model.machine
+        axes = pointing_axes(machine)
+        if not axes:
+            return None
+        tilt, columns = lean(self.field, self.positions, self.directions, axes)
+        conditions = self.field.conditions(self.positions, self.directions)
+        for k, axis in enumerate(axes):
+            turn = ErrorMotion(axis, LETTERS["XYZABC".index(own_component(axis))])
+            for table in tables:
+                if table.output == turn:
+                    tilt = tilt - columns[:, :, k] * table.value(conditions)[:, None]
+        return np.asarray(np.linalg.norm(tilt, axis=1))

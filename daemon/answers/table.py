@@ -71,6 +71,8 @@ class TableRequest:
         Files of the tables that were active while the model was measured.
     by, note
         Who, and a remark, for the record.
+    orientation
+        Whether tables of rotary axes hold the tool's direction too.
     """
 
     model_path: Path
@@ -83,6 +85,7 @@ class TableRequest:
     present: Mapping[str, str] = field(default_factory=dict)
     by: str = ""
     note: str = ""
+    orientation: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +147,7 @@ def make(order: TableRequest, model: Model | None = None) -> TableAnswer:
         points=order.points,
         tolerance=order.tolerance,
         present=present,
+        orientation=order.orientation,
     )
     tables = controller.adapted(found.tables)
     files = controller.write(tables)
@@ -154,12 +158,12 @@ def make(order: TableRequest, model: Model | None = None) -> TableAnswer:
     if capability.form("product") is not None:
         single = project(
             error, volume, capability.without("product"), points=order.points,
-            tolerance=order.tolerance,
+            tolerance=order.tolerance, orientation=order.orientation,
         )  # fmt: skip
         remaining[SINGLE] = trial.remainder(single.tables)
     remaining[controller.name] = trial.remainder(new)
     if capability.form("grid") is None:
-        ideal = project(error, volume, capability.unlimited()).tables
+        ideal = project(error, volume, capability.unlimited(), orientation=order.orientation).tables
         remaining[IDEAL] = trial.remainder(ideal)
     if not {"L-VOL", "L-VOL+"} & set(capability.types):
         remaining[FULL] = trial.remainder(project(error, volume, RIGID).tables)
@@ -259,6 +263,12 @@ def as_text(done: TableAnswer, written: Sequence[Path]) -> Iterator[str]:
     yield f"  {'':<{wide}}{'largest':>9}{'rms':>9}"
     for name, left in rows:
         yield f"  {name:<{wide}}{left.largest * 1e3:>9.1f}{left.rms * 1e3:>9.1f}"
+    own, none = done.remaining[controller.name], done.remaining[NONE]
+    if own.lean_rms is not None and none.lean_rms is not None:
+        yield (
+            f"The tool leans by {none.lean_rms * 1e6:.1f} µrad (rms) without compensation, by "
+            f"{own.lean_rms * 1e6:.1f} µrad with these tables"
+        )
     yield _sure_line(done)
     for note in done.notes:
         yield f"note: {note}"

@@ -13,6 +13,7 @@ from abbe.compcore.tables.field import ErrorField
 from abbe.compcore.tables.projection.choice import chosen
 from abbe.compcore.tables.projection.curve import Curve, fit_tables
 from abbe.compcore.tables.projection.marginal import Marginal
+from abbe.compcore.tables.projection.orientation import constant_turns, turning_curves
 from abbe.compcore.tables.projection.plane import plane_tables
 from abbe.compcore.tables.projection.present import (
     MadeTables,
@@ -21,11 +22,7 @@ from abbe.compcore.tables.projection.present import (
     products_counted_for,
 )
 from abbe.compcore.tables.projection.products import product_curves
-from abbe.compcore.tables.projection.single_axes import (
-    axis_curves,
-    marginals_beside,
-    turning_curves,
-)
+from abbe.compcore.tables.projection.single_axes import axis_curves, marginals_beside
 from abbe.compcore.tables.table import Table, move
 from abbe.compcore.tables.volume import Volume
 
@@ -38,6 +35,8 @@ def move_tables(
     capability: Capability,
     tolerance: float,
     present: Sequence[Table],
+    *,
+    orientation: bool,
 ) -> MadeTables:
     """Tables over the positions of one axis, or of two, that move X, Y, Z or turn a rotary axis.
 
@@ -53,19 +52,22 @@ def move_tables(
         Interpolation error at the functional point that is small enough, mm.
     present
         Tables of errors that are in the controller.
+    orientation
+        Whether tables of rotary axes hold the tool's direction too.
     """
 
     def fine(axis: str) -> F64:
         return positions_beside(field, axis, present)
 
-    turns = turning_curves(field, volume, capability, fine)
+    turns, no_turns = turning_curves(field, volume, capability, fine, orientation=orientation)
     mean, marginals = marginals_beside(turns, field, volume, capability, fine)
     curves, notes, left = _wanted(capability, marginals, volume, present)
     kept, no_room = chosen(curves, capability, turns)
-    notes += _no_table(no_room)
+    notes += _no_table([*no_turns, *no_room])
     total, left = curves_added([*turns, *_with_constant(kept, mean)], left)
     tables, remarks = fit_tables(total, capability, tolerance)
     notes += remarks
+    notes += constant_turns(turns, tables) if orientation else []
     for holds in capability.holds:
         if holds.form == "plane":
             over_two, remarks, left = plane_tables(field, volume, holds, tables, tolerance, left)

@@ -16,13 +16,13 @@ from abbe.compcore.tables.grid import spatial_grid
 from abbe.compcore.tables.projection.curve import Curve, fit_tables
 from abbe.compcore.tables.projection.motions import LETTERS, axis_motions
 from abbe.compcore.tables.projection.moves import move_tables
+from abbe.compcore.tables.projection.orientation import longest_lever, require_turning
 from abbe.compcore.tables.projection.present import (
     MadeTables,
     curves_added,
     positions_beside,
     tables_added,
 )
-from abbe.compcore.tables.projection.single_axes import longest_lever
 from abbe.compcore.tables.table import Sign, Table
 from abbe.compcore.tables.volume import Volume
 
@@ -57,6 +57,7 @@ def project(
     points: int | None = None,
     tolerance: float = TOLERANCE,
     present: Sequence[Table] = (),
+    orientation: bool = False,
 ) -> Projection:
     """The tables of a controller that leave least of a field over a volume, in the mean square.
 
@@ -76,13 +77,19 @@ def project(
     present
         Tables that are active in the controller while the field was measured: the new ones are
         added to them.
+    orientation
+        Whether tables of rotary axes hold the tool's direction; else their own positioning error
+        only. What that takes off the direction may cost the point some of its accuracy, where
+        tables over single axes cannot take the turn's move of the tip back.
 
     Raises
     ------
     InputError
-        When `points` is more than the controller can hold, or a table is present that it cannot
-        hold.
+        When `points` is more than the controller can hold, a table is present that it cannot
+        hold, or the direction is to be held by a controller or a machine that cannot.
     """
+    if orientation:
+        require_turning(field.model.machine, capability)
     allowed = tolerance if points is None else 0.0
     capability = _with_points(capability, points)
     held = [t.as_sign(Sign.ERROR) for t in present]
@@ -91,7 +98,7 @@ def project(
     elif (motions := capability.form("motions")) is not None:
         made = _six_an_axis(field, volume, capability, motions, allowed, held)
     else:
-        made = move_tables(field, volume, capability, allowed, held)
+        made = move_tables(field, volume, capability, allowed, held, orientation=orientation)
     if made.left:
         raise InputError(
             "a table that is in the controller has no counterpart among those to be written",

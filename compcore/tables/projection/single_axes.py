@@ -1,68 +1,28 @@
-"""Curves of tables over single axes: moves of X, Y and Z, and rotary axes' own positioning."""
+"""Curves of tables over single axes: moves of X, Y and Z beside turns of rotary axes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.machine.error_motion import ErrorMotion
-from abbe.compcore.machine.machine import own_component
 from abbe.compcore.tables.capability import Capability, Holds
 from abbe.compcore.tables.field import ErrorField
 from abbe.compcore.tables.projection.curve import Curve
 from abbe.compcore.tables.projection.marginal import Marginal, marginal
-from abbe.compcore.tables.projection.motions import LETTERS
+from abbe.compcore.tables.projection.orientation import Fine
 from abbe.compcore.tables.table import move
 from abbe.compcore.tables.volume import Volume
 
 F64 = NDArray[np.float64]
-Fine = Callable[[str], F64]
-"""Axis → fine positions over its travel, mm or rad."""
-
 _POINTS = 987
-
-
-def longest_lever(field: ErrorField, volume: Volume, axis: str = "") -> float:
-    """The longest lever of a turn of an axis in the volume, mm: tool and the others' ranges."""
-    linear = field.model.machine.structure.linear
-    tool = float(np.linalg.norm(field.state.tool))
-    return tool + sum(2.0 * volume.half(a) for a in linear if a != axis)
-
-
-def turning_curves(
-    field: ErrorField, volume: Volume, capability: Capability, fine: Fine
-) -> list[Curve]:
-    """Positioning error motions of rotary axes (R-POS), over their own angle, rad."""
-    machine, reversing = field.model.machine, field.reversing()
-    found: list[Curve] = []
-    own = [h for h in capability.holds if h.form == "axis"]
-    for axis in machine.structure.rotary:
-        holds = next((h for h in own if h.serves(axis, axis)), None)
-        if holds is None:
-            continue
-        error_motion = ErrorMotion(axis, LETTERS["XYZABC".index(own_component(axis))])
-
-        def turning(
-            where: Mapping[str, F64],
-            facing: Mapping[str, F64],
-            error_motion: ErrorMotion = error_motion,
-        ) -> F64:
-            n = len(where[error_motion.place])
-            value = field.motions(where, facing).get(error_motion, np.zeros(n))
-            return np.broadcast_to(value, (n,))[:, None]
-
-        part = marginal(turning, machine, volume, axis, fine(axis), reverses=axis in reversing)
-        reach = longest_lever(field, volume, axis)
-        found.append(Curve(holds, error_motion, axis, part.positions, part.mean[:, :, 0], reach))
-    return found
 
 
 def marginals_beside(
     turns: Sequence[Curve], field: ErrorField, volume: Volume, capability: Capability, fine: Fine
 ) -> tuple[F64, dict[str, Marginal]]:
-    """Mean over the volume, (3,), and marginals, mm, of what rotary axes' own tables leave."""
+    """Mean over the volume, (3,), and marginals, mm, of what rotary axes' tables leave."""
     machine, reversing = field.model.machine, field.reversing()
     axes = machine.structure.axes
     turned = [c.table() for c in turns]

@@ -54,6 +54,12 @@ def table(
             metavar="DIR_OR_FILE",
         ),
     ] = None,
+    orientation: Annotated[
+        bool,
+        typer.Option(
+            help="Rotary axes' tables turn the tool's direction back, as far as they can."
+        ),
+    ] = False,
     settings: Settings = None,
     by: MadeBy = "",
     note: Annotated[str, typer.Option(help="A remark for the record.")] = "",
@@ -97,6 +103,7 @@ def table(
         arguments.present_files(on, controller) if on is not None else {},
         by,
         note,
+        orientation,
     )
     with shown("making tables") as tell:
         done = make(order, loaded)

@@ -91,7 +91,10 @@ class IsoCsv(Controller):
         if self.options.holds == "motions":
             return Capability((axis,), lookup="indicated", shared_nodes=True, knows_tool=True)
         own = replace(axis, form="axis", types=("L-POS", "R-POS"))
-        cross = replace(axis, form="cross", types=("L-STR", "L-SQU", "R-RAX"))
+        # E_CB is the turn about Z that B errs by: no name is left for what C is turned by at B
+        cross = replace(
+            axis, form="cross", types=("L-STR", "L-SQU", "R-RAX"), outputs=("X", "Y", "Z")
+        )
         return Capability((own, cross), lookup="indicated", shared_nodes=True)
 
     def adapted(self, tables: Sequence[Table]) -> tuple[Table, ...]:

@@ -250,3 +250,27 @@ def test_a_steep_model_is_refused_with_its_reason(model, tmp_path):
     done = abbe("table", steep, "--controller", "linuxcnc", "-o", tmp_path / "t", *AT)
     assert done.status == 1
     assert "no command reaches some positions" in done.err
+
+
+def test_the_tool_s_direction_is_held_where_that_is_asked_for(tmp_path):
+    path = tmp_path / "model.toml"
+    save_model(turning(FIVE_AXES), path)
+
+    def left(*more: str) -> dict[str, dict[str, float]]:
+        done = abbe("table", path, "--controller", "heidenhain-tnc", "-o", tmp_path / "t",
+                    "--tool", "0,0,-120", "--json", "--force", *more)  # fmt: skip
+        assert done.status == 0, done.err
+        found = json.loads(done.out)["remaining"]
+        return {name: row["lean"] for name, row in found.items() if "lean" in row}
+
+    plain, turned = left(), left("--orientation")
+    assert plain["no compensation"] == turned["no compensation"]
+    assert turned["heidenhain-tnc"]["rms"] < 0.3 * plain["heidenhain-tnc"]["rms"]
+    shown = abbe("table", path, "--controller", "heidenhain-tnc", "-o", tmp_path / "t", "--force",
+                 "--tool", "0,0,-120", "--orientation").out  # fmt: skip
+    rms = (turned["no compensation"]["rms"], turned["heidenhain-tnc"]["rms"])
+    assert f"by {rms[0]:.1f} µrad (rms) without compensation, by {rms[1]:.1f} µrad" in shown
+    refused = abbe("table", path, "--controller", "etalon-exchange", "-o", tmp_path / "e",
+                   "--orientation")  # fmt: skip
+    assert refused.status == 1
+    assert "no tables that correct a rotary axis by a position" in refused.err
