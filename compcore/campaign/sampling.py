@@ -9,7 +9,7 @@ only a part of a wave's amplitude, also of one that is resolved.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -110,6 +110,19 @@ class AxisSampling:
         """The wave from which on a wave is seen as what it is, mm or rad."""
         return 2.0 * self.step
 
+    def hidden(self, wave: float) -> str | None:
+        """What a wave (mm or rad) looks like that these steps do not resolve; None: it is seen.
+
+        Of uneven steps nothing is said: they may still tell it.
+        """
+        if not self.even or resolves(self.step, wave):
+            return None
+        rotary = is_rotary(self.axis)
+        unit, factor = ("°", math.degrees(1.0)) if rotary else (" mm", 1.0)
+        seen = alias(self.step, wave)
+        like = "a constant" if math.isinf(seen) else f"one of {seen * factor:.4g}{unit}"
+        return f"a wave of {wave * factor:.4g}{unit} along {self.axis} looks like {like} in them"
+
     def __str__(self) -> str:
         rotary = is_rotary(self.axis)
         unit, factor = ("°", math.degrees(1.0)) if rotary else (" mm", 1.0)
@@ -168,7 +181,14 @@ def _line(axis: str, at: F64, setup: str) -> AxisSampling | None:
     return AxisSampling(axis, float(np.median(steps)) if even else step, even, setup)
 
 
-def sampling_words(campaign: Campaign) -> Iterator[str]:
-    """One sentence an axis: which waves the campaign cannot see."""
+def sampling_words(campaign: Campaign, waves: Sequence[tuple[str, float]] = ()) -> Iterator[str]:
+    """One sentence an axis: which waves the campaign cannot see.
+
+    Parameters
+    ----------
+    waves
+        Axis and length, mm or rad, of waves that the machine is known to have.
+    """
     for found in samplings(campaign):
-        yield str(found)
+        hidden = [found.hidden(wave) for axis, wave in waves if axis == found.axis]
+        yield "; ".join([str(found), *(words for words in hidden if words)])

@@ -22,7 +22,7 @@ from abbe.compcore.comparison.lines import MeasuredLine, lines
 from abbe.compcore.comparison.parts import ComparedRows, Mask, Point
 from abbe.compcore.comparison.pictures import line_figure, part_figures
 from abbe.compcore.comparison.tabulate import ResidualGroup, group, tables
-from abbe.compcore.comparison.words import comparison_words, fitted_note
+from abbe.compcore.comparison.words import comparison_words, fitted_note, known_waves
 from abbe.compcore.distributions import chi2_limit
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.errors import FitError, require_type
@@ -168,6 +168,7 @@ class Comparison(Shown):
             self.lines,
             self.noise,
             self.left_out,
+            known_waves(self.problem.model),
         )
 
     def summary(self) -> str:

@@ -9,6 +9,7 @@ from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.campaign.sampling import sampling_words
 from abbe.compcore.comparison.lines import MeasuredLine
 from abbe.compcore.comparison.parts import ComparedRows
+from abbe.compcore.model.model import Model
 
 _MOST_LISTED = 8
 OTHER_SETUPS = (
@@ -23,6 +24,7 @@ def comparison_words(
     lines: Sequence[MeasuredLine],
     noise: NoiseFloor,
     left_out: Sequence[str],
+    waves: Sequence[tuple[str, float]] = (),
 ) -> Iterator[str]:
     """Lines for people: overall, worst set-ups and regions, worst points, lines."""
     for spec in left_out:
@@ -59,7 +61,18 @@ def comparison_words(
                 f"  {line.setup} ({line.length:.0f} mm): {linear}; "
                 f"{line.rest_before * 1e3:.1f} → {line.rest_after * 1e3:.1f}"
             )
-    yield from sampling_words(campaign)
+    yield from sampling_words(campaign, waves)
+
+
+def known_waves(model: Model) -> tuple[tuple[str, float], ...]:
+    """Axis and length (mm or rad) of each wave that a model's fitted effects repeat with."""
+    machine = model.machine
+    return tuple(
+        (axis, length)
+        for term in model.terms
+        if term.fitted
+        for axis, length in term.effect.repeats(machine, term.nonlinear(machine)).items()
+    )
 
 
 def _worst_groups(part: ComparedRows, unit: str) -> Iterator[str]:

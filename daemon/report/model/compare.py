@@ -10,7 +10,7 @@ from abbe.compcore.campaign.sampling import sampling_words
 from abbe.compcore.comparison.compare import Comparison
 from abbe.compcore.comparison.parts import ComparedRows
 from abbe.compcore.comparison.tabulate import ResidualGroup
-from abbe.compcore.comparison.words import fitted_note
+from abbe.compcore.comparison.words import fitted_note, known_waves
 from abbe.compcore.figures.figure import Figure
 from abbe.compcore.figures.residuals import MOST_POINTS
 from abbe.daemon.report.head import PageHead
@@ -31,7 +31,7 @@ def comparison_page(comparison: Comparison, head: PageHead) -> Page:
     if fitted := comparison.fitted_files:
         page.notes([fitted_note(fitted)], warning=True)
     page.notes([str(level) for level in comparison.noise.levels.values()])
-    page.notes(list(sampling_words(problem.campaign)))
+    page.notes(list(sampling_words(problem.campaign, known_waves(problem.model))))
     page.notes(
         [
             f"Left out: {spec}; it belongs to a placing of the instrument in another campaign."

@@ -1,5 +1,6 @@
 """The rule of steps against waves that are sampled and joined here by straight lines."""
 
+import json
 import math
 
 import numpy as np
@@ -14,6 +15,7 @@ from abbe.compcore.campaign.sampling import (
     step_for,
 )
 from tests.support.compcore.campaign_texts import read_text
+from tests.support.daemon.command_line import abbe
 
 WAVE = 10.0
 FINE = 400
@@ -105,6 +107,36 @@ def test_what_a_campaign_cannot_see(tmp_path):
     assert (y.axis, y.step, y.even) == ("Y", 30.0, False)
     assert "cannot see a wave shorter than 40 mm along it; one looks like a longer one" in str(x)
     assert "on average every 30 mm" in str(y)
+
+
+def test_a_known_wave_that_the_steps_hide(tmp_path):
+    """A screw of 10 mm read every 9 mm, and every 50 mm; one of 25 mm is seen every 9 mm."""
+    (fine,) = samplings(campaign(tmp_path, {"x": [(9 * i, 5) for i in range(9)]}))
+    assert fine.hidden(10.0) == "a wave of 10 mm along X looks like one of 90 mm in them"
+    assert fine.hidden(25.0) is None
+    (coarse,) = samplings(campaign(tmp_path, {"x": [(50 * i, 5) for i in range(9)]}))
+    assert coarse.hidden(10.0) == "a wave of 10 mm along X looks like a constant in them"
+
+
+def test_compare_says_it_of_the_model_s_own_screw(tmp_path):
+    (tmp_path / "m.toml").write_text(
+        'format = "abbe-model/1"\n[machine]\nname = "M"\nstructure = "w b X t"\n'
+        '[machine.axes.X]\ntravel = [0.0, 900.0]\n[[effects]]\nkind = "cyclic"\naxis = "X"\n'
+        'period = 10.0\n[effects.parameters.A1]\nvalue = 0.002\nunit = "mm"\n'
+        '[effects.parameters.B1]\nvalue = 0.0\nunit = "mm"\n'
+    )
+    rows = [f"{i},x,displacement,{9 * i},1,0,0,{2 * math.cos(1.8 * math.pi * i):.6f}"
+            for i in range(30)]  # fmt: skip
+    head = '# format = "abbe-campaign/1"\ntime,setup,kind,X,ux,uy,uz,value\n'
+    (tmp_path / "c.csv").write_text(head + "\n".join(rows) + "\n")
+    done = abbe("compare", tmp_path / "m.toml", tmp_path / "c.csv")
+    assert done.status == 0, done.err
+    assert "X is read every 9 mm at best" in done.out
+    assert "a wave of 10 mm along X looks like one of 90 mm in them" in done.out
+    found = json.loads(abbe("compare", tmp_path / "m.toml", tmp_path / "c.csv", "--json").out)
+    assert found["sampling"] == [
+        {"axis": "X", "setup": "x", "even": True, "unit": "mm", "step": 9, "shortest_wave": 18}
+    ]
 
 
 def test_scattered_places_have_no_step(tmp_path):
