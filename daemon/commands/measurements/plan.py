@@ -63,7 +63,7 @@ def plan(
     machine = load_model(model).machine
     made = measurement_plan(machine, waves, held)
     if report is not None:
-        from abbe.daemon.report.plan import page
+        from abbe.daemon.report.measurements.plan import page
 
         page(machine, made, model).write(report)
     if as_json:
