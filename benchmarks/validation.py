@@ -32,6 +32,7 @@ def krulewich_section() -> str:
         ("polynomial", "polynomial", "polynomials, fitted by polynomials (degree 3 and 4)"),
         ("wavy", "polynomial", "no polynomials, fitted by polynomials"),
         ("wavy", "spline:7", "no polynomials, fitted by splines (7 coefficients)"),
+        ("wavy", "spline:auto", "no polynomials, fitted by splines whose knots are found"),
     ):
         runs = [krulewich.run(seed, shape, truth=truth) for seed in MACHINES]
         after = [d.after.max() * 1e3 for _, _, d in runs]

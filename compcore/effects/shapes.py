@@ -5,6 +5,8 @@
 ``polynomial:N`` degree N, Legendre polynomials over the travel mapped to −1 … 1
 ``spline:N``    N clamped B-spline coefficients on uniform knots over the travel, cubic for
                 N ≥ 4, else of degree N − 1
+``spline:auto`` cubic B-splines whose inner knots are its positions, strictly inside the
+                travel; `abbe.compcore.fitting.knots` finds how many and where
 ``table``       piecewise linear between given positions
 ============== ======================================================================
 
@@ -30,8 +32,12 @@ from abbe.compcore.machine.plausible import POINT
 
 F64 = NDArray[np.float64]
 
-_CODE = re.compile(r"(constant|table)|(polynomial|spline):([0-9]{1,9})")
-_EXPECTED = "constant, polynomial:N (0 ≤ N ≤ 20), spline:N (1 ≤ N ≤ 200) or table"
+_CODE = re.compile(r"(constant|table)|(polynomial|spline):([0-9]{1,9})|(spline):auto")
+_EXPECTED = "constant, polynomial:N (0 ≤ N ≤ 20), spline:N (1 ≤ N ≤ 200), spline:auto or table"
+AUTO = "spline:auto"
+"""The shape whose knots a fit finds."""
+CUBIC = 3
+_MOST_KNOTS = 196
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,16 +51,20 @@ class Shape:
     order
         Degree of a polynomial, number of coefficients of a spline; unused otherwise.
     nodes
-        Positions of a table, mm (rotary: rad), strictly increasing.
+        Positions of a table, or inner knots of ``spline:auto``, mm (rotary: rad), strictly
+        increasing.
+    placed
+        Whether a spline's inner knots are `nodes`; else they are at equal distances.
     """
 
     family: str
     order: int = 0
     nodes: tuple[float, ...] = ()
+    placed: bool = False
 
     @classmethod
     def parse(cls, code: str, nodes: Sequence[float] = ()) -> Shape:
-        """Read a shape code; `nodes` (mm or rad) go with ``table`` only.
+        """Read a shape code; `nodes` (mm or rad) go with ``table`` and ``spline:auto`` only.
 
         Raises
         ------
@@ -64,6 +74,9 @@ class Shape:
         match = _CODE.fullmatch(code)
         if match is None:
             raise InputError("unknown shape", field="shape", found=code, expected=_EXPECTED)
+        if match[4]:
+            _check_knots(nodes)
+            return cls("spline", len(nodes) + CUBIC + 1, tuple(float(p) for p in nodes), True)
         family = match[1] or match[2]
         order = int(match[3] or 0)
         limits = {"polynomial": (0, 20), "spline": (1, 200)}
@@ -80,10 +93,10 @@ class Shape:
                 )
         elif nodes:
             raise InputError(
-                "positions belong to shape 'table' only",
+                "positions belong to shapes 'table' and 'spline:auto' only",
                 field="positions",
                 found=code,
-                expected='shape = "table"',
+                expected='shape = "table" or "spline:auto"',
             )
         return cls(family, order, tuple(float(p) for p in nodes))
 
@@ -116,7 +129,26 @@ class Shape:
         x = (axis.clamp(position) - axis.middle) / axis.half_travel
         if self.family == "polynomial":
             return np.asarray(legendre.legvander(x, self.order))
+        if self.placed:
+            inner = (np.asarray(self.nodes) - axis.travel[0]) / (2.0 * axis.half_travel)
+            return _b_splines(0.5 * (x + 1.0), self.order, inner)
         return _b_splines(0.5 * (x + 1.0), self.order)
+
+    def check(self, axis: Axis) -> None:
+        """Refuse inner knots that an axis never passes.
+
+        Raises
+        ------
+        InputError
+            For a knot of ``spline:auto`` that is not strictly inside the travel.
+        """
+        low, high = axis.travel
+        slack = 1e-9 * (high - low)
+        if self.placed and any(not low + slack < q < high - slack for q in self.nodes):
+            raise InputError(
+                "a knot outside of the travel", field="positions", found=list(self.nodes),
+                expected=f"knots between {low:g} and {high:g}",
+            )  # fmt: skip
 
     def kinks(self, axis: Axis) -> tuple[float, ...]:
         """Positions where the slope may jump: a table's nodes; the ends where values are held."""
@@ -136,16 +168,33 @@ def _hat_functions(position: F64, nodes: F64) -> F64:
     return basis
 
 
-def _b_splines(x: F64, count: int) -> F64:
-    """All `count` clamped uniform B-splines at x in 0 … 1, shape (n, count).
+def _check_knots(nodes: Sequence[float]) -> None:
+    inside = all(POINT.holds(p) for p in nodes)
+    if len(nodes) > _MOST_KNOTS or not inside or any(b <= a for a, b in pairwise(nodes)):
+        raise InputError(
+            "not the inner knots of a spline",
+            field="positions",
+            found=list(nodes),
+            expected=f"none, or up to {_MOST_KNOTS}, strictly increasing, {POINT}",
+        )
 
-    De Boor's recurrence on the few functions that are not zero at each x (The NURBS Book,
-    algorithm A2.2), vectorised over x. SciPy's would cost half of the start-up time.
+
+def _b_splines(x: F64, count: int, inner: F64 | None = None) -> F64:
+    """All `count` clamped B-splines at x in 0 … 1, shape (n, count).
+
+    `inner` are the inner knots, strictly increasing in 0 … 1; None: at equal distances. De Boor's
+    recurrence on the few functions that are not zero at each x (The NURBS Book, algorithm A2.2),
+    vectorised over x. SciPy's would cost half of the start-up time.
     """
-    degree = min(3, count - 1)
-    inner = count - degree
-    knots = np.concatenate([np.zeros(degree), np.linspace(0.0, 1.0, inner + 1), np.ones(degree)])
-    span = degree + np.clip((x * inner).astype(np.int64), 0, inner - 1)
+    degree = min(CUBIC, count - 1)
+    parts = count - degree
+    if inner is None:
+        inner = np.linspace(0.0, 1.0, parts + 1)[1:-1]
+        part_of = np.clip((x * parts).astype(np.int64), 0, parts - 1)
+    else:
+        part_of = np.searchsorted(inner, x, side="right")
+    knots = np.concatenate([np.zeros(degree + 1), inner, np.ones(degree + 1)])
+    span = degree + part_of
     local = np.zeros((x.shape[0], degree + 1))
     local[:, 0] = 1.0
     for k in range(1, degree + 1):

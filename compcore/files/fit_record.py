@@ -90,6 +90,17 @@ def recorded(
         "determined": result.decomposition.rank,
         "abbe": version,
         "measured": measured_ranges(campaign.conditions),
+        "knots": [
+            {
+                "effect": k.effect,
+                "unit": k.where,
+                "places": list(k.knots),
+                "sd": [round(s, 6) for s in k.spread],
+                "probability": {str(n): round(p, 6) for n, p in k.probability.items()},
+            }
+            for k in result.knots
+        ]
+        or None,
     }
     kept = {
         k: v

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -21,12 +22,19 @@ from abbe.compcore.fitting.design.weights import Uncertainty
 from abbe.compcore.fitting.determinacy import Decomposition
 from abbe.compcore.fitting.frame import ReferenceFrame
 from abbe.compcore.fitting.gauss_newton import gauss_newton
+from abbe.compcore.fitting.knots import KnotChoice, finds_knots, on_raster, widened, with_knots
 from abbe.compcore.fitting.pictures import fit_figures
 from abbe.compcore.fitting.reduction import leverage
 from abbe.compcore.fitting.robust import Outlier, reject
 from abbe.compcore.fitting.separable import Profile, search
 from abbe.compcore.fitting.solution import Solution
-from abbe.compcore.fitting.words import fit_words, parameter_lines, parameter_rows, rotary_words
+from abbe.compcore.fitting.words import (
+    fit_words,
+    knot_lines,
+    parameter_lines,
+    parameter_rows,
+    rotary_words,
+)
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
 from abbe.compcore.notebook import data_frame, html_table
@@ -45,8 +53,10 @@ class FitResult(Solution, Shown):
     """The result of a fit: values, uncertainties, residuals; as text, tables and pictures.
 
     `model` is the fitted model; `report` the text that ``abbe fit`` prints, `plot` the pictures of
-    its page, `to_pandas` all parameters.
+    its page, `to_pandas` all parameters; `knots` what was found for shapes ``spline:auto``.
     """
+
+    knots: tuple[KnotChoice, ...] = ()
 
     @cached_property
     def noise(self) -> NoiseFloor:
@@ -56,6 +66,7 @@ class FitResult(Solution, Shown):
     def words(self) -> Iterator[str]:
         """Lines as ``abbe fit`` prints: residuals, what is undetermined, outliers, parameters."""
         yield from fit_words(self, self.noise)
+        yield from knot_lines(self.knots)
         for line in (*parameter_lines(self), *rotary_words(self)):
             yield f"  {line}"
 
@@ -124,15 +135,58 @@ def fit(
         raise FitError("the campaign has no rows")
     frame = ReferenceFrame() if frame is None else frame
     frame.check(model.machine)
+    tell = progress or (lambda _: None)
     uncertainty = Uncertainty.of(campaign, model.machine)
+    knots: tuple[KnotChoice, ...] = ()
+    wide = model
+    if any(map(finds_knots, model.effects)):
+        tell("finding knots")
+        problem = Problem(on_raster(model), campaign, sd=uncertainty.sd)
+        with _threads(problem):
+            solved = _solved(problem, uncertainty, robust, lambda _: None)
+            model, wide, knots = _with_knots(model, *solved)
+    result = _result(model, campaign, uncertainty, robust, frame, tell)
+    if not knots:
+        return result
+    tell("how sure the knots are")
+    wider = _result(wide, campaign, uncertainty, robust, frame, lambda _: None)
+    return replace(result, model=widened(result.model, wider.model), knots=knots)
+
+
+def _result(
+    model: Model, campaign: Campaign, uncertainty: Uncertainty, robust: bool,
+    frame: ReferenceFrame, tell: Progress,
+) -> FitResult:  # fmt: skip
     problem = Problem(model, campaign, sd=uncertainty.sd)
-    with threads_for(min(problem.n, rows_at_once(problem.layout.size)) * problem.layout.size):
-        return _fit(problem, uncertainty, robust, frame, progress or (lambda _: None))
+    with _threads(problem):
+        solved, theta, decomposition, uncertainty, aside = _solved(
+            problem, uncertainty, robust, tell
+        )
+        tell("what is not determined")
+        return FitResult.of(solved, theta, decomposition, frame, uncertainty, aside)
 
 
-def _fit(
-    problem: Problem, uncertainty: Uncertainty, robust: bool, frame: ReferenceFrame, tell: Progress
-) -> FitResult:
+_Solved = tuple[Problem, F64, Decomposition, Uncertainty, tuple[Outlier, ...]]
+
+
+def _threads(problem: Problem) -> AbstractContextManager[None]:
+    rows = min(problem.n, rows_at_once(problem.layout.size))
+    return threads_for(rows * problem.layout.size)
+
+
+def _with_knots(
+    model: Model, problem: Problem, theta: F64, decomposition: Decomposition, _: Uncertainty,
+    aside: tuple[Outlier, ...],
+) -> tuple[Model, Model, tuple[KnotChoice, ...]]:  # fmt: skip
+    """The knots of the shapes that ask for them, from the fit on the raster."""
+    eliminator = problem.eliminator(theta)
+    left = eliminator.project(problem.residual(theta))
+    dof = problem.n - len(aside) - eliminator.rank - decomposition.rank
+    return with_knots(model, problem, theta, float(left @ left), dof)
+
+
+def _solved(problem: Problem, uncertainty: Uncertainty, robust: bool, tell: Progress) -> _Solved:
+    """The solution in any frame, what of it is determined, and what was set aside."""
     theta = problem.start()
     if problem.layout.searched:
         tell("searching time constants, periods and moments")
@@ -148,8 +202,7 @@ def _fit(
             theta = search(problem, theta)
         uncertainty = uncertainty.without(sd)
         problem, theta, decomposition, uncertainty = _with_uncertainty(problem, theta, uncertainty)
-    tell("what is not determined")
-    return FitResult.of(problem, theta, decomposition, frame, uncertainty, set_aside)
+    return problem, theta, decomposition, uncertainty, set_aside
 
 
 def _searched(problem: Problem, theta: F64) -> F64:

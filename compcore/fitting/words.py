@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from abbe.compcore.campaign.campaign import LENGTHS, Kind
 from abbe.compcore.campaign.noise import NoiseFloor
+from abbe.compcore.fitting.knots import KnotChoice
 from abbe.compcore.fitting.rigid_body import rigid_body_test
 from abbe.compcore.fitting.solution import Solution
 from abbe.compcore.model.as_built import (
@@ -84,6 +85,21 @@ def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
         )
     if len(result.outliers) > _MOST_LISTED:
         yield f"and {len(result.outliers) - _MOST_LISTED} more outliers; --json lists them all"
+
+
+def knot_lines(knots: Iterable[KnotChoice]) -> Iterator[str]:
+    """How many knots each ``spline:auto`` got, where, and how sure that is."""
+    for found in knots:
+        places = ", ".join(
+            f"{q:.4g} ± {s:.2g}" for q, s in zip(found.knots, found.spread, strict=True)
+        )
+        chances = ", ".join(f"{k}: {p:.0%}" for k, p in found.probability.items() if p >= 0.005)
+        unit, factor = display(found.unit)
+        where = f" at {places} {found.where}" if found.knots else ""
+        yield (
+            f"knots of {found.effect}: {len(found.knots)}{where} (how many, by evidence: "
+            f"{chances}; other choices move the curve by ±{found.curve_sd * factor:.2g} {unit})"
+        )
 
 
 def parameter_lines(result: Solution) -> Iterator[str]:

@@ -26,6 +26,15 @@ def test_splines_go_on_where_polynomials_end() -> None:
     assert result.chi2_per_dof == pytest.approx(1.0, abs=0.1)
 
 
+def test_knots_that_are_found_need_fewer_coefficients() -> None:
+    _, result, found = krulewich.run(2, "spline:auto", truth="wavy")
+    assert found.after.max() < 2.5e-3
+    assert found.explained > 0.93
+    assert found.inside > 0.85
+    assert result.problem.layout.model_size < len(result.knots) * 7
+    assert all(sum(k.probability.values()) == pytest.approx(1.0) for k in result.knots)
+
+
 def test_a_fourth_base_shows_the_instruments_bias() -> None:
     bias = 5e-3
     _, result, diagonals = krulewich.run(1, "polynomial", bases=4, bias=bias)

@@ -25,6 +25,11 @@ class ShapedEffect(Effect):
         Shape.parse(self.shape, self.positions)
         return self
 
+    def check(self, machine: Machine) -> None:
+        """Knots inside the axis's travel."""
+        super().check(machine)
+        self.parsed_shape(machine).check(machine.axis(self.axis))
+
     def component(self) -> Component:
         """The component of the error motion that the shape describes."""
         raise NotImplementedError

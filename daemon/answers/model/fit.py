@@ -9,6 +9,7 @@ from abbe.compcore.campaign.campaign import LENGTHS, Kind
 from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.fitting.rigid_body import rigid_body_test
+from abbe.compcore.units import display
 from abbe.daemon.answers import as_built
 
 _MOST_LISTED = 20
@@ -58,6 +59,18 @@ def as_json(result: FitResult, noise: NoiseFloor) -> dict[str, Any]:
                 "on_the_table": as_built.seen_json(result.model.machine, term.effect, term.values),
             }
             for i, term in enumerate(result.model.terms)
+        ],
+        "knots": [
+            {
+                "effect": k.effect,
+                "unit": k.where,
+                "places": list(k.knots),
+                "sd": list(k.spread),
+                "probability": {str(n): p for n, p in k.probability.items()},
+                "curve_sd": k.curve_sd * display(k.unit)[1],
+                "curve_unit": display(k.unit)[0],
+            }
+            for k in result.knots
         ],
         "rotary_axes": as_built.lines_json(result.model),
         "bases": _places(result),

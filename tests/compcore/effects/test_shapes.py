@@ -112,7 +112,7 @@ def test_kinks_are_where_slopes_jump():
         ("table", (1.0,), "a table needs its positions"),
         ("table", (1.0, 1.0), "strictly increasing"),
         ("table", (2.0, 1.0), "strictly increasing"),
-        ("spline:8", (0.0, 1.0), "positions belong to shape 'table' only"),
+        ("spline:8", (0.0, 1.0), "positions belong to shapes 'table' and 'spline:auto' only"),
     ],
 )
 def test_errors(code, nodes, message):

@@ -43,8 +43,9 @@ class RotaryMotion(Effect):
             Shape.parse(self.shape, self.positions)
         elif self.positions:
             raise InputError(
-                "positions belong to shape 'table' only", field="positions", expected="shape=table"
-            )
+                "positions belong to shapes 'table' and 'spline:auto' only", field="positions",
+                expected="shape=table or spline:auto",
+            )  # fmt: skip
         return self
 
     def component(self) -> Component:
@@ -55,6 +56,8 @@ class RotaryMotion(Effect):
         """Rotary axes only."""
         super().check(machine)
         require_rotary(machine, self.axis, self.kind)
+        if shape := self._shape():
+            shape.check(machine.axis(self.axis))
 
     @property
     def waves(self) -> int:
