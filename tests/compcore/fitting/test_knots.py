@@ -73,10 +73,9 @@ def test_knots_at_equal_distances_are_a_plain_spline():
      ((100.0, 700.0), "outside of the travel")],
 )  # fmt: skip
 def test_knots_that_cannot_be_are_refused(knots, words):
+    keys = {"axis": "X", "shape": "spline:auto", "positions": knots}
     with pytest.raises(InputError, match=words):
-        effect = make_effect("positioning", {"axis": "X", "shape": "spline:auto",
-                                             "positions": knots})  # fmt: skip
-        Model(MACHINE).with_effects(effect)
+        Model(MACHINE).with_effects(make_effect("positioning", keys))
 
 
 @pytest.mark.parametrize("seed", range(3))
