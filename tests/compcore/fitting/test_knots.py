@@ -11,6 +11,7 @@ from abbe.compcore.compensator.compensator import Compensator
 from abbe.compcore.effects import make_effect
 from abbe.compcore.effects.shapes import Shape
 from abbe.compcore.errors import InputError
+from abbe.compcore.files.campaign_file import read_campaign, write_campaign
 from abbe.compcore.files.fit_record import recorded
 from abbe.compcore.files.model_file import load_model, save_model
 from abbe.compcore.fitting.fit import fit
@@ -131,8 +132,8 @@ def test_uncertainties_that_are_stated_wrongly_make_no_knots(stated):
 
 
 def test_the_model_keeps_its_knots_and_the_next_fit_finds_its_own(tmp_path):
-    campaign = measured(0)
-    result = fit(model(), campaign)
+    write_campaign(measured(0), tmp_path / "line.csv")
+    result = fit(model(), read_campaign(tmp_path / "line.csv", MACHINE))
     record = recorded(result, model(), date="2026-01-01", version="0", noise_floor=None)
     save_model(record, tmp_path / "m.toml")
     loaded = load_model(tmp_path / "m.toml")
