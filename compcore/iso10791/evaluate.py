@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.effects import RotaryLocation
-from abbe.compcore.effects.base import ErrorMotion
 from abbe.compcore.errors import InputError
 from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.iso10791.error_motions import AngleCurve, MotionColumns, measured_directions
 from abbe.compcore.iso10791.poses import around
-from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain
-from abbe.compcore.machine.machine import Machine, own_component
+from abbe.compcore.machine.machine import Machine
 from abbe.compcore.model.as_built import AverageLine, Side, average_lines, side_of
 from abbe.compcore.model.model import Model, Value
 
@@ -61,34 +60,6 @@ class ReadingRange:
     def range(self) -> float:
         """Greatest less least, mm."""
         return self.high - self.low
-
-
-@dataclass(frozen=True, eq=False)
-class AngleCurve:
-    """One error motion of a rotary axis over its angle.
-
-    Attributes
-    ----------
-    motion
-        Which; with `at_sphere` the motion of the sphere itself in that direction.
-    angle
-        Shape (m,), rad, ascending.
-    value
-        Shape (m,): error of the tool relative to the workpiece, mm or rad, without what the line's
-        place and lean explain.
-    at_sphere
-        Whether it could not be separated from tilts times levers: one sphere, or one height.
-    """
-
-    motion: ErrorMotion
-    angle: F64
-    value: F64
-    at_sphere: bool
-
-    @property
-    def range(self) -> float:
-        """Greatest less least, mm or rad."""
-        return float(np.ptp(self.value))
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +166,7 @@ def _separated(
     ISO 230-7), and none that turns with the table (the sphere lies elsewhere).
     """
     chain = Chain(result.problem.model.machine, campaign.conditions)
-    found = {axis: _MotionColumns.of(campaign, chain, axis) for axis in axes}
+    found = {axis: MotionColumns.of(campaign, chain, axis) for axis in axes}
     columns = np.hstack([f.columns for f in found.values()])
     if not columns.shape[1]:
         return dict.fromkeys(axes, ()), replace(result, model=_with_zeros_kept(result))
@@ -277,88 +248,7 @@ def _errors(campaign: Campaign, axis: str) -> tuple[NDArray[np.int64], F64, F64]
     errors, known = np.zeros((len(first), 3)), np.zeros((len(first), 3, 3))
     for i in range(len(first)):
         rows = number == i
-        u = _u(c)[rows]
+        u = measured_directions(c)[rows]
         back = np.linalg.pinv(u, rcond=_RANK)
         errors[i], known[i] = back @ campaign.value[rows], back @ u
     return first, errors, known
-
-
-@dataclass(frozen=True, eq=False)
-class _MotionColumns:
-    """What the error motions of one axis at each of its angles do to the rows.
-
-    `columns` has shape (n, angles · components); `angle` (m,) rad; `components` of the six; `unit`
-    what one unit of each column is, mm or rad.
-    """
-
-    columns: F64
-    angle: F64
-    components: tuple[int, ...]
-    unit: F64
-
-    @classmethod
-    def of(cls, campaign: Campaign, chain: Chain, axis: str) -> _MotionColumns:
-        """As many components as the spheres separate at every angle; else the sphere's own."""
-        c = campaign.conditions
-        number, angle = _groups(c, axis)
-        seen = _seen(chain, c, axis)
-        own = "XYZABC".index(own_component(axis))
-        every = tuple(range(6))
-        choices = (every, tuple(k for k in every if k != own), (0, 1, 2))
-        chosen = next((k for k in choices if _separable(seen[:, list(k)], number)), ())
-        columns = np.zeros((campaign.n, len(angle), len(chosen)))
-        columns[np.arange(campaign.n), number] = seen[:, list(chosen)]
-        unit = np.r_[np.ones(3), np.full(3, 1.0 / _reach(chain, axis))][list(chosen)]
-        return cls(columns.reshape(campaign.n, -1), angle, chosen, unit)
-
-    def curves(self, axis: str, amount: F64) -> tuple[AngleCurve, ...]:
-        """The error motions that amounts of the columns are."""
-        values = amount.reshape(len(self.angle), len(self.components)) * self.unit
-        return tuple(
-            AngleCurve(
-                ErrorMotion(axis, "XYZABC"[k]),  # type: ignore[arg-type]
-                self.angle,
-                values[:, j],
-                at_sphere=len(self.components) == 3,
-            )
-            for j, k in enumerate(self.components)
-        )
-
-
-def _groups(conditions: Conditions, axis: str) -> tuple[NDArray[np.int64], F64]:
-    """Group of each row by the axis's angle, (n,), and the groups' angles, (m,), rad."""
-    angle = conditions.position(axis)
-    _, first, number = np.unique(
-        np.rint(angle / _SAME_ANGLE).astype(np.int64), return_index=True, return_inverse=True
-    )
-    return number.reshape(-1).astype(np.int64), angle[first]
-
-
-def _seen(chain: Chain, conditions: Conditions, axis: str) -> F64:
-    """What each row sees of the six error motions, (n, 6); angles in mm at the mean lever."""
-    u = _u(conditions)
-    reach = _reach(chain, axis)
-    columns = []
-    for k in "XYZABC":
-        moved, _ = chain.influence(ErrorMotion(axis, k))  # type: ignore[arg-type]
-        columns.append(np.einsum("ni,ni->n", moved, u) / (reach if k in "ABC" else 1.0))
-    return np.stack(columns, axis=1)
-
-
-def _u(conditions: Conditions) -> F64:
-    return np.zeros((conditions.n, 3)) if conditions.u is None else conditions.u
-
-
-def _reach(chain: Chain, axis: str) -> float:
-    """Mean length of the lever, mm; at least 1."""
-    return max(1.0, float(np.linalg.norm(chain.lever(axis), axis=1).mean()))
-
-
-def _separable(seen: F64, number: NDArray[np.int64]) -> bool:
-    """Whether the readings at most of the angles determine all of these components."""
-    count = int(number.max()) + 1
-    full = 0
-    for i in range(count):
-        size = np.linalg.svd(seen[number == i], compute_uv=False)
-        full += len(size) == seen.shape[1] and size[-1] > 30.0 * _RANK * size[0]
-    return full == count

@@ -106,6 +106,8 @@ def import_rtest(
             units |= dict(zip(_AROUND, around(chain, axis), strict=True))
         lines = np.array([line for line, _ in rows])
         senses = _senses(columns, rows, rotary)
+        recorded = [columns.signals(line, cells) for line, cells in rows]
+        signals = {name: np.array([r[name] for r in recorded]) for name in columns.others}
         for name in names:
             value = np.array(
                 [columns.cell(n, c, where[name], name, _ERROR, per_unit) for n, c in rows]
@@ -132,6 +134,7 @@ def import_rtest(
                     () if options.placed else ("frame",),
                     lines,
                     f" {sphere}" if sphere else "",
+                    signals=signals,
                     tool=tool,
                 )
             )

@@ -14,8 +14,8 @@ from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.importers.placing import ForeignPlacing
 from abbe.compcore.files.importers.rtest import RotaryTestOptions, import_rtest
 from abbe.compcore.files.recognised import CAMPAIGN, recognised
+from abbe.compcore.iso10791.error_motions import AngleCurve
 from abbe.compcore.iso10791.evaluate import (
-    AngleCurve,
     RotaryAxisResult,
     RotaryEvaluation,
     evaluate_rotary,
@@ -23,6 +23,9 @@ from abbe.compcore.iso10791.evaluate import (
 from abbe.compcore.machine.machine import Machine, own_component
 from abbe.compcore.model.as_built import ON_THE_TABLE
 from abbe.daemon.answers.as_built import lines_json
+
+WAYS = {0: "", 1: "↑", -1: "↓"}
+"""The way in which angles were approached, as a sign behind an error motion's name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +120,7 @@ def _curve(curve: AngleCurve, *, opposite: bool) -> dict[str, Any]:
         "motion": str(curve.motion),
         "unit": unit.replace("µ", "u"),
         "at_sphere": curve.at_sphere,
+        "way": curve.way,
         "range": curve.range * factor,
         "angle": [float(a) for a in curve.angle * 57.29577951308232],
         "value": [float(v) for v in curve.value * factor],
@@ -164,7 +168,8 @@ def as_text(answer: RotaryAnswer) -> Iterator[str]:
             parts = []
             for curve in found.motions:
                 unit, factor = shown(curve)
-                parts.append(f"{curve.motion} {curve.range * factor:.2f} {unit}")
+                name = f"{curve.motion}{WAYS[curve.way]}"
+                parts.append(f"{name} {curve.range * factor:.2f} {unit}")
             yield "    " + ", ".join(parts)
     if any(found.side == "workpiece" for found in evaluation.axes):
         yield ON_THE_TABLE

@@ -8,7 +8,7 @@ from abbe.compcore.figures.figure import figure, line
 from abbe.compcore.iso10791.evaluate import RotaryAxisResult
 from abbe.compcore.machine.machine import own_component
 from abbe.compcore.model.as_built import ON_THE_TABLE
-from abbe.daemon.answers.measurements.iso10791 import RotaryAnswer, shown
+from abbe.daemon.answers.measurements.iso10791 import WAYS, RotaryAnswer, shown
 from abbe.daemon.report.head import bare_head
 from abbe.daemon.report.page import Page, number
 
@@ -62,7 +62,9 @@ def _axis(made: Page, found: RotaryAxisResult) -> None:
         if not curves:
             continue
         unit, factor = shown(curves[0])
-        traces = [line(np.degrees(c.angle), c.value * factor, str(c.motion)) for c in curves]
+        traces = [
+            line(np.degrees(c.angle), c.value * factor, f"{c.motion}{WAYS[c.way]}") for c in curves
+        ]
         caption = "Error motions that place and lean of the line leave."
         if curves[0].at_sphere:
             caption += " Of the sphere: one does not tell tilts from radial and axial motion."

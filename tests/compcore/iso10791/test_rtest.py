@@ -279,6 +279,32 @@ def test_error_motions_from_three_spheres(tmp_path):
     assert all(abs(v["value"]) < 5e-3 for v in axis["location"].values())
 
 
+def test_both_ways_are_told_apart(tmp_path):
+    """A table that stands 4 µrad ahead when it comes with rising angles, 4 behind with falling."""
+    rows = ["# nest = spindle"]
+    rows += [f"# sphere S{i} = {', '.join(map(str, SPHERES[i]))}" for i in range(3)]
+    rows.append("sphere,C,C_dir,dX [um],dY [um],dZ [um],T_amb")
+    for i in range(3):
+        for way in (1, -1):
+            for angle in ANGLES:
+                back = turn(Z, -np.deg2rad(angle))[:3, :3] @ (SPHERES[i] - C0)
+                seen = np.cross((0.0, 0.0, way * 4e-3), back)
+                cells = [f"S{i}", f"{angle}", "+" if way > 0 else "-"]
+                rows.append(",".join([*cells, *(f"{v:.6f}" for v in seen), "20.5"]))
+    (tmp_path / "r.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    model = model_file(replace(TURNTABLE, travels={"C": (0.0, 360.0)}), tmp_path)
+    done = abbe("iso10791", model, tmp_path / "r.csv", "--json", "-o", tmp_path / "c.csv")
+    assert done.status == 0, done.err
+    (axis,) = json.loads(done.out)["axes"]
+    found = {(c["motion"], c["way"]): c["on_the_table"] for c in axis["error_motions"]}
+    assert len(found) == 12
+    np.testing.assert_allclose(found["E_CC", 1], 4.0, atol=1e-3)
+    np.testing.assert_allclose(found["E_CC", -1], -4.0, atol=1e-3)
+    np.testing.assert_allclose(found["E_XC", 1], 0.0, atol=1e-3)
+    assert "T_amb" in (tmp_path / "c.csv").read_text("utf-8")
+    assert "E_CC↑" in abbe("iso10791", model, tmp_path / "r.csv").out
+
+
 def test_one_sphere_tells_its_own_motion_only(tmp_path):
     """At 60 mm above the line's point 5 µrad·sin 2θ about X are −0.3 µm·sin 2θ along Y."""
     model = model_file(replace(TURNTABLE, travels={"C": (0.0, 360.0)}), tmp_path)
