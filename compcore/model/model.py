@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -321,15 +322,32 @@ class Model:
         ranges = self.fit.get("measured", {}).get("tool", [])
         return tuple((float(low), float(high)) for low, high in ranges)
 
+    @cached_property
+    def _acting(self) -> tuple[_Acting, ...]:
+        """What makes the machine err: the instrument's effects, and unfitted ones, left out."""
+        return tuple(
+            _Acting(t.effect, t.coefficients(self.machine), t.nonlinear(self.machine))
+            for t in self.terms
+            if t.effect.scope != "instrument" and t.fitted
+        )
+
     def amended(self, conditions: Conditions) -> Conditions:
         """Conditions with sensor readings corrected by the fitted effects (`sensor_offset`).
 
         A sensor's offset, for one, is taken off its readings.
         """
-        for term in self.terms:
-            if term.fitted:
-                conditions = term.effect.amend(conditions, term.coefficients(self.machine))
+        for effect, coefficients in self._amending:
+            conditions = effect.amend(conditions, coefficients)
         return conditions
+
+    @cached_property
+    def _amending(self) -> tuple[tuple[Effect, F64], ...]:
+        """Fitted effects that correct readings, with their linear parameters."""
+        return tuple(
+            (t.effect, t.coefficients(self.machine))
+            for t in self.terms
+            if t.fitted and type(t.effect).amend is not Effect.amend
+        )
 
     def error_motions(self, conditions: Conditions) -> dict[ErrorMotion, F64]:
         """Every error motion that the fitted effects move, summed over effects, each (n,).
@@ -338,10 +356,8 @@ class Model:
         """
         conditions = self.amended(conditions)
         sums: dict[ErrorMotion, F64] = {}
-        for term in self.terms:
-            if term.effect.scope == "instrument" or not term.fitted:
-                continue
-            for error_motion, value in term_motions(self.machine, term, conditions):
+        for acting in self._acting:
+            for error_motion, value in acting.motions(self.machine, conditions):
                 sums[error_motion] = sums[error_motion] + value if error_motion in sums else value
         return sums
 
@@ -380,26 +396,29 @@ class Model:
         conditions = self.amended(conditions)
         chain = Chain(self.machine, conditions)
         parts: dict[str, F64] = {}
-        for term in self.terms:
-            if term.effect.scope == "instrument" or not term.fitted:
-                continue
+        for acting in self._acting:
             total = np.zeros((conditions.n, 3))
-            for error_motion, value in term_motions(self.machine, term, conditions):
+            for error_motion, value in acting.motions(self.machine, conditions):
                 total += chain.influence(error_motion)[0] * value[:, None]
-            parts[term.effect.spec] = total
+            parts[acting.effect.spec] = total
         return parts
 
 
-def term_motions(
-    machine: Machine, term: Term, conditions: Conditions
-) -> list[tuple[ErrorMotion, F64]]:
-    """The error motions of one fitted term on n rows: (error motion, (n,) mm or rad)."""
-    coefficients = term.coefficients(machine)
-    return [
-        (motion.error_motion, motion.amount(coefficients))
-        for motion in term.effect.motions(machine, conditions, term.nonlinear(machine))
-        if motion.error_motion.place != INSTRUMENT
-    ]
+@dataclass(frozen=True, eq=False)
+class _Acting:
+    """A fitted effect of machine or workpiece, its parameters in the order of its columns."""
+
+    effect: Effect
+    coefficients: F64
+    nonlinear: Mapping[str, float]
+
+    def motions(self, machine: Machine, conditions: Conditions) -> list[tuple[ErrorMotion, F64]]:
+        """Its error motions on n rows: (error motion, (n,) mm or rad)."""
+        return [
+            (motion.error_motion, motion.amount(self.coefficients))
+            for motion in self.effect.motions(machine, conditions, self.nonlinear)
+            if motion.error_motion.place != INSTRUMENT
+        ]
 
 
 def _small_rotation(rotation: F64) -> F64:

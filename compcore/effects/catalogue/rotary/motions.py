@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping
+from functools import partial
 
 import numpy as np
 from pydantic import model_validator
@@ -86,13 +87,13 @@ class RotaryMotion(Effect):
         self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
     ) -> tuple[Motion, ...]:
         """``cos hθ``, ``sin hθ`` or the shape's basis functions on the one error motion."""
-        angle = conditions.position(self.axis)
-        columns: F64
-        if shape := self._shape():
-            columns = shape.basis(angle, machine.axis(self.axis))
+        angle, axis, shape = conditions.position(self.axis), machine.axis(self.axis), self._shape()
+        key: Hashable = ("shape", axis, shape)
+        if shape is not None:
+            columns = conditions.remembered(key, angle, partial(shape.basis, angle, axis))
         else:
-            phase = np.outer(angle, np.arange(1, self.waves + 1))
-            columns = np.stack([np.cos(phase), np.sin(phase)], axis=2).reshape(len(angle), -1)
+            key = ("harmonics", self.axis, self.waves)
+            columns = conditions.remembered(key, angle, partial(_harmonics, angle, self.waves))
         return (Motion(ErrorMotion(self.axis, self.component()), columns),)
 
     def positions_used(self, machine: Machine) -> tuple[str, ...]:
@@ -274,6 +275,12 @@ class RotaryTilt(RotaryMotion):
             for direction in TRANSLATIONS:
                 if direction != turned_about(axis):
                     yield cls(axis=axis, direction=direction)
+
+
+def _harmonics(angle: F64, waves: int) -> F64:
+    """Cosine and sine of each wave of a turn, (n, 2 · waves)."""
+    phase = np.outer(angle, np.arange(1, waves + 1))
+    return np.stack([np.cos(phase), np.sin(phase)], axis=2).reshape(len(angle), -1)
 
 
 def _across(axis: str, direction: str, what: str) -> None:
