@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
 from hashlib import blake2b
-from typing import Literal
+from typing import Literal, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from abbe.compcore.model.model import Model
 from abbe.compcore.tables.table import Table
 
 F64 = NDArray[np.float64]
+T = TypeVar("T")
 Lookup = Literal["indicated", "command"]
 """Where a table is read: at the position that the scale shows, or at the one that is wanted."""
 
@@ -27,6 +28,8 @@ _SETTLED = 1e-6
 _ROUNDS = 50
 _KEPT = 100
 """Errors that are remembered, some 0.3 MB each."""
+_KEPT_MOTIONS = 12
+"""Places whose error motions are remembered, some 3 MB each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +53,8 @@ class ErrorField:
     state: SlowState
     lookup: Lookup = "indicated"
     _known: dict[bytes, F64] = field(default_factory=dict, repr=False)
+    _moving: dict[bytes, dict[ErrorMotion, F64]] = field(default_factory=dict, repr=False)
+    _found: dict[Hashable, object] = field(default_factory=dict, repr=False)
 
     def conditions(
         self, positions: Mapping[str, F64], directions: Mapping[str, F64] | None = None
@@ -108,6 +113,15 @@ class ErrorField:
             error = self(positions, directions)
             here = here.moved({axis: -error[:, k] for k, axis in enumerate("XYZ")})
         return self.model.error_motions(here)
+
+    def found(self, key: Hashable, find: Callable[[], T]) -> T:
+        """What is found out about this error under a key; found once.
+
+        Several sets of tables are made from one field; all that they ask for is asked again.
+        """
+        if key not in self._found:
+            self._found[key] = find()
+        return cast("T", self._found[key])
 
     def removed(
         self,

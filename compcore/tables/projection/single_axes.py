@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,10 +40,20 @@ def marginals_beside(
         for a in (h.inputs or axes)
         if a in axes
     )
-    return mean, {
-        axis: marginal(left, machine, volume, axis, fine(axis), reverses=axis in reversing)
-        for axis in looked_up
-    }
+    beside = tuple(
+        (c.output, c.axis, c.lever, c.positions.tobytes(), c.values.tobytes()) for c in turns
+    )
+    found: dict[str, Marginal] = {}
+    for axis in looked_up:
+        positions = fine(axis)
+        find = partial(marginal, left, machine, volume, axis, positions, reverses=axis in reversing)
+        key = ("beside", beside, axis, positions.tobytes(), *_ranges(volume))
+        found[axis] = field.found(key, find)
+    return mean, found
+
+
+def _ranges(volume: Volume) -> tuple[tuple[str, tuple[float, float]], ...]:
+    return tuple(sorted(volume.ranges.items()))
 
 
 def axis_curves(
