@@ -90,10 +90,10 @@ class RotaryMotion(Effect):
         angle, axis, shape = conditions.position(self.axis), machine.axis(self.axis), self._shape()
         key: Hashable = ("shape", axis, shape)
         if shape is not None:
-            columns = conditions.remembered(key, angle, partial(shape.basis, angle, axis))
+            columns = conditions.cached(key, angle, partial(shape.basis, angle, axis))
         else:
             key = ("harmonics", self.axis, self.waves)
-            columns = conditions.remembered(key, angle, partial(_harmonics, angle, self.waves))
+            columns = conditions.cached(key, angle, partial(_harmonics, angle, self.waves))
         return (Motion(ErrorMotion(self.axis, self.component()), columns),)
 
     def positions_used(self, machine: Machine) -> tuple[str, ...]:
