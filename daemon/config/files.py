@@ -9,8 +9,8 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.files.text.write_target import WriteTarget
 from abbe.daemon.config.configuration import Configuration
-from abbe.daemon.control.socket_path import check_path
 from abbe.daemon.outputs import JOURNAL, UPLOADS, OutputKind, require_kind
+from abbe.daemon.socket_path import check_path
 
 Key = tuple[str | int, ...]
 

@@ -23,7 +23,7 @@ from pydantic import ValidationError
 
 from abbe.compcore.errors import AbbeError
 from abbe.daemon.control.requests import LONGEST, REQUEST, Request
-from abbe.daemon.control.socket_path import bound
+from abbe.daemon.socket_path import bound
 
 logger = logging.getLogger("abbe.control")
 

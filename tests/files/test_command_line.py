@@ -91,7 +91,7 @@ sys.meta_path.insert(0, Interrupt())
 
 @pytest.mark.parametrize(
     "name",
-    ["typer", "abbe.compcore.errors", "abbe.drivers.link", "abbe.daemon.application",
+    ["typer", "abbe.compcore.errors", "abbe.daemon.application",
      "abbe.daemon.commands.model.fit", "numpy", "pydantic", "abbe.compcore.fitting.fit",
      "abbe.compcore.files.model_file", "tomli_w"],
 )  # fmt: skip
