@@ -75,6 +75,8 @@ class Comparison(Shown):
         Specs of instrument effects that belong to other set-ups than this campaign's.
     changed
         What has changed since the model was fitted, in sentences; empty where nobody asked.
+    diagnosing
+        What to call, or to type, next.
     """
 
     problem: Problem
@@ -89,6 +91,7 @@ class Comparison(Shown):
     uncertainty: Uncertainty
     left_out: tuple[str, ...]
     changed: tuple[str, ...] = ()
+    diagnosing: str = "abbe.diagnose(model, campaign)"
 
     @property
     def fitted_files(self) -> tuple[str, ...]:
@@ -152,7 +155,7 @@ class Comparison(Shown):
         yield from self.changed
         for side in self.sides:
             yield f"{side.words}: {side.share:.0%} of what is left."
-        yield "next: abbe diagnose MODEL CAMPAIGN"
+        yield f"next: {self.diagnosing}"
 
     def words(self) -> Iterator[str]:
         """What ``abbe compare`` prints: overall, worst set-ups and regions, worst points, lines."""

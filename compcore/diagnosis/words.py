@@ -37,10 +37,12 @@ def diagnosis_words(
     noise: NoiseFloor,
     advice: Sequence[Advice],
     adding: Callable[[str], str],
+    fitting: str = "abbe.fit(model, campaign)",
 ) -> Iterator[str]:
     """Lines for people: how wrong, what is missing and why, what else it could be, what to do.
 
-    `adding` says how an effect is added, from its spec: what to type, or what to call.
+    `adding` says how an effect is added, from its spec: what to type, or what to call; `fitting`
+    how the model is fitted.
     """
     floor = noise_of(diagnosis, noise)
     unit, _, factor = diagnosis.unit
@@ -62,7 +64,7 @@ def diagnosis_words(
     if diagnosis.verdict == "changed" and diagnosis.standing is not None:
         for line in changed(diagnosis.standing):
             yield f"   {line}"
-        yield "   the new values: fit the model to this campaign (abbe fit MODEL CAMPAIGN -o NEXT)"
+        yield f"   the new values: fit the model to this campaign: {fitting}"
         if names:
             yield f"missing besides: {names}."
     for i, established in enumerate(diagnosis.established, start=1):

@@ -9,12 +9,28 @@ from dataclasses import dataclass
 from pathlib import Path
 
 
+def fitting(model: Path, campaigns: Sequence[Path] = ()) -> str:
+    """The command that fits a model to campaigns; `CAMPAIGN.csv` where there is none yet."""
+    words = ["abbe", "fit", str(model), *(map(str, campaigns) if campaigns else ("CAMPAIGN.csv",))]
+    return shlex.join([*words, "-o", str(next_version(model))])
+
+
+def diagnosing(model: Path, campaigns: Sequence[Path]) -> str:
+    """The command that says what a model lacks."""
+    return shlex.join(["abbe", "diagnose", str(model), *map(str, campaigns)])
+
+
 @dataclass(frozen=True)
 class Adding:
     """What ``abbe add`` is told beside the effect: the model and the campaigns of a diagnosis."""
 
     model: Path
     campaigns: Sequence[Path]
+
+    @property
+    def fitting(self) -> str:
+        """The command that fits the model to the campaigns."""
+        return fitting(self.model, self.campaigns)
 
     def command(self, spec: str) -> str:
         """The command that adds an effect, with the campaign and the next version's name."""

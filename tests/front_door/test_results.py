@@ -70,7 +70,8 @@ def test_report_of_a_fit(fitted: tuple[abbe.FitResult, str, str]) -> None:
 
 def test_report_of_a_comparison(compared: tuple[abbe.Comparison, str, str]) -> None:
     found, printed, _ = compared
-    before, report, after = printed.partition(found.report())
+    typed = re.sub(r"next: abbe diagnose \S+ \S+", "next: abbe.diagnose(model, campaign)", printed)
+    before, report, after = typed.partition(found.report())
     assert report
     assert after == ""
     # the command fits the model to the campaign as well, and begins with what that says

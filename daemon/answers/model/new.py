@@ -9,6 +9,7 @@ from typing import Any
 
 from abbe.compcore.machine.machine import Axis
 from abbe.compcore.model.model import Model
+from abbe.daemon.answers.typed import fitting
 
 
 def columns_of(model: Model) -> list[str]:
@@ -54,7 +55,7 @@ def as_text(model: Model, out: Path) -> Iterator[str]:
         use = "used" if signal.name in used else "recorded, for abbe diagnose"
         yield f"  {signal.name}: {signal.role}, {signal.unit}, {use}"
     yield "columns of a campaign (docs/campaigns.md): " + ",".join(columns_of(model))
-    yield f"next: measure, and  abbe fit {out} CAMPAIGN.csv -o fitted.toml"
+    yield f"next: measure, and  {fitting(out)}"
 
 
 def _parameters(model: Model) -> int:

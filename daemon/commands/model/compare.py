@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -34,6 +35,7 @@ def compare(
     from abbe.daemon.answers.inputs import load
     from abbe.daemon.answers.model import compare as answer
     from abbe.daemon.answers.model import expected_times as expected
+    from abbe.daemon.answers.typed import diagnosing
     from abbe.daemon.outputs import REPORT, check_outputs
     from abbe.daemon.progress import shown
 
@@ -45,7 +47,10 @@ def compare(
         tell("comparing")
         comparison = compare_model(loaded, campaign)
         tell("whether it holds")
-        comparison = answer.with_changes(loaded, campaign, comparison)
+        comparison = replace(
+            answer.with_changes(loaded, campaign, comparison),
+            diagnosing=diagnosing(model, campaigns),
+        )
         if report is not None:
             from abbe.daemon.report.head import file_on_page, head_of
             from abbe.daemon.report.model.compare import comparison_page

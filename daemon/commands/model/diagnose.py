@@ -123,7 +123,7 @@ def diagnose(
         for line in applied.as_text(course, reached):
             say(line)
         say("")
-    for line in diagnosis_words(found, noise, advice, adding.command):
+    for line in diagnosis_words(found, noise, advice, adding.command, adding.fitting):
         say(line)
     if written := [str(path) for path in (out, report) if path is not None]:
         say(f"written: {', '.join(written)}")

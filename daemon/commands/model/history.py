@@ -26,6 +26,7 @@ def history(
 ) -> None:
     """Show the error falling version by version, down to the noise floor, and the effects now."""
     from abbe.compcore.files.model_file import load_model
+    from abbe.daemon.answers.typed import fitting
     from abbe.daemon.outputs import REPORT, check_outputs
     from abbe.daemon.report.model.history import history_page, versions_of
 
@@ -41,7 +42,7 @@ def history(
         )
         return
     if not versions:
-        say("not fitted yet: abbe fit MODEL CAMPAIGN... -o OUT")
+        say(f"not fitted yet: {fitting(model)}")
     largest = max((float(v["rms"]) for v in versions if "rms" in v), default=0.0)
     for i, version in enumerate(versions, start=1):
         say(_line(i, version, largest))

@@ -40,6 +40,7 @@ def remove(
     from abbe.daemon.answers.inputs import load
     from abbe.daemon.answers.model import expected_times as expected
     from abbe.daemon.answers.model import revise as answer
+    from abbe.daemon.answers.typed import fitting
     from abbe.daemon.outputs import MODEL, REPORT, check_outputs
     from abbe.daemon.progress import shown
     from abbe.daemon.report.model.history import page_of
@@ -62,7 +63,7 @@ def remove(
             say(json.dumps({"removed": removed.spec, "refitted": False}))
         else:
             say(f"removed: {removed.spec}; the other effects keep their values")
-            say("refit them with: abbe fit, or give --campaign")
+            say(f"refit them, or give --campaign: {fitting(out)}")
             say(f"written: {out}" + (f", {report}" if report else ""))
         return
     with shown("reading", expected.adding(campaign)) as tell:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +15,7 @@ from abbe.daemon.arguments.bounded import within
 if TYPE_CHECKING:
     from abbe.daemon.config import Configuration
     from abbe.daemon.upload.operator import TerminalOperator
+    from abbe.daemon.upload.operator_port import OperatorPort
     from abbe.daemon.upload.session import Result, UploadRequest
 
 
@@ -105,7 +108,7 @@ def _change(
     with TerminalOperator(quiet=as_json, yes=yes) as operator:
         for line in trust_lines(setup.make_controller(configuration.model.machine)):
             operator.tell(line)
-        port = operator.port()
+        port = _naming(operator.port(), configuration)
         doing = (
             roll_back(configuration, request, port)
             if tables is None
@@ -116,9 +119,19 @@ def _change(
         typer.echo(json.dumps(_as_json(result, request), ensure_ascii=False))
     else:
         for line in _lines(result, request):
-            typer.echo(line)
+            typer.echo(_named(line, configuration))
     if not result.ok:
         raise typer.Exit(1)
+
+
+def _named(line: str, configuration: Configuration) -> str:
+    """A line whose command can be typed as it stands."""
+    return line.replace("CONFIG.toml", shlex.quote(str(configuration.path)))
+
+
+def _naming(port: OperatorPort, configuration: Configuration) -> OperatorPort:
+    """A port that tells whole commands."""
+    return replace(port, tell=lambda line: port.tell(_named(line, configuration)))
 
 
 def _lines(result: Result, request: UploadRequest) -> list[str]:
@@ -152,7 +165,9 @@ def _recover(configuration: Configuration, request: UploadRequest, as_json: bool
 
     with TerminalOperator(quiet=as_json, yes=True) as operator:
         operator.begin("recovering")
-        outcome = asyncio.run(finish(configuration, request, operator.port()))
+        outcome = asyncio.run(
+            finish(configuration, request, _naming(operator.port(), configuration))
+        )
     if as_json:
         reported = {"recovered": None if outcome is None else outcome.as_json()}
         typer.echo(json.dumps(reported, ensure_ascii=False))
@@ -160,7 +175,7 @@ def _recover(configuration: Configuration, request: UploadRequest, as_json: bool
         typer.echo("no upload was cut off: nothing to recover")
     else:
         for line in outcome.lines():
-            typer.echo(line)
+            typer.echo(_named(line, configuration))
     if outcome is not None and outcome.open:
         raise typer.Exit(1)
 
@@ -183,7 +198,7 @@ def _status(configuration: Configuration, as_json: bool) -> None:
         typer.echo(json.dumps(found, ensure_ascii=False))
         return
     for line in status_lines(found):
-        typer.echo(line)
+        typer.echo(_named(line, configuration))
 
 
 def _check(configuration: Configuration, as_json: bool) -> None:

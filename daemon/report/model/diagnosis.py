@@ -208,6 +208,9 @@ def _candidates(
 
 def _what_to_do(out: Page, diagnosis: Diagnosis, advice: Sequence[Advice], adding: Adding) -> None:
     out.section("What to do")
+    if diagnosis.verdict == "changed":
+        out.text("Find out what happened to the machine. The model's new values:")
+        out.notes([adding.fitting])
     if diagnosis.established:
         first = diagnosis.established[0].found.candidate.effect.spec
         out.text(
@@ -220,7 +223,7 @@ def _what_to_do(out: Page, diagnosis: Diagnosis, advice: Sequence[Advice], addin
             "Look for the physics behind what is described above: what was switched, moved, heated "
             "or loaded in that rhythm? Record it as a signal and measure again."
         )
-    else:
+    elif diagnosis.verdict != "changed":
         out.text("Nothing. The model explains these measurements down to their noise.")
     if advice:
         out.subsection("what to measure next")

@@ -8,6 +8,7 @@ from typing import Any
 
 from abbe.compcore.files.model_file import summary
 from abbe.compcore.model.model import Model
+from abbe.daemon.answers.typed import fitting
 from abbe.daemon.report.campaign_courses import course_figure, courses_of
 from abbe.daemon.report.head import file_on_page, head_of
 from abbe.daemon.report.page import Page, number
@@ -43,7 +44,7 @@ def history_page(model: Model, versions: Sequence[Mapping[str, Any]], file: Path
         head_of(model, [file_on_page("model", file)]),
     )  # fmt: skip
     if not versions:
-        page.text("This model has not been fitted yet: abbe fit MODEL CAMPAIGN... -o OUT")
+        page.text(f"This model has not been fitted yet: {fitting(file)}")
     else:
         _key_figures(page, versions)
         _warnings(page, versions)
