@@ -170,6 +170,13 @@ class LiveScreen:
         if self._duration is not None:
             clock += f" of {self._duration:.0f} s"
         line = Text.assemble((f" {words} ", style), "   ", (clock, "dim"))
+        if record.shown is not None:
+            parts = zip("XYZ", record.shown, strict=True)
+            moves = "  ".join(f"{d} {1e3 * c:+.1f}" for d, c in parts)
+            line.append(f"\nonly shown, not applied: {moves} µm", "yellow")
+        if record.pose is not None and (record.pose.damped or record.pose.limited):
+            left = 1e6 * record.pose.direction_left
+            line.append(f"\n{left:.1f} µrad of the tool's lean left: near a pole", "yellow")
         for what, why in record.faults.items():
             line.append(f"\n{what}: {why}", "red")
         return line

@@ -46,6 +46,14 @@ def numbers() -> Iterator[Case]:
     ):  # fmt: skip
         for number in NUMBERS:
             yield changed(f"{key} = {value}", f"{key} = {number}", "line", f"{section}.{key}")
+    for key in ("max_turn", "max_turn_rate"):
+        for number in (*NUMBERS, "{ C = -1.0 }", "{ C = 1e300 }"):
+            yield changed("hold = 1.0", f"{key} = {number}\nhold = 1.0", "line", f"guard.{key}")
+    yield changed("hold = 1.0", "max_turn = { C = 0.1 }\nhold = 1.0", "line", "guard.max_turn.C")
+    for number in ("0", "-1.0", "nan", "inf", "true", '"1"', "1e300"):
+        yield changed(
+            'source = "cmm.R_T_x1"\n', f"entered_for = {number}\n#", "line", "signals.T_x1"
+        )
     for number in ("-1", "65536", "4.0", "true", '"4"', "1e300"):
         yield changed("require = 4", f"require = {number}", "line", "controller.require")
     for number in ("0", "-1.0", "1e300", "nan", "inf", "true"):
@@ -93,6 +101,13 @@ def words() -> Iterator[Case]:
         ('transport = "tcp"', 'transport = "pigeon"', "links.cmm"),
         ('type = "uint16" }', 'type = "uint17" }', "links.cmm"),
         ('table = "input"', 'table = "output"', "links.cmm"),
+        ('source = "cmm.count_X"', 'source = "cmm.count_X"\ndatum = "yes"', "axes.X"),
+        ('source = "cmm.count_X"', 'source = "cmm.count_X"\ndatum = true', "[control]"),
+        ('source = "cmm.R_T_x1"', 'source = "cmm.R_T_x1"\nentered_for = 9.0', "signals.T_x1"),
+        ("[journal]", "[control]\nsocket = 1\n[journal]", "control"),
+        ("[journal]", "[control]\nsocket = ''\n[journal]", "control"),
+        ("[journal]", "[control]\nsocket = 'model.toml'\n[journal]", "no socket"),
+        ("[journal]", "[control]\nsocket = '" + "x" * 200 + "'\n[journal]", "too long"),
     ):  # fmt: skip
         yield changed(before, after, says)
     for before, after, says in (

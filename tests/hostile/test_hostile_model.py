@@ -93,6 +93,14 @@ def explicit() -> Iterator[Case]:
     yield changed("effect's axis", 'axis = "X"\nshape', 'axis = "Q"\nshape', "effects[0].axis")
     yield changed("effect's axis a list", 'axis = "X"\nshape', 'axis = ["X"]\nshape', "effects[0]")
     yield changed("effect's key unknown", "[effects.parameters.c0]", "more = 1", "effects[0].more")
+    for text in ("true", "1", '"Off"', "[]", "{}", '""'):
+        yield changed(
+            f"switch = {text}", 'kind = "scale', f'switch = {text}\nkind = "scale', "switch"
+        )
+    yield changed(
+        "tables of an effect that has none",
+        'kind = "scale', 'tables = { E_XX = "off" }\nkind = "scale', "effects[1]",
+    )  # fmt: skip
     yield changed("signal not recorded", 'signals = ["T_x"]', 'signals = ["T_q"]', "effects[1]")
     yield changed("signals a number", 'signals = ["T_x"]', "signals = 1", "effects[1].signals")
     yield changed("no signals", 'signals = ["T_x"]', "signals = []", "effects[1].signals")
