@@ -11,9 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from abbe.compcore.errors import AbbeError
-
-_GRACE = 5.0
-"""s for the process to end by itself before it is killed."""
+from abbe.drivers.simulated.process import GRACE, end
 
 
 @dataclass(frozen=True)
@@ -70,26 +68,13 @@ def simulated_bridge(
         line = process.stdout.readline() if process.stdout is not None else ""
         if not line:
             raise AbbeError(
-                f"the simulated machine did not start (exit status {process.wait(_GRACE)}); "
+                f"the simulated machine did not start (exit status {process.wait(GRACE)}); "
                 f"try by hand: {' '.join(command)}"
             )
         ready = json.loads(line)
         yield Simulator(str(ready["host"]), int(ready["port"]), ready, process)
     finally:
-        _end(process)
-
-
-def _end(process: subprocess.Popen[str]) -> None:
-    """End the process: its input closed, else killed."""
-    if process.stdin is not None:
-        process.stdin.close()
-    try:
-        process.wait(_GRACE)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-    if process.stdout is not None:
-        process.stdout.close()
+        end(process)
 
 
 def measure_bridge(seed: int, output: str) -> None:

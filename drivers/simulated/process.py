@@ -9,8 +9,21 @@ import threading
 from types import TracebackType
 from typing import Any, Self
 
-_GRACE = 5.0
+GRACE = 5.0
 """s for the process to end by itself before it is killed."""
+
+
+def end(process: subprocess.Popen[str]) -> None:
+    """End a simulated device: its input closed, else killed."""
+    if process.stdin is not None:
+        process.stdin.close()
+    try:
+        process.wait(GRACE)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    if process.stdout is not None:
+        process.stdout.close()
 
 
 class SimulatedProcess:
@@ -60,18 +73,8 @@ class SimulatedProcess:
         trace: TracebackType | None,
     ) -> None:
         """End it: its input closed, else killed."""
-        process = self._process
-        if process is None:
-            return
-        if process.stdin is not None:
-            process.stdin.close()
-        try:
-            process.wait(_GRACE)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-        if process.stdout is not None:
-            process.stdout.close()
+        if self._process is not None:
+            end(self._process)
 
     def order(self, do: str, **more: Any) -> dict[str, Any]:
         """Have something done, from any thread; hands back the answer once it is.
@@ -101,7 +104,7 @@ class SimulatedProcess:
         line = self._process.stdout.readline()
         if not line:
             raise RuntimeError(
-                f"it ended (status {self._process.wait(_GRACE)}); try by hand: "
+                f"it ended (status {self._process.wait(GRACE)}); try by hand: "
                 + " ".join(self._command)
             )
         answer: dict[str, Any] = json.loads(line)

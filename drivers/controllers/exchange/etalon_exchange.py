@@ -12,7 +12,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.machine.error_motion import Component, ErrorMotion
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.tables.capability import Capability, Holds, Spacing
-from abbe.compcore.tables.table import Table
+from abbe.compcore.tables.table import Table, superposed
 from abbe.drivers.controllers.axes import DEGREE, position_unit
 from abbe.drivers.controllers.base import Confidence, Controller, Trust
 from abbe.drivers.controllers.text import fixed, increasing, number, numbered_lines, only_file
@@ -98,7 +98,7 @@ class EtalonExchange(Controller):
                 )  # fmt: skip
         if rows is not None:
             raise InputError("a section does not end", file=name, field=section, expected="}")
-        return _summed(found)
+        return list(superposed(found, ()))  # constants beside error motions
 
     def _motion(self, section: str, rows: Sequence[Sequence[float]], file: str, line: int) -> Table:
         match = _MOTION.fullmatch(section)
@@ -142,16 +142,3 @@ class EtalonExchange(Controller):
             "levers at "
             "once.",
         )
-
-
-def _summed(tables: Sequence[Table]) -> list[Table]:
-    """Constants added to the component errors of the same name."""
-    found: list[Table] = []
-    for table in tables:
-        for i, held in enumerate(found):
-            if held.same_number(table):
-                found[i] = held.plus(table)
-                break
-        else:
-            found.append(table)
-    return found

@@ -30,8 +30,8 @@ from tests.support.drivers.can_links import (
     free_port,
     interface,
     linked,
-    until,
 )
+from tests.support.drivers.opening import until
 
 pytestmark = pytest.mark.integration
 

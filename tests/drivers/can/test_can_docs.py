@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +16,11 @@ from abbe.drivers.can.error_frames import LEFT_THE_BUS
 from abbe.drivers.link import PLUGINS, link_class
 from abbe.drivers.simulated.commands.can import _parser
 from tests.support.drivers.can_links import DBC
+from tests.support.drivers.link_pages import links_in, page
 
 ROOT = Path(__file__).parents[3]
-DOC = (ROOT / "docs" / "can.md").read_text(encoding="utf-8")
-EXAMPLES: list[tuple[str, dict[str, Any]]] = [
-    (name, section)
-    for text in re.findall(r"```toml\n(.*?)```", DOC, re.S)
-    for name, section in tomllib.loads(text)["links"].items()
-]
+DOC = page("can")
+EXAMPLES = links_in(DOC)
 
 
 @pytest.mark.parametrize(("name", "section"), EXAMPLES, ids=[name for name, _ in EXAMPLES])

@@ -13,7 +13,7 @@ import pytest
 
 from abbe.drivers.link import LinkConfigError, LinkError, LinkProtocolError, LinkState, Quality
 from abbe.drivers.simulated.process import SimulatedProcess
-from tests.support.drivers.can_links import STALL, all_good, until
+from tests.support.drivers.can_links import STALL, all_good
 from tests.support.drivers.canopen_links import (
     APART,
     AXES,
@@ -25,6 +25,7 @@ from tests.support.drivers.canopen_links import (
     THERMOMETER,
     linked,
 )
+from tests.support.drivers.opening import until
 
 pytestmark = pytest.mark.integration
 

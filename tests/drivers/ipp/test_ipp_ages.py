@@ -13,7 +13,8 @@ from abbe.drivers.ipp.config import IppConfig
 from abbe.drivers.ipp.link import IppLink
 from abbe.drivers.link import LinkConfigError, LinkError
 from abbe.drivers.simulated.process import SimulatedProcess
-from tests.support.drivers.ipp_links import AXES, PART, SCALES, linked, read_until, until
+from tests.support.drivers.ipp_links import AXES, PART, SCALES, linked, read_until
+from tests.support.drivers.opening import until
 
 pytestmark = pytest.mark.integration
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from pathlib import Path
 from typing import Any, get_args
 
@@ -14,14 +13,11 @@ from abbe.drivers.ipp.link import IppLink
 from abbe.drivers.link import PLUGINS, link_class
 from abbe.drivers.simulated.commands.ipp import _orders, _parser
 from abbe.drivers.simulated.ipp.server import IppServer
+from tests.support.drivers.link_pages import links_in, page
 
 ROOT = Path(__file__).parents[3]
-DOC = (ROOT / "docs" / "ipp.md").read_text(encoding="utf-8")
-EXAMPLES: list[tuple[str, dict[str, Any]]] = [
-    (name, section)
-    for text in re.findall(r"```toml\n(.*?)```", DOC, re.S)
-    for name, section in tomllib.loads(text)["links"].items()
-]
+DOC = page("ipp")
+EXAMPLES = links_in(DOC)
 
 
 @pytest.mark.parametrize(("name", "section"), EXAMPLES, ids=[name for name, _ in EXAMPLES])

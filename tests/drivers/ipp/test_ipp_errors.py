@@ -9,7 +9,8 @@ import pytest
 
 from abbe.drivers.link import LinkState, Quality, Sample
 from abbe.drivers.simulated.process import SimulatedProcess
-from tests.support.drivers.ipp_links import AXES, PART, REPORT, good, linked, read_until, until
+from tests.support.drivers.ipp_links import AXES, PART, REPORT, good, linked, read_until
+from tests.support.drivers.opening import until
 
 pytestmark = pytest.mark.integration
 

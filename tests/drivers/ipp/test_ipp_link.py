@@ -27,8 +27,8 @@ from tests.support.drivers.ipp_links import (
     read_until,
     section,
     standing,
-    until,
 )
+from tests.support.drivers.opening import until
 
 pytestmark = pytest.mark.integration
 

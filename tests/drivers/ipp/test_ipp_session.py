@@ -12,7 +12,7 @@ from abbe.drivers.ipp.errors import ServerError, Severity, StoppedError
 from abbe.drivers.ipp.grammar import Named
 from abbe.drivers.ipp.session import LAST_TAG, Session
 from abbe.drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError
-from tests.support.drivers.ipp_links import until
+from tests.support.drivers.opening import until
 
 pytestmark = pytest.mark.integration
 

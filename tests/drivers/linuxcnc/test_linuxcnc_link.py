@@ -23,10 +23,10 @@ from tests.support.drivers.linuxcnc_links import (
     linked,
     ordered,
     reaches,
-    until,
     value,
 )
 from tests.support.drivers.linuxcnc_machine import Machine
+from tests.support.drivers.opening import until
 
 pytestmark = pytest.mark.integration
 

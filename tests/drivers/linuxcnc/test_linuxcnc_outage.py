@@ -7,8 +7,9 @@ import asyncio
 import pytest
 
 from abbe.drivers.link import LinkDownError, LinkState
-from tests.support.drivers.linuxcnc_links import linked, ordered, reaches, until
+from tests.support.drivers.linuxcnc_links import linked, ordered, reaches
 from tests.support.drivers.linuxcnc_machine import Machine
+from tests.support.drivers.opening import until
 
 pytestmark = pytest.mark.integration
 

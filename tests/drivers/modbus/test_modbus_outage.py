@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
@@ -15,6 +15,7 @@ from abbe.drivers.modbus.config import ModbusConfig
 from abbe.drivers.modbus.link import ModbusLink
 from abbe.drivers.modbus.units import Unit
 from tests.support.drivers.modbus_devices import Memory, TcpDevice
+from tests.support.drivers.opening import until
 
 TIMEOUT = 0.15
 ROOM = 1.0
@@ -61,14 +62,6 @@ async def linked(
         yield link
     finally:
         await link.close()
-
-
-async def until(true: Callable[[], bool], limit: float = 10.0) -> float:
-    began = time.monotonic()
-    while not true():
-        assert time.monotonic() - began < limit, "did not happen"
-        await asyncio.sleep(0.005)
-    return time.monotonic() - began
 
 
 async def timed_read(link: ModbusLink, names: tuple[str, ...]) -> tuple[dict[str, Any], float]:

@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 
 from abbe.drivers.link import Quality
+from tests.support.drivers.opening import until
 from tests.support.drivers.raw_device import raw_device, stand_still
-from tests.support.drivers.serial_links import linked, until
+from tests.support.drivers.serial_links import linked
 from tests.support.drivers.talker import Talker
 
 pytestmark = pytest.mark.integration

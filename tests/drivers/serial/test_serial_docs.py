@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,13 +13,10 @@ from abbe.drivers.serial.config import SerialChannelConfig, SerialConfig, Serial
 from abbe.drivers.serial.link import SerialLink
 from abbe.drivers.serial.tape import TapeSettings
 from abbe.drivers.simulated.commands.serial import KINDS, _parser
+from tests.support.drivers.link_pages import links_in, page
 
-DOC = (Path(__file__).parents[3] / "docs" / "serial.md").read_text(encoding="utf-8")
-EXAMPLES: list[tuple[str, dict[str, Any]]] = [
-    (name, section)
-    for text in re.findall(r"```toml\n(.*?)```", DOC, re.S)
-    for name, section in tomllib.loads(text)["links"].items()
-]
+DOC = page("serial")
+EXAMPLES = links_in(DOC)
 
 
 @pytest.mark.parametrize(("name", "section"), EXAMPLES, ids=[name for name, _ in EXAMPLES])

@@ -16,6 +16,7 @@ import serial.rfc2217
 
 from abbe.drivers.link import LinkDownError, LinkProtocolError, LinkState, LinkTimeoutError, Quality
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.drivers.opening import until
 from tests.support.drivers.serial_links import (
     DRO,
     NUMBER,
@@ -24,7 +25,6 @@ from tests.support.drivers.serial_links import (
     ROOM,
     TIMEOUT,
     linked,
-    until,
 )
 
 pytestmark = pytest.mark.integration

@@ -19,7 +19,8 @@ from abbe.drivers.serial.transfer import (
     send_tape,
 )
 from abbe.drivers.simulated.process import SimulatedProcess
-from tests.support.drivers.serial_links import ROOM, until
+from tests.support.drivers.opening import until
+from tests.support.drivers.serial_links import ROOM
 
 pytestmark = pytest.mark.integration
 

@@ -6,17 +6,16 @@ test says so and waits until it has.
 
 from __future__ import annotations
 
-import asyncio
 import socket
-import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
-from contextlib import asynccontextmanager
+from collections.abc import Mapping
+from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 from typing import Any
 
 import abbe.drivers.simulated.can
 from abbe.drivers.can.dbc.config import DbcConfig
 from abbe.drivers.can.dbc.link import DbcLink
+from tests.support.drivers.opening import opened, until
 
 STALL = 1.5
 """s of silence that are no fault: longer than a process may be stalled."""
@@ -70,31 +69,12 @@ def dbc_section(
     return {"dbc": str(DBC), "channels": channels, "messages": patient} | PATIENT | settings
 
 
-@asynccontextmanager
-async def linked(
+def linked(
     ready: Mapping[str, Any], channels: dict[str, Any], **settings: Any
-) -> AsyncIterator[DbcLink]:
+) -> AbstractAsyncContextManager[DbcLink]:
     """An open link on a simulated bus."""
     section = interface(ready) | dbc_section(channels, **settings)
-    link = DbcLink("bench", DbcConfig.model_validate(section))
-    await link.open()
-    try:
-        yield link
-    finally:
-        await link.close()
-
-
-async def until(
-    true: Callable[[], bool] | Callable[[], Awaitable[bool]], limit: float = 30.0
-) -> float:
-    """Wait for something to become true; how long it took, s."""
-    began = time.monotonic()
-    while True:
-        found = true()
-        if found if isinstance(found, bool) else await found:
-            return time.monotonic() - began
-        assert time.monotonic() - began < limit, "did not happen"
-        await asyncio.sleep(0.005)
+    return opened(DbcLink("bench", DbcConfig.model_validate(section)))
 
 
 async def all_good(link: Any, names: tuple[str, ...]) -> dict[str, Any]:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import Callable, Sequence
+from contextlib import AbstractAsyncContextManager
 from typing import Any
 
 from abbe.drivers.ipp.config import IppConfig
 from abbe.drivers.ipp.link import IppLink
 from abbe.drivers.link import Sample
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.drivers.opening import opened
 
 PATIENT = 8.0
 """s: a time-out that no stall of a busy machine reaches, where silence is not the matter."""
@@ -42,29 +43,10 @@ def section(process: SimulatedProcess, channels: dict[str, Any], **settings: Any
     )
 
 
-@asynccontextmanager
-async def linked(
+def linked(
     process: SimulatedProcess, channels: dict[str, Any], **settings: Any
-) -> AsyncIterator[IppLink]:
-    link = IppLink("bench", section(process, channels, **settings))
-    await link.open()
-    try:
-        yield link
-    finally:
-        await link.close()
-
-
-async def until(
-    true: Callable[[], bool] | Callable[[], Awaitable[bool]], limit: float = 20.0
-) -> None:
-    """Wait for something to become true."""
-    began = time.monotonic()
-    while True:
-        found = true()
-        if found if isinstance(found, bool) else await found:
-            return
-        assert time.monotonic() - began < limit, "did not happen"
-        await asyncio.sleep(0.01)
+) -> AbstractAsyncContextManager[IppLink]:
+    return opened(IppLink("bench", section(process, channels, **settings)))
 
 
 async def read_until(

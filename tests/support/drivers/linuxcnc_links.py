@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import time
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager
 from typing import Any
 
 from abbe.drivers.linuxcnc.config import LinuxCncConfig
 from abbe.drivers.linuxcnc.link import LinuxCncLink
 from tests.support.drivers.linuxcnc_machine import Machine
+from tests.support.drivers.opening import opened, until
 
 CHANNELS: dict[str, Any] = {
     "x": {"pin": "joint.0.pos-cmd", "unit": "mm"},
@@ -29,29 +28,13 @@ PATIENT = {"timeout": 10.0, "servo_silence": 10.0, "lease": 60.0}
 ON, HOMED, IN_POSITION, ACTIVE, LIMITED = (1 << bit for bit in range(5))
 
 
-@asynccontextmanager
-async def linked(**settings: Any) -> AsyncIterator[LinuxCncLink]:
+def linked(**settings: Any) -> AbstractAsyncContextManager[LinuxCncLink]:
     section = {"channels": CHANNELS, "reconnect_min": 0.05, "reconnect_max": 0.2, "ramp": 0.2}
-    link = LinuxCncLink("mill", LinuxCncConfig.model_validate(section | settings))
-    await link.open()
-    try:
-        yield link
-    finally:
-        await link.close()
+    return opened(LinuxCncLink("mill", LinuxCncConfig.model_validate(section | settings)))
 
 
 async def value(link: LinuxCncLink, name: str) -> float:
     return (await link.read((name,)))[name].value
-
-
-async def until(true: Callable[[], Any], limit: float = 60.0) -> None:
-    began = time.monotonic()
-    while True:
-        found = true()
-        if await found if asyncio.iscoroutine(found) else found:
-            return
-        assert time.monotonic() - began < limit, "did not happen"
-        await asyncio.sleep(0.01)
 
 
 async def reaches(link: LinuxCncLink, name: str, wanted: float, off: float = 1e-5) -> None:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
-import time
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager
 from typing import Any
 
 from abbe.drivers.serial.config import SerialConfig
 from abbe.drivers.serial.link import SerialLink
+from tests.support.drivers.opening import opened
 
 TIMEOUT = 0.2
 ROOM = 1.0
@@ -51,24 +49,7 @@ def section(port: str, parts: dict[str, Any], **settings: Any) -> SerialConfig:
     )
 
 
-@asynccontextmanager
-async def linked(port: str, parts: dict[str, Any], **settings: Any) -> AsyncIterator[SerialLink]:
-    link = SerialLink("bench", section(port, parts, **settings))
-    await link.open()
-    try:
-        yield link
-    finally:
-        await link.close()
-
-
-async def until(
-    true: Callable[[], bool] | Callable[[], Awaitable[bool]], limit: float = 60.0
-) -> float:
-    """Wait for something to become true; how long it took, s."""
-    began = time.monotonic()
-    while True:
-        found = true()
-        if found if isinstance(found, bool) else await found:
-            return time.monotonic() - began
-        assert time.monotonic() - began < limit, "did not happen"
-        await asyncio.sleep(0.005)
+def linked(
+    port: str, parts: dict[str, Any], **settings: Any
+) -> AbstractAsyncContextManager[SerialLink]:
+    return opened(SerialLink("bench", section(port, parts, **settings)))
