@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.campaign.measuring_conditions import stated
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.importers.placing import ForeignPlacing, Readings, place
 from abbe.compcore.files.importers.roles import RoleColumns, Words
@@ -144,7 +145,8 @@ def import_rtest(
         notes.append(f"the nest is on the {nest}: error of the tool = {sees}, {frame} directions")
     if axis is not None:
         notes.append(f"radial outward from {axis}, tangential the way {axis} counts, tool − table")
-    return place(source, sheet.data, readings, placing, notes, {"instrument": "R-test"}, machine)
+    metadata = {"instrument": "R-test", **stated(sheet.comments)}
+    return place(source, sheet.data, readings, placing, notes, metadata, machine)
 
 
 def _words(machine: Machine) -> Words:

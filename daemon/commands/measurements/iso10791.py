@@ -79,13 +79,15 @@ def iso10791(
         tool=tool_offset("tool", tool), sd=None if sd is None else sd * 1e-3, sign=sign
     )
     options = RotaryTestOptions(nest, directions, axis, unit, placed)
-    found = answer.evaluate(load_model(model).machine, files, placing, options)
+    loaded = load_model(model)
+    found = answer.evaluate(loaded.machine, files, placing, options)
     if output is not None:
         write_campaign(found.campaign, output)
     if report is not None:
+        from abbe.daemon.report.head import file_on_page, head_of
         from abbe.daemon.report.measurements.iso10791 import page
 
-        page(found).write(report)
+        page(found, head_of(loaded, [file_on_page("model", model)], found.campaign)).write(report)
     if as_json:
         say(json.dumps(answer.as_json(found), ensure_ascii=False))
         return

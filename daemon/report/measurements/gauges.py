@@ -6,7 +6,7 @@ import numpy as np
 
 from abbe.compcore.figures.figure import COLOURS, Trace, figure, line, points
 from abbe.daemon.answers.measurements.gauges import GaugeAnswer, GaugedPlate, worst
-from abbe.daemon.report.head import bare_head
+from abbe.daemon.report.measurements.sheet_head import sheet_head
 from abbe.daemon.report.page import Page, number
 
 _SHOWN = 0.12
@@ -15,7 +15,7 @@ _SHOWN = 0.12
 
 def page(answer: GaugeAnswer) -> Page:
     """Lay out measured lengths or plates."""
-    made = Page("Calibrated lengths and plates", head=bare_head("measured", [answer.file]))
+    made = Page("Calibrated lengths and plates", head=sheet_head("measured", [answer.file]))
     made.text(
         "An error of indication is what the machine says less what the material standard is at its "
         "temperature" + (f"; 'after' is what {answer.model} leaves of it." if answer.model else ".")

@@ -7,14 +7,14 @@ import numpy as np
 from abbe.compcore.artefacts.iso10360 import LengthTestResult
 from abbe.compcore.figures.figure import COLOURS, Figure, Trace, figure, line, points
 from abbe.daemon.answers.measurements.iso10360 import ZONES, LengthAnswer, where
-from abbe.daemon.report.head import bare_head
+from abbe.daemon.report.measurements.sheet_head import sheet_head
 from abbe.daemon.report.page import Page, number
 
 
 def page(answer: LengthAnswer) -> Page:
     """Lay out an evaluation."""
     evaluation = answer.evaluation
-    made = Page("Length measurement errors, ISO 10360-2", head=bare_head("measured", answer.files))
+    made = Page("Length measurement errors, ISO 10360-2", head=sheet_head("measured", answer.files))
     made.text(
         "An error is the measured less the calibrated length, at the temperature that the length "
         f"had. Every value is held against {ZONES[evaluation.decision]}"

@@ -9,14 +9,14 @@ from abbe.compcore.iso10791.evaluate import RotaryAxisResult
 from abbe.compcore.machine.machine import own_component
 from abbe.compcore.model.as_built import ON_THE_TABLE
 from abbe.daemon.answers.measurements.iso10791 import WAYS, RotaryAnswer, shown
-from abbe.daemon.report.head import bare_head
+from abbe.daemon.report.head import PageHead
 from abbe.daemon.report.page import Page, number
 
 
-def page(answer: RotaryAnswer) -> Page:
+def page(answer: RotaryAnswer, head: PageHead) -> Page:
     """Lay out an evaluation."""
     evaluation = answer.evaluation
-    made = Page("Rotary axes, ISO 10791-6", head=bare_head("read", answer.files))
+    made = Page("Rotary axes, ISO 10791-6", head=head)
     made.text(
         "Errors are of the tool relative to the workpiece, actual minus indicated. What lies where "
         "on the machine, and what to enter, is said beside them."

@@ -143,15 +143,16 @@ def test_e150_has_its_own_limit_and_two_positions(tmp_path):
 
 
 def test_in_words_and_on_a_page(tmp_path):
-    path = lengths_file(tmp_path / "l.csv", {(5, 2, 1): 3.0})
+    path = lengths_file(tmp_path / "l.csv", {(5, 2, 1): 3.0}, head="# operator = A. Turner\n")
     done = abbe("iso10360", path, *MPE, "--mpl-r0", "1.2", "--report", tmp_path / "r.html")
     assert done.status == 0, done.err
     assert "ISO 10360-2, E0: not decided" in done.out
-    assert "outside: +3.00 µm of ±2.90 at 400 mm, Y, run 2 (line 84)" in done.out
+    assert "outside: +3.00 µm of ±2.90 at 400 mm, Y, run 2 (line 85)" in done.out
     # 3.0 less the least of the three, 0.1 + 0.05·5 + 0.6 − 0.1
     assert "R0 2.15 µm at 400 mm, Y; limit 1.2 µm: fails" in done.out
     html = (tmp_path / "r.html").read_text("utf-8")
     assert "E0: not decided" in html
+    assert "A. Turner" in html
     assert html.count("<figure") == 1
     assert '"name":"MPE"' in html
 

@@ -209,6 +209,7 @@ def test_a_head_needs_a_sphere_whose_place_is_known(tmp_path):
 
 def test_in_words_and_on_a_page(tmp_path):
     files = (model_file(TURNTABLE, tmp_path), readings_file(TURNTABLE, tmp_path))
+    files[1].write_text("# operator = A. Turner\n" + files[1].read_text("utf-8"), "utf-8")
     options = ("--report", tmp_path / "r.html", "-o", tmp_path / "c.csv")
     done = abbe("iso10791", *files, *options)
     assert done.status == 0, done.err
@@ -220,6 +221,7 @@ def test_in_words_and_on_a_page(tmp_path):
     assert "shows the opposite sign" in told
     html = (tmp_path / "r.html").read_text("utf-8")
     assert "Axis C, on the workpiece's side of the bed" in html.replace("&#x27;", "'")
+    assert "A. Turner" in html
     # the campaign that was written says the same
     again = abbe("iso10791", tmp_path / "m.toml", tmp_path / "c.csv", "--json")
     assert again.status == 0, again.err
