@@ -41,7 +41,7 @@ def with_effect(model: Model, kind: str, keys: Mapping[str, Any]) -> tuple[Model
             continue
         if term.effect == effect and effect.kind != "formula":
             raise InputError("the model has this effect already", found=effect.spec)
-        terms[i] = Term(effect)
+        terms[i] = Term(effect, switch=term.switch)
         return _unfitted(model, terms), effect
     return _unfitted(model, [*terms, Term(effect)]), effect
 
