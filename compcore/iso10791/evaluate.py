@@ -186,7 +186,8 @@ def _with_zeros_kept(result: FitResult, factor: float = 1.0) -> Model:
 
     Where a sphere is placed anyhow, the readings do not show where an axis stands when it shows 0,
     nor where a head's line lies beside a sphere on the bed: what is not shown is 0, as far as
-    it can be, and the rest least. Variances are multiplied by `factor`.
+    it can be, and the rest least. Variances are multiplied by `factor`; what changes errors and
+    was not measured (a lean, with one ball at the line's own height) keeps its plausible range.
     """
     layout, theta = result.problem.layout, result.theta
     scale, covariance = layout.scale, result.model.covariance
@@ -202,7 +203,7 @@ def _with_zeros_kept(result: FitResult, factor: float = 1.0) -> Model:
         free = null @ right[int((size > _IMITATED).sum()) :].T
         move = (np.eye(layout.size) - free @ np.linalg.pinv(free)) @ move
     move = scale[:, None] * move / scale
-    covariance = factor * (move @ covariance @ move.T)
+    covariance = factor * (move @ covariance @ move.T) + result.null.prior_covariance(scale)
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     moved = result.model.with_values(layout.values(move @ theta, sd))
     return replace(moved, covariance=covariance)

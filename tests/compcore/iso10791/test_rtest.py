@@ -366,6 +366,10 @@ def test_a_ball_bar_round_a_table(tmp_path, column):
     assert read["range"] == pytest.approx(2.0 * np.sqrt(116.0), rel=0.009)
     assert axis["location"]["E_X0C"]["on_the_table"] == pytest.approx(-10.0, abs=0.01)
     assert axis["location"]["E_Y0C"]["on_the_table"] == pytest.approx(4.0, abs=0.01)
+    # at the line's own height nothing shows a lean: it is said so, and not 0 ± 0
+    assert axis["location"]["E_X0C"]["sd"] < 0.01
+    assert axis["location"]["E_A0C"]["sd"] > 100.0
+    assert "NOT DETERMINED" in abbe("iso10791", model, tmp_path / "b.csv").out
 
 
 def test_imported_by_the_other_command(tmp_path):
