@@ -95,10 +95,10 @@ def _ends(values: Any) -> list[float]:
 
 def of_files(campaign: Campaign) -> list[dict[str, Any]]:
     """File by file, in the order of `Campaign.files`: `stated` and `observed` together."""
-    told = list(campaign.metadata)
+    heads = list(campaign.metadata)
     found = []
     for k, rows in enumerate(by_file(campaign)):
-        head = told[k] if k < len(told) else {}
+        head = heads[k] if k < len(heads) else {}
         found.append({**stated(head), **observed(rows)})
     return found
 

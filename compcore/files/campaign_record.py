@@ -52,10 +52,10 @@ def campaign_records(
     misfits = [residual]
     if run is not None and len(parts) > 1:
         misfits = [residual[run == run.min() + k] for k in range(len(parts))]
-    told = of_files(campaign)
+    stated = of_files(campaign)
     found = []
     for (file, sha256), rows, left, said, level in zip(
-        campaign.files.items(), parts, misfits, told, noise, strict=True
+        campaign.files.items(), parts, misfits, stated, noise, strict=True
     ):
         record: dict[str, Any] = {"file": file, "sha256": sha256, "n": rows.n}
         lengths = level.lengths

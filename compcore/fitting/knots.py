@@ -126,8 +126,10 @@ def with_knots(
     search = _Search.of(model, problem, theta, chi2, dof)
     chosen = search.best()
     found = search.model(model, chosen)
-    told = (search.told(e, chosen, found.effects[c.term]) for e, c in enumerate(search.curves))
-    return found, search.evenly(model, max(_FEWEST, *map(len, chosen))), tuple(told)
+    choices = (
+        search.choice_of(e, chosen, found.effects[c.term]) for e, c in enumerate(search.curves)
+    )
+    return found, search.evenly(model, max(_FEWEST, *map(len, chosen))), tuple(choices)
 
 
 @dataclass(frozen=True)
@@ -390,7 +392,7 @@ class _Search:
 
     # ------------------------------------------------------------------ how sure
 
-    def told(self, e: int, chosen: _Set, effect: Effect) -> KnotChoice:
+    def choice_of(self, e: int, chosen: _Set, effect: Effect) -> KnotChoice:
         """One curve's knots, with how sure they are."""
         curve = self.curves[e]
         own, count = chosen[e], sum(map(len, chosen))

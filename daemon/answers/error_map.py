@@ -154,5 +154,5 @@ def csv_lines(model: Model, mapped: Sequence[MappedPlane]) -> Iterator[str]:
         values = one.found.error.reshape(-1, 3) * 1e3
         if one.sure is not None:
             values = np.hstack([values, COVERAGE * 1e3 * one.sure.translation])
-        for where, told in zip(numbers, values.tolist(), strict=True):
-            yield ",".join([*(f"{v:.9g}" for v in where), *(f"{v:.4f}" for v in told)]) + "\n"
+        for where, row in zip(numbers, values.tolist(), strict=True):
+            yield ",".join([*(f"{v:.9g}" for v in where), *(f"{v:.4f}" for v in row)]) + "\n"

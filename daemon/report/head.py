@@ -160,13 +160,13 @@ def _air(conditions: Sequence[Mapping[str, Any]], machine: Machine) -> Iterable[
 
 def _positions(conditions: Sequence[Mapping[str, Any]], machine: Machine) -> str:
     """Where the axes stood."""
-    told = []
+    ranges = []
     for axis in machine.structure.axes:
         low, high = extent(conditions, "positions", axis)
         if low <= high:
             unit = "°" if is_rotary(axis) else " mm"
-            told.append(_unbroken(f"{axis} {_range(low, high)}{unit}"))
-    return ", ".join(told)
+            ranges.append(_unbroken(f"{axis} {_range(low, high)}{unit}"))
+    return ", ".join(ranges)
 
 
 def _tool(conditions: Sequence[Mapping[str, Any]]) -> str:

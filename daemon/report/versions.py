@@ -116,9 +116,9 @@ def floor_of(record: Mapping[str, Any], key: str) -> float | None:
     """
     if key == "noise_floor":
         return number_of(record, key)
-    told = [(number_of(c, "noise_floor"), number_of(c, "n")) for c in record.get("holdout", ())]
-    known = [(f, n) for f, n in told if f is not None and n]
-    if not known or len(known) < len(told):
+    stated = [(number_of(c, "noise_floor"), number_of(c, "n")) for c in record.get("holdout", ())]
+    known = [(f, n) for f, n in stated if f is not None and n]
+    if not known or len(known) < len(stated):
         return None
     return float(np.sqrt(sum(n * f * f for f, n in known) / sum(n for _, n in known)))
 

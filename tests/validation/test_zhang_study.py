@@ -71,14 +71,14 @@ def test_his_error_maps_by_the_command(study: zhang.Study, tmp_path: Path) -> No
         "--range", "X=0,700", "--range", "Y=0,900", "--points", "10", "--json",
     )  # fmt: skip
     assert done.status == 0, done.err
-    told = json.loads(done.out)
-    x, y = (g.ravel() for g in np.meshgrid(told["grid"]["X"], told["grid"]["Y"], indexing="ij"))
+    answer = json.loads(done.out)
+    x, y = (g.ravel() for g in np.meshgrid(answer["grid"]["X"], answer["grid"]["Y"], indexing="ij"))
     places = np.stack([x, y, np.full(x.shape, -330.0)], axis=1)
     apart = places[:, None] - places[None]
     length = np.linalg.norm(apart, axis=2) + np.eye(len(x))
     positions = dict(zip("XYZ", places.T, strict=True))
     largest = []
-    for one, warmth in zip(told["maps"], (20.0, 19.0), strict=True):
+    for one, warmth in zip(answer["maps"], (20.0, 19.0), strict=True):
         warm = {name: np.full(len(x), warmth) for name in study.result.model.machine.signals}
         true = zhang.machine().error({**positions, **warm}, zhang.PROBE) * 1e3
         said = np.array(one["error"]).reshape(-1, 3)

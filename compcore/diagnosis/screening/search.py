@@ -329,8 +329,8 @@ def _best_pair(
             best = (float(value[at]), *pairs[at])
     if best is None:
         return None
-    told, i, j = best
-    return [leading[i], leading[j]], told
+    worth, i, j = best
+    return [leading[i], leading[j]], worth
 
 
 def _alike(

@@ -62,12 +62,12 @@ def history_page(model: Model, versions: Sequence[Mapping[str, Any]], file: Path
 def _title(versions: Sequence[Mapping[str, Any]]) -> str:
     """How the error fell, where it counts: on held-out campaigns, if there were any."""
     for key, what in (("holdout_rms", "The held-out error"), ("rms", "The error")):
-        told = [v for v in (number_of(r, key) for r in versions) if v is not None]
-        if len(told) > 1:
-            way = "fell" if told[-1] < told[0] else "went"
-            return f"{what} {way} from {number(told[0], 3)} to {number(told[-1], 3)} µm"
-        if told:
-            return f"{what} is {number(told[-1], 3)} µm"
+        known = [v for v in (number_of(r, key) for r in versions) if v is not None]
+        if len(known) > 1:
+            way = "fell" if known[-1] < known[0] else "went"
+            return f"{what} {way} from {number(known[0], 3)} to {number(known[-1], 3)} µm"
+        if known:
+            return f"{what} is {number(known[-1], 3)} µm"
     return "The versions of the model"
 
 

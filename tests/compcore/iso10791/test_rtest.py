@@ -213,12 +213,12 @@ def test_in_words_and_on_a_page(tmp_path):
     options = ("--report", tmp_path / "r.html", "-o", tmp_path / "c.csv")
     done = abbe("iso10791", *files, *options)
     assert done.status == 0, done.err
-    told = " ".join(done.out.split())
-    assert "E_X0C = +10.0" in told
-    assert "(on the table itself -10.0" in told
-    assert "towards −X and" in told
-    assert "enter X 49.9900 instead of 50.0000 mm, Y 30.0040 instead of 30.0000 mm" in told
-    assert "shows the opposite sign" in told
+    words = " ".join(done.out.split())
+    assert "E_X0C = +10.0" in words
+    assert "(on the table itself -10.0" in words
+    assert "towards −X and" in words
+    assert "enter X 49.9900 instead of 50.0000 mm, Y 30.0040 instead of 30.0000 mm" in words
+    assert "shows the opposite sign" in words
     html = (tmp_path / "r.html").read_text("utf-8")
     assert "Axis C, on the workpiece's side of the bed" in html.replace("&#x27;", "'")
     assert "A. Turner" in html
@@ -281,7 +281,7 @@ def test_error_motions_from_three_spheres(tmp_path):
     assert all(abs(v["value"]) < 5e-3 for v in axis["location"].values())
 
 
-def test_both_ways_are_told_apart(tmp_path):
+def test_both_ways_are_distinguished(tmp_path):
     """A table that stands 4 µrad ahead when it comes with rising angles, 4 behind with falling."""
     rows = ["# nest = spindle"]
     rows += [f"# sphere S{i} = {', '.join(map(str, SPHERES[i]))}" for i in range(3)]
@@ -382,7 +382,7 @@ def test_imported_by_the_other_command(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("C,dX,dY,dZ\n0,1,2,3\n90,1,2,3\n", "the nest is not stated"),
         ("# nest = spindle\nC,dX,dY,dZ\n0,1,2,3\n90,1,2,3\n", "where the sphere is"),
@@ -394,8 +394,8 @@ def test_imported_by_the_other_command(tmp_path):
         ("# nest = table\n# sphere = 1,2,3\nC,dX\n0,nan\n5,2\n", "not a number"),
     ],
 )
-def test_bad_files_are_one_line(tmp_path, text, told):
+def test_bad_files_are_one_line(tmp_path, text, message):
     (tmp_path / "r.csv").write_text(text)
     refused = abbe("iso10791", model_file(TURNTABLE, tmp_path), tmp_path / "r.csv")
     assert (refused.status, len(refused.err.splitlines())) == (1, 1)
-    assert told in refused.err
+    assert message in refused.err

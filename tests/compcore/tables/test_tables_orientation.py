@@ -155,7 +155,7 @@ def test_the_files_of_a_controller_hold_them(name):
     assert found[:, 1, 1].max() < 4e-6  # 200 points, between which the errors have their corners
 
 
-def test_a_constant_that_the_tables_cannot_hold_is_told_with_its_size():
+def test_a_constant_that_the_tables_cannot_hold_is_reported_with_its_size():
     errors = {a: np.zeros((6, 7)) for a in machine_of(CODES["mixed"]).structure.axes}
     errors["X"][4] = 5e-5
     machine, field = field_of("mixed", errors)

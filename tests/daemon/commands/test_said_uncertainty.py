@@ -177,11 +177,11 @@ def test_rows_that_a_lag_joins_are_as_sure_as_one_by_one_and_corrected_alike(tmp
     corrected = [r["X_corrected"] for r in rows_of(plain)]
     assert [r["X_corrected"] for r in rows_of(sure)] == corrected
     # ± of one coefficient goes with what it does, over the borders of pieces too
-    told = np.array(
+    printed = np.array(
         [[float(r["X_corrected"]) - 300.0, float(r["plus_minus_X_um"])] for r in rows_of(sure)]
     )
     assert {r["not_measured"] for r in rows_of(sure)} == {""}
-    large = told[np.abs(told[:, 0]) > 2e-3]
+    large = printed[np.abs(printed[:, 0]) > 2e-3]
     assert len(large) > 10_000
     share = large[:, 1] / np.abs(large[:, 0])
     assert share.max() / share.min() < 1.05

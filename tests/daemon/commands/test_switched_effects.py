@@ -34,11 +34,11 @@ def model(tmp_path: Path) -> Path:
 def test_a_point_is_corrected_by_what_is_on(model: Path) -> None:
     done = abbe("correct", model, "X=200", "Y=1", "Z=2", "T=25", "--json")
     assert done.status == 0, done.err
-    told = json.loads(done.out)
-    assert told["correction"] == pytest.approx({"X": 0.0, "Y": 3e-3, "Z": 0.0})
-    assert told["shown"] == {GROWS: pytest.approx({"X": 200.0 * 1e-5 * 5.0, "Y": 0.0, "Z": 0.0})}
-    assert len(told["off"]) == 1
-    assert "direction=Z" in told["off"][0]
+    answer = json.loads(done.out)
+    assert answer["correction"] == pytest.approx({"X": 0.0, "Y": 3e-3, "Z": 0.0})
+    assert answer["shown"] == {GROWS: pytest.approx({"X": 200.0 * 1e-5 * 5.0, "Y": 0.0, "Z": 0.0})}
+    assert len(answer["off"]) == 1
+    assert "direction=Z" in answer["off"][0]
     assert f"{GROWS} is only shown and not applied: X +10.00, Y +0.00, Z +0.00 µm" in done.err
     assert "is off and not applied" in done.err
 
@@ -60,6 +60,6 @@ def test_a_file_is_corrected_by_what_is_on(model: Path, tmp_path: Path) -> None:
 def test_tables_hold_what_is_on(model: Path, tmp_path: Path) -> None:
     done = abbe("table", model, "--controller", "linuxcnc", "-o", tmp_path / "t", "--json")
     assert done.status == 0, done.err
-    told = json.loads(done.out)
-    assert any("only shown and not applied" in note for note in told["notes"])
-    assert told["remaining"]["no compensation"]["max"] == pytest.approx(0.0, abs=1e-6)
+    answer = json.loads(done.out)
+    assert any("only shown and not applied" in note for note in answer["notes"])
+    assert answer["remaining"]["no compensation"]["max"] == pytest.approx(0.0, abs=1e-6)

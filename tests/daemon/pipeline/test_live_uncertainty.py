@@ -111,13 +111,13 @@ async def test_screen_lines_and_json_show_it(model):
     stream = io.StringIO()
     writer = LineWriter(stream)
     assert f"(± {wide:.1f}, 0.0, 0.0)" in PlainLines(writer, {}, (0, 1, 2), live).line(record)
-    told = JsonLines(writer, model.machine, AXES, AXES, {}, live).line(record)["uncertainty"]
+    shown = JsonLines(writer, model.machine, AXES, AXES, {}, live).line(record)["uncertainty"]
     writer.end()
-    assert told == {
+    assert shown == {
         "X": pytest.approx(wide, abs=1e-3), "Y": 0.0, "Z": 0.0, "unit": "um", "k": 2.0,
         "beyond": ["T_x"],
     }  # fmt: skip
-    assert json.dumps(told)
+    assert json.dumps(shown)
     assert "uncertainty" not in JsonLines(writer, model.machine, AXES, AXES, {}).line(record)
 
 

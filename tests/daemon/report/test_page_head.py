@@ -70,12 +70,12 @@ PAGES = ("fit", "compare", "diagnose", "add", "history", "correct", "table", "is
 
 @pytest.mark.parametrize("name", PAGES)
 def test_every_page_has_its_head(shop, name):
-    told = facts(shop / f"{name}.html")
+    stated = facts(shop / f"{name}.html")
     for key in ("Date", "Machine", "Serial number", "Operator", "Instrument", "Environment"):
-        assert key in told, key
-    assert told["Machine"] == "Small"
-    assert told["Serial number"] == "4711"
-    assert told["Instrument"] == SAID["instrument"]
+        assert key in stated, key
+    assert stated["Machine"] == "Small"
+    assert stated["Serial number"] == "4711"
+    assert stated["Instrument"] == SAID["instrument"]
     assert re.search(r"Made by Abbe \S+, 20\d\d-", (shop / f"{name}.html").read_text("utf-8"))
     for part, file, short, whole in files(shop / f"{name}.html"):
         assert part
@@ -106,19 +106,19 @@ def test_what_a_page_rests_on(shop, name, rests_on):
 
 def test_several_campaigns_say_in_what_they_differ(shop):
     for name in ("fit", "correct", "table"):
-        told = facts(shop / f"{name}.html")
-        assert told["Operator"] == f"{SAID['operator']}; A. Roth"
-        assert told["Date"] == "2026-03-02; 2026-03-04"
-        assert told["Environment"] == "hall 3, doors shut; T_hall 20.5 … 22 °C"
-        assert told["Warm-up"] == SAID["warm_up"]
-        assert told["Positions"] == "Y 120 mm, X 50 … 450 mm, Z −80 mm"
+        stated = facts(shop / f"{name}.html")
+        assert stated["Operator"] == f"{SAID['operator']}; A. Roth"
+        assert stated["Date"] == "2026-03-02; 2026-03-04"
+        assert stated["Environment"] == "hall 3, doors shut; T_hall 20.5 … 22 °C"
+        assert stated["Warm-up"] == SAID["warm_up"]
+        assert stated["Positions"] == "Y 120 mm, X 50 … 450 mm, Z −80 mm"
 
 
 def test_what_was_not_stated_is_shown_as_such(shop):
-    told = facts(shop / "compare.html")
-    assert told["Operator"] == "not stated"
-    assert told["Environment"] == "T_hall 23 … 23.1 °C"
-    assert "Warm-up" in told
+    stated = facts(shop / "compare.html")
+    assert stated["Operator"] == "not stated"
+    assert stated["Environment"] == "T_hall 23 … 23.1 °C"
+    assert "Warm-up" in stated
 
 
 def test_conditions_go_into_the_model_and_the_record_of_its_tables(shop):
@@ -169,5 +169,5 @@ def test_numbers_and_dates_are_conditions_too(tmp_path):
     campaign.write_text(text, encoding="utf-8")
     page = tmp_path / "page.html"
     assert abbe("compare", model, campaign, "--report", page).status == 0
-    told = facts(page)
-    assert (told["Feed"], told["Date"]) == ("1500", "2026-03-02 10:30")
+    stated = facts(page)
+    assert (stated["Feed"], stated["Date"]) == ("1500", "2026-03-02 10:30")

@@ -63,9 +63,9 @@ def write_campaign(
 
     `said` replaces or adds to what stands at its top; an empty text leaves a key out.
     """
-    told = {k: v for k, v in {**SAID, **said}.items() if v}
+    head_lines = {k: v for k, v in {**SAID, **said}.items() if v}
     head = ['# format = "abbe-campaign/1"']
-    head += [f"# {k} = {v}" if k == "date" else f'# {k} = "{v}"' for k, v in told.items()]
+    head += [f"# {k} = {v}" if k == "date" else f'# {k} = "{v}"' for k, v in head_lines.items()]
     head += ["# [setups.a]", "# free = []", "time,setup,kind,X,Y,Z,ux,uy,uz,value,sd,T_x,T_hall"]
     positions = np.tile(np.linspace(50.0, 450.0, 17), 5)
     warm = np.repeat(np.linspace(20.0, 27.0, 5), 17)

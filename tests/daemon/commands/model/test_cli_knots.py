@@ -24,8 +24,8 @@ def fitted(tmp_path_factory):
 
 
 def test_fit_says_where_the_knots_are_and_how_sure(fitted):
-    folder, told = fitted
-    (knots,) = told["knots"]
+    folder, answer = fitted
+    (knots,) = answer["knots"]
     assert knots["unit"] == "mm"
     assert len(knots["places"]) == len(knots["sd"])
     assert sum(knots["probability"].values()) == pytest.approx(1.0)

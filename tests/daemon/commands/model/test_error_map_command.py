@@ -31,7 +31,7 @@ WORDS = ("Z=-80", "tool=5,-40,-80", "--temperature", "20,19", "--range", "X=0,42
 X, Y = np.linspace(0.0, 420.0, 8), np.linspace(0.0, 400.0, 8)
 
 
-def told(*words: object) -> dict:
+def mapped(*words: object) -> dict:
     done = abbe("error-map", *words, "--json")
     assert done.status == 0, done.err
     return json.loads(done.out)
@@ -65,7 +65,7 @@ def typed(tmp_path: Path) -> Path:
 
 
 def test_errors_and_the_worst_pair_at_two_temperatures(typed):
-    found = told(typed, *WORDS)
+    found = mapped(typed, *WORDS)
     assert found["plane"] == "XY"
     assert found["grid"] == {"X": pytest.approx(X.tolist()), "Y": pytest.approx(Y.tolist())}
     for one, warmth in zip(found["maps"], (20.0, 19.0), strict=True):
@@ -94,7 +94,7 @@ def test_the_csv_holds_every_point_of_every_map(typed, tmp_path):
 
 
 def test_another_plane_and_one_temperature_given_by_name(typed):
-    found = told(typed, "--plane", "Z,X", "Y=10", "T_x=22", "--points", 3)
+    found = mapped(typed, "--plane", "Z,X", "Y=10", "T_x=22", "--points", 3)
     (one,) = found["maps"]
     assert found["plane"] == "ZX"
     assert one["at"]["Y"] == 10.0
