@@ -96,7 +96,7 @@ def correction(model: Model, point: F64, tool: F64, signals: Mapping[str, F64]) 
 def positions_of(
     machine: Machine, point: F64, tool: F64, recorded: Mapping[str, F64]
 ) -> dict[str, F64]:
-    """Where the axes stand when the tool's tip is at points, each (n,), mm (rotary: rad).
+    """Positions of the axes when the tool's tip is at points, each (n,), mm (rotary: rad).
 
     X, Y, Z stand at the point less the tool; other axes where recorded, else at 0.
     """

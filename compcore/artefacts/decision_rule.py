@@ -1,4 +1,4 @@
-"""How the uncertainty of a test enters the decision about conformity (ISO 14253-1)."""
+"""Decision rules of ISO 14253-1: the uncertainty of a test in the decision on conformity."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class DecisionRule(StrEnum):
-    """How the uncertainty of the test enters the decision."""
+    """A decision rule of ISO 14253-1: simple acceptance, proof of conformity or of the contrary."""
 
     SIMPLE = "simple"
     """Not at all: the error against the limit itself."""

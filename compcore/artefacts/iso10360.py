@@ -27,7 +27,7 @@ _LOW_EXPANSION = 2e-6
 
 @dataclass(frozen=True, slots=True)
 class LengthTest:
-    """What ISO 10360-2:2009 asks for of one test.
+    """The requirements of ISO 10360-2:2009 for one test: positions, lengths, repeats.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ TESTS: Mapping[str, LengthTest] = {
 
 
 class Outcome(StrEnum):
-    """What became of a set of repeats, or of a test."""
+    """The outcome of a set of repeats, or of a test."""
 
     PASSES = "passes"
     AGAIN = "again"
@@ -119,7 +119,7 @@ class RepeatSet:
 
     @property
     def outside(self) -> int:
-        """How many of the first three lie outside the zone."""
+        """The number of the first three values that lie outside the zone."""
         return sum(not j.inside for j in self.repeats)
 
     @property
@@ -193,7 +193,7 @@ class RepeatabilityResult:
 
 @dataclass(frozen=True, eq=False)
 class LengthEvaluation:
-    """What ISO 10360-2 says of a machine."""
+    """The results of a machine by ISO 10360-2."""
 
     decision: DecisionRule
     coverage: float

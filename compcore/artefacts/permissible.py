@@ -34,7 +34,7 @@ class PermissibleError:
     most: float = math.inf
 
     def at(self, length: float) -> float:
-        """What is permitted either way at a length (mm), mm.
+        """The permissible error at a length (mm), either way, mm.
 
         >>> round(PermissibleError(1.9e-3, 1 / 300e3).at(600.0), 7)
         0.0039

@@ -55,7 +55,7 @@ class AngleCurve:
 
 @dataclass(frozen=True, eq=False)
 class MotionColumns:
-    """What the error motions of one axis at each of its angles do to the rows.
+    """Columns of the error motions of one axis at each of its angles, row by row.
 
     Attributes
     ----------

@@ -40,7 +40,7 @@ _FEWEST = 3
 
 @dataclass(frozen=True, slots=True)
 class ReadingRange:
-    """What a test reads in one direction, before anything is evaluated.
+    """The range of a test's readings in one direction, before evaluation.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class ReadingRange:
 
 @dataclass(frozen=True, eq=False)
 class RotaryAxisResult:
-    """What a test says of one rotary axis.
+    """The results of one rotary axis by ISO 10791-6.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class RotaryAxisResult:
 
 @dataclass(frozen=True, eq=False)
 class RotaryEvaluation:
-    """What readings of rotary axes say.
+    """The results of an R-test or ball bar test of rotary axes (ISO 10791-6).
 
     Attributes
     ----------

@@ -18,7 +18,7 @@ ON_THE_LINE = 1e-6
 
 
 def following(machine: Machine, angles: Mapping[str, F64], point: F64, tool: F64) -> dict[str, F64]:
-    """Where all axes stand when the tool is at a point of the workpiece, each (n,), mm or rad.
+    """Positions of all axes when the tool follows a point of the workpiece, each (n,), mm or rad.
 
     Parameters
     ----------

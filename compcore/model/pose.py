@@ -1,4 +1,4 @@
-"""What to command so that the tool gets to a point *and* stands there as it should.
+"""Commands that bring the tool to a point and to its orientation (ISO/TR 16907, 8.2: FOR).
 
 Errors turn the tool as well as move it. Where the structure has rotary axes they can turn it back
 (ISO/TR 16907, 8.2: FOR, R-POS … L-VOL+), and the linear axes then bring its tip to where it
@@ -47,7 +47,7 @@ _SPINDLE_AXIS = {"A": 0, "B": 1, "C": 2}
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """What to command at n points, and what of the pose it does not reach.
+    """The commanded positions at n points, and the part of the pose that they do not reach.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ def command_of(
     held: Collection[str] = (),
     most: float = MOST_TURN,
 ) -> Command:
-    """What to command so that the tool takes the pose that the nominal machine has at a target.
+    """The command at which the real machine takes the pose that the nominal one has at a target.
 
     Parameters
     ----------

@@ -120,7 +120,7 @@ def unmeasured(
     signals: Mapping[str, tuple[float, float]] | None = None,
     tool: Sequence[tuple[float, float]] = (),
 ) -> list[OutsideMeasured]:
-    """What of many points lies outside of what was measured.
+    """Positions, temperatures and tools of many points that lie outside of what was measured.
 
     Parameters
     ----------

@@ -115,7 +115,7 @@ class ErrorField:
         return self.model.error_motions(here)
 
     def found(self, key: Hashable, find: Callable[[], T]) -> T:
-        """What is found out about this error under a key; found once.
+        """A result about this error field under a key, computed once.
 
         Several sets of tables are made from one field; all that they ask for is asked again.
         """

@@ -239,7 +239,7 @@ class Problem:
         return self._motions_of(effect, nonlinear, theta) if found is None else found
 
     def stacked(self, motions: tuple[Motion, ...], count: int, theta: F64) -> F64:
-        """What the rows see of error motions by `count` parameters, weighted, (n, count)."""
+        """Weighted columns of error motions moved by `count` parameters, (n, count)."""
         return self._stack(self.observation(theta), motions, count)
 
     def _stack(self, observation: Observation, motions: tuple[Motion, ...], count: int) -> F64:

@@ -125,12 +125,12 @@ class UnknownLayout:
         return np.array([u.scale for u in self.unknowns])
 
     def linear_of(self, term: int) -> slice:
-        """Where a term's linear parameters stand."""
+        """The place of a term's linear parameters in θ."""
         start = self.terms[term].start
         return slice(start, start + self.linear_counts[term])
 
     def nonlinear_of(self, term: int) -> range:
-        """Where a term's non-linear parameters stand."""
+        """The places of a term's non-linear parameters in θ."""
         return range(self.linear_of(term).stop, self.terms[term].stop)
 
     def nonlinear_values(self, term: int, theta: F64) -> dict[str, float]:
