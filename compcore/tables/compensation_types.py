@@ -14,7 +14,6 @@ from typing import Literal
 import numpy as np
 
 from abbe.compcore.effects.base import Effect
-from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.error_motion import FUNCTIONAL_POINT, SPINDLE, ErrorMotion
 from abbe.compcore.machine.machine import Machine, own_component
@@ -189,31 +188,6 @@ def _beside_the_axes(machine: Machine, error_motion: ErrorMotion) -> Role:
         return "angular"
     carried = any(own_component(a) == error_motion.component for a in machine.structure.linear)
     return "positioning" if carried else "beyond"
-
-
-def expand(names: Iterable[str]) -> frozenset[str]:
-    """Types of compensation with all those that they contain (L-VOL contains L-POS, …).
-
-    Raises
-    ------
-    InputError
-        For a name that ISO/TR 16907, 8.2, does not know; lists those that it does.
-    """
-    found: set[str] = set()
-    waiting = list(names)
-    while waiting:
-        name = waiting.pop()
-        if name not in TYPES:
-            raise InputError(
-                "unknown type of compensation",
-                field="types",
-                found=name,
-                expected="one of " + ", ".join(TYPES),
-            )
-        if name not in found:
-            found.add(name)
-            waiting += TYPES[name].contains
-    return frozenset(found)
 
 
 def on_machine(names: Iterable[str], machine: Machine) -> tuple[str, ...]:
