@@ -6,13 +6,14 @@ import json
 import logging
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from abbe.compcore.effects import Angular
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.model_file import save_model
+from abbe.compcore.files.model_file import load_model, save_model
 from abbe.compcore.model.model import Model, Term, Value
 from abbe.daemon.config import load_config
 from abbe.daemon.service import Service
@@ -71,6 +72,23 @@ def test_products_are_looked_at_and_called_not_tried(place: Place, tmp_path: Pat
     assert other.status == 1
     assert "products" in other.err
     assert place.truth()["active"] == {}
+
+
+def test_the_journal_says_how_the_model_was_measured(place: Place, tmp_path: Path):
+    """What stood at the top of the campaign is in every line of the upload."""
+    said = {"operator": "R. Meier", "date": "2026-03-02", "warm_up": "2 h"}
+    seen = {"positions": {"X": [0.0, 400.0]}}
+    campaign = {"file": "day1.csv", "sha256": "c" * 64, "rms": 0.5, "conditions": said | seen}
+    path = place.folder / "model.toml"
+    save_model(replace(load_model(path), fit={"date": "2026-03-03", "campaigns": [campaign]}), path)
+    tables = make_tables(path, tmp_path / "measured")
+    done = abbe("upload", place.config, tables, "--yes", "--by", "Ada")
+    assert done.status == 0, done.err
+    entries = place.entries()
+    assert len(entries) > 3
+    for entry in entries:
+        assert entry["model"]["measured"] == [{"file": "day1.csv", "sha256": "c" * 64, **said}]
+    assert entries[0]["record"]["model"]["fit"]["campaigns"] == [campaign]
 
 
 def test_a_whole_day(place: Place, made: Path):

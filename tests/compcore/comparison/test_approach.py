@@ -45,7 +45,7 @@ def test_the_verdict_names_it_and_the_next_command(backlash_of_z: Comparison) ->
     assert "DOES NOT HOLD" in first
     assert second.startswith("Z stands 5.")
     assert "towards minus, when it comes from above" in second
-    assert "abbe diagnose" in last
+    assert last == "next: abbe.diagnose(model, campaign)"
     assert next(iter(backlash_of_z.words())) == first
 
 
