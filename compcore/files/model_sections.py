@@ -49,7 +49,7 @@ _FileVec = tuple[_Coordinate, _Coordinate, _Coordinate]
 
 
 class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
 class ModelAxisSection(_Section):
@@ -92,7 +92,7 @@ class ParameterSection(_Section):
 class _StatedConditions(BaseModel):
     """Conditions of a campaign, as said and as seen (`abbe.compcore.campaign`)."""
 
-    model_config = ConfigDict(extra="allow", frozen=True)
+    model_config = ConfigDict(extra="allow", frozen=True, defer_build=True)
     machine: str = ""
     serial: str = ""
     date: str = ""
@@ -111,7 +111,7 @@ class _StatedConditions(BaseModel):
 
 
 class _Measured(BaseModel):
-    model_config = ConfigDict(extra="allow", frozen=True)
+    model_config = ConfigDict(extra="allow", frozen=True, defer_build=True)
     file: str = ""
     sha256: str = ""
     rms: Finite = 0.0
@@ -122,7 +122,7 @@ class _Measured(BaseModel):
 class _Record(BaseModel):
     """``[fit]`` or one of ``[[history]]``; keys that nobody here reads may be anything."""
 
-    model_config = ConfigDict(extra="allow", frozen=True)
+    model_config = ConfigDict(extra="allow", frozen=True, defer_build=True)
     date: str = ""
     campaigns: list[_Measured] = []
     holdout: list[_Measured] = []
@@ -140,7 +140,7 @@ class _Record(BaseModel):
 class _Ranges(BaseModel):
     """Where signals, axes and the tool's offset ranged: least and greatest of each."""
 
-    model_config = ConfigDict(extra="allow", frozen=True)
+    model_config = ConfigDict(extra="allow", frozen=True, defer_build=True)
     signals: dict[str, tuple[Finite, Finite]] = {}
     positions: dict[str, tuple[Finite, Finite]] = {}
     tool: list[tuple[Finite, Finite]] = []

@@ -23,7 +23,7 @@ _MOST_LINES = 100_000
 
 
 class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
     notes: str = ""
 
 
@@ -41,7 +41,7 @@ class _ToolSection(_Section):
 
 
 class _File(BaseModel):
-    model_config = ConfigDict(extra="allow", frozen=True)
+    model_config = ConfigDict(extra="allow", frozen=True, defer_build=True)
     format: Literal["abbe-campaign/1"]
     machine: str = ""
     instrument: str = ""
