@@ -7,11 +7,8 @@ takes the small campaigns only and writes nothing.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import tempfile
-import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +21,7 @@ from benchmarks.hidden.campaign import draw, model_text, simulate
 from benchmarks.hidden.causes import catalogue
 from benchmarks.report import machine, write_section
 from benchmarks.screening import count
+from benchmarks.used import Used
 
 ROWS = (2_117, 4_335, 10_000, 80_000, 1_000_000)
 LINES = 1_896
@@ -37,38 +35,6 @@ COMMANDS = {
     "compare": ("compare", "fitted.toml", "campaign.csv"),
 }
 TURNS = 3
-
-
-@dataclass(frozen=True)
-class Used:
-    """What a process took: s on the wall, s of the processor, greatest memory in MB."""
-
-    wall: float
-    cpu: float
-    memory: float
-
-    @classmethod
-    def by(cls, *command: str, folder: Path) -> Used:
-        """Run a command to its end, quietly."""
-        start = time.perf_counter()
-        process = os.fork()
-        if process == 0:
-            os.chdir(folder)
-            nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, 1)
-            os.dup2(nowhere, 2)
-            os.execv(command[0], command)
-        _, status, usage = os.wait4(process, 0)
-        if status:
-            raise SystemExit(f"{' '.join(command)} ended with status {status}")
-        wall = time.perf_counter() - start
-        return cls(wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024.0)
-
-    @classmethod
-    def least(cls, turns: int, *command: str, folder: Path) -> Used:
-        """The least of several turns, each figure by itself: others share the machine."""
-        many = [cls.by(*command, folder=folder) for _ in range(turns)]
-        return cls(*(min(getattr(u, f) for u in many) for f in ("wall", "cpu", "memory")))
 
 
 def written(folder: Path, rows: int) -> int:
@@ -144,7 +110,8 @@ TEXT = f"""## The commands as typed
 `benchmarks/diagnosis_command.py`: `abbe diagnose`, `abbe fit` and `abbe compare`, from the start of
 the process to its end, reading and imports included: a bridge CMM measured through a day (as
 under *Every candidate tested*; two causes hidden; lines with more and more points), least of
-{TURNS} turns where there are fewer than 50,000 rows; other programs shared the two cores.
+{TURNS} turns where there are fewer than 50,000 rows; Python keeps its compiled files, as it does
+for a user; other programs shared the two cores.
 *Pursuit*: a script that reads the same files, fits, computes and projects all candidates' columns
 with Abbe's functions and gives them to scikit-learn's `OrthogonalMatchingPursuit` for four columns;
 it knows neither groups of columns nor descriptions, aliases, cross-validation or what to measure
