@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from abbe.compcore.compensator.folding.slow_state import SlowState
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.table_set import TableSet, read_text, sha256
+from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.as_built import average_line_words
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.uncertainty import (
@@ -134,6 +135,12 @@ def make(order: TableRequest, model: Model | None = None) -> TableAnswer:
     AbbeError
         When the files do not read back as what was written.
     """
+    # all its matrices are small: threads would only wait for each other
+    with threads_for(0):
+        return _made(order, model)
+
+
+def _made(order: TableRequest, model: Model | None) -> TableAnswer:
     whole = load_model(order.model_path) if model is None else model
     model = whole.switched()
     controller, volume = order.controller, order.volume
