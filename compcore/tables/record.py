@@ -106,9 +106,7 @@ def remainder_record(remainder: Remainder) -> dict[str, Any]:
 
 
 def _lean(remainder: Remainder) -> dict[str, Any]:
-    """What is left of the tool's direction, where rotary axes could turn it back."""
-    if remainder.lean_rms is None or remainder.lean_largest is None:
-        return {}
+    """By how much the tool is tilted."""
     return {
         "lean": {
             "unit": "urad", "rms": remainder.lean_rms * 1e6, "max": remainder.lean_largest * 1e6

@@ -41,8 +41,8 @@ class Remainder:
     errors
         (n, 3), mm, the shift taken off.
     lean_rms, lean_largest
-        Of the angle by which the tool is tilted, rad; None on a machine without rotary axes that
-        could turn it back.
+        Of the angle by which the tool is tilted, rad; without a rotary axis that could turn it back
+        no table changes it.
     """
 
     rms: float
@@ -52,8 +52,8 @@ class Remainder:
     worst: Mapping[str, float]
     positions: Mapping[str, F64]
     errors: F64
-    lean_rms: float | None = None
-    lean_largest: float | None = None
+    lean_rms: float
+    lean_largest: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,11 +104,11 @@ class TrialPoints:
             worst={a: float(p[worst]) for a, p in self.positions.items()},
             positions=self.positions,
             errors=left,
-            lean_rms=None if tilt is None else float(np.sqrt((tilt**2).mean())),
-            lean_largest=None if tilt is None else float(tilt.max()),
+            lean_rms=float(np.sqrt((tilt**2).mean())),
+            lean_largest=float(tilt.max()),
         )
 
-    def _tilt(self, tables: Sequence[Table]) -> F64 | None:
+    def _tilt(self, tables: Sequence[Table]) -> F64:
         """By what the tool is tilted where tables turn rotary axes, (n,), rad.
 
         Error motions of other axes that a table holds are carried to the point through levers, and
@@ -116,8 +116,6 @@ class TrialPoints:
         """
         machine = self.field.model.machine
         axes = pointing_axes(machine)
-        if not axes:
-            return None
         tilt, columns = lean(self.field, self.positions, self.directions, axes)
         conditions = self.field.conditions(self.positions, self.directions)
         for k, axis in enumerate(axes):

@@ -29,6 +29,7 @@ from abbe.compcore.tables import record as records
 from abbe.compcore.tables.capability import RIGID
 from abbe.compcore.tables.compensation_types import on_machine, types_needed
 from abbe.compcore.tables.field import ErrorField
+from abbe.compcore.tables.projection.orientation import pointing_axes
 from abbe.compcore.tables.projection.project import TOLERANCE, project
 from abbe.compcore.tables.remainder import Remainder, TrialPoints
 from abbe.compcore.tables.table import Table
@@ -44,6 +45,8 @@ NONE = "no compensation"
 IDEAL = "without limits"
 FULL = "L-VOL"
 SINGLE = "without products"
+_LEAN = 1e-7
+"""rad: a lean that is worth saying"""
 _WORTH = 1e-4
 """mm: what limits cost is told from here on."""
 
@@ -271,11 +274,11 @@ def as_text(done: TableAnswer, written: Sequence[Path]) -> Iterator[str]:
     for name, left in rows:
         yield f"  {name:<{wide}}{left.largest * 1e3:>9.1f}{left.rms * 1e3:>9.1f}"
     own, none = done.remaining[controller.name], done.remaining[NONE]
-    if own.lean_rms is not None and none.lean_rms is not None:
-        yield (
-            f"The tool leans by {none.lean_rms * 1e6:.1f} µrad (rms) without compensation, by "
-            f"{own.lean_rms * 1e6:.1f} µrad with these tables"
-        )
+    leans = f"The tool leans by {none.lean_rms * 1e6:.1f} µrad (rms)"
+    if pointing_axes(done.model.machine):
+        yield f"{leans} without compensation, by {own.lean_rms * 1e6:.1f} µrad with these tables"
+    elif none.lean_rms > _LEAN:
+        yield f"{leans}, and no axis of this machine can turn it back"
     yield _sure_line(done)
     for note in done.notes:
         yield f"note: {note}"

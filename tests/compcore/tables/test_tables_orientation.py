@@ -199,4 +199,14 @@ def test_an_axis_that_only_turns_the_tool_about_itself_holds_its_own_angle():
     np.testing.assert_allclose(
         tables["E_CC"].at(at), np.interp(at, NODES["C"], errors["C"][5]), atol=1e-6
     )
-    assert TrialPoints.over(field, Volume.of(machine)).remainder().lean_rms is None
+    assert TrialPoints.over(field, Volume.of(machine)).remainder().lean_rms < 1e-9
+
+
+def test_a_lean_that_no_axis_turns_back_is_told_with_its_size():
+    errors = {a: np.zeros((6, 7)) for a in machine_of(CODES["C table"]).structure.axes}
+    errors["X"][3] = 4e-5
+    machine, field = field_of("C table", errors)
+    made = project(field, Volume.of(machine), SINGLE)
+    left = TrialPoints.over(field, Volume.of(machine)).remainder(made.tables)
+    assert left.lean_rms == pytest.approx(4e-5, rel=1e-6)
+    assert left.lean_largest == pytest.approx(4e-5, rel=1e-6)
