@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -180,22 +181,15 @@ def rows_at(
     free: tuple[str, ...] = ("zero",),
 ) -> Campaign:
     """Rows as one set-up would give them, under the campaign's mean conditions."""
-    c = like.conditions
     n = len(next(iter(positions.values())))
     middle = {a: np.full(n, machine.axes[a].middle) for a in machine.structure.axes}
-    same = like.kind == kind
-    sd = like.sd[same] if same.any() else like.sd
-    typical = (
-        float(np.nanmedian(sd))
-        if np.isfinite(sd).any()
-        else (1e-6 if kind == Kind.ROTATION else 5e-4)
-    )
+    typical, time, signals = _mean_conditions(like, kind)
     conditions = Conditions(
         positions={**middle, **positions},
         directions=dict(directions or {}),
         tool=np.broadcast_to(np.zeros(3) if tool is None else tool, (n, 3)).copy(),
-        time=np.asarray(float(np.mean(c.time)) + 12.0 * np.arange(n), dtype=np.float64),
-        signals={name: np.full(n, float(np.mean(v))) for name, v in c.signals.items()},
+        time=np.asarray(time + 12.0 * np.arange(n), dtype=np.float64),
+        signals={name: np.full(n, mean) for name, mean in signals.items()},
         setup=np.full(n, "new"),
         u=np.broadcast_to(u, (n, 3)).copy(),
     )
@@ -211,3 +205,21 @@ def rows_at(
         np.arange(n),
         {"new": Setup("new", free)},
     )
+
+
+@lru_cache(maxsize=2)
+def _mean_conditions(like: Campaign, kind: Kind) -> tuple[float, float, dict[str, float]]:
+    """Of a campaign: the usual uncertainty of a kind of row, mm or rad, mean time, s, and signals.
+
+    A hundred set-ups of one campaign ask for them.
+    """
+    same = like.kind == kind
+    sd = like.sd[same] if same.any() else like.sd
+    typical = (
+        float(np.nanmedian(sd))
+        if np.isfinite(sd).any()
+        else (1e-6 if kind == Kind.ROTATION else 5e-4)
+    )
+    c = like.conditions
+    signals = {name: float(np.mean(v)) for name, v in c.signals.items()}
+    return typical, float(np.mean(c.time)), signals

@@ -72,3 +72,8 @@ def diagnosing(campaigns: Sequence[Path], *, advised: bool = True) -> Stages:
         ("what to measure next", 0.2 if advised else 0.0),
         ("noise floor", 0.01 * mb),
     )
+
+
+def making_tables(axes: int) -> Stages:
+    """Of ``abbe table`` for a machine of so many axes, where rotary ones count most."""
+    return (("making tables", 0.3 if axes < 4 else 0.6 * (axes - 2)), ("drawing", 0.3))

@@ -76,6 +76,7 @@ def table(
     from abbe.compcore.files.model_file import load_model
     from abbe.compcore.tables.field import table_state
     from abbe.compcore.tables.volume import Volume
+    from abbe.daemon.answers.model.expected_times import making_tables
     from abbe.daemon.answers.table import TableRequest, as_text, make
     from abbe.daemon.answers.table import as_json as reported
     from abbe.daemon.arguments import table_arguments as arguments
@@ -105,7 +106,8 @@ def table(
         note,
         orientation,
     )
-    with shown("making tables") as tell:
+    expected = making_tables(len(loaded.machine.structure.axes))
+    with shown("making tables", expected) as tell:
         done = make(order, loaded)
         checked(done.made.files)
         written = done.made.write(out)
