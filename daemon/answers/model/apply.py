@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.comparison.compare import compare
-from abbe.compcore.diagnosis.stepwise import Course, Step
+from abbe.compcore.diagnosis.stepwise import Course, Step, to_the_verdict
 from abbe.compcore.files.campaign_file import require_signals
 from abbe.compcore.files.campaign_record import campaign_records, noise_by_file
 from abbe.compcore.files.fit_record import recorded
@@ -20,6 +20,7 @@ from abbe.compcore.model.model import Model
 from abbe.compcore.units import display
 from abbe.daemon.answers.inputs import abbe_version, now
 from abbe.daemon.answers.model.fit import finite
+from abbe.daemon.answers.model.held_out import HeldOutCampaigns, shares
 
 _SAID = {
     "began": "the model as it is",
@@ -96,6 +97,73 @@ class StepFigures:
             "holdout": None if self.unseen is None else finite(self.unseen),
             "chi2_per_dof": finite(self.step.result.chi2_per_dof),
         }
+
+
+@dataclass(frozen=True, eq=False)
+class ReachedModel:
+    """The model that a course of steps reached, written.
+
+    Attributes
+    ----------
+    course
+        From the model as it was to the verdict.
+    steps
+        The figures of each step.
+    model
+        The last one.
+    held_out
+        Campaigns that were never fitted; None without any.
+    """
+
+    course: Course
+    steps: tuple[StepFigures, ...]
+    model: Model
+    held_out: HeldOutCampaigns | None
+
+    def as_json(self) -> dict[str, Any]:
+        """What ``--apply`` adds to the answer."""
+        return {
+            "steps": [s.as_json for s in self.steps],
+            "holdout_shares": shares(self.held_out),
+            "not_kept": [e.spec for e in self.course.refused],
+        }
+
+
+def reach(
+    model: Model,
+    campaign: Campaign,
+    noise: NoiseFloor,
+    held_out: HeldOutCampaigns | None,
+    out: Path,
+    *,
+    say: Callable[[str], None],
+    progress: Callable[[str], None],
+) -> ReachedModel:
+    """Go from a model to the verdict, step by step, and write the model that is reached.
+
+    Parameters
+    ----------
+    model, campaign, noise
+        Where to begin, what was measured, and its noise floor.
+    held_out
+        Campaigns to see the error fall on; None without any.
+    out
+        The file to write.
+    say
+        Called with a line for every step, as soon as it is made.
+    progress
+        Called with a few words at the start of each stage.
+    """
+    unseen = None if held_out is None else held_out.campaign
+    steps: list[StepFigures] = []
+
+    def on_step(step: Step) -> None:
+        steps.append(StepFigures.of(step, unseen))
+        say(steps[-1].line)
+
+    course = to_the_verdict(model, campaign, on_step=on_step, progress=progress)
+    written = write(course, steps, noise, unseen, out)
+    return ReachedModel(course, tuple(steps), written, held_out)
 
 
 def write(

@@ -54,14 +54,13 @@ def diagnose(
     """
     from abbe.compcore.campaign.noise import noise_floor
     from abbe.compcore.diagnosis import diagnose as diagnose_model
-    from abbe.compcore.diagnosis.stepwise import Step, to_the_verdict
     from abbe.compcore.diagnosis.words import diagnosis_words
     from abbe.compcore.errors import InputError
     from abbe.daemon.answers.inputs import load
     from abbe.daemon.answers.model import apply as applied
     from abbe.daemon.answers.model import diagnose as diagnosed
     from abbe.daemon.answers.model import expected_times as expected
-    from abbe.daemon.answers.model.held_out import read_held_out, shares
+    from abbe.daemon.answers.model.held_out import read_held_out
     from abbe.daemon.answers.typed import Adding
     from abbe.daemon.outputs import MODEL, REPORT, check_outputs
     from abbe.daemon.progress import shown
@@ -80,7 +79,7 @@ def diagnose(
         force=force,
         as_json=as_json,
     )
-    steps: list[applied.StepFigures] = []
+    reached: applied.ReachedModel | None = None
     with shown("reading", expected.diagnosing(campaigns, advised=measure_next)) as tell:
         loaded, campaign = load(model, campaigns)
         noise = noise_floor(campaign, loaded.machine)
@@ -88,19 +87,13 @@ def diagnose(
             found = diagnose_model(loaded, campaign, progress=tell)
         else:
             held = read_held_out(holdout or [], loaded.machine, campaign)
-            unseen = None if held is None else held.campaign
-            if held is not None and not as_json:
-                for note in held.notes():
-                    say(note)
-
-            def on_step(step: Step) -> None:
-                steps.append(applied.StepFigures.of(step, unseen))
-                if not as_json:
-                    say(steps[-1].line)
-
-            course = to_the_verdict(loaded, campaign, on_step=on_step, progress=tell)
-            found = course.diagnosis
-            reached = applied.write(course, steps, noise, unseen, out)
+            step_by_step = _silent if as_json else say
+            for note in () if held is None else held.notes():
+                step_by_step(note)
+            reached = applied.reach(
+                loaded, campaign, noise, held, out, say=step_by_step, progress=tell
+            )
+            found = reached.course.diagnosis
         if measure_next:
             tell("what to measure next")
         advice = found.advice if measure_next else ()
@@ -113,17 +106,19 @@ def diagnose(
         page(found, noise, advice, head, adding).write(report)
     if as_json:
         answer = diagnosed.as_json(found, noise, advice)
-        if out is not None:
-            answer["steps"] = [s.as_json for s in steps]
-            answer["holdout_shares"] = shares(held)
-            answer["not_kept"] = [e.spec for e in course.refused]
+        if reached is not None:
+            answer |= reached.as_json()
         say(json.dumps(answer, ensure_ascii=False))
         return
-    if out is not None:
-        for line in applied.as_text(course, reached):
+    if reached is not None:
+        for line in applied.as_text(reached.course, reached.model):
             say(line)
         say("")
     for line in diagnosis_words(found, noise, advice, adding.command, adding.fitting):
         say(line)
     if written := [str(path) for path in (out, report) if path is not None]:
         say(f"written: {', '.join(written)}")
+
+
+def _silent(_: str) -> None:
+    """Say nothing: the answer is one JSON object."""
