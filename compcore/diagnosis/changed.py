@@ -36,8 +36,9 @@ _FREE = 30.0
 _MOST = 6
 _MATERIAL = 0.01
 """Least fall of χ² per independent observation that is worth a change."""
-_WHOLE = 0.7
-"""Part of what the given values predict that another factor on all of them must explain."""
+_WHOLE = 0.95
+"""Part that one factor on all given values must explain of what letting every effect go explains:
+a wrong unit or sign leaves nothing else, a machine that has moved does."""
 _SUSPICIOUS = 0.5
 """A factor on all values that is further from 1 than this is suspicious."""
 _ABSURD = 10.0
@@ -225,13 +226,17 @@ class _Known:
         return chi2_beyond(max(0.0, chi2 - self.free), max(1, self.result.decomposition.rank))
 
     def factor(self) -> tuple[float, float]:
-        """The factor on all given values that fits best, and the part of y that it explains."""
+        """The factor on all given values that fits best, and how much that is of the best.
+
+        The second is the fall of χ² by the factor, as part of its fall where nothing was known.
+        """
         p = self._predicted
         square = float(p @ p)
-        if square <= 0.0 or self.square <= 0.0:
+        most = self.square - self.free
+        if square <= 0.0 or most <= 0.0:
             return 1.0, 0.0
         by = float(p @ self.y) / square
-        return 1.0 + by, by**2 * square / self.variance / self.square
+        return 1.0 + by, by**2 * square / self.variance / most
 
 
 def _standing(known: _Known) -> Standing:
