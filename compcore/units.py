@@ -86,3 +86,28 @@ def display(unit: str) -> tuple[str, float]:
     if base == "rad":
         return "µrad" + slash + per, 1e6 * slow
     return unit, 1.0
+
+
+def with_uncertainty(value: float, sd: float | None) -> str:
+    """A value and its standard uncertainty, rounded to two digits of the uncertainty.
+
+    As the GUM (JCGM 100, 7.2.6) has it: no digit of the value that means nothing.
+
+    >>> with_uncertainty(114.5032, 0.6123)
+    '114.50 ± 0.61'
+    >>> with_uncertainty(4.1e-17, 216.0)
+    '0 ± 220'
+    >>> with_uncertainty(-3.2e-5, None)
+    '-3.2e-05'
+    """
+    if sd is None or not 0.0 < sd < math.inf or not math.isfinite(value):
+        return f"{value:.4g}"
+    digits = 1 - math.floor(math.log10(sd))
+    if digits > _FINEST:
+        return f"{value:.4g} ± {sd:.2g}"
+    shown = max(0, digits)
+    return f"{round(value, digits) + 0.0:.{shown}f} ± {round(sd, digits):.{shown}f}"
+
+
+_FINEST = 6
+"""Decimals that people still read; smaller numbers are written with an exponent."""

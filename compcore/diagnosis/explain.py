@@ -18,12 +18,14 @@ from abbe.compcore.effects import RotaryLocation
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.model.as_built import average_lines, seen_factor
 from abbe.compcore.model.model import Model, Term, Value
-from abbe.compcore.units import display
+from abbe.compcore.units import display, with_uncertainty
 
 F64 = NDArray[np.float64]
 
 _MOST_SETUPS = 3
 _MOST_CHANGED = 3
+_NAMED = 6
+"""An effect of more parameters is a shape, of which no single one says anything."""
 
 
 def explanation(established: Established, diagnosis: Findings) -> str:
@@ -186,7 +188,8 @@ def changed(standing: Standing) -> Iterator[str]:
     for change in standing.changes:
         unit, factor = ("µrad", 1e6) if change.of_rotations else ("µm", 1e3)
         text = f"{change.effect.spec} changed{since}: "
-        text += f"{_moved_parameters(change)}, " if len(change.parameters) <= _MOST_CHANGED else ""
+        moved = _moved_parameters(change) if len(change.parameters) <= _NAMED else ""
+        text += f"{moved}, " if moved else ""
         text += f"up to {change.largest * factor:.3g} {unit} in this campaign"
         if change.aliases:
             text += f"; this campaign cannot tell it from a change of {'; '.join(change.aliases)}"
@@ -198,13 +201,15 @@ def changed(standing: Standing) -> Iterator[str]:
 
 
 def _moved_parameters(change: Change) -> str:
-    """Each parameter that moved by more than its uncertainty."""
+    """The parameters that moved by more than their uncertainty, the surest first."""
+    sure = [p for p in change.parameters if abs(p.by) > p.sd]
+    sure.sort(key=lambda p: -abs(p.by) / max(p.sd, 1e-300))
     moved = []
-    for p in change.parameters:
+    for p in sure[:_MOST_CHANGED]:
         unit, factor = display(p.unit)
-        if abs(p.by) > p.sd:
-            moved.append(
-                f"{p.name} by {p.by * factor:+.3g} ± {p.sd * factor:.2g} {unit} "
-                f"(from {p.before * factor:.4g} to {p.after * factor:.4g})"
-            )
+        by = with_uncertainty(p.by * factor, p.sd * factor)
+        moved.append(
+            f"{p.name} by {'' if p.by < 0.0 else '+'}{by} {unit} "
+            f"(from {p.before * factor:.4g} to {p.after * factor:.4g})"
+        )
     return ", ".join(moved)

@@ -15,7 +15,7 @@ from abbe.compcore.model.as_built import (
     average_line_words,
     reversed_parameters,
 )
-from abbe.compcore.units import display
+from abbe.compcore.units import display, with_uncertainty
 
 _MOST_LISTED = 20
 _NOTHING = 1e-9
@@ -117,7 +117,7 @@ def parameter_lines(result: Solution) -> Iterator[str]:
             if sd < _NOTHING * unknown.scale:
                 parts.append(f"{name} = {value.value * factor:.4g} {shown}, by convention")
                 continue
-            text = f"{name} = {value.value * factor:.4g} ± {sd * factor:.2g} {shown}"
+            text = f"{name} = {with_uncertainty(value.value * factor, sd * factor)} {shown}"
             if name in reversed_parameters(result.model.machine, term.effect):
                 text += f" (on the table itself {-value.value * factor:+.4g} {shown})"
             parts.append(text)

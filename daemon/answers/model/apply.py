@@ -17,7 +17,7 @@ from abbe.compcore.files.campaign_record import campaign_records, noise_by_file
 from abbe.compcore.files.fit_record import recorded
 from abbe.compcore.files.model_file import save_model
 from abbe.compcore.model.model import Model
-from abbe.compcore.units import display
+from abbe.compcore.units import display, with_uncertainty
 from abbe.daemon.answers.inputs import abbe_version, now
 from abbe.daemon.answers.model.fit import finite
 from abbe.daemon.answers.model.held_out import HeldOutCampaigns, shares
@@ -30,6 +30,9 @@ _SAID = {
     "began elsewhere": "not in equilibrium at first: {0}",
     "removed": "taken out again, as the others say it too: {0}",
 }
+
+_NOTHING = 1e-9
+"""µm, µrad: a standard uncertainty below this is none, the value a convention."""
 
 
 @dataclass(frozen=True)
@@ -208,9 +211,11 @@ def as_text(course: Course, model: Model) -> Iterator[str]:
         shown = []
         for name, value in list(term.values.items())[:5]:
             unit, factor = display(units[term.effect.spec][name])
-            shown.append(
-                f"{name} = {value.value * factor:.4g} ± {(value.sd or 0.0) * factor:.2g} {unit}"
-            )
+            sd = (value.sd or 0.0) * factor
+            if sd < _NOTHING:
+                shown.append(f"{name} = {_plain(value.value * factor)} {unit}, by convention")
+                continue
+            shown.append(f"{name} = {with_uncertainty(value.value * factor, sd)} {unit}")
         more = len(term.values) - len(shown)
         yield f"  {term.effect.spec}: {', '.join(shown)}" + (f" and {more} more" if more else "")
 
@@ -222,3 +227,7 @@ def _units(course: Course) -> dict[str, dict[str, str]]:
         effect.spec: {u.name: u.unit for u in layout.unknowns[where]}
         for effect, where in zip(effects, layout.terms, strict=True)
     }
+
+
+def _plain(value: float) -> str:
+    return f"{value:.4g}" if abs(value) > _NOTHING else "0"

@@ -22,7 +22,7 @@ from abbe.compcore.files.model_file import save_model, summary
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.model.as_built import average_line_words, reversed_parameters
 from abbe.compcore.model.model import Model
-from abbe.compcore.units import display
+from abbe.compcore.units import display, with_uncertainty
 from abbe.daemon.answers import as_built
 from abbe.daemon.answers.inputs import abbe_version, now
 from abbe.daemon.answers.model.fit import finite
@@ -199,7 +199,8 @@ def as_text(revision: Revision, effect: Effect | None) -> Iterator[str]:
     if effect is not None:
         for name, value, sd, unit in _parameters(revision.after, effect):
             shown, factor = display(unit)
-            text = f"{name} = {value * factor:.4g} ± {(sd or 0.0) * factor:.2g} {shown}"
+            wide = None if sd is None else sd * factor
+            text = f"{name} = {with_uncertainty(value * factor, wide)} {shown}"
             if name in reversed_parameters(revision.after.model.machine, effect):
                 text += f" (on the table itself {-value * factor:+.4g} {shown})"
             yield text
