@@ -28,6 +28,7 @@ SIGNALS = {
         Signal("p_air", unit="hPa", role="air"),
         Signal("load", unit="kg", role="load"),
         Signal("feed", unit="mm/min", role="speed"),
+        Signal("Y_ahead", unit="mm"),
     )
 }
 
@@ -197,6 +198,18 @@ SCENES: Mapping[str, Scene] = {
         "the bridge cocks: blue arriving in +Y, orange in −Y",
         state={"Y_dir": 1.0},
         versus={"Y_dir": -1.0},
+    ),
+    "two_drives": Scene(
+        {"axis": "Y", "signal": "Y_ahead", "across": "X", "master": 0.0, "slave": 700.0},
+        {"zero": 0.0},
+        Curve(
+            "Y_ahead",
+            (-0.04, 0.04),
+            "slave ahead of the master, mm",
+            {"X = 0": {"X": 0.0}, "X = 700": {"X": 700.0}},
+        ),
+        "the slave, at X = 700, is ahead: the bridge yaws about the master",
+        state={"Y_ahead": 0.04},
     ),
     "lateral_reversal": Scene(
         {"axis": "X", "direction": "Y"},

@@ -180,7 +180,7 @@ def _moved(campaign: Campaign, rows: NDArray[np.bool_]) -> bool:
     return any(
         float(np.ptp(q[rows])) > _TRAVEL
         for axis, q in campaign.conditions.positions.items()
-        if axis[0] in "XYZUVW"
+        if axis[0] in "XYZUVWR"
     )
 
 

@@ -47,6 +47,7 @@ _SAID: Mapping[str, Callable[[Where, str], str]] = {
     "lateral_reversal": lambda w, s: (
         f"{w['axis']} steps aside in {w['direction']} when it reverses: {s}"
     ),
+    "two_drives": lambda w, s: f"{w['axis']} yaws as one drive runs ahead of the other: {s}",
     "local_defect": lambda w, s: f"{w['axis']} has a bump in one place of its travel: {s}",
     "rotary_location": lambda w, s: f"the line of {w['axis']} lies elsewhere, or leans: {s}",
     "rotary_positioning": lambda w, s: f"{w['axis']} stops at other angles than it shows: {s}",

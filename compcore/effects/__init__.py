@@ -49,6 +49,7 @@ if TYPE_CHECKING:
         LateralReversal,
         ReversalAngle,
     )
+    from abbe.compcore.effects.catalogue.linear.two_drives import TwoDrives
     from abbe.compcore.effects.catalogue.rotary.location import RotaryLocation
     from abbe.compcore.effects.catalogue.rotary.motions import (
         RotaryAxial,
@@ -111,6 +112,7 @@ __all__ = [
     "ThermalBending",
     "ThermalOffset",
     "ThermalTilt",
+    "TwoDrives",
     "WarmUp",
     "WorkpieceExpansion",
     "effect_class",

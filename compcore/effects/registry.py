@@ -24,6 +24,7 @@ FAMILIES: dict[str, str] = {
     "linear.linear_axes": "Geometry of linear axes",
     "linear.periodic": "Geometry of linear axes",
     "linear.reversal": "Geometry of linear axes",
+    "linear.two_drives": "Geometry of linear axes",
     "linear.local": "Geometry of linear axes",
     "rotary.location": "Rotary axes and spindle",
     "rotary.motions": "Rotary axes and spindle",

@@ -143,7 +143,7 @@ def _table(index: int, section: _Table, file: str | Path | None) -> MeasuredTabl
         raise refuse("an axis twice", "axes", ",".join(section.axes), "different axes")
     nodes: list[F64] = []
     for axis, given in zip(section.axes, section.nodes, strict=True):
-        if axis[:1] not in tuple("XYZUVWABC"):
+        if axis[:1] not in tuple("XYZUVWRABC"):
             raise refuse("not the name of an axis", "axes", axis, "a letter of X Y Z U V W A B C")
         array = np.array(given, dtype=np.float64)
         if not len(array) or not (np.diff(array) > 0.0).all():

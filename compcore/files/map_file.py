@@ -17,7 +17,7 @@ from abbe.compcore.maps.table import COLUMNS, AxisTable, CompensationMap, Row
 
 HEADER = ("Position", *COLUMNS)
 _HEADING = re.compile(r"\s*(\S+)\s+Axis\s*", re.IGNORECASE)
-_AXIS = re.compile(r"[XYZUVW][0-9]?")
+_AXIS = re.compile(r"[XYZUVWR][0-9]?")
 _PER_RAD = 1e-3
 _ALLOWED = {
     "P": TRAVEL,

@@ -174,7 +174,7 @@ def read_sections(source: TomlSource) -> ModelSections:
     """
     file = shaped(source, ModelSections, source.data, ())
     for name, axis in file.machine.axes.items():
-        if not name or name[0] not in "XYZUVWABC":
+        if not name or name[0] not in "XYZUVWRABC":
             raise source.error(
                 "not the name of an axis",
                 ("machine", "axes", name),

@@ -19,7 +19,7 @@ _DIRECTIONS: dict[str, Vec3] = {
     "Y": (0.0, 1.0, 0.0),
     "Z": (0.0, 0.0, 1.0),
 }
-_PARALLEL = {"U": "X", "V": "Y", "W": "Z", "A": "X", "B": "Y", "C": "Z"}
+_PARALLEL = {"U": "X", "V": "Y", "W": "Z", "R": "Z", "A": "X", "B": "Y", "C": "Z"}
 
 ROLES = frozenset(
     [

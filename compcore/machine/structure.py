@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from abbe.compcore.errors import InputError
 
 ROTARY = "ABC"
-_AXIS = r"[XYZUVWABC][0-9]?"
+_AXIS = r"[XYZUVWRABC][0-9]?"
 _TOKEN = re.compile(rf"\s*(?:(?P<end>[wbt])|\(\s*(?P<spindle>{_AXIS}'?)\s*\)|(?P<axis>{_AXIS}'?))")
 _EXPECTED = 'a code such as "w b Y X Z t" or "w X\' b Y Z C B (C) t"'
 

@@ -52,7 +52,7 @@ def foreign_placing(
         raise typer.BadParameter("1 or -1", param_hint="--sign")
     positions = {}
     for name, text in split_assignments(at.split(",") if at else []).items():
-        if not name or name[0] not in "XYZUVWABC":
+        if not name or name[0] not in "XYZUVWRABC":
             raise InputError("not the name of an axis", field="at", found=name)
         rotary = is_rotary(name)
         allowed = TRAVEL_ROTARY if rotary else TRAVEL

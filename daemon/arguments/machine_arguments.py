@@ -137,6 +137,29 @@ def sensor_of(name: str, text: str) -> Signal:
     return signal
 
 
+def two_drives_of(texts: Iterable[str]) -> list[dict[str, str]]:
+    """Keys of the effect `two_drives` from ``AXIS=SIGNAL,ACROSS,MASTER,SLAVE``.
+
+    Raises
+    ------
+    InputError
+        For a text of another form.
+    """
+    found = []
+    for text in texts:
+        axis, equals, rest = text.partition("=")
+        parts = [p.strip() for p in rest.split(",")]
+        if not equals or len(parts) != 4 or not all([axis.strip(), *parts]):
+            raise InputError(
+                "not two drives", field="two-drives", found=text,
+                expected="AXIS=SIGNAL,ACROSS,MASTER,SLAVE, such as Y=Y_ahead,X,-50,1250",
+            )  # fmt: skip
+        signal, across, master, slave = parts
+        found.append({"axis": axis.strip(), "signal": signal, "across": across, "master": master,
+                      "slave": slave})  # fmt: skip
+    return found
+
+
 def machine_of(
     structure: Structure,
     name: str,

@@ -11,6 +11,7 @@ from abbe.daemon.config.channels import WATCHED, Channels, Key, split
 from abbe.daemon.config.configuration import Configuration
 from abbe.daemon.config.outputs import check_outputs
 from abbe.daemon.config.paces import check_paces
+from abbe.daemon.config.sections import SignalSection
 from abbe.drivers.link import Link
 from abbe.drivers.transducers import AnyTransducerConfig, make_transducer
 
@@ -103,6 +104,7 @@ class _Checks:
             if section.source is not None:
                 self._channel(section.source, (*key, "source"))
                 self._units(section.source, section.transducer, known[name].unit, key)
+                self._minus(section, key)
             elif self.file.control is None:
                 raise self.source.error(
                     "nobody could type it in",
@@ -117,6 +119,25 @@ class _Checks:
                     ("signals", name),
                     expected=f"a section [signals.{name}] with its source",
                 )
+
+    def _minus(self, section: SignalSection, key: Key) -> None:
+        """A position is taken off only where both are of one question, in mm as they are read."""
+        if section.minus is None:
+            return
+        axis = self.file.axes.get(section.minus)
+        problem = expected = ""
+        if axis is None:
+            problem, expected = "no such axis", "one of " + ", ".join(self.file.axes)
+        elif split(axis.source)[0] != split(section.source or "")[0]:
+            problem, expected = (
+                "on another link than the axis",
+                "one link, which reads both at once",
+            )
+        elif axis.transducer is not None or axis.datum:
+            problem, expected = "the axis is converted", "an axis that is read in mm as it is"
+        if problem:
+            raise self.source.error(problem, (*key, "minus"), found=section.minus,
+                                    expected=expected)  # fmt: skip
 
     def _reference(self) -> None:
         for name, section in self.file.reference.items():

@@ -82,6 +82,9 @@ class SignalSection(Section):
     that counts at most."""
     transducer: AnyTransducerConfig | None = None
     """Ohms, mA, … → the signal's unit; none where the channel is in that unit already."""
+    minus: str | None = None
+    """Axis whose position at the same moment is taken off: of the encoder of a second drive, how
+    far it is ahead of the first."""
     range: Annotated[tuple[Finite, Finite], Field(strict=False)] | None = None
     """Least and greatest value that is believed, in the signal's unit; default by its role."""
     max_rate: Positive | None = None

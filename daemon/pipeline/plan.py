@@ -100,7 +100,10 @@ def make_plan(
         for a in axes
     )
     signals = tuple(
-        _source(name, section.source, section.transducer)
+        replace(
+            _source(name, section.source, section.transducer),
+            minus=None if section.minus is None else split(file.axes[section.minus].source),
+        )
         for name, section in file.signals.items()
         if section.source is not None
     )

@@ -27,9 +27,11 @@ from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.machine.typical import typical
 
-_CHANNEL = re.compile(r"(?:d(?P<shift>[XYZ])|E_(?P<component>[XYZABC])(?P<axis>[XYZUVWABC][0-9]?))")
-_AXIS = re.compile(r"[XYZUVWABC][0-9]?")
-_DIRECTION = re.compile(r"([XYZUVWABC][0-9]?)_dir")
+_CHANNEL = re.compile(
+    r"(?:d(?P<shift>[XYZ])|E_(?P<component>[XYZABC])(?P<axis>[XYZUVWRABC][0-9]?))"
+)
+_AXIS = re.compile(r"[XYZUVWRABC][0-9]?")
+_DIRECTION = re.compile(r"([XYZUVWRABC][0-9]?)_dir")
 _SPACE = re.compile(r"('[^']*'|\"[^\"]*\")|\s+")
 _BENT = ("abs", "sign", "min", "max")
 """Functions whose slope jumps."""

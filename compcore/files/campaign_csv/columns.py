@@ -28,7 +28,7 @@ _MEANING = {
     "base": "the base point's name",
     "base2": "the second base point's name",
 }
-AXIS = re.compile(r"[XYZUVWABC][0-9]?")
+AXIS = re.compile(r"[XYZUVWRABC][0-9]?")
 """What a column of positions may be called."""
 
 

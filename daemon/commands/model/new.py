@@ -44,6 +44,13 @@ def new(
         list[str] | None,
         typer.Option(help="NAME=ROLE[,AXIS[,UNIT]]: T_x=scale,X or n=speed,,rpm. May be repeated."),
     ] = None,
+    two_drives: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Y=SIGNAL,X,-50,1250: axis Y has two drives, apart along X, master at -50 and "
+            "slave at 1250 mm; SIGNAL (mm) is how far the slave is ahead. May be repeated."
+        ),
+    ] = None,
     play: Annotated[
         bool, typer.Option("--play", help="Lines will be measured in both directions.")
     ] = False,
@@ -64,15 +71,22 @@ def new(
     """Make a model to begin with: structure, travels, sensors; then measure and fit."""
     from abbe.compcore.errors import InputError
     from abbe.compcore.files.commented_model import save_commented
+    from abbe.compcore.model.revise import add_effect
     from abbe.compcore.model.start_model import StartOptions, start_model
     from abbe.daemon.answers.model import new as answer
+    from abbe.daemon.arguments.machine_arguments import two_drives_of
     from abbe.daemon.outputs import MODEL, check_outputs
 
     say = check_outputs([], [(out, MODEL)], force=force, as_json=as_json)
     wanted = StartOptions(play, rotary_motions, tool_lengths, shape)
     if structure is not None:
-        machine = _given(structure, name, travel or [], location or [], sensor or [])
-    elif travel or location or sensor:
+        drives = two_drives_of(two_drives or [])
+        sensors = [
+            *(sensor or []),
+            *(f"{keys['signal']}=other,{keys['axis']},mm" for keys in drives),
+        ]
+        machine = _given(structure, name, travel or [], location or [], sensors)
+    elif travel or location or sensor or two_drives:
         raise InputError("which machine?", field="structure", expected="--structure CODE")
     elif not sys.stdin.isatty():
         raise InputError(
@@ -83,6 +97,8 @@ def new(
     else:
         machine, wanted = _asked(name, wanted)
     model = start_model(machine, wanted)
+    for keys in two_drives_of(two_drives or []):
+        model = add_effect(model, "two_drives", **keys)
     save_commented(model, out)
     if as_json:
         say(json.dumps(answer.as_json(model, out), ensure_ascii=False))

@@ -33,19 +33,31 @@ class ChannelSource:
         Where it is read.
     transducer
         What converts it, None where the channel is in the right unit already.
+    minus
+        A channel that is taken off, of the same question; None: none.
     """
 
     name: str
     channel: Channel
     transducer: Transducer | None = None
+    minus: Channel | None = None
 
     def take(self, batch: Mapping[str, Mapping[str, Sample]]) -> Sample:
         """The sample of this source in a batch, converted."""
         link, channel = self.channel
         sample = batch.get(link, _NOTHING).get(channel, _MISSING)
-        if self.transducer is None:
+        if self.transducer is not None:
+            sample = self.transducer.convert(sample)
+        if self.minus is None or not sample.good:
             return sample
-        return self.transducer.convert(sample)
+        link, channel = self.minus
+        other = batch.get(link, _NOTHING).get(channel, _MISSING)
+        if not other.good:
+            return Sample(math.nan, sample.time, other.quality, other.reason)
+        if other.time != sample.time:
+            reason = f"not of the same question as {link}:{channel}"
+            return Sample(math.nan, sample.time, Quality.UNAVAILABLE, reason)
+        return Sample(sample.value - other.value, sample.time)
 
 
 _NOTHING: Mapping[str, Sample] = {}

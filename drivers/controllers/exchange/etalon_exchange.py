@@ -19,7 +19,7 @@ from abbe.drivers.controllers.text import fixed, increasing, number, numbered_li
 
 _DECIMALS = 12
 _SECTION = re.compile(r"\[\s*([A-Z0-9]+)\s*\]")
-_MOTION = re.compile(r"E([XYZABC])([XYZUVWABC][0-9]?)")
+_MOTION = re.compile(r"E([XYZABC])([XYZUVWRABC][0-9]?)")
 _CONSTANT = re.compile(r"([XYZABC])0([XYZABC])")
 
 

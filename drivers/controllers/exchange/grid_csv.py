@@ -21,7 +21,7 @@ from abbe.drivers.controllers.base import Confidence, Controller, ControllerOpti
 from abbe.drivers.controllers.text import fixed, number, numbered_lines
 
 _FORMAT = "abbe-grid/1"
-_AXIS = re.compile(r"([XYZUVWABC][0-9]?) \[(mm|deg)\]")
+_AXIS = re.compile(r"([XYZUVWRABC][0-9]?) \[(mm|deg)\]")
 _LETTERS: tuple[Component, ...] = ("X", "Y", "Z", "A", "B", "C")
 _VALUES = [f"d{c} [{'deg' if c in 'ABC' else 'mm'}]" for c in _LETTERS]
 

@@ -35,8 +35,8 @@ _SECOND: dict[Reversal, str] = {
     "single": "half reversal",
 }
 _FIRST: dict[Reversal, str] = {"columns": "(+)", "difference": "(+)", "single": "mean"}
-_COLUMN = re.compile(r"E_([XYZABC])([XYZUVWABC][0-9]?)(?: ([^\[]+?))? \[(mm|rad)\]")
-_POSITION = re.compile(r"([XYZUVWABC][0-9]?) \[(mm|deg)\]")
+_COLUMN = re.compile(r"E_([XYZABC])([XYZUVWRABC][0-9]?)(?: ([^\[]+?))? \[(mm|rad)\]")
+_POSITION = re.compile(r"([XYZUVWRABC][0-9]?) \[(mm|deg)\]")
 
 
 class IsoCsvOptions(ControllerOptions):

@@ -37,9 +37,9 @@ def motions_of(row: Row, w, nonlinear=None) -> dict[str, np.ndarray]:
 
 
 def test_every_kind_has_a_row():
-    # what is measured as a whole has no parameters, and tests of its own: test_error_grid
-    assert {row.kind for row in ROWS} | {"error_grid"} == set(BUILT_IN)
-    assert len(BUILT_IN) == 42
+    # what is measured, not fitted, has tests of its own: test_error_grid, test_two_drives
+    assert {row.kind for row in ROWS} | {"error_grid", "two_drives"} == set(BUILT_IN)
+    assert len(BUILT_IN) == 43
 
 
 @pytest.mark.parametrize("row", ROWS, ids=IDS)

@@ -129,6 +129,18 @@ WRONG = {
         "written twice",
     ),
     "output axis": ("[output.axes.X]", "[output.axes.C]", "output.axes.C", "no such axis"),
+    "minus an axis that is not there": (
+        "[signals.T_x1]\n",
+        '[signals.T_x1]\nminus = "U"\n',
+        "signals.T_x1.minus",
+        "no such axis",
+    ),
+    "minus an axis that is converted": (
+        "[signals.T_x1]\n",
+        '[signals.T_x1]\nminus = "X"\n',
+        "signals.T_x1.minus",
+        "converted",
+    ),
     "two tools": ("[tool]", "[tool]\noffset = [0, 0, -150]", "tool", "either fixed .* or read"),
     "watch without status": (
         'status = "cmm.status"\n',

@@ -133,3 +133,16 @@ def test_a_device_that_is_silent_for_a_moment_is_no_fault_of_a_signal() -> None:
 def test_channels_are_read_once_by_link() -> None:
     wanted = [("a", "x"), ("b", "t"), ("a", "x"), ("a", "y")]
     assert by_link(wanted) == {"a": ("x", "y"), "b": ("t",)}
+
+
+def test_the_second_drive_less_the_first_of_the_same_question() -> None:
+    ahead = ChannelSource("Y_ahead", ("cmm", "y2"), minus=("cmm", "y"))
+    assert ahead.take(batch(y=700.0, y2=700.031)).value == pytest.approx(0.031, abs=1e-12)
+    moved = ahead.take(batch(y=700.0, y2=Sample(705.0, 10.02)))
+    assert not moved.good  # the bridge moved on between the two questions
+    assert moved.reason == "not of the same question as cmm:y"
+    unread = ahead.take(batch(y=bad("exception 4"), y2=700.0))
+    assert (unread.good, unread.reason) == (False, "exception 4")
+    assert not ahead.take(batch(y2=700.0)).good
+    readings = SignalConverter([ahead], 1.0)(batch(y=700.0, y2=700.031), 10.0)
+    assert readings["Y_ahead"].value == pytest.approx(0.031, abs=1e-12)

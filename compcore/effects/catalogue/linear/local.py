@@ -25,7 +25,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
 
-_ERROR = re.compile(r"E_([XYZABC])([XYZUVW][0-9]?)")
+_ERROR = re.compile(r"E_([XYZABC])([XYZUVWR][0-9]?)")
 _HALF = float(np.sqrt(1.0 - 0.5 ** (1.0 / 3.0)))
 """Where ``(1 − u²)³`` has fallen to one half."""
 

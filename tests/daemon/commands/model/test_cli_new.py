@@ -319,3 +319,19 @@ def test_every_option_and_machine_is_on_the_page() -> None:
         assert f"| `{name}` | {kind.title} | `{kind.structure}` |" in PAGE
     (structure,) = (p for p in command.params if p.name == "structure")
     assert ", ".join(COMMON_MACHINES) in structure.help
+
+
+def test_an_axis_with_two_drives(tmp_path):
+    model = made(tmp_path, "gantry", "--two-drives", "Y=Y_ahead,X,-50,1250")
+    assert model.machine.signals["Y_ahead"].unit == "mm"
+    (spec,) = [e.spec for e in model.effects if e.kind == "two_drives"]
+    assert spec == "two_drives axis=Y signal=Y_ahead across=X master=-50 slave=1250"
+
+
+@pytest.mark.parametrize("text", ["Y", "Y=a,X,0", "Y=a,Y,0,900", "Q=a,X,0,900", "Y=a,X,here,900"])
+def test_two_drives_that_cannot_be_are_one_line(text, tmp_path):
+    done = abbe("new", "--structure", "gantry", *travels("gantry"), "--two-drives", text,
+                "-o", tmp_path / "m.toml")  # fmt: skip
+    assert done.status == 1
+    assert len(done.err.strip().splitlines()) == 1
+    assert not (tmp_path / "m.toml").exists()
