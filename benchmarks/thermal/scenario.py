@@ -139,8 +139,8 @@ class Run:
 
 def runs(seeds: int = 2, empty: int = 100) -> Iterator[Run]:
     """Every scenario with some seeds, and so many empty days, each kind in turn."""
-    for i, scenario in enumerate(SCENARIOS):
-        for k in range(seeds):
-            yield Run(scenario, 7_000 + 100 * i + k)
     for k in range(empty):
         yield Run(EMPTY[k % len(EMPTY)], 9_000 + k)
+    for k in range(seeds):
+        for i, scenario in enumerate(SCENARIOS):
+            yield Run(scenario, 7_000 + 100 * i + k)

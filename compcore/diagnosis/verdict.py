@@ -187,8 +187,11 @@ def _diagnosed(model: Model, whole: FitResult, result: FitResult, progress: Prog
         _established(pool, basis, background, result, f, chosen, rows, variance, part)
         for f in chosen
     )
-    # what predicts best what was left out is offered first
-    established = tuple(sorted(established, key=lambda e: -e.cross_validated_gain))
+    # what predicts best what was left out is offered first; the machine's before an instrument's
+    # that nothing was measured without
+    established = tuple(
+        sorted(established, key=lambda e: (e.found.candidate.everywhere, -e.cross_validated_gain))
+    )
     if whole is not result and established:
         progress("what was found, on all rows")
         established, left = _on_all_rows(whole, result, established, len(tried))

@@ -24,6 +24,12 @@ NO_CLOCK = (
 """Said of a campaign whose rows say not when they were measured."""
 
 
+_MORE_THAN_NOISE = (
+    "complete: no cause can be established; but what is left is more than the stated uncertainty "
+    "(χ² per degree of freedom {0:.3g}): too few independent rows, or it was stated too small."
+)
+
+
 def noise_of(diagnosis: Findings, noise: NoiseFloor) -> float | None:
     """The noise of what the residuals are told of, mm or rad."""
     if diagnosis.of_rotations:
@@ -60,7 +66,10 @@ def diagnosis_words(
     if not diagnosis.whole.problem.campaign.clocked:
         yield NO_CLOCK
     names = " and ".join(e.found.candidate.effect.spec for e in diagnosis.established)
-    yield _SAID[diagnosis.verdict].format(names)
+    if diagnosis.verdict == "complete" and diagnosis.whole.misfit:
+        yield _MORE_THAN_NOISE.format(diagnosis.whole.chi2_per_dof)
+    else:
+        yield _SAID[diagnosis.verdict].format(names)
     if diagnosis.verdict == "changed" and diagnosis.standing is not None:
         for line in changed(diagnosis.standing):
             yield f"   {line}"

@@ -105,9 +105,9 @@ def search(problem: Problem, theta: F64) -> F64:
     profile = Profile(problem, theta)
     alpha = theta[profile.index]
     cost = np.inf
-    for _ in range(3):
+    for again in range(3):
         for term in profile.terms:
-            alpha = _search_term(profile, alpha, term)
+            alpha = _search_term(profile, alpha, term, 1 if again else _REFINED)
         now = profile.cost(alpha)
         if len(profile.terms) == 1 or cost - now < 1e-3:
             break
@@ -117,8 +117,11 @@ def search(problem: Problem, theta: F64) -> F64:
     return found
 
 
-def _search_term(profile: Profile, alpha: F64, term: int) -> F64:
-    """The best α found when one term's parameters start everywhere, the others where they are."""
+def _search_term(profile: Profile, alpha: F64, term: int, most: int) -> F64:
+    """The best α found when one term's parameters start everywhere, the others where they are.
+
+    `most`: so many of the best starts are refined.
+    """
     owners = [profile.problem.layout.unknowns[i].owner for i in profile.index]
     mine = [k for k, owner in enumerate(owners) if owner == term]
     starts = _starts([profile.parameters[k] for k in mine])
@@ -128,7 +131,7 @@ def _search_term(profile: Profile, alpha: F64, term: int) -> F64:
         trial[mine] = start
         trials.append((profile.cost(trial), trial))
     trials.sort(key=lambda pair: pair[0])
-    refined = [_refine(profile, trial) for _, trial in trials[:_REFINED]]
+    refined = [_refine(profile, trial) for _, trial in trials[:most]]
     return min(refined, key=profile.cost)
 
 
@@ -176,6 +179,9 @@ def _refine(profile: Profile, alpha: F64) -> F64:
         bounds=(scaled(low), scaled(high)),
         x_scale=np.where(decades, 1.0, np.maximum(1e-3 * (high - low), 1e-12)),
         diff_step=[1e-6],
+        # least squares over all unknowns goes on from here
+        xtol=1e-5,
+        ftol=1e-7,
         max_nfev=60,
     )
     best = inside(found.x)

@@ -117,7 +117,8 @@ def _displacements(
 
 def _stacked(translation: F64, rotation: F64) -> F64:
     both = np.concatenate([translation, _ARM * rotation], axis=1)
-    return both.reshape(-1, both.shape[2])
+    # without any effect there are no columns
+    return both.reshape(both.shape[0] * both.shape[1], both.shape[2])
 
 
 def sample_volume(machine: Machine, campaign: Campaign, count: int = _POINTS) -> Conditions:

@@ -53,11 +53,15 @@ class Candidate:
         What makes it less likely before any data are seen (`evidence.cost_of`).
     choices
         Non-linear parameters to try, one mapping each; one empty mapping where there are none.
+    everywhere
+        Whether it is a cause of the instrument that acts on the whole campaign. Nothing was then
+        measured without it, and what a machine's cause explains as well is the machine's.
     """
 
     effect: Effect
     cost: float
     choices: tuple[Mapping[str, float], ...] = field(default=({},))
+    everywhere: bool = False
 
     @cached_property
     def cause(self) -> tuple[str, tuple[tuple[str, str], ...]]:
@@ -95,9 +99,21 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
             cost = cost_of(effect, machine, len(campaign.setups))
             if effect.kind in RIGID or effect.kind in PLAIN:
                 cost += RIGID_BODY
-            found.append(Candidate(effect, cost, tuple(_choices(effect, machine, coverage))))
+            choices = tuple(_choices(effect, machine, coverage))
+            found.append(Candidate(effect, cost, choices, acts_everywhere(effect, coverage)))
     found += list(_refinements(model, campaign))
     return found
+
+
+def acts_everywhere(effect: Effect, coverage: Coverage) -> bool:
+    """Whether an effect is one of the instrument that no set-up of a campaign is without."""
+    if effect.scope != "instrument":
+        return False
+    setup, base = getattr(effect, "setup", None), getattr(effect, "base", None)
+    if base is not None:
+        return set(coverage.bases) <= {base}
+    own = {setup} if setup is not None else set(getattr(effect, "setups", None) or ())
+    return not own or set(coverage.setups) <= own
 
 
 def stated_laser(campaign: Campaign) -> bool:

@@ -198,6 +198,16 @@ def _simplest(
     if not leaders:
         return None
     best = max(leaders, key=lambda f: f.evidence.value)
+    if best.candidate.everywhere:
+        # of the instrument, and nothing was measured without it: a machine's cause that says the
+        # same leads
+        alike = [
+            f
+            for f in leaders
+            if f.candidate.effect.scope != "instrument"
+            and f.evidence.value >= best.evidence.value - INDISTINCT
+        ]
+        best = max(alike, key=lambda f: f.evidence.value, default=best)
     special = [f for f in leaders if _special_case(pool, basis, f, best)]
     if special:
         best = max(special, key=lambda f: f.evidence.value)
