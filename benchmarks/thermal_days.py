@@ -3,7 +3,8 @@
 ``python -m benchmarks.thermal_days`` runs all and writes the section of docs/validation.md;
 ``--keep FILE`` writes every outcome to a file as it comes, and runs only what is not in it;
 ``--only WORDS`` runs the scenarios whose name holds the words, ``--seeds N``, ``--empty N`` so
-many, and ``--without-others`` leaves the black boxes out; these write nothing.
+many, and ``--without-others`` leaves the black boxes out; these write nothing. ``--write`` runs
+nothing and writes the section from what is kept.
 """
 
 from __future__ import annotations
@@ -30,7 +31,13 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--without-others", action="store_true")
     parser.add_argument("--keep", type=Path, default=None)
+    parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
+    if options.write:
+        kept = outcome.read(options.keep)
+        kept.sort(key=lambda o: o.seed)
+        write_section("thermal-days", table.section(kept), page=VALIDATION)
+        return
     chosen = [r for r in runs(options.seeds, options.empty) if options.only in r.scenario.name]
     done = {(o.scenario, o.seed): o for o in outcome.read(options.keep)} if options.keep else {}
 

@@ -32,7 +32,7 @@ Progress = Callable[[str], None]
 MOST_STEPS = 40
 """A model that needs more effects is looked at by its user first."""
 
-OF_THE_CLOCK = ("warm_up", "drift")
+OF_THE_CLOCK = ("warm_up", "drift", "event")
 """Causes that read no signal: what follows a recorded one is looked for in all detail before."""
 
 _TWO = 2.0

@@ -25,7 +25,7 @@ from abbe.compcore.diagnosis.findings import Established, Findings, Verdict, mea
 from abbe.compcore.diagnosis.pictures import diagnosis_figures
 from abbe.compcore.diagnosis.screening.all_rows import measured
 from abbe.compcore.diagnosis.screening.candidates import RIGID, Candidate, candidates
-from abbe.compcore.diagnosis.screening.crossvalidation import folds, gain
+from abbe.compcore.diagnosis.screening.crossvalidation import folds, gain, steadiness
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING
 from abbe.compcore.diagnosis.screening.frames import Frames
 from abbe.compcore.diagnosis.screening.independence import independent_share
@@ -50,6 +50,9 @@ _SAME = 2.0
 
 _COINCIDENCE = 8.0
 """What each further cause costs beside one description that says the same: a coincidence."""
+
+_STEADY = 2.0
+"""Standard errors by which blocks must gain on the average where a lag was chosen to suit them."""
 
 _ALIKE = 0.9
 """Part of the rows that count as independent from which on all are taken to."""
@@ -171,7 +174,11 @@ def _diagnosed(model: Model, whole: FitResult, result: FitResult, progress: Prog
     basis, chosen, ranked = _found(pool, basis, campaign.conditions, rows)
     progress("looking for structure that is in no catalogue")
     patterns = Patterns(result.problem, result.theta, frames)
+    found = {f.key for f in chosen}
     chosen, unexplained = _compete(pool, basis, chosen, patterns)
+    if any(f.key not in found for f in chosen):
+        chosen = _standing_beside(pool, basis, chosen, unexplained, campaign.conditions, rows)
+        unexplained = unexplained if chosen else patterns.established(basis)
     if not chosen and basis.share < 1.0:
         # no cause stands, so what is left is described as it is
         basis = replace(basis, share=1.0)
@@ -271,7 +278,10 @@ def _predicting(
         after = pool.joined(basis, kept)
         for f in kept:
             others = pool.joined(basis, (g for g in kept if g.key != f.key))
-            gains.append(_gain(pool, others, f, rows, after))
+            steady = getattr(f.candidate.effect, "tau", None) != "fit" or (
+                steadiness(pool.left_out(others, rows), pool.left_out(after, rows)) > _STEADY
+            )
+            gains.append(_gain(pool, others, f, rows, after) if steady else -math.inf)
         worst = int(np.argmin(gains))
         if gains[worst] > 0.0:
             break
@@ -343,6 +353,29 @@ def _beside(
         kept.append(f)
         described = pool.joined(described, [f])
     return kept
+
+
+def _standing_beside(
+    pool: Pool,
+    basis: Basis,
+    chosen: Sequence[WeighedCandidate],
+    described: Sequence[ResidualPattern],
+    conditions: Conditions,
+    rows: list[NDArray[np.int64]],
+) -> list[WeighedCandidate]:
+    """Those causes found beside a description that stand as any other has to.
+
+    With as many rows as are independent, and by predicting blocks that were left out.
+    """
+    beside = basis
+    for s in described:
+        beside = beside.extended(s.columns)
+    share = independent_share(pool.joined(beside, chosen).residual, conditions)
+    if share < _ALIKE:
+        beside = replace(beside, share=min(share, basis.share))
+        again = pool.weighed(beside, chosen)
+        chosen = [f for f in again if f.established(basis.n) and f.evidence.value > BEYOND_DOUBT]
+    return _predicting(pool, beside, chosen, rows)
 
 
 def _on_all_rows(
