@@ -25,7 +25,7 @@ from abbe.compcore.diagnosis.findings import Established, Findings, Verdict, mea
 from abbe.compcore.diagnosis.pictures import diagnosis_figures
 from abbe.compcore.diagnosis.screening.all_rows import measured
 from abbe.compcore.diagnosis.screening.candidates import RIGID, Candidate, candidates
-from abbe.compcore.diagnosis.screening.crossvalidation import folds, gain, steadiness
+from abbe.compcore.diagnosis.screening.crossvalidation import folds, gain
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING
 from abbe.compcore.diagnosis.screening.frames import Frames
 from abbe.compcore.diagnosis.screening.independence import independent_share
@@ -50,9 +50,6 @@ _SAME = 2.0
 
 _COINCIDENCE = 8.0
 """What each further cause costs beside one description that says the same: a coincidence."""
-
-_STEADY = 2.0
-"""Standard errors by which blocks must gain on the average where a lag was chosen to suit them."""
 
 _ALIKE = 0.9
 """Part of the rows that count as independent from which on all are taken to."""
@@ -278,10 +275,7 @@ def _predicting(
         after = pool.joined(basis, kept)
         for f in kept:
             others = pool.joined(basis, (g for g in kept if g.key != f.key))
-            steady = getattr(f.candidate.effect, "tau", None) != "fit" or (
-                steadiness(pool.left_out(others, rows), pool.left_out(after, rows)) > _STEADY
-            )
-            gains.append(_gain(pool, others, f, rows, after) if steady else -math.inf)
+            gains.append(_gain(pool, others, f, rows, after))
         worst = int(np.argmin(gains))
         if gains[worst] > 0.0:
             break

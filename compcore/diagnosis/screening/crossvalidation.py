@@ -196,22 +196,3 @@ def gain(before: LeftOut, after: LeftOut, *, bound: bool = False) -> float:
     """
     left = after.residual if bound else before.with_what_it_foretells(after)
     return 1.0 - float(left @ left) / before.chi2 if before.chi2 > 0.0 else 0.0
-
-
-def steadiness(before: LeftOut, after: LeftOut) -> float:
-    """How alike blocks gain by a cause: their mean gain over its own standard error.
-
-    Of the blocks of which it foretells anything. Where a lag was chosen to suit all rows, left-out
-    ones were not wholly left out: one block that fits by chance is no proof, most of them are.
-    Infinite where fewer than two blocks are foretold.
-    """
-    left = before.with_what_it_foretells(after)
-    gains = np.array(
-        [
-            float(before.residual[fold] @ before.residual[fold] - left[fold] @ left[fold])
-            for fold in before.folds
-        ]
-    )
-    gains = gains[gains != 0.0]
-    spread = float(gains.std(ddof=1)) if len(gains) > 1 else 0.0
-    return float(gains.mean()) * math.sqrt(len(gains)) / spread if spread > 0.0 else math.inf
