@@ -33,6 +33,8 @@ F64 = NDArray[np.float64]
 
 _MISFIT = 1e-4
 _FRAME_ROUNDS = 6
+_SURE = 5.0
+"""Standard uncertainties below zero from which a scale shrinks without doubt."""
 _SETTLED = 1e-5
 """Part of the unknowns' scales by which the choice of frame may still move them."""
 
@@ -115,8 +117,26 @@ class Solution:
             before = problem.layout.of_model(problem.model, campaign)
             predicted = seen(problem.predicted(before))
             found += of_ratio(campaign, measured, predicted, problem.weight)
+        found += self._shrinking()
         found += of_chi2(self.chi2_per_dof, self.dof, stated=not self.uncertainty.open)
         return tuple(found)
+
+    def _shrinking(self) -> list[str]:
+        """Scales that all shrink when they warm: what nothing is made of, so a sign is turned."""
+        found = [
+            (value.value, value.sd)
+            for term in self.model.terms
+            if term.effect.kind == "scale_expansion"
+            for name, value in term.values.items()
+            if name == "alpha" and value.sd
+        ]
+        if not found or not all(alpha < -_SURE * sd and alpha < -5e-6 for alpha, sd in found if sd):
+            return []
+        told = ", ".join(f"{alpha * 1e6:.1f}" for alpha, _ in found)
+        return [
+            f"every scale shrinks as it warms ({told} ppm/K): are the values nominal − actual? "
+            "(error = actual − indicated)"
+        ]
 
     def rms(self, *kinds: Kind) -> float:
         """Root mean square of the residuals of some kinds of rows, mm or rad; NaN without rows.

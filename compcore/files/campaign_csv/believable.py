@@ -66,6 +66,14 @@ def travelled(axis: Axis) -> str:
     return f" (axis {axis.name} travels from {low:g} to {high:g})"
 
 
+def _fahrenheit(values: F64, outside: Mask, allowed: Range) -> str:
+    """What to ask where temperatures cannot be °C, and could be °F."""
+    if allowed.unit not in ("degC", "°C") or not outside.any():
+        return ""
+    celsius = (values[np.isfinite(values)] - 32.0) / 1.8
+    return "" if allowed.outside(celsius).any() else "; were they recorded in °F?"
+
+
 class Believable:
     """Plausibility checks of the rows of one file, block by block."""
 
@@ -79,8 +87,9 @@ class Believable:
         """Of some rows: which are wrong, in which column, what is the matter, what was expected."""
         for name, (allowed, why) in self._ranges.items():
             if name in numbers:
-                expected = f"{allowed}{why}"
-                yield allowed.outside(numbers[name]), name, "not believable", expected
+                outside = allowed.outside(numbers[name])
+                hint = _fahrenheit(numbers[name], outside, allowed)
+                yield outside, name, "not believable", f"{allowed}{why}{hint}"
         for value in np.unique(kind).tolist():
             rows = kind == value
             allowed = _VALUE[Kind(value)]
