@@ -15,9 +15,6 @@ VERSION = 1
 """Of the tables."""
 LEVELS = ("full", "minutes", "hours")
 """How finely a time is kept: every value, or least, mean and greatest of each minute or hour."""
-SPAN = {"minutes": 60.0, "hours": 3600.0}
-"""s that a row of a thinned level stands for."""
-
 _TABLES = """
 CREATE TABLE runs (
     run INTEGER PRIMARY KEY,

@@ -89,11 +89,6 @@ def file_on_page(part: str, path: str | Path) -> FileOnPage:
         return FileOnPage(part, str(path), "")
 
 
-def bare_head(part: str, paths: Iterable[str | Path]) -> PageHead:
-    """The head of a page about files that say nothing of their conditions."""
-    return PageHead(facts_of([]), [file_on_page(part, path) for path in paths])
-
-
 def head_of(
     model: Model, files: Iterable[FileOnPage], campaign: Campaign | None = None
 ) -> PageHead:
