@@ -96,7 +96,22 @@ _FORMATS = {
     "abbe-table/": TABLE,
 }
 _FORMAT = re.compile(r"^(?:\"?#\s*)?format\s*=\s*\"{1,2}([a-z-]+/)", re.MULTILINE)
+
+
+def _controllers(name: str) -> FileKind:
+    """A controller's own table, by the name of its dialect."""
+    return _kind(
+        f"a compensation table ({name})", "table", "import-grid table upload",
+        f'abbe import-grid FILE --controller {name} --structure "w b Y X Z t" -o MODEL.toml',
+    )  # fmt: skip
+
+
 _LOOKS = (
+    (re.compile(r"\ABEGIN \w+\.com\b", re.IGNORECASE), _controllers("heidenhain-tnc")),
+    (re.compile(r"^\$A[AN]_(?:ENC_COMP|CEC)\b", re.MULTILINE), _controllers("siemens-840d")),
+    (re.compile(r"^DEFINE COMP ", re.MULTILINE), _controllers("pmac")),
+    (re.compile(r"\A%\s*\nN0?3620", re.MULTILINE), _controllers("fanuc")),
+    (re.compile(r"^:START2D ", re.MULTILINE), _controllers("aerotech-2d")),
     (re.compile(r"^TARGET DATA::\s*$", re.MULTILINE), RTL),
     (re.compile(r"\A\s*\S+ Axis\s*\n\s*Position\s+Lx", re.IGNORECASE), MAP),
     (re.compile(r"^X_off\s*,", re.MULTILINE), POINTS),
