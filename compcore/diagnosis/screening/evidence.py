@@ -131,11 +131,12 @@ def weigh_all(
     left = np.maximum(basis.chi2 - drop, 1e-12 * basis.chi2)
     dof = np.maximum(1, basis.dof - rank - nonlinear)
     log_tests = math.log(max(1.0, tests)) + 0.5 * np.log(tried)
-    with np.errstate(divide="ignore"):
-        gain = basis.share * dof * np.log(basis.chi2 / left)
     one = math.log(basis.independent)
-    value = gain - np.maximum((rank + nonlinear) * one + np.asarray(costs), one)
-    f_drop = drop / (left / dof)
+    price = np.maximum((rank + nonlinear) * one + np.asarray(costs), one)
+    # where the model leaves nothing there is nothing to explain: those are not seen, below
+    with np.errstate(divide="ignore", invalid="ignore"):
+        value = basis.share * dof * np.log(basis.chi2 / left) - price
+        f_drop = drop / (left / dof)
     found = zip(
         value.tolist(),
         f_drop.tolist(),
