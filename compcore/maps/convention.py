@@ -24,7 +24,7 @@ Acts = Literal["before", "after"]
 SquarenessForm = Literal["as written", "angle", "gradient"]
 
 _SELECTOR = re.compile(
-    r"(?P<axis>[XYZUVWR][0-9]?)(?:\.(?P<of_axis>[LR][xyz]?))?|(?P<of_all>[LR][xyz]?)"
+    r"(?P<axis>[XYZUVW][0-9]?|R[0-9]|R(?=\.))(?:\.(?P<of_axis>[LR][xyz]?))?|(?P<of_all>[LR][xyz]?)"
 )
 _SIGN_EXPECTED = "L, R, Lx … Rz, an axis, or AXIS.COLUMN, then =1 or =-1 (R=-1, Z.L=-1)"
 
