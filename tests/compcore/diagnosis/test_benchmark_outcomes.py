@@ -181,4 +181,7 @@ def test_every_effect_of_the_catalogue_is_hidden_in_three_sizes() -> None:
             found.setdefault(kind, set()).add(s.multiple)
     own = {k for k, c in effect_kinds().items() if c.__module__.startswith("abbe.compcore.")}
     own.remove("error_grid")  # measured by others and loaded: no cause that could hide
+    own.remove("two_drives")  # where the drives are is stated: nothing proposes it
+    # hidden in campaigns of rotations and of plates: test_named_first
+    own -= {"gravity_flexure", "setup_scale"}
     assert {k: found.get(k) for k in sorted(own)} == {k: set(MULTIPLES) for k in sorted(own)}
