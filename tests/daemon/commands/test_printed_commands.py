@@ -14,6 +14,9 @@ import pytest
 from tests.support.daemon.command_line import abbe
 from tests.support.daemon.small_line import ALPHA, write_campaign, write_model
 
+# whole diagnoses, one after the other: minutes on a busy computer
+pytestmark = pytest.mark.timeout(600)
+
 ROOT = Path(__file__).parents[3]
 VERBS = "new|fit|add|remove|compare|diagnose|history|correct|table|upload|check|import-[a-z]+"
 COMMAND = re.compile(rf"\babbe (?:{VERBS}) [^\n<]*")
