@@ -11,10 +11,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
-from sklearn.ensemble import HistGradientBoostingRegressor
-from sklearn.exceptions import ConvergenceWarning
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from abbe.compcore.fitting.fit import FitResult
 from benchmarks.hidden.inputs import Inputs, Learnt
@@ -40,6 +36,10 @@ SETTINGS = (
 
 def gaussian_process(result: FitResult, seen: Inputs, unseen: Inputs) -> Learnt:
     """A Gaussian process with a length scale for each input."""
+    from sklearn.exceptions import ConvergenceWarning
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
     features, residual = seen.features[seen.rows], result.residual[seen.rows]
     size = float(residual.std())
     kernel = ConstantKernel(0.5) * RBF(np.full(features.shape[1], 3.0), (0.3, 100.0))
@@ -64,6 +64,8 @@ def _search(loss: Callable[[F64], tuple[float, F64]], start: F64, bounds: F64) -
 
 def boosting(result: FitResult, seen: Inputs, unseen: Inputs) -> Learnt:
     """Gradient boosting on the same inputs."""
+    from sklearn.ensemble import HistGradientBoostingRegressor
+
     trees = HistGradientBoostingRegressor(
         learning_rate=RATE, max_iter=TREES, early_stopping=True, random_state=0
     )

@@ -127,9 +127,12 @@ class TapeReader:
     def receive(self, data: bytes) -> None:
         """Characters from the line.
 
-        They came one after the other since the last look, also where this process was stalled.
+        They came one after the other since the last look, also where this process was stalled. A
+        control that was not stalled would have sent its DC3 among them; what follows in the same
+        batch was sent by somebody who could not know, and is neither lost nor counted.
         """
         first, now = self._looked_at, time.monotonic()
+        stopped_now = False
         for place, byte in enumerate(data, start=1):
             self._work_off(first + (now - first) * place / len(data))
             code = bytes((byte,))
@@ -137,16 +140,16 @@ class TapeReader:
                 (self._may_send.set if code == DC1 else self._may_send.clear)()
             elif not self._reading:
                 continue
-            elif len(self._buffer) >= self._capacity:
+            elif len(self._buffer) >= self._capacity and not stopped_now:
                 self.lost += 1
             else:
                 self._buffer.append(byte)
-            if self._stopped:
+            if self._stopped and not stopped_now:
                 self._after_stop += 1
                 self.most_after_stop = max(self.most_after_stop, self._after_stop)
-        if self._reading and not self._stopped and len(self._buffer) > 0.75 * self._capacity:
-            self._stopped, self._after_stop = True, 0
-            self._send(DC3)
+            if self._reading and not self._stopped and len(self._buffer) > 0.75 * self._capacity:
+                self._stopped, self._after_stop, stopped_now = True, 0, True
+                self._send(DC3)
 
     async def work(self) -> None:
         """Take characters from the buffer at the control's own speed, for ever."""
