@@ -3,12 +3,13 @@ SHELL := /bin/bash
 VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
-DEBIAN := mbpoll socat chromium fonts-dejavu-core linuxcnc-uspace systemd
+DEBIAN := mbpoll socat chromium fonts-dejavu-core linuxcnc-uspace systemd libfaketime
+PROMETHEUS := $(VENV)/unpacked/usr/bin/prometheus
 BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis_command diagnosis validation
 SOURCES := compcore drivers daemon tests benchmarks examples
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types fast bench torment docs clean
+.PHONY: help demo test lint types fast bench torment soak docs clean
 
 help: ## Show what there is
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*##/\t/' | expand -t 10
@@ -41,6 +42,9 @@ SEED ?= 1
 torment: $(VENV)/.dev ## Torment every protocol of a live run, an hour in all (SECONDS=, SEED=); docs/torment.md
 	$(BIN)/python -m abbe.drivers.simulated.torment --seconds $(SECONDS) --seed $(SEED)
 
+soak: $(VENV)/.dev $(VENV)/.debian ## Soak a supervised run in faults of wire and computer (SECONDS=180, SEED=); docs/soak.md
+	$(BIN)/python -m abbe.drivers.simulated.soak --seconds $(if $(filter file,$(origin SECONDS)),180,$(SECONDS)) --seed $(SEED)
+
 clean: ## Remove everything that the other targets made
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis demo-out
 
@@ -64,7 +68,7 @@ $(VENV)/.bench: pyproject.toml | $(BIN)/python
 	@touch $@ $(VENV)/.dev $(VENV)/.runtime
 
 # Unrelated clients and a browser for the integration tests: Debian packages.
-$(VENV)/.debian: Makefile | $(BIN)/python
+$(VENV)/.debian: Makefile | $(BIN)/python $(PROMETHEUS)
 	@missing=; for package in $(DEBIAN); do \
 	  dpkg-query -W -f='$${Status}' $$package 2>/dev/null | grep -q 'ok installed' || missing="$$missing $$package"; done; \
 	if [ -n "$$missing" ]; then \
@@ -72,3 +76,10 @@ $(VENV)/.debian: Makefile | $(BIN)/python
 	  run=; [ "$$(id -u)" = 0 ] || run=sudo; \
 	  $$run apt-get update -qq && DEBIAN_FRONTEND=noninteractive $$run apt-get install -y -qq --no-install-recommends $$missing >/dev/null; fi
 	@touch $@
+
+# Unpacked, not installed: Debian's package would run it as a service.
+$(PROMETHEUS):
+	@echo "Unpacking Prometheus for the tests …"; mkdir -p $(VENV)/unpacked; cd $(VENV)/unpacked; \
+	run=; [ "$$(id -u)" = 0 ] || run=sudo; rm -f prometheus_*.deb; \
+	apt-get download -qq prometheus 2>/dev/null || { $$run apt-get update -qq && apt-get download -qq prometheus 2>/dev/null; }; \
+	dpkg-deb --fsys-tarfile prometheus_*.deb | tar -xm ./usr/bin && rm prometheus_*.deb

@@ -48,9 +48,9 @@ if TYPE_CHECKING:
     from abbe.compcore.effects.registry import effect_kinds, make_effect
     from abbe.compcore.errors import AbbeError, FitError, InputError
     from abbe.compcore.files.campaign_file import read_campaigns, write_campaign
-    from abbe.compcore.files.fit_record import recorded
     from abbe.compcore.files.map_file import load_map
     from abbe.compcore.files.model_file import load_model, save_model
+    from abbe.compcore.files.model_toml.fit_record import recorded
     from abbe.compcore.files.switched_points import read_switched
     from abbe.compcore.fitting.design.superposition import uncompensated
     from abbe.compcore.fitting.fit import FitResult, fit
@@ -82,7 +82,7 @@ _ROOMS = {
     "abbe.compcore.effects.registry": ("effect_kinds", "make_effect"),
     "abbe.compcore.errors": ("AbbeError", "FitError", "InputError"),
     "abbe.compcore.files.campaign_file": ("read_campaigns", "write_campaign"),
-    "abbe.compcore.files.fit_record": ("recorded",),
+    "abbe.compcore.files.model_toml.fit_record": ("recorded",),
     "abbe.compcore.files.map_file": ("load_map",),
     "abbe.compcore.files.model_file": ("load_model", "save_model"),
     "abbe.compcore.fitting.design.superposition": ("uncompensated",),

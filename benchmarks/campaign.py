@@ -22,9 +22,11 @@ from pathlib import Path
 from statistics import median
 
 import numpy as np
-import report
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from abbe.compcore.files.campaign_file import bare_machine, read_campaign, write_campaign
+from benchmarks.report import machine, write_section
 
 ROWS = 1_000_000
 TURNS = 3
@@ -149,8 +151,8 @@ Pandas is faster still. It is not used: a reader that must name the cell, what s
 should, would need a second one beside it, and two seconds a million rows are little beside the
 days that it takes to measure them.
 
-{report.machine()}."""
-    report.write_section("campaign", text)
+{machine()}."""
+    write_section("campaign", text)
     print(text)
 
 

@@ -19,10 +19,10 @@ from abbe.compcore.files.model_file import parse_model
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.fitting.fit import fit
 from abbe.compcore.model.model import Model, Value
-from benchmarks.hidden.campaign import STRUCTURES
-from benchmarks.hidden.measuring import NOISE
-from benchmarks.hidden.scene import scene
-from benchmarks.hidden.trial import as_campaign
+from benchmarks.hidden.campaigns.campaign import STRUCTURES
+from benchmarks.hidden.campaigns.measuring import NOISE
+from benchmarks.hidden.judging.trial import as_campaign
+from benchmarks.hidden.scenes.scene import scene
 
 MULTIPLES = (3, 6, 12)
 

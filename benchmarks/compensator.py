@@ -21,17 +21,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-import report
-from formulations import (
-    Errors,
-    Loop,
-    Tabulated,
-    volume,
-    with_map_coordinates,
-    with_np_interp,
-    with_regular_grid,
-)
 from numpy.typing import NDArray
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from abbe.compcore.compensator.compensator import Compensator
 from abbe.compcore.effects import make_effect
@@ -40,6 +32,16 @@ from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Axis, Machine, Signal
 from abbe.compcore.machine.structure import Structure
 from abbe.compcore.model.model import Model, Term, Value
+from benchmarks.alternatives.formulations import (
+    Errors,
+    Loop,
+    Tabulated,
+    volume,
+    with_map_coordinates,
+    with_np_interp,
+    with_regular_grid,
+)
+from benchmarks.report import machine, write_section
 
 F64 = NDArray[np.float64]
 
@@ -333,9 +335,9 @@ A fresh process from start to end, the least of nine (processor time in brackets
 compensator **{first[0]:.2f} s** ({first[1]:.2f}; target: below 0.6); `abbe correct` with one point
 {command[0]:.2f} s ({command[1]:.2f}).
 
-{report.machine()}.
+{machine()}.
 """
-    report.write_section("compensator", text)
+    write_section("compensator", text)
     print(text)
 
 

@@ -20,14 +20,16 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import report
 from pymodbus.client import AsyncModbusTcpClient
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from abbe.daemon.config import load_config
 from abbe.daemon.demo.configuration import demo_configuration
 from abbe.daemon.demo.simulator import simulated_bridge
 from abbe.daemon.pipeline.cycle import Pipeline
 from abbe.drivers.simulated.bridge.registers import REGISTERS, UNIT_ID, WRITE_BACK
+from benchmarks.report import machine, write_section
 
 MODEL = Path(__file__).resolve().parent.parent / "examples" / "bridge-cmm" / "model.toml"
 CYCLES = 50
@@ -157,9 +159,9 @@ Ratio of the medians: **{ratio:.2f}** (target: at most {TARGET}; turn by turn
 {min(ratios):.2f} to {max(ratios):.2f}). At a cycle of 20 ms, Abbe's CPU time per cycle is
 {100 * abbe.cpu / len(abbe.durations) / 0.02:.1f} % of a core.
 
-{report.machine()}.
+{machine()}.
 """
-    report.write_section("cycle", text)
+    write_section("cycle", text)
     print(text)
     return 0 if ratio <= TARGET else 1
 

@@ -11,10 +11,10 @@ import argparse
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
-from benchmarks import black_box, sparse
-from benchmarks.hidden import outcome, table
+from benchmarks.alternatives import black_box, sparse
+from benchmarks.hidden.judging import outcome, table
+from benchmarks.hidden.judging.trial import Learner, run
 from benchmarks.hidden.scenario import MULTIPLES, Scenario, scenarios
-from benchmarks.hidden.trial import Learner, run
 from benchmarks.report import write_section
 
 VALIDATION = Path(__file__).parents[1] / "docs" / "validation.md"

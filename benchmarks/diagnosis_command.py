@@ -17,8 +17,8 @@ from abbe.compcore.diagnosis.screening.candidates import candidates
 from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.fitting.fit import fit
-from benchmarks.hidden.campaign import draw, model_text, simulate
-from benchmarks.hidden.causes import catalogue
+from benchmarks.hidden.campaigns.campaign import draw, model_text, simulate
+from benchmarks.hidden.causes.catalogued import catalogue
 from benchmarks.report import machine, write_section
 from benchmarks.screening import count
 from benchmarks.used import Used

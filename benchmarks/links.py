@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from abbe.drivers.link import Link, link_class
 from abbe.drivers.simulated.process import SimulatedProcess
-from benchmarks.bare_links import (
+from benchmarks.alternatives.bare_links import (
     AXES,
     DBC,
     NODES,

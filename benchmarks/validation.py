@@ -169,7 +169,7 @@ def flexing_section() -> str:
 
 Straightness and positioning of every axis in nine places. The strongest dependence of an error
 motion on another axis's position, with the p-value corrected for all dependences tested. A bow of X
-that grows with Y and a tilt of Y that depends on X are one and the same, and told so.
+that grows with Y and a tilt of Y that depends on X are one and the same, and reported as one.
 
 {table(["machine", "strongest", "F", "p"], rows)}"""
 

@@ -69,6 +69,18 @@ class InputError(AbbeError, ValueError):
             details.append(f"expected {self.expected}")
         return f"{text}: {', '.join(details)}" if details else text
 
+    def of_file(self, file: str | PathLike[str] | None) -> InputError:
+        """The same error in a file by another name: where it lies; None: the name that it has."""
+        where = self.file if file is None else file
+        return InputError(
+            self.problem,
+            file=where,
+            line=self.line,
+            field=self.field,
+            found=self.found,
+            expected=self.expected,
+        )
+
     def at(
         self,
         *,

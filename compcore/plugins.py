@@ -1,7 +1,7 @@
 """Plugin packages, found by entry point: one that is broken is left out, and costs nobody else.
 
-Whatever a stranger's package does when it is imported (raise, end the program), it is told in one
-line, and everything that does not need it goes on.
+Whatever a stranger's package does when it is imported (raise, end the program), it is reported in
+one line, and everything that does not need it goes on.
 """
 
 from __future__ import annotations

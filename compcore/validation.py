@@ -1,4 +1,4 @@
-"""What pydantic found wrong, in Abbe's words: the same for every section, key and option."""
+"""Validation errors of pydantic in Abbe's words: the same for every section, key and option."""
 
 from __future__ import annotations
 

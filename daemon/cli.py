@@ -87,9 +87,9 @@ def _elsewhere(error: Exception) -> str:
 
     if not isinstance(error, InputError) or len(sys.argv) < 2:
         return ""
-    from abbe.compcore.files.recognised import elsewhere
+    from abbe.daemon.answers.other_command import in_words
 
-    other = elsewhere(error, sys.argv[1:])
+    other = in_words(error, sys.argv[1:])
     return "" if other is None else f"; {other}"
 
 

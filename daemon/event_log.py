@@ -55,7 +55,7 @@ class JournalFile(RotatingFileHandler):
             logger.warning("the journal is written again; %d events are missing in it", lost)
 
     def handleError(self, record: logging.LogRecord) -> None:
-        """Count an event that could not be written; the first is told, once."""
+        """Count an event that could not be written; the first is reported, once."""
         error = sys.exc_info()[1]
         if not isinstance(error, OSError):
             super().handleError(record)

@@ -1,9 +1,10 @@
 """Reload of a running service: which changes go in at once, and which need a new beginning.
 
 Another model of the same machine, and other limits of the guard, are led in while the correction
-stands: read, checked and folded beside what runs, then taken over between two cycles. Whatever
-changes wires (links, sources, targets, paces, the machine's axes and signals) needs the correction
-to be ramped out and the service to begin anew. What cannot be read changes nothing.
+stands: read, checked and folded beside what runs, then taken over between two cycles; what
+``abbe switch`` had changed is as the file says again. Whatever changes wires (links, sources,
+targets, paces, the machine's axes and signals) needs the correction to be ramped out and the
+service to begin anew. What cannot be read changes nothing.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from abbe.daemon.config import Configuration, load_config
-from abbe.daemon.identity import RunIdentity
+from abbe.daemon.config.identity import RunIdentity
 from abbe.daemon.pipeline.compensate import LiveCompensator
 from abbe.daemon.pipeline.reading.expected import Expected, expected_of
 
@@ -68,7 +69,7 @@ def prepare(path: Path, running: Configuration, identity: RunIdentity) -> Prepar
     """
     new = load_config(path)
     found = RunIdentity.of(new)
-    if found == identity:
+    if found == identity and new.model.switches == running.model.switches:
         return Prepared(Takeover.NOTHING, new, found)
     same = (
         _wiring(new) == _wiring(running)

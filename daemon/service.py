@@ -14,10 +14,12 @@ from contextlib import AbstractContextManager
 from typing import NoReturn
 
 from abbe.compcore.errors import AbbeError
+from abbe.compcore.model.model import Switch
+from abbe.daemon.answers.typed import uploading
+from abbe.daemon.beside import beside
 from abbe.daemon.config import Configuration
-from abbe.daemon.control.controls import Controls
-from abbe.daemon.control.server import ControlServer
-from abbe.daemon.identity import RunIdentity
+from abbe.daemon.config.identity import RunIdentity
+from abbe.daemon.control.live_switches import back_words, start_words
 from abbe.daemon.ownership.claims import held_by_run
 from abbe.daemon.ownership.lock import hold
 from abbe.daemon.pipeline.cycle import LAST_WORD, Pipeline
@@ -26,6 +28,7 @@ from abbe.daemon.pipeline.record import Listener
 from abbe.daemon.records.recorder import Recorder
 from abbe.daemon.records.run import recorded
 from abbe.daemon.reload import Prepared, Takeover, prepare
+from abbe.daemon.status.logbook import Logbook
 from abbe.daemon.systemd.notify import Notifier
 from abbe.daemon.systemd.supervised import Supervised
 from abbe.daemon.upload.history.unfinished import unfinished_in
@@ -37,8 +40,6 @@ _OPEN_WITHIN = 5.0
 """s that a link is given to open before the cycle begins without it."""
 
 
-_LOOK = 10.0
-"""s between two looks at whether the files are still those that run."""
 _GRACE = 2.0
 """s that a link is given, beyond the ramp, to take the last word, and to close."""
 
@@ -65,6 +66,10 @@ class Service:
         Version and files of what runs.
     uncertainty
         How sure the correction is.
+    logbook
+        What those who ask for the status are told of the run so far.
+    switches_in_file
+        Effects' switches as the model file has them; `abbe switch` changes those that count.
     again
         Whether, after a reload that changed wires, Abbe has to begin anew once it has ended.
     """
@@ -77,12 +82,15 @@ class Service:
     ) -> None:
         self.configuration = configuration
         self.identity = RunIdentity.of(configuration)
+        self.switches_in_file: Mapping[str, Switch] = configuration.model.switches
         self.again = False
         self.links = configuration.make_links() if links is None else dict(links)
         self.pipeline = Pipeline(configuration, self.links)
         self.uncertainty = LiveUncertainty(
             configuration.model, self.pipeline.axes, lambda: self.pipeline.tool
         )
+        holds = held_by_run(configuration, self.links)
+        self.logbook = Logbook(self.pipeline, configuration.model.machine, holds)
         self.add([self.uncertainty])
         self._stop = asyncio.Event()
         self._at_once = asyncio.Event()
@@ -102,8 +110,8 @@ class Service:
         InUseError
             On entry, when somebody holds it.
         """
-        resources = held_by_run(self.configuration, self.links)
-        return hold(resources, f"live correction with {self.configuration.path.resolve()}")
+        what = f"live correction with {self.configuration.path.resolve()}"
+        return hold(self.logbook.holds, what)
 
     def stop(self) -> None:
         """End: ramp the correction to zero first; called again, end at once."""
@@ -138,7 +146,12 @@ class Service:
         try:
             new = await asyncio.to_thread(prepare, path, self.configuration, self.identity)
         except AbbeError as error:
-            logger.error("reload: %s; going on with what runs: %s", error, self.identity.words())
+            logger.error(
+                "reload: %s; going on with what runs: %s",
+                error,
+                self.identity.words(),
+                extra={"event": "reload refused"},
+            )
         except Exception:
             logger.exception("reload failed; going on with what runs: %s", self.identity.words())
         else:
@@ -150,7 +163,9 @@ class Service:
     def _take_over(self, new: Prepared) -> None:
         if self._stop.is_set():
             return
-        logger.info("reload: %s: %s", new.change.value, new.identity.words())
+        said = {"event": "reloaded"}
+        logger.info("reload: %s: %s", new.change.value, new.identity.words(), extra=said)
+        self._say_switched_back(new.configuration.model.switches)
         if new.change is Takeover.ANEW:
             self.again = True
             self.stop()
@@ -158,24 +173,16 @@ class Service:
             self.pipeline.change_model(new.configuration, new.compensation, new.expected)
             self.uncertainty.change_model(new.configuration.model)
             self.configuration, self.identity = new.configuration, new.identity
+            self.switches_in_file = new.configuration.model.switches
             if self._recorder is not None:
                 self._recorder.began(new.identity, new.configuration.model.machine.name)
 
-    async def _watch_files(self) -> None:
-        """Say, once, that a file was changed since it was read."""
-        known: tuple[object, ...] = ()
-        while True:
-            await asyncio.sleep(_LOOK)
-            changed = await asyncio.to_thread(self.identity.changed)
-            if changed and changed != known:
-                names = " and ".join(path.name for path in changed)
-                how = (
-                    f"systemctl reload takes {'it' if len(changed) == 1 else 'them'} over"
-                    if self._notifier.there
-                    else "it counts from the next start on"
-                )
-                logger.warning("%s on disk is not what runs any more: %s", names, how)
-            known = changed
+    def _say_switched_back(self, then: Mapping[str, Switch]) -> None:
+        """Say which live switches count no longer, the others being `then`."""
+        running = self.configuration
+        switches = (running.model.switches, self.switches_in_file, then)
+        if words := back_words(*switches, running.model_path):
+            logger.warning("compensation: %s", words)
 
     async def run(self, duration: float | None = None) -> None:
         """Run until `stop`, SIGINT, SIGTERM or SIGHUP, or for `duration` s.
@@ -194,11 +201,9 @@ class Service:
         loop = asyncio.get_running_loop()
         timer = None if duration is None else loop.call_later(duration, self._stop.set)
         self._supervise()
-        control = self._control()
-        watching = asyncio.create_task(self._watch_files())
-        looking = asyncio.create_task(self.uncertainty.run())
         with (
             _signals(loop, self),
+            self.logbook.open(),
             recorded(self.configuration, self.pipeline, self.identity) as self._recorder,
         ):
             try:
@@ -206,28 +211,26 @@ class Service:
                 # what is there by now stays: the collector need not walk it within a cycle
                 gc.collect()
                 gc.freeze()
-                logger.info("running: %s: %s", self.configuration.path, self.identity.words())
+                logger.info(
+                    "running: %s: %s",
+                    self.configuration.path,
+                    self.identity.words(),
+                    extra={"event": "began"},
+                )
+                logger.info(start_words(self.configuration.model, self.configuration.model_path))
                 self._warn_of_uploads()
-                if control is not None:
-                    await control.start()
-                await self._until_ended()
+                async with beside(self, supervised=self._notifier.there):
+                    await self._until_ended()
             finally:
                 gc.unfreeze()
-                if control is not None:
-                    await control.stop()
-                watching.cancel()
-                looking.cancel()
+                if not self.again:
+                    self._say_switched_back(self.switches_in_file)
                 if self._reloading is not None:
                     await asyncio.wait({self._reloading}, timeout=_GRACE)
                 if timer is not None:
                     timer.cancel()
                 await asyncio.gather(*(self._close(link) for link in self.links.values()))
                 self._notifier.close()
-
-    def _control(self) -> ControlServer | None:
-        """Where a person may change what runs, if the configuration says so."""
-        path = self.configuration.control_path
-        return None if path is None else ControlServer(path, Controls(self))
 
     def _supervise(self) -> None:
         """Have the service manager, where there is one, told of every cycle."""
@@ -240,7 +243,8 @@ class Service:
         upload = self.configuration.upload
         reported = unfinished_in(upload.journal) if upload is not None else ""
         if reported:
-            logger.warning("%s; run abbe upload %s --recover", reported, self.configuration.path)
+            recovering = uploading(self.configuration.path, "--recover")
+            logger.warning("%s; run %s", reported, recovering)
 
     async def _until_ended(self) -> None:
         """Run the pipeline; a driver that never returns cannot keep the service from ending.
@@ -267,7 +271,7 @@ class Service:
             if running.done():
                 running.result()
                 ending.check()
-                logger.info("ended")
+                logger.info("ended", extra={"event": "ended"})
                 return
             running.cancel()
             await asyncio.wait({running}, timeout=_GRACE)

@@ -28,7 +28,7 @@ class StandardOutputError(AbbeError):
 
 
 class _Descriptor(io.FileIO):
-    """A descriptor whose failures are told from those of other files."""
+    """A descriptor whose failures are kept apart from those of other files."""
 
     def write(self, data: ReadableBuffer, /) -> int:
         try:

@@ -1,4 +1,4 @@
-"""Abbe's status word: what the controller is told, 16 bits in one register."""
+"""Abbe's status word: its state for the controller, 16 bits in one register."""
 
 from __future__ import annotations
 

@@ -302,6 +302,10 @@ class Link(ABC):
         """What only one process may use at a time, e.g. ``tcp 192.168.0.10:502``; may be empty."""
         return ()
 
+    def owns_for(self, channels: Collection[str]) -> tuple[str, ...]:
+        """The part of `owns` that only one process may use when it writes these channels."""
+        return self.owns
+
     def goes_with(self, channel: str) -> frozenset[str]:
         """Writable channels that always go out in one message with `channel`, itself included."""
         return frozenset((channel,))

@@ -91,7 +91,7 @@ class MemberHealth:
     config
         Their quarantine.
     reconnector
-        The bus's connection; told to be lost when every member that was asked is silent.
+        The bus's connection; reported lost when every member that was asked is silent.
     logger
         Where a member's silence and return are logged, one line each.
     noun

@@ -140,7 +140,9 @@ class Reconnector:
         self._disconnect()
         self._lost_at = time.monotonic()
         self.status.become(LinkState.DOWN, why)
-        self._logger.warning("%s lost: %s; reconnecting", self.label, why)
+        self._logger.warning(
+            "%s lost: %s; reconnecting", self.label, why, extra={"event": "link lost"}
+        )
         self._down.set()
 
     async def _keep(self) -> None:
@@ -165,7 +167,9 @@ class Reconnector:
                     what = "" if isinstance(exc, LinkError) else f"{type(exc).__name__}: "
                     self.status.become(LinkState.DOWN, f"{what}{exc}")
             self.status.reconnects += 1
-            self._logger.warning("%s back after %.1f s", self.label, self._up_at - self._lost_at)
+            lasted = self._up_at - self._lost_at
+            said = {"event": "link back"}
+            self._logger.info("%s back after %.1f s", self.label, lasted, extra=said)
 
     async def _attempt(self) -> None:
         await self._connect()

@@ -1,9 +1,10 @@
 """Names of resources that only one process may own: one spelling for links and stores.
 
-``tcp HOST:PORT``, ``serial REALPATH``, ``can INTERFACE CHANNEL``, ``linuxcnc hal`` (the LinuxCNC
-that runs on this computer), ``linuxcnc INI``. A link or store hands them out as its `owns`; who
-holds them is `abbe.daemon.ownership.lock`'s business. Nothing is opened here, and no name is
-looked up in the network.
+``tcp HOST:PORT``, ``tcp HOST:PORT unit N`` (of a Modbus gateway), ``serial REALPATH``,
+``can INTERFACE CHANNEL``, ``linuxcnc hal`` (the LinuxCNC that runs on this computer),
+``linuxcnc INI``. A link or store hands them out as its `owns`; who holds them is
+`abbe.daemon.ownership.lock`'s business. Nothing is opened here, and no name is looked up in the
+network.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ _THIS_COMPUTER = ("localhost", "ip6-localhost", "::1")
 _LOOPBACK = "127.0.0.1"
 _SERVER_PORTS = ("socket", "rfc2217")
 """Schemes of pyserial's that are a connection to a terminal server."""
+_NO_UNIT = (0, 255)
 _NOWHERE = ("loop", "virtual")
 """Ports and interfaces that exist within one process only."""
 
@@ -36,6 +38,18 @@ def tcp(host: str, port: int) -> str:
     except ValueError:
         return f"tcp {name}:{port}"
     return f"tcp [{name}]:{port}" if ":" in name else f"tcp {name}:{port}"
+
+
+def modbus(host: str, port: int, unit: int) -> str:
+    """One unit behind a Modbus server.
+
+    Units 0 and 255 are whoever has no unit of his own (MODBUS Messaging on TCP/IP, V1.0b, 4.4.2),
+    and who has none mostly answers to 1 too: these three are one.
+
+    >>> modbus("10.0.0.5", 502, 255)
+    'tcp 10.0.0.5:502 unit 1'
+    """
+    return f"{tcp(host, port)} unit {1 if unit in _NO_UNIT else unit}"
 
 
 def serial(port: str) -> tuple[str, ...]:

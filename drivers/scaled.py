@@ -1,4 +1,4 @@
-"""What every link's channels have in common: a number that stands for a value in a unit."""
+"""Scale, offset and unit of a channel: a number that stands for a value, alike in all links."""
 
 from __future__ import annotations
 

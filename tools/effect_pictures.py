@@ -271,7 +271,6 @@ class _View:
         self._scale = min(0.80 * 400 / spread[0], 0.76 * 265 / spread[1])
         self._place = np.array([205.0, 165.0]) - 0.5 * self._scale * (flat.max(0) + flat.min(0))
         self._low = low
-        self._arm = 0.16 * float(np.linalg.norm(high - low))
 
     def __call__(self, points: F64) -> F64:
         """Points (n, 3) in mm → (n, 2) in pixels."""

@@ -27,14 +27,19 @@ DAEMON: tuple[Rooms, ...] = (
         ("demo", "all at once"),
     ),
     (
-        ("config", "loaded, checked"),
-        ("pipeline", "reading, writing"),
-        ("guard", "what may go out"),
         ("upload", "tables, safely"),
-        ("ownership", "one at a time"),
-        ("systemd", "as a service"),
+        ("table_watch", "tables made anew"),
         ("records", "what was"),
         ("control", "by a person"),
+        ("status", "what it says"),
+        ("http", "over a network"),
+        ("systemd", "as a service"),
+    ),
+    (
+        ("pipeline", "reading, correcting, writing"),
+        ("guard", "what may go out"),
+        ("config", "loaded, checked"),
+        ("ownership", "one at a time"),
     ),
 )
 DRIVERS: tuple[Rooms, ...] = (
@@ -53,8 +58,9 @@ DRIVERS: tuple[Rooms, ...] = (
     ),
 )
 COMPCORE: tuple[Rooms, ...] = (
+    (("monitoring", "is the model still true: check measurements on control charts"),),
     (
-        ("tables", "what a controller can hold"),
+        ("tables", "what controllers hold"),
         ("diagnosis", "what is missing"),
         ("comparison", "how wrong, where"),
         ("iso10791", "tests of rotary axes"),

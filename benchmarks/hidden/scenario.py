@@ -8,13 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.hidden import aside, bare, beyond, distances, instrument, rotary_causes, rotary_plan
-from benchmarks.hidden.campaign import STRUCTURES, draw
-from benchmarks.hidden.causes import Cause, catalogue
-from benchmarks.hidden.further import further, left_out
-from benchmarks.hidden.measuring import NOISE
-from benchmarks.hidden.scene import Scene
-from benchmarks.hidden.uncatalogued import uncatalogued
+from benchmarks.hidden.campaigns import rotary_plan
+from benchmarks.hidden.campaigns.campaign import STRUCTURES, draw
+from benchmarks.hidden.campaigns.measuring import NOISE
+from benchmarks.hidden.causes import beyond, step_aside
+from benchmarks.hidden.causes import rotary as rotary_causes
+from benchmarks.hidden.causes.catalogued import catalogue
+from benchmarks.hidden.causes.cause import Cause
+from benchmarks.hidden.causes.further import further, left_out
+from benchmarks.hidden.causes.uncatalogued import uncatalogued
+from benchmarks.hidden.scenes import bare, distances, instrument
+from benchmarks.hidden.scenes.scene import Scene
 
 MULTIPLES = (3, 6, 12)
 EMPTY = 100
@@ -32,7 +36,7 @@ ELSEWHERE: Mapping[str, tuple[str, ...]] = {
     **{name: instrument.kinds(words) for name, words in instrument.HIDDEN.items()},
     **dict.fromkeys(distances.HIDDEN, distances.kinds()),
     **dict.fromkeys(beyond.NAMES, tuple(STRUCTURES)),
-    **dict.fromkeys(aside.NAMES, tuple(STRUCTURES)),
+    **dict.fromkeys(step_aside.NAMES, tuple(STRUCTURES)),
 }
 """Causes that need other scenes than the usual ones, or came later → the kinds of scene, taken in
 turn."""

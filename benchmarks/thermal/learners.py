@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.fitting.fit import FitResult
-from benchmarks import black_box
-from benchmarks.hidden.inputs import inputs
+from benchmarks.alternatives import black_box
+from benchmarks.hidden.judging.inputs import inputs
 
 F64 = NDArray[np.float64]
 

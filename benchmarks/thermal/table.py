@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from benchmarks.black_box import SETTINGS
+from benchmarks.alternatives.black_box import SETTINGS
 from benchmarks.thermal.days import SEEN, UNSEEN
 from benchmarks.thermal.learners import SPREADSHEET
 from benchmarks.thermal.outcome import Outcome

@@ -94,6 +94,10 @@ class Campaign:
         machine, instrument, notes and whatever else stands at the top, per file.
     spindle
         Name of the axis in brackets whose angle was recorded (`conditions.spindle_angle`).
+    gauge, gauge_sd
+        Shape (n,): name of the calibrated gauge that a row was measured against, empty where none,
+        and the standard uncertainty of its calibration in the row's value, mm or rad: an error that
+        all rows of one gauge have in common. None where no row has one.
     lacking
         Signal that only some of several joined files record → the files without it; such a signal
         is not in `conditions`.
@@ -114,6 +118,8 @@ class Campaign:
     metadata: Sequence[Mapping[str, object]] = ()
     spindle: str | None = None
     lacking: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    gauge: NDArray[np.str_] | None = None
+    gauge_sd: F64 | None = None
 
     def __post_init__(self) -> None:
         if self.conditions.kind is not self.kind:
@@ -172,6 +178,8 @@ class Campaign:
             tool_name=self.tool_name[index],
             line=self.line[index],
             setups={name: s for name, s in self.setups.items() if name in names},
+            gauge=None if self.gauge is None else self.gauge[index],
+            gauge_sd=None if self.gauge_sd is None else self.gauge_sd[index],
         )
 
     def to_pandas(self) -> pd.DataFrame:

@@ -64,7 +64,7 @@ class Coverage:
         Number of campaigns with a clock of their own.
     interval
         Time between readings that follow one another, s: a quarter of the time lies between nearer
-        ones. A lag that is shorter cannot be told from none.
+        ones. A shorter lag cannot be distinguished from none.
     """
 
     moving: frozenset[str] = frozenset()

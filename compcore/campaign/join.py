@@ -20,8 +20,8 @@ def join_campaigns(campaigns: Sequence[Campaign]) -> Campaign:
 
     A name belongs to its file: the same set-up, base point or tool name in two files is two
     placings. The first keeps its name, later ones become ``name@file`` (``name@file#2`` when even
-    that is taken). Signals that some file lacks are left out and listed in `lacking`; directions
-    that a file does not record are 0 (unknown) there.
+    that is taken). But a gauge of the same name is the same gauge. Signals that some file lacks are
+    left out and listed in `lacking`; directions that a file does not record are 0 (unknown) there.
     """
     if len(campaigns) == 1:
         return campaigns[0]
@@ -53,6 +53,7 @@ def join_campaigns(campaigns: Sequence[Campaign]) -> Campaign:
         if signal not in everywhere:
             without = [f for p in parts if signal not in p.conditions.signals for f in p.files]
             lacking[signal] = tuple(without)
+    no_gauge = all(p.gauge is None for p in parts)
     return Campaign(
         name=" + ".join(c.name for c in campaigns),
         conditions=conditions,
@@ -69,6 +70,9 @@ def join_campaigns(campaigns: Sequence[Campaign]) -> Campaign:
         metadata=[m for p in parts for m in p.metadata],
         spindle=next((p.spindle for p in parts if p.spindle), None),
         lacking=lacking,
+        # one gauge measured in several files is one gauge
+        gauge=None if no_gauge else np.concatenate([_names(p.gauge, p.n) for p in parts]),
+        gauge_sd=None if no_gauge else np.concatenate([_zeros(p.gauge_sd, p.n) for p in parts]),
     )
 
 
@@ -79,6 +83,10 @@ def _run(campaign: Campaign) -> NDArray[np.int64]:
 
 def _names(names: NDArray[np.str_] | None, n: int) -> NDArray[np.str_]:
     return np.zeros(n, dtype="<U1") if names is None else names
+
+
+def _zeros(values: F64 | None, n: int) -> F64:
+    return np.zeros(n) if values is None else values
 
 
 def _spindle(table: Sequence[Conditions]) -> F64 | None:

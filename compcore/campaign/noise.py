@@ -30,7 +30,7 @@ I64 = NDArray[np.int64]
 GROSS = 5.0
 """A pseudo-residual beyond this many robust standard deviations is set aside."""
 FEWEST_FOR_GROSS = 10
-"""With fewer pseudo-residuals no gross error can be told."""
+"""With fewer pseudo-residuals no gross error can be recognised."""
 GREATEST_SHARE = 0.3
 """More uneven drift than this share of the variance cannot be taken off with confidence."""
 FEWEST_PAIRS = 5
@@ -205,7 +205,7 @@ def _sound(residual: F64) -> NDArray[np.bool_]:
     # readings of coarse resolution repeat exactly: then the spread says nothing
     if n < FEWEST_FOR_GROSS or spread == 0.0:
         return np.ones(n, dtype=np.bool_)
-    # a spread told from few residuals may be much too small by chance
+    # a spread estimated from few residuals may be much too small by chance
     return np.asarray(np.abs(residual) <= GROSS * (1.0 + FEWEST_FOR_GROSS / n) * spread)
 
 

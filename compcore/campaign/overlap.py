@@ -1,4 +1,4 @@
-"""What a campaign that is to test a model shares with those that the model was fitted to."""
+"""Overlap of campaigns: what a test campaign shares with those that the model was fitted to."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ def repeat_groups(
     """Number the groups of repeated rows.
 
     Repeats agree in run, set-up, kind, positions, approach directions, tool, spindle angle, unit
-    vector and base points. Where the campaign records no direction of an axis it is told from the
+    vector and base points. Where the campaign records no direction of an axis it follows from the
     order of the rows. With a machine, signals of role load or speed must agree as well (within 2 %
     of their range): with another load on the table it is another measurement. Temperatures need
     not agree: the repeats must be close in time instead.
@@ -92,11 +92,10 @@ def _directions(campaign: Campaign) -> list[I64]:
 def approach(campaign: Campaign, axis: str) -> I64:
     """Direction (1, −1; 0 unknown) in which an axis approached each row, shape (n,).
 
-    As recorded; where the campaign has no such column, told from the order of the rows in time,
-    unknown where the rows have no times. A
-    position read several times belongs to the move that led there; where the axis turns round
-    there, the later half of the readings belongs to the move that leads away, as in the test cycle
-    of ISO 230-2, which passes the end and comes back to it.
+    As recorded; where the campaign has no such column, from the order of the rows in time, unknown
+    where the rows have no times. A position read several times belongs to the move that led there;
+    where the axis turns round there, the later half of the readings belongs to the move that leads
+    away, as in the test cycle of ISO 230-2, which passes the end and comes back to it.
     """
     c = campaign.conditions
     if axis in c.directions:

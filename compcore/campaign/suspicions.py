@@ -1,4 +1,4 @@
-"""What looks like a wrong unit, a turned sign or an absurd uncertainty, said before anything else.
+"""Suspicions about a campaign: a wrong unit, a turned sign, an absurd uncertainty, said first.
 
 Nothing here is refused: a machine may be that good or that bad. But a fit that is too good is as
 suspicious as one that is too bad, and both have causes that are found in a minute once they are
@@ -106,6 +106,14 @@ def of_signals(campaign: Campaign, machine: Machine) -> Iterator[str]:
         if signal is None or signal.unit != "degC" or signal.role not in BODIES or not len(known):
             continue
         yield from perhaps_fahrenheit(name, float(np.median(known)), signal.role)
+
+
+def of_unknown_thermometers(campaign: Campaign) -> Iterator[str]:
+    """The same of an imported file's thermometers, which no model knows: ``T_air``, ``T_…``."""
+    for name, values in campaign.conditions.signals.items():
+        known = values[np.isfinite(values)]
+        if name.startswith("T_") and len(known):
+            yield from perhaps_fahrenheit(name, float(np.median(known)), "other", "the file")
 
 
 def of_chi2(chi2_per_dof: float, dof: int, *, stated: bool) -> Iterator[str]:

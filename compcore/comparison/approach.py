@@ -1,4 +1,4 @@
-"""From which side an axis came, and which component was measured: play that a mean would hide.
+"""Residuals by approach direction and component: play that a mean would hide.
 
 Residuals of rows that were approached upwards hold, mixed, whatever was measured there: play of Z
 shows in rows that measure Z, and in a diagonal with the part that the diagonal has in Z. So each
@@ -23,9 +23,9 @@ Mask = NDArray[np.bool_]
 
 COMPONENTS = "XYZ"
 CERTAIN = 8.0
-"""Standard deviations from which a difference is told: a model that fits badly shows many small."""
+"""Standard deviations from which a difference is reported; a bad fit shows many small ones."""
 _SHARE = 0.05
-"""Least part of the residuals' variance that a difference must hold to be told."""
+"""Least part of the residuals' variance that a difference must hold to be reported."""
 _SEEN = 1e-3
 
 

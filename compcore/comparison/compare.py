@@ -46,7 +46,7 @@ _UNCERTAINTY_ROUNDS = 4
 _MISFIT = 1e-4
 """Chance of so large a χ² from which on the model is said not to hold."""
 WORST = 10
-"""How many of the worst points are told."""
+"""How many of the worst points are listed."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

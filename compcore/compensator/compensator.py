@@ -20,8 +20,8 @@ from abbe.compcore.compensator.folding.fold import Fold
 from abbe.compcore.compensator.folding.metric import influences
 from abbe.compcore.compensator.folding.slow_state import SlowState
 from abbe.compcore.compensator.pose_step import PoseError, PoseStep, pose_step
-from abbe.compcore.compensator.step_cartesian import Step, nine, square_step
-from abbe.compcore.compensator.step_general import chain_step
+from abbe.compcore.compensator.step_cartesian import Step, cartesian_step, nine
+from abbe.compcore.compensator.step_general import general_step
 from abbe.compcore.errors import InputError, require_type
 from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.lag import LagState
@@ -330,9 +330,9 @@ class Compensator:
         else:
             self._batch = ChainBatch(model.machine, model.composition, tables, state)
         if self._nine is not None:
-            self._step = square_step(tables, self._nine, self.axes)
+            self._step = cartesian_step(tables, self._nine, self.axes)
         else:
-            self._step = chain_step(model.machine, model.composition, tables, state)
+            self._step = general_step(model.machine, model.composition, tables, state)
         if self.turning:
             self._pose = pose_step(model.machine, model.composition, tables, state, self.turning)
 

@@ -77,7 +77,7 @@ def pose_step(
     Parameters
     ----------
     machine, composition, tables, state
-        As for `abbe.compcore.compensator.step_general.chain_step`.
+        As for `abbe.compcore.compensator.step_general.general_step`.
     turning
         Rotary axes that are corrected; the others stay where they are.
 

@@ -50,7 +50,7 @@ def nine(at_zero: F64, per_mm: F64, axes: Sequence[str]) -> F64 | None:
     return np.stack([*at_zero, *(per_mm[lever, k] for lever, k in _LEVERS)], axis=1)
 
 
-def square_step(tables: FoldedTables, shares: F64, axes: Sequence[str]) -> Step:
+def cartesian_step(tables: FoldedTables, shares: F64, axes: Sequence[str]) -> Step:
     """The step, from tables and what `nine` gave (`shares`)."""
     order = [list(axes).index(letter) for letter in "XYZ"]
     pick = itemgetter(*order)

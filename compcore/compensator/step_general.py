@@ -278,7 +278,7 @@ def chain_error(tables: FoldedTables, composition: Composition) -> ChainError:
     return error
 
 
-def chain_step(
+def general_step(
     machine: Machine, composition: Composition, tables: FoldedTables, state: SlowState
 ) -> Step:
     """The step of any machine, with the state's tool and spindle angle."""

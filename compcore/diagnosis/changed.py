@@ -134,10 +134,10 @@ def standing(given: Model, result: FitResult, beside: Sequence[F64] = ()) -> Sta
     if given.covariance is None or not all(t.fitted for t in given.terms) or not given.terms:
         return None
     with threads_for(result.problem.n * result.problem.layout.size):
-        return _standing(_Known(given, given.covariance, result, beside))
+        return _standing(_GivenValues(given, given.covariance, result, beside))
 
 
-class _Known:
+class _GivenValues:
     """A campaign's normal equations about the given values, and what was known of them."""
 
     def __init__(
@@ -239,7 +239,7 @@ class _Known:
         return 1.0 + by, by**2 * square / self.variance / most
 
 
-def _standing(known: _Known) -> Standing:
+def _standing(known: _GivenValues) -> Standing:
     chi2 = known.chi2(())
     chance = known.disagrees(chi2)
     since = str(known.given.fit.get("date", ""))[:10] or None
@@ -290,7 +290,7 @@ def _standing(known: _Known) -> Standing:
     return Standing(chance, tuple(changes), tuple(suspicions), since, holds)
 
 
-def _least_set(known: _Known, chi2: float) -> list[int]:
+def _least_set(known: _GivenValues, chi2: float) -> list[int]:
     """The terms to let go, the one that explains most first; none that became superfluous."""
     found: list[int] = []
     while len(found) < _MOST and known.disagrees(chi2) < _AGREES:
@@ -318,7 +318,7 @@ def _least_set(known: _Known, chi2: float) -> list[int]:
     return found
 
 
-def _exchanged(known: _Known, found: list[int]) -> list[int]:
+def _exchanged(known: _GivenValues, found: list[int]) -> list[int]:
     """The same number of terms; each in turn gives place to one that says more beside the others.
 
     What was let go first was chosen while the others were still held.
@@ -354,7 +354,7 @@ def _factor_words(factor: float) -> str:
     )
 
 
-def _units(known: _Known) -> list[str]:
+def _units(known: _GivenValues) -> list[str]:
     """Signals that were recorded where no campaign of the fit came near."""
     said = []
     recorded = known.result.problem.campaign.conditions.signals

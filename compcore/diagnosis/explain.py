@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,9 @@ F64 = NDArray[np.float64]
 
 _MOST_SETUPS = 3
 _MOST_CHANGED = 3
+_SHOWN = 4
+_NOTHING = 1e-3
+"""A value that is so small a part of its standard deviation was not moved by the data at all."""
 _NAMED = 6
 """An effect of more parameters is a shape, of which no single one says anything."""
 
@@ -34,9 +37,7 @@ def explanation(established: Established, diagnosis: Findings) -> str:
     campaign = diagnosis.result.problem.campaign
     parts = [headline(effect) + "."]
     parts.append(_evidence(established, diagnosis, campaign))
-    if estimated := ", ".join(parameter(e) for e in established.estimates[:4]):
-        more = len(established.estimates) - 4
-        parts.append(f"Fitted: {estimated}{f' and {more} more' if more > 0 else ''}.")
+    parts += _fitted(established.estimates)
     parts += _as_built(established, diagnosis)
     doubtful = [e for e in established.estimates if not e.plausible]
     parts += [
@@ -58,6 +59,28 @@ def explanation(established: Established, diagnosis: Findings) -> str:
     before, after = diagnosis.rms * factor, established.rms_after * factor
     parts.append(f"Added, it brings the residuals from {before:.2f} to {after:.2f} {unit} RMS.")
     return " ".join(parts)
+
+
+def moved(estimate: Estimate) -> bool:
+    """Whether the campaign says anything of a parameter."""
+    return not (estimate.sd > 0.0 and abs(estimate.value) < _NOTHING * estimate.sd)
+
+
+def _fitted(estimates: Sequence[Estimate]) -> list[str]:
+    """What the campaign says of the parameters; of which of them it says nothing."""
+    said = [e for e in estimates if moved(e)]
+    silent = [e.name for e in estimates if e not in said]
+    parts = []
+    if shown := ", ".join(parameter(e) for e in said[:_SHOWN]):
+        more = len(said) - _SHOWN
+        parts.append(f"Fitted: {shown}{f' and {more} more' if more > 0 else ''}.")
+    if said and silent:
+        names = ", ".join(silent[:_SHOWN])
+        more = len(silent) - _SHOWN
+        parts.append(
+            f"This campaign says nothing of {names}{f' and {more} more' if more > 0 else ''}."
+        )
+    return parts
 
 
 def _as_built(established: Established, diagnosis: Findings) -> list[str]:
@@ -140,23 +163,23 @@ def section(effect: Effect, name: str) -> str:
 
 
 def _sentence(text: str) -> str:
-    return text if text.endswith(".") else text + "."
+    """A sentence with a capital and a full stop, without a docstring's marks."""
+    text = text.replace("``", "")
+    return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".")
 
 
 def amount(value: float, unit: str) -> str:
     """A number in the unit that people read: µm, µrad, ppm/K."""
     name, factor = display(unit)
-    return f"{value * factor:.3g} {name}"
+    shown = value * factor
+    return f"{shown:.0f} {name}" if 100.0 <= abs(shown) < 1e6 else f"{shown:.3g} {name}"
 
 
 def parameter(estimate: Estimate) -> str:
     """A parameter with its standard deviation, in the unit that people read."""
     name, factor = display(estimate.unit)
-    if estimate.sd > 0.0:
-        digits = max(0, 1 - int(np.floor(np.log10(estimate.sd * factor))))
-        value = f"{estimate.value * factor:.{min(digits, 9)}f}"
-        return f"{estimate.name} = {value} ± {estimate.sd * factor:.2g} {name}"
-    return f"{estimate.name} = {estimate.value * factor:.5g} {name}"
+    value = with_uncertainty(estimate.value * factor, estimate.sd * factor)
+    return f"{estimate.name} = {value} {name}".rstrip()
 
 
 def description(structure: ResidualPattern) -> str:

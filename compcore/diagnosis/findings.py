@@ -41,7 +41,11 @@ class Established:
     aliases
         What this campaign cannot tell from it, closest first.
     signature
-        What it explains in each row beyond what the model can imitate, (n,), mm or rad.
+        What it explains in each row beyond what the model, with the other established causes, can
+        imitate, (n,), mm or rad.
+    beside_others
+        What the model with the other established causes leaves in each row, (n,), mm or rad; NaN
+        where a row was not used.
     """
 
     found: WeighedCandidate
@@ -50,6 +54,7 @@ class Established:
     cross_validated_gain: float
     aliases: tuple[Alias, ...]
     signature: F64
+    beside_others: F64
 
     @property
     def effect(self) -> Effect:

@@ -111,22 +111,27 @@ def _vectors(point: F64, u: F64, residual: F64) -> Figure:
 
 
 def _cause(findings: Findings, established: Established) -> Figure:
-    return _signature(findings, established.signature, "what the cause would add")
+    """A cause beside the others, which are fitted first."""
+    return _signature(
+        findings, established.signature, established.beside_others, "what the cause would add"
+    )
 
 
 def _structure(findings: Findings, structure: ResidualPattern) -> Figure:
-    return _signature(findings, _described(findings, structure), "what is described")
+    described = _described(findings, structure)
+    return _signature(findings, described, findings.result.residual, "what is described")
 
 
-def _signature(findings: Findings, signature: F64, what: str) -> Figure:
-    """Residual against a signature, (n,), mm or rad: on the diagonal what it explains."""
+def _signature(findings: Findings, signature: F64, residual: F64, what: str) -> Figure:
+    """Residual against a signature, both (n,), mm or rad: on the diagonal what it explains."""
     campaign = findings.result.problem.campaign
-    rows = campaign.kind == Kind.DISPLACEMENT
+    used = findings.result.problem.weight > 0.0
+    rows = (campaign.kind == Kind.DISPLACEMENT) & used
     factor, unit = 1e3, "µm"
     if not rows.any():
-        rows, factor, unit = campaign.kind == Kind.ROTATION, 1e6, "µrad"
+        rows, factor, unit = (campaign.kind == Kind.ROTATION) & used, 1e6, "µrad"
     x = signature[rows] * factor
-    y = findings.result.residual[rows] * factor
+    y = residual[rows] * factor
     order = np.argsort(x)
     count = max(1, min(24, len(x) // 25))
     bins = np.array_split(order, count)

@@ -35,6 +35,10 @@ def _tilt(w: Where, size: str) -> str:
     return f"{w['axis']} leans about {w['about']} when {_names(w)} {why}, {size} at the tool"
 
 
+def _askew(w: Where, size: str) -> str:
+    return f"the line of {w['axis']} leans, or its zero is off: {size}"
+
+
 _SAID: Mapping[str, Callable[[Where, str], str]] = {
     "positioning": lambda w, s: f"{w['axis']} arrives beside its indicated position, by {s}",
     "scale": lambda w, s: f"{w['axis']} travels too far or too short, {s} at its ends",
@@ -117,6 +121,8 @@ def in_the_shop(
         if len(values) == 1:
             unit, factor = display(values[0][1])
             largest = abs(values[0][0]) * factor
+    if effect.kind == "rotary_location" and {u for _, u in values} == {"rad"}:
+        say = _askew
     text = say(
         effect.where(), f"{largest:.2g} {unit}" if largest < 10.0 else f"{largest:.0f} {unit}"
     )

@@ -8,7 +8,7 @@ it. At the end each effect that was added is tried without: what later ones made
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,8 @@ from abbe.compcore.campaign.campaign import LENGTHS, Campaign, Kind
 from abbe.compcore.diagnosis.findings import measured_kinds
 from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut, folds
 from abbe.compcore.diagnosis.screening.screening import Basis
-from abbe.compcore.diagnosis.verdict import Diagnosis, diagnose
+from abbe.compcore.diagnosis.thermometers import further_thermometers
+from abbe.compcore.diagnosis.verdict import Diagnosis, lacking
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.temperature.lengths import ThermalOffset
 from abbe.compcore.effects.signals import LaggedEffect
@@ -34,6 +35,9 @@ MOST_STEPS = 40
 
 OF_THE_CLOCK = ("warm_up", "drift", "event")
 """Causes that read no signal: what follows a recorded one is looked for in all detail before."""
+
+_NEXT = 6
+"""So many of the leading candidates are tried where none of those established is taken."""
 
 _TWO = 2.0
 """Least ratio of two time constants behind one signal."""
@@ -100,9 +104,9 @@ class Step:
     Attributes
     ----------
     action
-        ``began``, ``added``, ``lagged`` (its signals stand behind a lag now), ``second body``
-        (behind the same signal), ``began elsewhere`` (than in equilibrium with its signal),
-        ``removed``.
+        ``began``, ``added``, ``added together`` (with the next, as neither predicts anything
+        alone), ``lagged`` (its signals stand behind a lag now), ``second body`` (behind the same
+        signal), ``began elsewhere`` (than in equilibrium with its signal), ``removed``.
     effect
         The effect that was added, changed or taken out; None for the beginning.
     result
@@ -176,27 +180,29 @@ def to_the_verdict(
     FitError
         As `diagnose`.
     """
-    course = _Course(model, campaign, on_step, progress)
+    course = _StepwiseCourse(model, campaign, on_step, progress)
     diagnosis = course.diagnosed()
     while len(course.steps) < MOST_STEPS:
         found = [e.found.candidate.effect for e in diagnosis.established]
-        new = [e for e in found if e not in course.refused]
+        new = [e for e in found if not course.refused_now(e)]
         read = [e for e in new if e.kind not in OF_THE_CLOCK]
         if new and not read and course.bodies():
             diagnosis = course.diagnosed()
             continue
-        taken = [course.add(effect) for effect in read or new]
-        if any(taken):
+        if course.add_all(read or new) or course.add_another(diagnosis):
             course.lag()
-        elif diagnosis.verdict == "complete" or not course.bodies():
+        elif not (course.detail(diagnosis) or course.sharpen(diagnosis) or course.prune()):
             break
         diagnosis = course.diagnosed()
-    if course.prune():
-        diagnosis = course.diagnosed()
-    return Course(tuple(course.steps), tuple(course.refused), diagnosis)
+    else:
+        if course.prune():
+            diagnosis = course.diagnosed()
+    kept = set(course.steps[-1].result.model.effects)
+    refused = tuple(e for e in course.refused if e not in kept)
+    return Course(tuple(course.steps), refused, diagnosis)
 
 
-class _Course:
+class _StepwiseCourse:
     """The model as far as it is, and how it came there."""
 
     def __init__(
@@ -208,7 +214,7 @@ class _Course:
     ) -> None:
         self._campaign = campaign
         self._on_step, self._progress = on_step, progress
-        self.refused: list[Effect] = []
+        self.refused: dict[Effect, int] = {}
         self.steps: list[Step] = []
         self._added: list[Effect] = []
         result = fit(model, campaign)
@@ -226,77 +232,173 @@ class _Course:
 
     def diagnosed(self) -> Diagnosis:
         """What the model lacks as it is now."""
-        return diagnose(self._last.result.model, self._campaign, progress=self._progress)
+        return lacking(self._last.result, progress=self._progress)
+
+    def refused_now(self, effect: Effect) -> bool:
+        """Whether an effect was refused beside the model as it is now; beside another it may do."""
+        return self.refused.get(effect) == len(self.steps)
+
+    def add_all(self, effects: Sequence[Effect]) -> bool:
+        """Add those with which left-out blocks are predicted better, however they are ordered.
+
+        Each by itself; and those that one by one predict nothing together, as they were found: of
+        two thermometers that read nearly the same the difference may say what neither says.
+        """
+        before = len(self.steps)
+        left = list(effects)
+        while left:
+            waiting = [e for e in left if not self.add(e)]
+            if len(waiting) == len(left):
+                while len(waiting) > 1 and not self._add_together(waiting):
+                    del waiting[-1]
+                break
+            left = waiting
+        return len(self.steps) > before
 
     def add(self, effect: Effect) -> bool:
         """Add an effect if left-out blocks are predicted better with it."""
+        if self.refused_now(effect):
+            return False
         self._progress(f"adding {effect.kind}")
         before = self._last.result.model
         more, added = with_effect(before, effect.kind, effect.where())
         if not self._try("added", added, more, _FALLS):
-            self.refused.append(effect)
+            self.refused[effect] = len(self.steps)
             return False
-        kept = set(more.effects)
-        self._added = [e for e in self._added if e in kept] + [added]
+        self._adopt(more, added)
         return True
 
-    def lag(self) -> None:
-        """Put signals of effects that were added behind a lag, where that predicts better."""
+    def add_another(self, diagnosis: Diagnosis) -> bool:
+        """Add what was ranked behind the causes that stood, and of which none was taken.
+
+        Causes that were chosen together may imitate a plainer one that none of them is.
+        """
+        if not diagnosis.established:
+            return False
+        n = diagnosis.basis.n
+        behind = [f.candidate.effect for f in diagnosis.ranked if f.established(n)]
+        others = [e for e in behind if e.scope != "instrument" and e.kind not in OF_THE_CLOCK]
+        return any(self.add(effect) for effect in others[:_NEXT])
+
+    def sharpen(self, diagnosis: Diagnosis) -> bool:
+        """Add further thermometers where warmth is established and they predict better."""
+        warm = [e for e in self._added if e in self._last.result.model.effects]
+        for effects in further_thermometers(diagnosis, warm)[:_NEXT]:
+            if len(effects) == 1:
+                if self.add(effects[0]):
+                    return True
+            elif self._add_together(effects):
+                return True
+        return False
+
+    def _add_together(self, effects: Sequence[Effect]) -> bool:
+        """Add several effects if with all of them left-out blocks are predicted better."""
+        self._progress(f"adding {len(effects)} effects together")
+        grown = [self._last.result.model]
+        added = []
+        for effect in effects:
+            model, one = with_effect(grown[-1], effect.kind, effect.where())
+            grown.append(model)
+            added.append(one)
+        found = self._better(grown[-1], added, _FALLS)
+        if found is None:
+            return False
+        for one, model in zip(added[:-1], grown[1:-1], strict=True):
+            result = fit(model, self._campaign, near=True)
+            self._make("added together", one, result, LeftOutErrors.of(result))
+        self._make("added", added[-1], *found)
+        for one, model in zip(added, grown[1:], strict=True):
+            self._adopt(model, one)
+        return True
+
+    def _adopt(self, model: Model, added: Effect) -> None:
+        """Count an effect among those that were added."""
+        kept = set(model.effects)
+        self._added = [e for e in self._added if e in kept] + [added]
+
+    def detail(self, diagnosis: Diagnosis) -> bool:
+        """More detail in what is there, where structure is left that no further cause explains.
+
+        What was refused while causes were still missing is tried once more.
+        """
+        if diagnosis.verdict == "complete":
+            return False
+        before = len(self.steps)
+        self.lag(again=True)
+        return self.bodies(again=True) or len(self.steps) > before
+
+    def lag(self, *, again: bool = False) -> None:
+        """Put signals of effects that were added behind a lag, where that predicts better.
+
+        `again`: also where it was refused beside another model than now.
+        """
         for effect in list(self._added):
             if not isinstance(effect, LaggedEffect) or effect.tau is not None:
                 continue
             self._progress(f"a lag for {effect.kind}")
-            if not self._detailed("lagged", effect, {"tau": "fit"}) and isinstance(
-                effect, ThermalOffset
-            ):
+            lagged = self._detailed("lagged", effect, {"tau": "fit"}, again=again)
+            if not lagged and isinstance(effect, ThermalOffset):
                 # a lag may be hidden by a body that began elsewhere
-                self._detailed("began elsewhere", effect, {"tau": "fit", "start": "fit"})
+                elsewhere = {"tau": "fit", "start": "fit"}
+                self._detailed("began elsewhere", effect, elsewhere, again=again)
 
-    def bodies(self) -> bool:
-        """A second body behind a lagged signal, or one that began elsewhere than in equilibrium."""
+    def bodies(self, *, again: bool = False) -> bool:
+        """A second body behind a lagged signal, or one that began elsewhere than in equilibrium.
+
+        `again`: also where it was refused beside another model than now.
+        """
         before = len(self.steps)
         for key, action in (("start", "began elsewhere"), ("tau2", "second body")):
             for effect in list(self._added):
                 lagged = isinstance(effect, ThermalOffset) and effect.tau == "fit"
                 if lagged and getattr(effect, key) is None:
                     self._progress(f"{effect.kind}: {action}")
-                    self._detailed(action, effect, {key: "fit"})
+                    self._detailed(action, effect, {key: "fit"}, again=again)
         return len(self.steps) > before
 
-    def _detailed(self, action: str, effect: Effect, detail: dict[str, str]) -> bool:
+    def _detailed(
+        self, action: str, effect: Effect, detail: dict[str, str], *, again: bool
+    ) -> bool:
         """Exchange an effect for one of more detail, where that predicts better."""
         fuller = effect.model_copy(update=detail)
-        if fuller in self.refused:
+        if self.refused_now(fuller) or (fuller in self.refused and not again):
             return False
         more, _ = with_effect(self._last.result.model, fuller.kind, fuller.where())
         if not self._try(action, fuller, more, _FALLS):
-            self.refused.append(fuller)
+            self.refused[fuller] = len(self.steps)
             return False
         self._added[self._added.index(effect)] = fuller
         return True
 
     def prune(self) -> bool:
         """Take out what was added and is superfluous by now."""
-        removed = False
-        for effect in self._added[:-1]:
+        before = len(self._added)
+        for effect in list(self._added):
             self._progress(f"without {effect.kind}")
             less, _ = without_effect(self._last.result.model, effect.spec)
-            removed |= self._try("removed", effect, less, 1.0)
-        return removed
+            if self._try("removed", effect, less, 1.0):
+                self._added.remove(effect)
+        return len(self._added) < before
 
     def _try(self, action: str, effect: Effect, model: Model, falls: float) -> bool:
+        found = self._better(model, (effect,), falls)
+        if found is not None:
+            self._make(action, effect, *found)
+        return found is not None
+
+    def _better(
+        self, model: Model, changed: Sequence[Effect], falls: float
+    ) -> tuple[FitResult, LeftOutErrors] | None:
+        """A model's fit, and how it predicts, if left-out χ² falls to a part; else None."""
         try:
-            result = fit(model, self._campaign)
+            result = fit(model, self._campaign, near=True)
         except FitError:
-            return False
+            return None
         out = LeftOutErrors.of(result)
-        bound = effect.scope == "instrument"
+        bound = all(e.scope == "instrument" for e in changed)
         if self._last.held_out.falls_to(out, result, bound=bound) > falls:
-            return False
-        if not _apart(result.model, effect):
-            return False
-        self._make(action, effect, result, out)
-        return True
+            return None
+        return (result, out) if all(_apart(result.model, e) for e in changed) else None
 
 
 def _apart(model: Model, effect: Effect) -> bool:

@@ -22,10 +22,11 @@ from abbe.compcore.diagnosis.aliases import aliases
 from abbe.compcore.diagnosis.changed import Standing, standing
 from abbe.compcore.diagnosis.explain import headline, parameter
 from abbe.compcore.diagnosis.findings import Established, Findings, Verdict, measured_kinds
+from abbe.compcore.diagnosis.foretelling import ALIKE, foretelling, foretold, predicting
 from abbe.compcore.diagnosis.pictures import diagnosis_figures
 from abbe.compcore.diagnosis.screening.all_rows import measured
 from abbe.compcore.diagnosis.screening.candidates import RIGID, Candidate, candidates
-from abbe.compcore.diagnosis.screening.crossvalidation import folds, gain
+from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut, folds, gain
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING
 from abbe.compcore.diagnosis.screening.frames import Frames
 from abbe.compcore.diagnosis.screening.independence import independent_share
@@ -50,9 +51,6 @@ _SAME = 2.0
 
 _COINCIDENCE = 8.0
 """What each further cause costs beside one description that says the same: a coincidence."""
-
-_ALIKE = 0.9
-"""Part of the rows that count as independent from which on all are taken to."""
 
 BEYOND_DOUBT = 40.0
 """Least evidence of a cause that is found beside structure which no cause explains."""
@@ -144,7 +142,18 @@ def diagnose(model: Model, campaign: Campaign, *, progress: Progress = lambda _:
     require_type(model, Model, "model")
     require_type(campaign, Campaign, "campaign")
     progress("fitting the model as it is")
-    whole = fit(model, campaign)
+    return _of_fit(fit(model, campaign), model, progress)
+
+
+def lacking(whole: FitResult, *, progress: Progress = lambda _: None) -> Diagnosis:
+    """As `diagnose`, of a model that was just fitted to the campaign: only what it lacks.
+
+    Nothing is fitted again, and nothing can have changed.
+    """
+    return _of_fit(whole, None, progress)
+
+
+def _of_fit(whole: FitResult, given: Model | None, progress: Progress) -> Diagnosis:
     result = whole.thin
     if result.dof < 1:
         raise FitError(
@@ -152,10 +161,13 @@ def diagnose(model: Model, campaign: Campaign, *, progress: Progress = lambda _:
             "that could be diagnosed; measure more"
         )
     with threads_for(result.problem.n * result.problem.layout.size):
-        return _diagnosed(model, whole, result, progress)
+        return _diagnosed(given, whole, result, progress)
 
 
-def _diagnosed(model: Model, whole: FitResult, result: FitResult, progress: Progress) -> Diagnosis:
+def _diagnosed(
+    given: Model | None, whole: FitResult, result: FitResult, progress: Progress
+) -> Diagnosis:
+    model = result.model
     campaign = result.problem.campaign
     progress("enumerating candidates")
     tried = candidates(model, campaign)
@@ -168,11 +180,11 @@ def _diagnosed(model: Model, whole: FitResult, result: FitResult, progress: Prog
     pool = Pool(tried, columns, basis, model.machine, placed=frames.columns)
     progress(f"testing {len(tried)} candidates")
     rows = folds(campaign.conditions)
-    basis, chosen, ranked = _found(pool, basis, campaign.conditions, rows)
+    basis, chosen, ranked = foretelling(pool, basis, campaign.conditions, rows)
     progress("looking for structure that is in no catalogue")
     patterns = Patterns(result.problem, result.theta, frames)
     found = {f.key for f in chosen}
-    chosen, unexplained = _compete(pool, basis, chosen, patterns)
+    chosen, unexplained = _compete(pool, basis, chosen, patterns, rows)
     if any(f.key not in found for f in chosen):
         chosen = _standing_beside(pool, basis, chosen, unexplained, campaign.conditions, rows)
         unexplained = unexplained if chosen else patterns.established(basis)
@@ -200,8 +212,10 @@ def _diagnosed(model: Model, whole: FitResult, result: FitResult, progress: Prog
         progress("what was found, on all rows")
         established, left = _on_all_rows(whole, result, established, len(tried))
         variance = variance if unexplained else left
-    progress("what has changed")
-    holds = standing(model, result, [pool.found_columns(e.found) for e in established])
+    holds = None
+    if given is not None:
+        progress("what has changed")
+        holds = standing(given, result, [pool.found_columns(e.found) for e in established])
     return Diagnosis(
         _verdict(holds, established, unexplained),
         whole,
@@ -218,23 +232,6 @@ def _diagnosed(model: Model, whole: FitResult, result: FitResult, progress: Prog
     )
 
 
-def _found(
-    pool: Pool, basis: Basis, conditions: Conditions, rows: list[NDArray[np.int64]]
-) -> tuple[Basis, list[WeighedCandidate], list[WeighedCandidate]]:
-    """The causes that predict rows left out, and all candidates as the first search ranked them.
-
-    The basis counts as many rows as independent as what the causes leave allows.
-    """
-    chosen, ranked = search(pool, basis)
-    share = independent_share(pool.joined(basis, chosen).residual, conditions)
-    if chosen and share < _ALIKE:
-        # what the causes leave is alike from row to row: fewer rows speak than were counted
-        basis = replace(basis, share=share)
-        chosen, ranked = search(pool, basis)
-    chosen = _predicting(pool, basis, chosen, rows)
-    return basis if chosen else replace(basis, share=1.0), chosen, ranked
-
-
 def _verdict(
     holds: Standing | None,
     established: Sequence[Established],
@@ -247,47 +244,12 @@ def _verdict(
     return "unexplained" if unexplained else "complete"
 
 
-def _gain(
-    pool: Pool,
-    beside: Basis,
-    found: WeighedCandidate,
-    rows: list[NDArray[np.int64]],
-    after: Basis,
-) -> float:
-    """By how much better a cause, beside others, predicts blocks that were left out.
-
-    `after`: the basis with all of them.
-    """
-    bound = found.candidate.effect.scope == "instrument"
-    return gain(pool.left_out(beside, rows), pool.left_out(after, rows), bound=bound)
-
-
-def _predicting(
-    pool: Pool, basis: Basis, chosen: Sequence[WeighedCandidate], rows: list[NDArray[np.int64]]
-) -> list[WeighedCandidate]:
-    """Those causes that predict blocks which were left out, each beside the others.
-
-    The one that predicts worst goes first; the others are looked at again without it.
-    """
-    kept = list(chosen)
-    while kept:
-        gains = []
-        after = pool.joined(basis, kept)
-        for f in kept:
-            others = pool.joined(basis, (g for g in kept if g.key != f.key))
-            gains.append(_gain(pool, others, f, rows, after))
-        worst = int(np.argmin(gains))
-        if gains[worst] > 0.0:
-            break
-        del kept[worst]
-    return kept
-
-
 def _compete(
     pool: Pool,
     basis: Basis,
     chosen: Sequence[WeighedCandidate],
     patterns: Patterns,
+    rows: list[NDArray[np.int64]],
 ) -> tuple[list[WeighedCandidate], list[ResidualPattern]]:
     """Causes from the catalogue against descriptions of structure: who explains what.
 
@@ -302,8 +264,10 @@ def _compete(
         joint_value(basis, after, chosen) - _COINCIDENCE * (len(chosen) - 1) if chosen else 0.0
     )
     left = patterns.established(after) if chosen else strong
-    # a description costs `EMPIRICAL` more: where it says more all the same, no cause is named
-    better = strong[0].evidence.value > by_causes
+    # a description costs `EMPIRICAL` more: where it says more all the same, no cause is named,
+    # unless the causes predict better what was left out
+    foretell = bool(chosen) and _foretell(pool, basis, after, chosen, strong[0], rows)
+    better = strong[0].evidence.value > by_causes and not foretell
     # a function of one position is an error motion of its axis, however plainly it can be described
     rigid = bool(chosen) and all(f.candidate.effect.kind in RIGID for f in chosen)
     # one cause that explains as much as the description says it too, with what else belongs to it
@@ -311,7 +275,8 @@ def _compete(
     if not left and (rigid or covers or not better):
         return chosen, []
     # something is left whatever the catalogue offers
-    if left and chosen and not better and by_causes > strong[0].evidence.value + CONVINCING:
+    more_said = by_causes > strong[0].evidence.value + CONVINCING
+    if left and chosen and not better and (more_said or foretell):
         # the causes say more than any one description; but a cause further down the list may
         # only be imitating what is left, and is kept only if it stands beside the description
         return _beside(pool, basis, chosen, left, patterns), left
@@ -326,6 +291,21 @@ def _compete(
         both = pool.joined(extended, more)
         more = [] if patterns.established(both) else more
     return more, described + [s for s in strong[1:] if s not in described]
+
+
+def _foretell(
+    pool: Pool,
+    basis: Basis,
+    after: Basis,
+    chosen: Sequence[WeighedCandidate],
+    described: ResidualPattern,
+    rows: list[NDArray[np.int64]],
+) -> bool:
+    """Whether causes predict blocks that were left out better than a description does."""
+    before = pool.left_out(basis, rows)
+    bound = all(f.candidate.effect.scope == "instrument" for f in chosen)
+    by_causes = gain(before, pool.left_out(after, rows), bound=bound)
+    return by_causes > gain(before, LeftOut.of(basis.extended(described.columns), rows))
 
 
 def _beside(
@@ -365,11 +345,11 @@ def _standing_beside(
     for s in described:
         beside = beside.extended(s.columns)
     share = independent_share(pool.joined(beside, chosen).residual, conditions)
-    if share < _ALIKE:
+    if share < ALIKE:
         beside = replace(beside, share=min(share, basis.share))
         again = pool.weighed(beside, chosen)
         chosen = [f for f in again if f.established(basis.n) and f.evidence.value > BEYOND_DOUBT]
-    return _predicting(pool, beside, chosen, rows)
+    return predicting(pool, beside, chosen, rows)
 
 
 def _on_all_rows(
@@ -430,7 +410,8 @@ def _established(
         beside,
         pool.estimates(others, found, variance),
         _rms_of(result, after),
-        _gain(pool, others, found, rows, pool.joined(background, chosen)),
+        foretold(pool, others, found, rows, pool.joined(background, chosen)),
         tuple(aliases(pool, others, found, rival, variance * share)),
         np.asarray(signature),
+        np.asarray(others.residual / result.problem.weight),
     )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
+import numpy as np
+
 from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.diagnosis.explain import changed, description, explanation, formula
 from abbe.compcore.diagnosis.findings import Findings
@@ -38,6 +40,17 @@ def noise_of(diagnosis: Findings, noise: NoiseFloor) -> float | None:
     return None if level is None else level.value
 
 
+NO_UNCERTAINTY = (
+    "no uncertainty of the rows is stated (a column sd), so how near this is to noise is judged by "
+    "how well left-out blocks are predicted"
+)
+
+
+def uncertainty_stated(diagnosis: Findings) -> bool:
+    """Whether any row says how sure it is: without that χ² is 1 by construction."""
+    return bool(np.isfinite(diagnosis.whole.problem.campaign.sd).any())
+
+
 def diagnosis_words(
     diagnosis: Findings,
     noise: NoiseFloor,
@@ -59,7 +72,11 @@ def diagnosis_words(
             if floor is not None
             else "noise floor unknown (no repeats)"
         )
-        + f"; χ² per degree of freedom {diagnosis.whole.chi2_per_dof:.3f}"
+        + (
+            f"; χ² per degree of freedom {diagnosis.whole.chi2_per_dof:.3f}"
+            if uncertainty_stated(diagnosis)
+            else f"; {NO_UNCERTAINTY}"
+        )
     )
     if diagnosis.result is not diagnosis.whole:
         yield thinned_words(diagnosis)

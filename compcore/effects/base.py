@@ -166,7 +166,7 @@ class Effect(BaseModel, ABC):
     kind: ClassVar[str]
     scope: ClassVar[Scope] = "machine"
     carries: ClassVar[bool] = False
-    """Whether what it shares with other effects is best told as this one: a squareness, a scale."""
+    """Whether what it shares with other effects is best named after it: a squareness, a scale."""
     reads_tool: ClassVar[bool] = False
     """Whether the columns depend on the tool's offset (levers not counted)."""
     given: ClassVar[bool] = False
@@ -272,7 +272,7 @@ class Effect(BaseModel, ABC):
     def expressions(
         self, machine: Machine, coefficients: F64
     ) -> tuple[tuple[float, FormulaNode], ...] | None:
-        """The error motion as a sum of numbers times expressions, of which bounds can be told.
+        """The error motion as a sum of numbers times expressions, of which bounds are known.
 
         Returns
         -------

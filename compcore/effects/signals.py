@@ -68,9 +68,9 @@ LAGGING = ("ambient", "coolant", "spindle", "speed", "load", "screw", "other")
 def lag_parameter(duration: float = 20_000.0, interval: float = 0.0) -> NonlinearParameter:
     """The time constant of a first-order lag (s), to be fitted.
 
-    `duration`: how long the campaign ran, s. A lag much longer than that cannot be told from a
-    drift. `interval`: time from reading to reading, s. One that is shorter cannot be told from
-    none; beside the signal itself it would be its derivative.
+    `duration`: how long the campaign ran, s. A lag much longer than that looks like a drift.
+    `interval`: time from reading to reading, s. One that is shorter looks like none; beside the
+    signal itself it would be its derivative.
     """
     longest = max(3.0 * duration, 600.0, 4.0 * interval)
     shortest = max(5.0, interval)

@@ -1,4 +1,4 @@
-"""What every result has for people: a text, a short line, HTML for a notebook, pictures."""
+"""Text, short line, HTML for a notebook and pictures, as every result has them for people."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class _Lever(BaseModel):
     origin: _Number
 
 
-class _Table(BaseModel):
+class _GridTable(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
     place: _Name
     component: Component
@@ -55,12 +55,12 @@ class _Table(BaseModel):
     lever: _Lever | None = None
 
 
-class _File(BaseModel):
+class _GridFile(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
     format: Literal["abbe-error-grid/1"]
     meaning: str = ""
     source: dict[str, Any] = {}
-    tables: Annotated[list[_Table], Field(min_length=1)]
+    tables: Annotated[list[_GridTable], Field(min_length=1)]
 
 
 MEANING = (
@@ -124,11 +124,11 @@ def parse_grid(text: str, file: str | Path | None = None) -> tuple[MeasuredTable
     InputError
         Naming file, table, what was found and what was expected.
     """
-    content = shaped(parse_json(text, file), _File, file)
+    content = shaped(parse_json(text, file), _GridFile, file)
     return tuple(_table(i, section, file) for i, section in enumerate(content.tables))
 
 
-def _table(index: int, section: _Table, file: str | Path | None) -> MeasuredTable:
+def _table(index: int, section: _GridTable, file: str | Path | None) -> MeasuredTable:
     where = f"tables[{index}]"
 
     def refuse(problem: str, key: str, found: object, expected: str) -> InputError:

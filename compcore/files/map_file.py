@@ -51,14 +51,14 @@ def load_map(path: str | Path) -> CompensationMap:
 
 def parse_map(text: str, file: str | None = None) -> CompensationMap:
     """A compensation map from its text; raises as `load_map`."""
-    reader = _Reader(file)
+    reader = _MapReader(file)
     for number, line in enumerate(text.splitlines(), start=1):
         if line.strip():
             reader.take(number, line)
     return reader.finish(text.count("\n") + 1)
 
 
-class _Reader:
+class _MapReader:
     def __init__(self, file: str | None) -> None:
         self._file = file
         self._tables: dict[str, AxisTable] = {}

@@ -15,7 +15,8 @@ from abbe.compcore.effects.base import Effect, NonlinearParameter, Parameter
 from abbe.compcore.effects.registry import make_effect
 from abbe.compcore.errors import AbbeError, InputError, require_type
 from abbe.compcore.files import formats
-from abbe.compcore.files.model_sections import (
+from abbe.compcore.files.model_toml.packed_covariance import pack_symmetric, unpack_symmetric
+from abbe.compcore.files.model_toml.sections import (
     MachineSection,
     ParameterSection,
     check_covariance,
@@ -23,7 +24,6 @@ from abbe.compcore.files.model_sections import (
     read_sections,
     shaped,
 )
-from abbe.compcore.files.packed_covariance import pack_symmetric, unpack_symmetric
 from abbe.compcore.files.text.atomic import write_together
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.machine.machine import Axis, Machine, Signal, Vec3, nominal_direction

@@ -1,4 +1,4 @@
-"""What a file is, from how it begins, and which command reads it.
+"""Recognition of a file by how it begins, and the commands that read it.
 
 For the message about a file that was given to another command: it names the right one.
 """
@@ -29,63 +29,35 @@ class FileKind:
         Which of Abbe's readers it is for.
     commands
         The commands that take it.
-    usage
-        How the first of them is typed; ``FILE`` stands for the file.
+    dialect
+        Of a controller's table: whose; of what ``import-campaign`` reads: what `--as` is told.
     """
 
     name: str
     reader: str
     commands: frozenset[str]
-    usage: str
+    dialect: str = ""
 
 
-def _kind(name: str, reader: str, commands: str, usage: str) -> FileKind:
-    return FileKind(name, reader, frozenset(commands.split()), usage)
+def _kind(name: str, reader: str, commands: str, dialect: str = "") -> FileKind:
+    return FileKind(name, reader, frozenset(commands.split()), dialect)
 
 
-CAMPAIGN = _kind(
-    "a campaign", "campaign", "fit compare diagnose add iso230 new", "abbe compare MODEL.toml FILE"
-)
+CAMPAIGN = _kind("a campaign", "campaign", "fit compare diagnose add iso230 new")
 MODEL = _kind(
-    "a model", "model", "fit compare diagnose add remove correct table history import-grid",
-    "abbe correct FILE X=…, or abbe compare FILE CAMPAIGN.csv",
-)  # fmt: skip
-CONFIG = _kind("a configuration", "config", "run check upload demo", "abbe check FILE")
-POINTS = _kind(
-    "a list of points with the correction on and off", "points", "identify-convention",
-    "abbe identify-convention MAP.txt FILE",
-)  # fmt: skip
-MAP = _kind(
-    "a compensation map", "map", "import-map identify-convention import-campaign",
-    'abbe import-map FILE --structure "w b Y X Z t" -o MODEL.toml',
-)  # fmt: skip
-GRID = _kind(
-    "a spatial grid of errors", "grid", "import-grid table upload",
-    "abbe import-grid FILE --controller grid-csv -o MODEL.toml",
-)  # fmt: skip
-TABLE = _kind(
-    "a compensation table", "table", "import-grid table upload",
-    "abbe import-grid FILE --controller csv -o MODEL.toml",
-)  # fmt: skip
-RTL = _kind(
-    "a Renishaw laser measurement", "rtl", "import-campaign",
-    "abbe import-campaign FILE --as rtl -o CAMPAIGN.csv",
-)  # fmt: skip
-RUNS = _kind(
-    "a table of runs and directions (ISO 230-2)", "runs", "import-campaign",
-    "abbe import-campaign FILE --as iso230-2 --axis X -o CAMPAIGN.csv",
-)  # fmt: skip
-BALLBAR = _kind(
-    "a circular test", "ballbar", "import-campaign",
-    "abbe import-campaign FILE --as ballbar --plane XY -o CAMPAIGN.csv",
-)  # fmt: skip
-LENGTHS = _kind(
-    "a table of measured lengths", "lengths", "iso10360 gauges import-campaign", "abbe gauges FILE"
+    "a model", "model", "fit compare diagnose add remove correct table history import-grid"
 )
-PLATE = _kind("a measured plate", "plate", "gauges import-campaign", "abbe gauges FILE")
-RTEST = _kind(
-    "a test of rotary axes", "rtest", "iso10791 import-campaign", "abbe iso10791 MODEL.toml FILE"
-)
+CONFIG = _kind("a configuration", "config", "run check upload demo")
+POINTS = _kind("a list of points with the correction on and off", "points", "identify-convention")
+MAP = _kind("a compensation map", "map", "import-map identify-convention import-campaign")
+GRID = _kind("a spatial grid of errors", "grid", "import-grid table upload", "grid-csv")
+TABLE = _kind("a compensation table", "table", "import-grid table upload", "csv")
+RTL = _kind("a Renishaw laser measurement", "rtl", "import-campaign", "rtl")
+RUNS = _kind("a table of runs and directions (ISO 230-2)", "runs", "import-campaign", "iso230-2")
+BALLBAR = _kind("a circular test", "ballbar", "import-campaign", "ballbar")
+LENGTHS = _kind("a table of measured lengths", "lengths", "iso10360 gauges import-campaign")
+PLATE = _kind("a measured plate", "plate", "gauges import-campaign")
+RTEST = _kind("a test of rotary axes", "rtest", "iso10791 import-campaign")
 
 _FORMATS = {
     "abbe-campaign/": CAMPAIGN,
@@ -100,10 +72,7 @@ _FORMAT = re.compile(r"^(?:\"?#\s*)?format\s*=\s*\"{1,2}([a-z-]+/)", re.MULTILIN
 
 def _controllers(name: str) -> FileKind:
     """A controller's own table, by the name of its dialect."""
-    return _kind(
-        f"a compensation table ({name})", "table", "import-grid table upload",
-        f'abbe import-grid FILE --controller {name} --structure "w b Y X Z t" -o MODEL.toml',
-    )  # fmt: skip
+    return _kind(f"a compensation table ({name})", "table", "import-grid table upload", name)
 
 
 _LOOKS = (
@@ -145,11 +114,11 @@ def recognised(path: str | Path) -> FileKind | None:
 
 _LAYOUTS = {"rtl": "rtl", "iso230-2": "runs", "ballbar": "ballbar", "map": "map",
             "lengths": "lengths", "plate": "plate", "rtest": "rtest"}  # fmt: skip
-"""What ``import-campaign --as`` is told → reader."""
+"""What ``import-campaign --as`` is given → reader."""
 
 
-def elsewhere(error: InputError, words: Sequence[str]) -> str | None:
-    """Which command reads a file that was refused; None where it was the right one.
+def misplaced(error: InputError, words: Sequence[str]) -> FileKind | None:
+    """The kind of a file that was refused because another command reads it; else None.
 
     Parameters
     ----------
@@ -166,7 +135,7 @@ def elsewhere(error: InputError, words: Sequence[str]) -> str | None:
     reader = layout or _reader_of(error)
     if kind.reader == reader or (reader is None and command in kind.commands):
         return None
-    return f"this is {kind.name}: {kind.usage.replace('FILE', Path(error.file).name)}"
+    return kind
 
 
 def _reader_of(error: InputError) -> str | None:

@@ -46,7 +46,7 @@ _MOST_DECIMALS = 7
 """More decimals than a display has: the numbers were computed, not read off."""
 
 
-class _Head(BaseModel):
+class _PointsHead(BaseModel):
     model_config = ConfigDict(extra="allow", frozen=True)
     format: Literal["abbe-points/1"] = "abbe-points/1"
     unit: Literal["um", "µm", "mm"] | None = None
@@ -71,17 +71,17 @@ def read_switched(path: str | Path, machine: Machine | OfMachine) -> SwitchedPoi
         if (plain := plain_line(line)) is None:
             break
         top.append(plain)
-    return _Table(str(path), top, numbered[len(top) :], machine).points()
+    return _PointTable(str(path), top, numbered[len(top) :], machine).points()
 
 
-class _Table:
+class _PointTable:
     def __init__(
         self, file: str, top: list[str], rows: list[tuple[int, str]], machine: Machine
     ) -> None:
         self._file, self._machine = file, machine
         toml = TomlSource("\n".join(top), file)
         try:
-            self._head = _Head.model_validate(toml.data)
+            self._head = _PointsHead.model_validate(toml.data)
         except ValidationError as error:
             raise toml.invalid(error) from None
         if not rows:

@@ -1,4 +1,4 @@
-"""What the record beside a set of tables must hold; whatever else stands in it is kept."""
+"""The record beside a set of tables: what it must hold; whatever else stands in it is kept."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ Checksum = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class _Section(BaseModel):
+class _RecordSection(BaseModel):
     model_config = ConfigDict(extra="allow", frozen=True, strict=True)
 
 
-class _Model(_Section):
+class _Model(_RecordSection):
     sha256: str = ""
     machine: str = ""
     structure: str = ""
     versions_before: int | None = None
 
 
-class _Conditions(_Section):
+class _Conditions(_RecordSection):
     tool_mm: Annotated[list[Finite], Field(min_length=3, max_length=3)] | None = None
 
 
-class _Table(_Section):
+class _RecordTable(_RecordSection):
     table: str
     largest: Finite
     unit: str
 
 
-class RecordFile(_Section):
+class RecordFile(_RecordSection):
     """The record's keys that are read again."""
 
     format: Literal["abbe-tables/1"]
@@ -54,4 +54,4 @@ class RecordFile(_Section):
     sha256: Checksum
     model: _Model = _Model()
     conditions: _Conditions = _Conditions()
-    tables: list[_Table] = []
+    tables: list[_RecordTable] = []

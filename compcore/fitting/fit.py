@@ -22,7 +22,10 @@ from abbe.compcore.fitting.design.weights import Uncertainty
 from abbe.compcore.fitting.determinacy import Decomposition
 from abbe.compcore.fitting.frame import ReferenceFrame
 from abbe.compcore.fitting.gauss_newton import gauss_newton
-from abbe.compcore.fitting.knots import KnotChoice, finds_knots, on_raster, widened, with_knots
+from abbe.compcore.fitting.knots.choice import KnotChoice
+from abbe.compcore.fitting.knots.found import with_knots
+from abbe.compcore.fitting.knots.raster import finds_knots, on_raster
+from abbe.compcore.fitting.knots.wider import widened
 from abbe.compcore.fitting.pictures import fit_figures
 from abbe.compcore.fitting.reduction import leverage
 from abbe.compcore.fitting.robust import Outlier, reject
@@ -109,6 +112,7 @@ def fit(
     *,
     robust: bool = False,
     frame: ReferenceFrame | None = None,
+    near: bool = False,
     progress: Progress | None = None,
 ) -> FitResult:
     """Fit all effects of a model to a campaign.
@@ -119,6 +123,9 @@ def fit(
         Set rows aside that do not belong to the others; they are listed in the result.
     frame
         The reference frame where the measurements leave it open; default least errors.
+    near
+        Look for time constants, periods and moments only near where the model has values of them;
+        everywhere for effects without values. Quicker, where a model has grown by an effect.
     progress
         Told in a few words what is being done.
 
@@ -145,7 +152,7 @@ def fit(
         with _threads(problem):
             solved = _solved(problem, uncertainty, robust, lambda _: None)
             model, wide, knots = _with_knots(model, *solved)
-    result = _result(model, campaign, uncertainty, robust, frame, tell)
+    result = _result(model, campaign, uncertainty, robust, frame, tell, near)
     if not knots:
         return result
     tell("how sure the knots are")
@@ -155,12 +162,12 @@ def fit(
 
 def _result(
     model: Model, campaign: Campaign, uncertainty: Uncertainty, robust: bool,
-    frame: ReferenceFrame, tell: Progress,
+    frame: ReferenceFrame, tell: Progress, near: bool = False,
 ) -> FitResult:  # fmt: skip
     problem = Problem(model, campaign, sd=uncertainty.sd)
     with _threads(problem):
         solved, theta, decomposition, uncertainty, aside = _solved(
-            problem, uncertainty, robust, tell
+            problem, uncertainty, robust, tell, near
         )
         tell("what is not determined")
         return FitResult.of(solved, theta, decomposition, frame, uncertainty, aside)
@@ -185,12 +192,14 @@ def _with_knots(
     return with_knots(model, problem, theta, float(left @ left), dof)
 
 
-def _solved(problem: Problem, uncertainty: Uncertainty, robust: bool, tell: Progress) -> _Solved:
+def _solved(
+    problem: Problem, uncertainty: Uncertainty, robust: bool, tell: Progress, near: bool = False
+) -> _Solved:
     """The solution in any frame, what of it is determined, and what was set aside."""
     theta = problem.start()
     if problem.layout.searched:
         tell("searching time constants, periods and moments")
-        theta = _searched(problem, theta)
+        theta = _nearby(problem, theta) if near else _searched(problem, theta)
     tell("least squares")
     problem, theta, decomposition, uncertainty = _with_uncertainty(problem, theta, uncertainty)
     set_aside: tuple[Outlier, ...] = ()
@@ -222,6 +231,17 @@ def _searched(problem: Problem, theta: F64) -> F64:
     return min(
         (found, search(problem, problem.layout.within(here))), key=lambda t: profile.cost(t[at])
     )
+
+
+def _nearby(problem: Problem, theta: F64) -> F64:
+    """θ with the best non-linear parameters near the model's own; found where it has none."""
+    layout = problem.layout
+    own = layout.of_model(problem.model, problem.campaign)
+    at = list(layout.searched)
+    here = theta.copy()
+    here[at] = own[at]
+    new = [i for i, term in enumerate(problem.model.terms) if not term.fitted]
+    return search(problem, layout.within(here), only=new)
 
 
 def _with_uncertainty(

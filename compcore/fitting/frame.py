@@ -142,7 +142,7 @@ def alignment(
 def _carried(model: Model, layout: UnknownLayout, unseen: F64) -> F64:
     """What moves θ along unseen directions (m, k) into the effects that best carry them.
 
-    Of a constant angle and a squareness that are one and the same, all is told as squareness.
+    Of a constant angle and a squareness that are one and the same, all is called squareness.
     """
     weight = np.ones(layout.size)
     weight[layout.model_size :] = 0.0  # base points and tools have no zero to be near to

@@ -7,7 +7,7 @@ normal equations nothing is squared.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,11 +41,11 @@ def triangle(
         return _factor(problem.eliminator(theta).project(columns_of(problem)))
     if beside:
         problem = problem.prepared_for(beside, theta)
+    block_columns = _of_blocks(problem, theta, columns_of)
     factors: list[F64] = []
     shared = np.zeros((0, 0))
     for row_block in problem.row_blocks(theta):
-        part = problem.part(row_block.rows, theta)
-        columns = columns_of(part)
+        columns = block_columns(row_block)
         if row_block.split:
             # rows of one set-up, block after block: its nuisances stand in front and drop out at
             # the end, when all of them have been seen
@@ -80,10 +80,50 @@ def leverage(
     if not problem.large:
         hat = eliminator.project(problem.columns(theta)) @ mixing
         return np.asarray(out + np.einsum("ij,ij->i", hat, hat))
-    for group in _setups_together(problem, theta):
-        for rows, hat in _projected(problem, theta, group, mixing):
-            out[rows] += np.einsum("ij,ij->i", hat, hat)
+    mixed = _of_blocks(problem, theta, lambda part: np.asarray(part.columns(theta) @ mixing))
+    for rows, hat in _projected(problem, theta, mixed):
+        out[rows] += np.einsum("ij,ij->i", hat, hat)
     return out
+
+
+_Columns = Callable[[RowBlock], F64]
+
+
+def _of_blocks(problem: Problem, theta: F64, columns_of: Callable[[Problem], F64]) -> _Columns:
+    """Columns of a block of rows, made anew each time; gauges' errors whitened.
+
+    What whitening takes off in the gauges' directions is known after a first pass over all rows.
+    """
+
+    def bare(row_block: RowBlock) -> F64:
+        return columns_of(problem.part(row_block.rows, theta))
+
+    whitening = problem.eliminator(theta).whitening
+    if whitening is None:
+        return bare
+    common = whitening.common
+    seen = sum(common.sums(columns, rows) for rows, columns in _projected(problem, theta, bare))
+    less = whitening.root @ seen
+
+    def whitened(row_block: RowBlock) -> F64:
+        return bare(row_block) - common.times(less, row_block.rows)
+
+    return whitened
+
+
+def _projected(problem: Problem, theta: F64, columns_of: _Columns) -> Iterator[tuple[Index, F64]]:
+    """Rows and their columns, nuisances projected out, block by block."""
+    for group in _setups_together(problem, theta):
+        share: F64 | None = None
+        if len(group) > 1:
+            # what the nuisances of a split set-up take out is known after a first pass
+            share = np.sum([p.bases[0][1].T @ columns_of(p) for p in group], axis=0)
+        for row_block in group:
+            columns = columns_of(row_block)
+            for rows, basis in row_block.bases:
+                own = columns[rows]
+                columns[rows] = own - basis @ (basis.T @ own if share is None else share)
+            yield row_block.rows, columns
 
 
 def _setups_together(problem: Problem, theta: F64) -> Iterator[list[RowBlock]]:
@@ -94,27 +134,6 @@ def _setups_together(problem: Problem, theta: F64) -> Iterator[list[RowBlock]]:
         if row_block.last:
             yield group
             group = []
-
-
-def _projected(
-    problem: Problem, theta: F64, group: list[RowBlock], mixing: F64
-) -> Iterator[tuple[Index, F64]]:
-    """Rows and their columns times `mixing`, nuisances projected out, block by block."""
-    common: F64 | None = None
-    if len(group) > 1:
-        # what the nuisances of a split set-up take out is known after a first pass
-        shares = [p.bases[0][1].T @ _mixed(problem, theta, p, mixing) for p in group]
-        common = np.sum(shares, axis=0)
-    for row_block in group:
-        hat = _mixed(problem, theta, row_block, mixing)
-        for rows, basis in row_block.bases:
-            own = hat[rows]
-            hat[rows] = own - basis @ (basis.T @ own if common is None else common)
-        yield row_block.rows, hat
-
-
-def _mixed(problem: Problem, theta: F64, row_block: RowBlock, mixing: F64) -> F64:
-    return np.asarray(problem.part(row_block.rows, theta).columns(theta) @ mixing)
 
 
 def _factor(matrix: F64) -> F64:

@@ -30,7 +30,7 @@ _ABSORBED = 0.999
 """A row of which the fit itself absorbs more than this cannot be judged."""
 
 _FEW = 5.0
-"""A spread told from few residuals may be much too small by chance: raised by this part of 1/n."""
+"""A spread from few residuals may be much too small by chance: raised by this part of 1/n."""
 
 Solve = Callable[[Problem, F64], tuple[F64, Decomposition]]
 

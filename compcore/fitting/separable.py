@@ -9,7 +9,7 @@ Pereyra, SIAM J. Numer. Anal. 10 (1973) 413), from several starts.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,18 +100,26 @@ class Profile:
         return float(left @ left)
 
 
-def search(problem: Problem, theta: F64) -> F64:
-    """θ with the best non-linear parameters, everything else as given."""
+def search(problem: Problem, theta: F64, *, only: Collection[int] | None = None) -> F64:
+    """θ with the best non-linear parameters, everything else as given.
+
+    `only`: the terms whose parameters are searched everywhere, default all; those of the others
+    are moved to the best place near where they stand.
+    """
     profile = Profile(problem, theta)
+    terms = [t for t in profile.terms if only is None or t in only]
     alpha = theta[profile.index]
     cost = np.inf
-    for again in range(3):
-        for term in profile.terms:
+    for again in range(3 if terms else 0):
+        for term in terms:
             alpha = _search_term(profile, alpha, term, 1 if again else _REFINED)
         now = profile.cost(alpha)
-        if len(profile.terms) == 1 or cost - now < 1e-3:
+        if len(terms) == 1 or cost - now < 1e-3:
             break
         cost = now
+    if len(profile.terms) > 1 or not terms:
+        # each stands best beside the others; now all of them together
+        alpha = _refine(profile, alpha, range(len(profile.parameters)))
     found = theta.copy()
     found[profile.index] = alpha
     return found
@@ -131,7 +139,7 @@ def _search_term(profile: Profile, alpha: F64, term: int, most: int) -> F64:
         trial[mine] = start
         trials.append((profile.cost(trial), trial))
     trials.sort(key=lambda pair: pair[0])
-    refined = [_refine(profile, trial) for _, trial in trials[:most]]
+    refined = [_refine(profile, trial, mine) for _, trial in trials[:most]]
     return min(refined, key=profile.cost)
 
 
@@ -144,12 +152,13 @@ def _starts(parameters: Sequence[NonlinearParameter]) -> list[tuple[float, ...]]
     return list(itertools.product(*each))
 
 
-def _refine(profile: Profile, alpha: F64) -> F64:
-    """The nearest minimum: steps searched, smooth parameters by least squares."""
-    for k, parameter in enumerate(profile.parameters):
-        if not parameter.smooth:
+def _refine(profile: Profile, alpha: F64, which: Iterable[int]) -> F64:
+    """The nearest minimum of some parameters: steps searched, smooth ones by least squares."""
+    which = list(which)
+    for k in which:
+        if not profile.parameters[k].smooth:
             alpha = _zoom(profile, alpha, k)
-    smooth = [k for k, p in enumerate(profile.parameters) if p.smooth]
+    smooth = [k for k in which if profile.parameters[k].smooth]
     if not smooth:
         return alpha
     low = np.array([profile.parameters[k].bounds[0] for k in smooth])

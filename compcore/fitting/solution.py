@@ -132,9 +132,9 @@ class Solution:
         ]
         if not found or not all(alpha < -_SURE * sd and alpha < -5e-6 for alpha, sd in found if sd):
             return []
-        told = ", ".join(f"{alpha * 1e6:.1f}" for alpha, _ in found)
+        listed = ", ".join(f"{alpha * 1e6:.1f}" for alpha, _ in found)
         return [
-            f"every scale shrinks as it warms ({told} ppm/K): are the values nominal − actual? "
+            f"every scale shrinks as it warms ({listed} ppm/K): are the values nominal − actual? "
             "(error = actual − indicated)"
         ]
 
@@ -172,6 +172,11 @@ class Solution:
     def eliminator(self) -> Eliminator:
         """The projection of set-ups' nuisances out of weighted columns."""
         return self.problem.eliminator(self.theta)
+
+    @cached_property
+    def gauges(self) -> Mapping[str, float]:
+        """How far each gauge is from its certificate, in standard uncertainties of that."""
+        return self.eliminator.gauges(self.problem.residual(self.theta))
 
     @cached_property
     def basis(self) -> F64:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from abbe.compcore.campaign.campaign import LENGTHS, Kind
 from abbe.compcore.campaign.noise import NoiseFloor
-from abbe.compcore.fitting.knots import KnotChoice
+from abbe.compcore.fitting.knots.choice import KnotChoice
 from abbe.compcore.fitting.rigid_body import rigid_body_test
 from abbe.compcore.fitting.solution import Solution
 from abbe.compcore.model.as_built import (
@@ -22,11 +22,30 @@ _NOTHING = 1e-9
 """A standard uncertainty below this part of what is believable belongs to a convention."""
 FLEXES = 0.01
 """Corrected p-value below which a machine counts as not rigid."""
+_OFF = 2.0
+"""Standard uncertainties from which on a gauge is named."""
+_NAMED = 5
 _SOURCES = {
     "stated": "as stated in the campaign",
     "replicates": "from repeated measurements, as the campaign states none",
     "residuals": "from what the fit leaves over, as the campaign states none: χ²/dof tells nothing",
 }
+
+
+def gauge_words(gauges: Mapping[str, float]) -> Iterator[str]:
+    """What the rows say of the gauges that they were measured against."""
+    if not gauges:
+        return
+    off = {name: amount for name, amount in gauges.items() if abs(amount) > _OFF}
+    yield (
+        f"gauges whose calibration's uncertainty their rows have in common: {len(gauges)}, "
+        f"{len(off) or 'none'} of them off by more than {_OFF:g} standard uncertainties"
+    )
+    for name, amount in sorted(off.items(), key=lambda item: -abs(item[1]))[:_NAMED]:
+        yield (
+            f"gauge {name}: its rows say that it is off by {abs(amount):.1f} times its standard "
+            "uncertainty: was it clean, was its temperature right, has it been dropped?"
+        )
 
 
 def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
@@ -51,6 +70,7 @@ def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
     yield f"χ² per degree of freedom: {result.chi2_per_dof:.3f} ({result.dof})"
     for kind, source in result.uncertainty.source.items():
         yield f"uncertainty of each {kind.name.lower().replace('_', ' ')}: {_SOURCES[source]}"
+    yield from gauge_words(result.gauges)
     if result.frame.tool is not None:
         offset = ", ".join(f"{v:g}" for v in result.frame.tool)
         yield (

@@ -1,1 +1,1 @@
-"""Evaluation by ISO 230: positioning of one axis (part 2), diagonals (part 6)."""
+"""Evaluation by ISO 230: positioning of one axis (part 2), circles (4), diagonals (6)."""

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.machine.lag import first_order_lag
+from abbe.compcore.machine.lag import Clock
 from abbe.compcore.machine.structure import is_rotary
 
 F64 = NDArray[np.float64]
+
+_MOST_LAGGED = 4_000_000
+"""Lagged values that are kept at the most: 32 MB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,14 +224,21 @@ class Conditions:
             return self.given_lags[key]
         if key not in self._lags:
             value = self.signal(name)
-            runs = np.zeros(self.n, dtype=np.int64) if self.run is None else self.run
             lagged = np.array(value, dtype=np.float64)
-            for run in np.unique(runs):
-                rows = runs == run
-                if np.ptp(self.time[rows]) > 0.0:
-                    lagged[rows] = first_order_lag(self.time[rows], value[rows], tau)
+            for rows, clock in self._clocks:
+                lagged[rows] = clock.lag(value[rows], tau)
+            # a search tries thousands of time constants
+            while len(self._lags) * self.n > _MOST_LAGGED:
+                del self._lags[next(iter(self._lags))]
             self._lags[key] = lagged
         return self._lags[key]
+
+    @cached_property
+    def _clocks(self) -> list[tuple[NDArray[np.int64], Clock]]:
+        """The rows of each run in which time goes on, and their clock."""
+        runs = np.zeros(self.n, dtype=np.int64) if self.run is None else self.run
+        found = (np.flatnonzero(runs == run) for run in np.unique(runs))
+        return [(rows, Clock.of(self.time[rows])) for rows in found if np.ptp(self.time[rows]) > 0]
 
     def cached(self, key: Hashable, source: F64, make: Callable[[], F64]) -> F64:
         """An array computed from `source` by `make`, kept as long as `source` is the same array.

@@ -1,4 +1,4 @@
-"""From error motions to the error at the functional point (ISO 230-1): lever rule and exact chain.
+"""Kinematics of errors at the functional point (ISO 230-1): lever rule and exact chain.
 
 The machine is walked from workpiece to tool as a product of nominal moves, each written at the
 machine's zero position (product of exponentials): a linear axis moves along its direction by its

@@ -17,6 +17,56 @@ F64 = NDArray[np.float64]
 
 _SPAN = 200.0
 """Greatest exponent inside one vectorised block; e^200 is far from overflow."""
+_SHORTEST = 1e-290
+"""Step in time constants below which a lag does not follow at all, and nothing may overflow."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clock:
+    """The times of some rows in order, each once: worked out once for many lags.
+
+    Attributes
+    ----------
+    t
+        Times, s, ascending, shape (k,).
+    first, number
+        A row of each time, (k,); each row's time, (n,).
+    """
+
+    t: F64
+    first: NDArray[np.int64]
+    number: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, time: F64) -> Clock:
+        """The clock of rows with times (n,), s, in any order."""
+        t, first, number = np.unique(time, return_index=True, return_inverse=True)
+        return cls(t, first, number.reshape(-1))
+
+    def lag(self, value: F64, tau: float) -> F64:
+        """As `first_order_lag` for values (n,) at the rows' times."""
+        x = np.asarray(value, dtype=np.float64)[self.first]
+        dt = np.diff(self.t)
+        steps = dt / tau
+        decay = np.exp(-steps)
+        slope_tau = np.diff(x) / np.maximum(steps, _SHORTEST)
+        gain = x[1:] - slope_tau - (x[:-1] - slope_tau) * decay
+        y = np.empty_like(x)
+        y[0] = x[0]
+        elapsed = np.concatenate([[0.0], np.cumsum(steps)])
+        i = 0
+        while i < len(dt):
+            # the recursion y_k = d_k y_{k-1} + g_k, summed in closed form over a block in which
+            # the exponentials stay finite; a step longer than that stands alone
+            j = int(np.searchsorted(elapsed, elapsed[i] + _SPAN, side="right")) - 1
+            if j <= i:
+                y[i + 1] = decay[i] * y[i] + gain[i]
+                i += 1
+                continue
+            grow = np.exp(elapsed[i + 1 : j + 1] - elapsed[i])
+            y[i + 1 : j + 1] = (y[i] + np.cumsum(gain[i:j] * grow)) / grow
+            i = j
+        return y[self.number]
 
 
 def first_order_lag(time: F64, value: F64, tau: float) -> F64:
@@ -33,29 +83,7 @@ def first_order_lag(time: F64, value: F64, tau: float) -> F64:
     -------
     Shape (n,), in the rows' own order.
     """
-    t, index, inverse = np.unique(time, return_index=True, return_inverse=True)
-    x = np.asarray(value, dtype=np.float64)[index]
-    dt = np.diff(t)
-    decay = np.exp(-dt / tau)
-    slope_tau = np.diff(x) / dt * tau
-    gain = x[1:] - slope_tau - (x[:-1] - slope_tau) * decay
-    y = np.empty_like(x)
-    y[0] = x[0]
-    steps = dt / tau
-    elapsed = np.concatenate([[0.0], np.cumsum(steps)])
-    i = 0
-    while i < len(dt):
-        # the recursion y_k = d_k y_{k-1} + g_k, summed in closed form over a block in which
-        # the exponentials stay finite; a step longer than that stands alone
-        j = int(np.searchsorted(elapsed, elapsed[i] + _SPAN, side="right")) - 1
-        if j <= i:
-            y[i + 1] = decay[i] * y[i] + gain[i]
-            i += 1
-            continue
-        grow = np.exp(elapsed[i + 1 : j + 1] - elapsed[i])
-        y[i + 1 : j + 1] = (y[i] + np.cumsum(gain[i:j] * grow)) / grow
-        i = j
-    return y[inverse.reshape(-1)]
+    return Clock.of(time).lag(value, tau)
 
 
 @dataclass(slots=True)

@@ -195,10 +195,20 @@ BODIES = ("scale", "structure", "workpiece", "ambient", "air", "other")
 """Roles of thermometers that show about the shop's temperature."""
 
 
-def perhaps_fahrenheit(name: str, value: float, role: str) -> Iterator[str]:
-    """Whether a temperature (°C) is plausible only when read as °F; `role` as in the model file."""
-    if role in BODIES and _FAHRENHEIT[0] <= value <= _FAHRENHEIT[1]:
+def like_fahrenheit(value: float) -> bool:
+    """Whether a temperature of a shop, scale or casting is plausible in °F only."""
+    return _FAHRENHEIT[0] <= value <= _FAHRENHEIT[1]
+
+
+def perhaps_fahrenheit(
+    name: str, value: float, role: str, stated: str = "the model"
+) -> Iterator[str]:
+    """Whether a temperature (°C) is plausible only when read as °F.
+
+    `role` as in the model file; `stated`: who says that it is in °C.
+    """
+    if role in BODIES and like_fahrenheit(value):
         yield (
             f"{name} reads {value:.4g} °C; {value:.4g} °F would be {(value - 32.0) / 1.8:.3g} °C: "
-            "is it in the unit that the model states?"
+            f"is it in the unit that {stated} states?"
         )

@@ -1,4 +1,4 @@
-"""From a CMM's compensation map to a model that corrects as its controller does."""
+"""Conversion of a CMM's compensation map to a model that corrects as its controller does."""
 
 from __future__ import annotations
 

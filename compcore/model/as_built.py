@@ -27,6 +27,8 @@ Side = Literal["tool", "workpiece"]
 _LETTERS = "XYZABC"
 _UNSEEN = 5e-10
 """mm and rad below which a line is not said to be elsewhere."""
+_UNSURE = 0.05
+"""mm of standard deviation from which on a line that was not moved was not measured either."""
 
 
 def side_of(machine: Machine, axis: str) -> Side:
@@ -129,6 +131,9 @@ class AverageLine:
             for k in self.across
             if abs(self.offset[k]) > _UNSEEN
         ]
+        unsure = self.offset_sd[list(self.across)]
+        if not parts and (unsure > _UNSURE).all():
+            return f"where the line of {self.axis} lies is not determined"
         if not parts:
             return f"the line of {self.axis} lies where it is configured"
         entered = ", ".join(

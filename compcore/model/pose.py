@@ -8,7 +8,7 @@ of the machine can do nothing else (a rotary table whose axis stands along the t
 Near a *kinematic pole* the direction of an axis falls in with that of the tool: it would have to
 turn ever farther for ever less (1/sin B on a head). Below `POLE` its part is damped, and the
 solution is the best compromise between what is left and how far axes have to turn; what is left is
-told, never hidden: an axis turns by at most 26 times the lean that it corrects.
+reported: an axis turns by at most 26 times the lean that it corrects.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ def command_of(
     turning = [a for a in machine.structure.rotary if a not in held]
     wanted.axis_moves()  # refuses a machine without X, Y or Z
     linear = [*"XYZ"]
-    pose = _Pose(model, wanted, axis)
+    pose = _WantedPose(model, wanted, axis)
     n = target.n
     moved = {a: np.zeros(n) for a in [*linear, *turning]}
     before, factor = np.full(n, np.inf), np.zeros(n)
@@ -173,7 +173,7 @@ class _Found:
     """By what it then has to be turned about itself, (n,), rad."""
 
 
-class _Pose:
+class _WantedPose:
     """The wanted pose, and how far a machine that errs is from it."""
 
     def __init__(self, model: Model, wanted: Chain, axis: int) -> None:

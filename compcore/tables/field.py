@@ -28,8 +28,6 @@ _SETTLED = 1e-6
 _ROUNDS = 50
 _KEPT = 100
 """Errors that are remembered, some 0.3 MB each."""
-_KEPT_MOTIONS = 12
-"""Places whose error motions are remembered, some 3 MB each."""
 
 
 @dataclass(frozen=True, eq=False)

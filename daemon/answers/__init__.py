@@ -1,1 +1,1 @@
-"""What the analysing commands share: loading, progress, and their answers as JSON and as text."""
+"""Answers of the analysing commands: loading, progress, JSON and text."""

@@ -1,4 +1,4 @@
-"""What is physically there, beside an answer's errors: as JSON.
+"""Rotary axes as they are built, beside an answer's errors: as JSON.
 
 Errors are of the tool relative to the workpiece. Where a rotary axis' line lies, what to enter for
 it, and what one measures on a table itself, follows from them and is said here for all commands.

@@ -113,7 +113,7 @@ def correct_file(
     summary = CorrectedFile()
     required = RequiredInputs.of(model)
     with PointsFile(path, model.machine, tuple(model.machine.signals)) as source:
-        reader = _Reader(model, required, source, given)
+        reader = _RowReader(model, required, source, given)
         write_atomically(out, _lines(model, source, reader, summary, command, held, sure, tell))
     tool = [summary.tool[k] for k in "xyz" if k in summary.tool]
     out_there = unmeasured(model, summary.ranges, summary.signals, tool)
@@ -125,7 +125,7 @@ def correct_file(
 def _lines(
     model: Model,
     source: PointsFile,
-    reader: _Reader,
+    reader: _RowReader,
     summary: CorrectedFile,
     command: bool,
     held: Collection[str],
@@ -197,7 +197,7 @@ def _how_sure(model: Model, at: Conditions, root: F64, summary: CorrectedFile) -
     ]
 
 
-class _Reader:
+class _RowReader:
     """Makes conditions of rows, with what the command line gives for columns that are missing."""
 
     def __init__(

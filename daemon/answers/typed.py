@@ -20,9 +20,19 @@ def diagnosing(model: Path, campaigns: Sequence[Path]) -> str:
     return shlex.join(["abbe", "diagnose", str(model), *map(str, campaigns)])
 
 
+def checking(config: Path) -> str:
+    """The command that says whether a configuration is in order."""
+    return shlex.join(["abbe", "check", str(config)])
+
+
+def uploading(config: Path, *words: str | Path) -> str:
+    """The command that uploads a folder of tables, or asks for what `words` say (``--recover``)."""
+    return shlex.join(["abbe", "upload", str(config), *map(str, words)])
+
+
 @dataclass(frozen=True)
 class Adding:
-    """What ``abbe add`` is told beside the effect: the model and the campaigns of a diagnosis."""
+    """What ``abbe add`` is given beside the effect: the model and the campaigns of a diagnosis."""
 
     model: Path
     campaigns: Sequence[Path]
@@ -37,6 +47,11 @@ class Adding:
         words = ["abbe", "add", str(self.model), *spec.split(), "--campaign"]
         words += [str(c) for c in self.campaigns]
         return shlex.join([*words, "-o", str(next_version(self.model))])
+
+
+def free_name(wanted: Path) -> Path:
+    """A name for a file to be written: as wanted, or the next version's where it is taken."""
+    return next_version(wanted) if wanted.exists() else wanted
 
 
 def next_version(model: Path) -> Path:

@@ -1,4 +1,4 @@
-"""Where and with what a foreign file was measured, as the options of ``import-campaign`` say it."""
+"""The placing of a foreign file's instrument, from the options of ``import-campaign``."""
 
 from __future__ import annotations
 

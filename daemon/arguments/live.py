@@ -1,4 +1,4 @@
-"""What commands to a running correction are given on the command line, and their asking."""
+"""Arguments of the commands to a running correction, and their asking."""
 
 from __future__ import annotations
 
@@ -19,24 +19,41 @@ def asked(config: Path, request: Request) -> dict[str, Any]:
     AbbeError
         When it has no control socket, nothing runs, or what is asked cannot be.
     """
-    from abbe.compcore.files.text.toml_source import TomlSource
-    from abbe.daemon.config.folders import data_folder
-    from abbe.daemon.config.sections import ControlSection
     from abbe.daemon.control.client import ask
 
-    source = TomlSource.read(config)
-    section = source.data.get("control")
-    if not isinstance(section, dict):
+    socket = control_socket(config)
+    if socket is None:
         raise InputError(
             "nobody can change what runs with this configuration",
             file=config,
             field="control",
             expected="a section [control] with its socket, before the start",
         )
+    return ask(socket, request)
+
+
+def control_socket(config: Path) -> Path | None:
+    """Where a configuration has its run controlled; None where nobody can.
+
+    The rest of the file need not be in order: what runs was read before.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read.
+    """
+    from abbe.compcore.files.text.toml_source import TomlSource
+    from abbe.daemon.config.folders import data_folder
+    from abbe.daemon.config.sections import ControlSection
+
+    source = TomlSource.read(config)
+    section = source.data.get("control")
+    if not isinstance(section, dict):
+        return None
     socket = section.get("socket", ControlSection().socket)
     if not isinstance(socket, str):
         raise source.error("not a path", ("control", "socket"), found=socket)
-    return ask(data_folder(config).absolute() / socket, request)
+    return data_folder(config).absolute() / socket
 
 
 def switch_of(word: str) -> Switch:

@@ -1,4 +1,4 @@
-"""What ``abbe error-map`` is given: a plane, where the other axes stand, temperatures, tool."""
+"""Arguments of ``abbe error-map``: a plane, where the other axes stand, temperatures, tool."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def planes(
                 "this axis spans the plane", field=name, found=f"{name}=…",
                 expected=f"--range {name}=LOW,HIGH, or another --plane",
             )  # fmt: skip
-    wanted = ranges(limits, machine)
+    wanted = ranges(limits, machine, "range")
     for name in wanted:
         if name not in across:
             raise InputError(

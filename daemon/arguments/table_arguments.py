@@ -1,4 +1,4 @@
-"""What ``abbe table`` is given on the command line: conditions, volume, options, present tables."""
+"""Arguments of ``abbe table``: conditions, volume, options, present tables."""
 
 from __future__ import annotations
 
@@ -45,8 +45,10 @@ def signals(arguments: Sequence[str], model: Model) -> dict[str, float]:
     return found
 
 
-def ranges(arguments: Sequence[str], machine: Machine) -> dict[str, tuple[float, float]]:
-    """``["X=0,400", "C=-90,90"]`` → ranges, mm (rotary: rad).
+def ranges(
+    arguments: Sequence[str], machine: Machine, option: str = "volume"
+) -> dict[str, tuple[float, float]]:
+    """``["X=0,400", "C=-90,90"]`` → ranges, mm (rotary: rad); `option` gave them.
 
     Raises
     ------
@@ -55,16 +57,16 @@ def ranges(arguments: Sequence[str], machine: Machine) -> dict[str, tuple[float,
     """
     found = {}
     for name, text in split_assignments(arguments).items():
-        machine.axis(name, "volume")
+        machine.axis(name, option)
         parts = text.split(",")
         unit = "degrees" if is_rotary(name) else "mm"
         if len(parts) != 2:
             raise InputError(
-                "not a range", field=f"volume {name}", found=text, expected=f"low,high in {unit}"
+                "not a range", field=f"{option} {name}", found=text, expected=f"low,high in {unit}"
             )
         factor = math.pi / 180.0 if is_rotary(name) else 1.0
         allowed = position_range(machine.axis(name))
-        low, high = (number(f"volume {name}", part, unit, allowed) * factor for part in parts)
+        low, high = (number(f"{option} {name}", part, unit, allowed) * factor for part in parts)
         found[name] = (low, high)
     return found
 
@@ -96,7 +98,7 @@ def present_files(path: Path, controller: str) -> dict[str, str]:
                 )
             return dict(made.files)
         return _whole_folder(path)
-    return {path.name: read_bounded(path, MOST_BYTES, expected=_EXPECTED)}
+    return {path.name: read_bounded(path, MOST_BYTES, expected=_EXPECTED, foreign=True)}
 
 
 def _whole_folder(path: Path) -> dict[str, str]:
@@ -110,7 +112,7 @@ def _whole_folder(path: Path) -> dict[str, str]:
     found: dict[str, str] = {}
     left = MOST_BYTES
     for name in names:
-        found[name.name] = read_bounded(name, left, expected=_EXPECTED)
+        found[name.name] = read_bounded(name, left, expected=_EXPECTED, foreign=True)
         left -= len(found[name.name])
     return found
 

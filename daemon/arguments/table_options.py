@@ -1,4 +1,4 @@
-"""Options that ``abbe table`` and ``abbe watch-tables`` share."""
+"""Options of the commands that read or write a controller's tables."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ from typing import Annotated
 import typer
 
 ControllerName = Annotated[
-    str, typer.Option(help="Its dialect; `abbe controllers` lists them.", metavar="NAME")
+    str,
+    typer.Option(
+        "--controller", help="The tables' dialect; `abbe controllers` lists them.", metavar="NAME"
+    ),
 ]
 Folder = Annotated[Path, typer.Option("-o", "--out", help="Folder for the files.", metavar="DIR")]
 WorkingVolume = Annotated[

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
+
+from abbe.daemon.arguments.options import AsJson, ConfigFile
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -21,15 +22,15 @@ def register(app: typer.Typer) -> None:
 
 
 def check(
-    config: Annotated[Path, typer.Argument(help="Configuration file.", metavar="CONFIG.toml")],
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    config: ConfigFile,
+    as_json: AsJson = False,
 ) -> None:
     """Validate a configuration and print what would be linked; opens nothing."""
     from rich.console import Console
     from rich.markup import escape
 
+    from abbe.daemon.answers.overview import overview
     from abbe.daemon.config import load_config
-    from abbe.daemon.overview import overview
 
     found = overview(load_config(config))
     if as_json:

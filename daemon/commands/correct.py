@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.options import AsJson, Force, ModelFile
 
 if TYPE_CHECKING:
     from abbe.compcore.model.model import Model
@@ -23,7 +23,7 @@ def register(app: typer.Typer) -> None:
 
 
 def correct(
-    model: Annotated[Path, typer.Argument(help="Model file.", metavar="MODEL.toml")],
+    model: ModelFile,
     arguments: Annotated[
         list[str] | None,
         typer.Argument(
@@ -57,7 +57,7 @@ def correct(
         bool,
         typer.Option("--uncertainty", help="With --points: the ± of each row, and why it is wide."),
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    as_json: AsJson = False,
     report: Annotated[
         Path | None,
         typer.Option(help="A page with each effect's part at one point.", metavar="FILE.html"),

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from abbe.daemon.answers.typed import checking
 from abbe.daemon.arguments.bounded import within
-from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.options import Force
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from abbe.daemon.show.figures import Figures
+    from abbe.daemon.status.figures import Figures
 
 DRIFT_TIME = 4200.0
 """Shop time that the live part spans, s: the shop warms by 1.8 K in the first hour."""
@@ -102,8 +103,8 @@ def _tell(console: Console, figures: Figures, folder: Path) -> None:
         f"while the scales warmed by {min(scales):.2f} to {max(scales):.2f} K. "
         f"Cycle: {figures.cycle_ms(0.5):.2f} ms median, {figures.cycle_ms(0.99):.2f} ms in 99 %.\n"
         f"\nWhat to look at next: the measurements, the model and the configuration in {folder}/; "
-        f"`abbe check {folder}/config.toml`; docs/demo.md says what happened, docs/daemon.md how "
-        "to link your own controller.",
+        f"`{checking(folder / 'config.toml')}`; docs/demo.md says what happened, "
+        "docs/daemon.md how to link your own controller.",
         highlight=False,
         soft_wrap=not console.is_terminal,
     )

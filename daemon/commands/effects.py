@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from abbe.daemon.arguments.options import AsJson
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -22,7 +24,7 @@ def effects(
     kind: Annotated[
         str | None, typer.Argument(help="Print this effect's page.", metavar="[KIND]")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """List the catalogue of effects, or print the page of one of them."""
     from rich.console import Console
@@ -63,7 +65,7 @@ def _print_catalogue(console: Console, pages: list[EffectPage]) -> None:
             table.add_row(Text(chapter, style="bold"), "", "")
         table.add_row(Text(f"  {page.kind}"), Text(page.scope), Text(_plain(page.summary)))
     console.print(table)
-    console.print("One effect's page: abbe effects KIND")
+    console.print("One effect's page, for example: abbe effects backlash")
 
 
 def _print_page(console: Console, page: EffectPage) -> None:

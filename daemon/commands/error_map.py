@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.options import AsJson, Force, ModelFile, Report
 
 
 def register(app: typer.Typer) -> None:
@@ -17,7 +17,7 @@ def register(app: typer.Typer) -> None:
 
 
 def error_map(
-    model: Annotated[Path, typer.Argument(help="Model file.", metavar="MODEL.toml")],
+    model: ModelFile,
     arguments: Annotated[
         list[str] | None,
         typer.Argument(
@@ -47,10 +47,8 @@ def error_map(
         Path | None,
         typer.Option("-o", "--out", help="Every point with its error and ±.", metavar="CSV"),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
-    report: Annotated[
-        Path | None, typer.Option(help="A page with pictures.", metavar="FILE.html")
-    ] = None,
+    as_json: AsJson = False,
+    report: Report = None,
     force: Force = False,
 ) -> None:
     """Draw the error map of a plane: errors on a grid, the pair of points whose distance errs most.

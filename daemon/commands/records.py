@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.options import AsJson, Force
 
 _PLACE = typer.Argument(
     help="Configuration with [records], or a file of records.", metavar="CONFIG.toml"
@@ -82,7 +82,7 @@ def part(
     place: Annotated[Path, _PLACE],
     since: Annotated[str, typer.Argument(help="When the part was begun.", metavar="FROM")],
     until: Annotated[str, typer.Argument(help="When it was done.", metavar="TO")],
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Trace a part: model, corrections, temperatures and warnings between two times."""
     from abbe.daemon.answers import records as answer

@@ -1,13 +1,13 @@
-"""``abbe run``: correct a machine live, until told to end."""
+"""``abbe run``: correct a machine live, until it is ended."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from abbe.daemon.arguments.bounded import within
+from abbe.daemon.arguments.options import ConfigFile
 
 
 def register(app: typer.Typer) -> None:
@@ -16,7 +16,7 @@ def register(app: typer.Typer) -> None:
 
 
 def run(
-    config: Annotated[Path, typer.Argument(help="Configuration file.", metavar="CONFIG.toml")],
+    config: ConfigFile,
     duration: Annotated[
         float | None,
         typer.Option(callback=within(0.0, 1e9, "s"), help="Seconds to run; default: until Ctrl-C."),

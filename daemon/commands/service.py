@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.options import ConfigFile, Force
 
 _ROOT = typer.Option(
     help="Write below this folder, and start nothing (for packages, or to look).", metavar="DIR"
@@ -19,11 +20,12 @@ def register(app: typer.Typer) -> None:
     service = typer.Typer(help="Have systemd run `abbe run` for a machine.", no_args_is_help=True)
     service.command("install")(install)
     service.command("remove")(remove)
+    service.command("renew")(renew)
     app.add_typer(service, name="service")
 
 
 def install(
-    config: Annotated[Path, typer.Argument(help="Configuration file.", metavar="CONFIG.toml")],
+    config: ConfigFile,
     name: Annotated[
         str, typer.Option(help="The machine's name; default by the folder or file.")
     ] = "",
@@ -53,6 +55,8 @@ def install(
         typer.echo(f"written: {path}")
     for path in done.kept:
         typer.echo(f"as it was: {path}")
+    for path in done.replaced:
+        typer.echo(f"removed, as the package has it: {path}")
     if not here:
         return
     steps.run(["systemd-sysusers"])
@@ -85,3 +89,31 @@ def remove(
     if here:
         steps.run(["systemctl", "daemon-reload"])
     typer.echo(f"kept: /etc/abbe/{name} and /var/lib/abbe/{name}")
+
+
+def renew(
+    root: Annotated[Path, _ROOT] = Path("/"),
+    restart: Annotated[
+        bool,
+        typer.Option("--restart", help="Restart those that run: ramped to zero, and in again."),
+    ] = False,
+) -> None:
+    """Write the units of all installed machines anew, after an upgrade of Abbe.
+
+    Configurations and models stay as they are. A machine whose configuration this version does not
+    take is named, and goes on as it runs.
+    """
+    from abbe.daemon.systemd import install as steps
+    from abbe.daemon.systemd import renewal
+
+    here = root.resolve() == Path("/")
+    if here:
+        steps.require_root()
+    say, complain = typer.echo, partial(typer.echo, err=True)
+    sound, bad = renewal.renew(root, say, complain)
+    well = not bad
+    if here:
+        steps.run(["systemctl", "daemon-reload"])
+        if restart:
+            well = renewal.restart(sound, bad, say, complain) and well
+    raise typer.Exit(0 if well else 1)

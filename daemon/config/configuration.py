@@ -8,6 +8,7 @@ from pathlib import Path
 
 from abbe.compcore.model.model import Model
 from abbe.daemon.config.folders import data_folder
+from abbe.daemon.config.http import HttpSetup
 from abbe.daemon.config.sections import ConfigFile
 from abbe.daemon.config.upload import UploadSetup
 from abbe.daemon.guard import GuardLimits
@@ -41,6 +42,8 @@ class Configuration:
         What the guard allows.
     upload
         Where tables go; None: nowhere.
+    http
+        Where a run can be looked at over HTTP; None: nowhere.
     """
 
     path: Path
@@ -49,6 +52,7 @@ class Configuration:
     links: Mapping[str, LinkSetup]
     limits: GuardLimits
     upload: UploadSetup | None = None
+    http: HttpSetup | None = None
 
     @property
     def model_path(self) -> Path:
@@ -66,6 +70,11 @@ class Configuration:
         """The database of records, None: none is kept."""
         records = self.file.records
         return None if records is None else data_folder(self.path) / records.file
+
+    @property
+    def checks_path(self) -> Path:
+        """The file of check measurements."""
+        return data_folder(self.path) / self.file.checks.file
 
     @property
     def control_path(self) -> Path | None:

@@ -14,6 +14,7 @@ from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.daemon.config.checks import check
 from abbe.daemon.config.configuration import Configuration, LinkSetup
 from abbe.daemon.config.files import check_files
+from abbe.daemon.config.http import http_setup
 from abbe.daemon.config.sections import ConfigFile
 from abbe.daemon.config.upload import upload_setup
 from abbe.daemon.guard import GuardLimits
@@ -45,7 +46,8 @@ def load_config(path: str | Path) -> Configuration:
         upload = upload_setup(source, file.upload, model.machine, file.guard.norm)
     turning = tuple(a for a in model.machine.structure.rotary if a in file.output.axes)
     limits = _limits(source, file, turning)
-    configuration = Configuration(Path(path), file, model, links, limits, upload)
+    http = None if file.http is None else http_setup(source, Path(path), file.http)
+    configuration = Configuration(Path(path), file, model, links, limits, upload, http)
     made = {name: _made(source, name, setup) for name, setup in links.items()}
     check(source, configuration, made)
     check_files(source, configuration)

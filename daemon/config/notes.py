@@ -34,7 +34,7 @@ def _on_the_controller(configuration: Configuration) -> Iterator[str]:
         return
     if output.status is None:
         yield (
-            "output.status is not set: the controller is not told whether to use the corrected "
+            "output.status is not set: the controller does not learn whether to use the corrected "
             "positions, nor that Abbe has ended"
         )
     if output.heartbeat is None:

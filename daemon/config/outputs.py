@@ -13,7 +13,7 @@ from abbe.drivers.link import ChannelInfo, LinkConfigError, WirePlace
 from abbe.drivers.transducers import SensorFaultError
 
 _FEWEST_BEATS = 4
-"""A heartbeat that begins again sooner is not told from one that stands still."""
+"""A heartbeat that begins again sooner is not distinguished from one that stands still."""
 
 
 def check_outputs(channels: Channels, machine: Machine) -> None:

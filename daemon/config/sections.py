@@ -12,6 +12,8 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from abbe.compcore.errors import InputError
+from abbe.daemon.config.check_points import ChecksSection
+from abbe.daemon.config.http import HttpSection
 from abbe.daemon.config.upload import UploadSection
 from abbe.drivers.transducers import AnyTransducerConfig
 
@@ -64,7 +66,7 @@ class AxisSection(Section):
     transducer: AnyTransducerConfig | None = None
     """Counts → mm (rotary: rad); none where the channel is in mm (rotary: rad) already."""
     direction: ChannelName | None = None
-    """Channel that says in which direction the axis moved last (1, −1, 0); default: it is told
+    """Channel that says in which direction the axis moved last (1, −1, 0); default: it follows
     from the positions."""
     datum: bool = False
     """Whether the encoder is not absolute: nothing is corrected before `abbe datum` has said where
@@ -296,5 +298,7 @@ class ConfigFile(Section):
     output: OutputSection = OutputSection()
     journal: JournalSection = JournalSection()
     records: RecordsSection | None = None
+    checks: ChecksSection = ChecksSection()
     control: ControlSection | None = None
+    http: HttpSection | None = None
     upload: UploadSection | None = None

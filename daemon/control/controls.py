@@ -7,29 +7,39 @@ import contextlib
 import logging
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Protocol
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.plausible import position_range
 from abbe.compcore.machine.structure import is_rotary
-from abbe.daemon.config import Configuration
-from abbe.daemon.control.requests import DatumRequest, EnterRequest, Request, SwitchRequest
+from abbe.compcore.model.model import Switch
+from abbe.daemon.control.live_switches import changed_live, until_words
+from abbe.daemon.control.requests import (
+    DatumRequest,
+    EnterRequest,
+    Request,
+    StatusRequest,
+    SwitchRequest,
+)
 from abbe.daemon.pipeline.compensate import LiveCompensator
-from abbe.daemon.pipeline.cycle import Pipeline
 from abbe.daemon.pipeline.reading.expected import expected_of
+from abbe.daemon.status.run_status import RunStatus
+from abbe.daemon.status.survey import Survey, SurveyedService
 
 logger = logging.getLogger("abbe.control")
 
 _WITHIN = 5.0
 """s in which an axis has to have stood still for its datum."""
+_LOOK = 1.0
+"""s for a look at the files that the run was made from."""
 
 
-class RunningService(Protocol):
+class ControlledService(SurveyedService, Protocol):
     """A service, as far as its controls need it."""
 
-    configuration: Configuration
-    pipeline: Pipeline
+    switches_in_file: Mapping[str, Switch]
 
 
 class Controls:
@@ -39,10 +49,16 @@ class Controls:
     ----------
     service
         What runs.
+
+    Attributes
+    ----------
+    survey
+        Makes the run's status.
     """
 
-    def __init__(self, service: RunningService) -> None:
+    def __init__(self, service: ControlledService) -> None:
         self._service = service
+        self.survey = Survey(service)
         self._one_by_one = asyncio.Lock()
 
     async def __call__(self, request: Request, who: str) -> dict[str, Any]:
@@ -60,6 +76,8 @@ class Controls:
         InputError
             For what cannot be; nothing has changed then.
         """
+        if isinstance(request, StatusRequest):
+            return {"status": (await self.status()).model_dump(mode="json")}
         async with self._one_by_one:
             said = ""
             if isinstance(request, SwitchRequest):
@@ -71,6 +89,13 @@ class Controls:
             if said:
                 logger.warning("%s, by %s", said, who)
             return {"said": said, **self._state()}
+
+    async def status(self) -> RunStatus:
+        """All that the run says of itself, with a fresh look at its files."""
+        with contextlib.suppress(TimeoutError):  # a file server that is away keeps nobody waiting
+            async with asyncio.timeout(_LOOK):
+                await self._service.logbook.look_at_files(self._service.identity)
+        return self.survey()
 
     async def _switch(self, request: SwitchRequest) -> str:
         service = self._service
@@ -131,9 +156,15 @@ class Controls:
 
     def _state(self) -> dict[str, Any]:
         pipeline, now = self._service.pipeline, time.monotonic()
-        machine = self._service.configuration.model.machine
+        running, in_file = self._service.configuration, self._service.switches_in_file
+        machine = running.model.machine
         return {
-            "switches": self._service.configuration.model.switches,
+            "switches": running.model.switches,
+            "in_file": {
+                name: there
+                for name, (_, there) in changed_live(running.model.switches, in_file).items()
+            },
+            "until": until_words(running.model.switches, in_file, running.model_path),
             "entered": {
                 name: {
                     "value": reading.value if math.isfinite(reading.value) else None,

@@ -22,6 +22,12 @@ class StateRequest(_Request):
     do: Literal["state"] = "state"
 
 
+class StatusRequest(_Request):
+    """All that the run says of itself; changes nothing."""
+
+    do: Literal["status"] = "status"
+
+
 class SwitchRequest(_Request):
     """One compensation on, off, or only shown."""
 
@@ -53,9 +59,16 @@ class DatumRequest(_Request):
     """mm (rotary: degrees)."""
 
 
-Request = StateRequest | SwitchRequest | EnterRequest | DatumRequest
+Request = StateRequest | StatusRequest | SwitchRequest | EnterRequest | DatumRequest
 REQUEST: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="do")])
 """Checks one request."""
 
 LONGEST = 65_536
-"""Bytes of a request or an answer."""
+"""Bytes of a request."""
+LONGEST_ANSWER = 16_000_000
+"""Bytes of an answer."""
+
+
+def changes(request: Request) -> bool:
+    """Whether a request asks for a change."""
+    return not isinstance(request, StateRequest | StatusRequest)

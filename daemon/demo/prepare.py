@@ -11,8 +11,8 @@ from pathlib import Path
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_file import read_campaign
-from abbe.compcore.files.fit_record import recorded
 from abbe.compcore.files.model_file import load_model, save_model
+from abbe.compcore.files.model_toml.fit_record import recorded
 from abbe.compcore.files.text.atomic import write_atomically
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.daemon.demo.configuration import WRITTEN_BY
@@ -22,7 +22,7 @@ START = Path(__file__).with_name("bridge.toml")
 """The machine and the effects to look for, without parameter values."""
 
 Step = Callable[[str], AbstractContextManager[Callable[[str], None]]]
-"""Begins a step of a known name; what it gives is told the step's outcome in a few words."""
+"""Begins a step of a known name; what it gives is called with the step's outcome in a few words."""
 
 
 @dataclass(frozen=True)

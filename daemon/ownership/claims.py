@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from abbe.daemon.config import Configuration
 from abbe.daemon.config.channels import split
+from abbe.daemon.pipeline.reading.poll import by_link
 from abbe.drivers.link import Link
 from abbe.drivers.resources import readers_may_share
 from abbe.drivers.stores.base import Store
@@ -13,13 +14,7 @@ from abbe.drivers.stores.base import Store
 
 def held_by_run(configuration: Configuration, links: Mapping[str, Link]) -> list[str]:
     """What a live run holds: what it writes to, and what it cannot share with anybody."""
-    written = _written(configuration)
-    return [
-        resource
-        for name, link in links.items()
-        for resource in link.owns
-        if name in written or not readers_may_share(resource)
-    ]
+    return [*held_by_watch(links), *_written_to(configuration, links)]
 
 
 def held_by_watch(links: Mapping[str, Link]) -> list[str]:
@@ -35,12 +30,12 @@ def held_by_upload(configuration: Configuration, store: Store, *, writes: bool) 
     """
     if not writes:
         return [resource for resource in store.owns if not readers_may_share(resource)]
-    links = configuration.make_links()
-    return [*store.owns, *(r for name in _written(configuration) for r in links[name].owns)]
+    return [*store.owns, *_written_to(configuration, configuration.make_links())]
 
 
-def _written(configuration: Configuration) -> set[str]:
-    """Links that the configuration writes to."""
+def _written_to(configuration: Configuration, links: Mapping[str, Link]) -> list[str]:
+    """What the configuration's output writes to."""
     output = configuration.file.output
     channels = [a.target for a in output.axes.values()] + [e.target for e in output.echo]
-    return {split(c)[0] for c in (*channels, output.status, output.heartbeat) if c is not None}
+    everything = [split(c) for c in (*channels, output.status, output.heartbeat) if c is not None]
+    return [r for name, names in by_link(everything).items() for r in links[name].owns_for(names)]

@@ -100,7 +100,7 @@ def hold(resources: Iterable[str], what: str, folder: Path | None = None) -> Ite
     resources
         Names.
     what
-        What is done with which configuration, to be told to those who come later.
+        What is done with which configuration, to be reported to those who come later.
     folder
         For the lock files; default one that all users share.
 

@@ -36,6 +36,8 @@ logger = logging.getLogger("abbe.pipeline")
 
 LAST_WORD = 2.0
 """s for which it is tried to tell the controller that Abbe has ended."""
+_SETTLES = 5.0
+"""s that a link which has come back is given at most, until what it carries is sound."""
 
 
 class Pipeline:
@@ -120,7 +122,14 @@ class Pipeline:
         self._pace = CyclePace(file.cycle.period, [links[name].status for name in plan.fast])
         self._signals_every = file.cycle.signals_every
         self._signals_due = -math.inf
-        self._observer = Observer(links, plan, self.directions)
+        self._observer = Observer(
+            links,
+            plan,
+            self.directions,
+            writes=self._writes,
+            lead_back=2.0 * file.guard.ramp,
+            settles=min(_SETTLES, max(1.0, file.controller.heartbeat_within)),
+        )
         self._signal_fault = False
         self._outcome = WriteOutcome(True)
         self._not_held = 0
@@ -133,6 +142,11 @@ class Pipeline:
     def tool(self) -> tuple[float, float, float]:
         """The tool's present offset, mm."""
         return self._compensation.tool
+
+    @property
+    def missed(self) -> int:
+        """Periods that were left out, because a cycle took longer."""
+        return self._pace.missed
 
     def change_model(
         self, configuration: Configuration, compensation: LiveCompensator, expected: Expected
@@ -239,6 +253,8 @@ class Pipeline:
     async def cycle(self) -> CycleRecord:
         """One cycle; its record is handed to the listeners too."""
         began = time.monotonic()
+        if self._doubts.due(began):
+            await self._doubts.look(began)
         batch = await self._poll()
         now = time.monotonic()
         if self._plan.datums:
@@ -265,7 +281,9 @@ class Pipeline:
             self._take_signals(batch, now)
         outcome = self._outcome
         present = self._faults_present(faults, foreign, wrong, outcome)
-        self._observer.log(decision, present, now, self._ending, oriented=oriented)
+        self._observer.log(
+            decision, present, now, self._ending, oriented=oriented, taken=not self._not_held
+        )
         self._number += 1
         record = CycleRecord(
             self._number,
@@ -284,6 +302,7 @@ class Pipeline:
             self.directions,
             pose,
             None if faults else self._compensation.shown,
+            self._writes,
         )
         self._hand_out(record)
         return record
@@ -348,6 +367,7 @@ class Pipeline:
         answer: Sequence[float] = ()
         if self._writes:
             answer = self._doubts.withhold(corrected)
+        self._doubts.shut_late(time.monotonic())
         outcome = await self._write_back(answer, batch, word, taken_at + self._stale_after)
         self._guard.taken(time.monotonic())
         self._outcome, self._not_held = outcome, 0
@@ -358,8 +378,6 @@ class Pipeline:
                 self._guard.not_taken(untouched, unknown)
                 self._not_held = untouched | unknown
             self._doubts.wrote(answer, outcome)
-        if self._doubts.due(taken_at):
-            await self._doubts.look(taken_at)
 
     def _directions_of(self, targets: int) -> int:
         """The mask of directions for a mask of targets."""

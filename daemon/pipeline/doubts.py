@@ -47,11 +47,20 @@ class Doubts:
         self._follow = Follow(plan.expected.steps)
         self._withheld: list[int] = []
         self._own = ""
-        self._write_back = write_back
         self._foreign: Foreign | None = None
         read_back = plan.expected.read_back
         if read_back and file.output.read_back > 0.0:
-            self._foreign = Foreign(links, read_back, file.output.read_back)
+            counters = {plan.status, plan.heartbeat, *(target for _, target in plan.echo)}
+            self._foreign = Foreign(
+                links,
+                read_back,
+                write_back,
+                plan.status if plan.status in read_back else None,
+                plan.heartbeat if plan.heartbeat in read_back else None,
+                frozenset(c for c in counters if c is not None),
+                file.output.read_back,
+                file.cycle.period,
+            )
 
     @property
     def foreign(self) -> str:
@@ -117,6 +126,11 @@ class Doubts:
             answer[place] = math.nan
         return answer
 
+    def shut_late(self, now: float) -> None:
+        """Keep a cycle that was stopped half-way, for long, from writing over somebody else."""
+        if self._foreign is not None:
+            self._foreign.shut_late(now)
+
     def wrote(self, answer: Sequence[float], outcome: WriteOutcome) -> None:
         """Take note of what was written; what was not taken says nothing."""
         self._follow.wrote(self._indicated, answer, outcome.untouched | outcome.unknown)
@@ -128,4 +142,4 @@ class Doubts:
     async def look(self, now: float) -> None:
         """See whether somebody else writes what Abbe writes."""
         if self._foreign is not None:
-            await self._foreign.look(self._write_back.held, now)
+            await self._foreign.look(now)

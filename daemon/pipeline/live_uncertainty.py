@@ -121,8 +121,9 @@ class LiveUncertainty:
 
     def _say(self) -> None:
         """Have the journal know, once, which signal or tool has left what was measured."""
-        beyond = () if self.latest is None else self.latest.beyond
-        outside = {b.name: str(b) for b in beyond if b.name not in self._axes}
+        if self.latest is None:  # something is missing: nothing is known to have come back
+            return
+        outside = {b.name: str(b) for b in self.latest.beyond if b.name not in self._axes}
         names = tuple(sorted(outside))
         if names and names != self._said:
             logger.warning("%s: the correction is less sure", "; ".join(outside.values()))

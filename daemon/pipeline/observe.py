@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Mapping
 
-from abbe.daemon.faults import StandingFaults
 from abbe.daemon.guard import DIRECTIONS, Decision, GuardState
+from abbe.daemon.pipeline.faults import StandingFaults
 from abbe.daemon.pipeline.plan import PipelinePlan
 from abbe.daemon.pipeline.reading.convert import SignalReading
 from abbe.drivers.link import Link, LinkState
@@ -14,7 +15,9 @@ from abbe.drivers.link import Link, LinkState
 logger = logging.getLogger("abbe.pipeline")
 
 # Looking a member up in an Enum costs more than a comparison, and this runs in every cycle.
+_ACTIVE = GuardState.ACTIVE
 _UP, _DEGRADED = LinkState.UP, LinkState.DEGRADED
+_LOST = (LinkState.DOWN, LinkState.CONNECTING, LinkState.CLOSED)
 _NOTHING: Mapping[str, str] = {}
 _WORDS = {
     GuardState.OFF: "no correction",
@@ -23,7 +26,10 @@ _WORDS = {
     GuardState.HOLDING: "last good correction held",
     GuardState.FALLING: "correction ramped to zero",
 }
-_CALM = (GuardState.ACTIVE, GuardState.RISING)
+_COMPUTED = {**_WORDS, GuardState.ACTIVE: "computed in full, not written"}
+_LIMITED = "as far as the guard allows, not in full"
+_CALM = (_WORDS[GuardState.ACTIVE], _COMPUTED[GuardState.ACTIVE], _WORDS[GuardState.RISING])
+_UNSAID = _WORDS[GuardState.OFF]
 
 
 class Observer:
@@ -37,6 +43,12 @@ class Observer:
         What is read from them.
     directions
         X, Y, Z and the rotary axes that are corrected.
+    writes
+        Whether corrected positions are written; else nothing is said to be corrected.
+    lead_back
+        s within which, after something was missing, the correction is led back to what is computed.
+    settles
+        s that a link which has come back is given until what it carries is sound.
     """
 
     def __init__(
@@ -44,6 +56,10 @@ class Observer:
         links: Mapping[str, Link],
         plan: PipelinePlan,
         directions: tuple[str, ...] = DIRECTIONS,
+        *,
+        writes: bool = True,
+        lead_back: float = 0.0,
+        settles: float = 0.0,
     ) -> None:
         self._links = dict(links)
         self._statuses = [link.status for link in links.values()]
@@ -52,6 +68,18 @@ class Observer:
         self._limits = StandingFaults(linger=5.0)
         self._directions = directions
         self._states = (GuardState.OFF,) * len(directions)
+        self._words = _WORDS if writes else _COMPUTED
+        # what the journal said last of each direction
+        self._said = [_UNSAID] * len(directions)
+        # directions that were cut or behind since that began, for as long as it stands
+        self._cut = 0
+        self._lead_back, self._led_back_until = lead_back, -math.inf
+        self._behind = False
+        self._steady: tuple[GuardState, ...] | None = None
+        self._settles = settles
+        self._carried_by = _carried_by(plan)
+        # what an outage may have left behind, and since when; None before the first cycle
+        self._awaited: dict[str, float] | None = None
 
     @property
     def all_up(self) -> bool:
@@ -120,33 +148,109 @@ class Observer:
         ending: bool,
         *,
         oriented: bool = True,
+        taken: bool = True,
     ) -> None:
-        """Log what has changed since the last cycle; `now` is monotonic, s."""
-        self._standing.update(faults, now)
-        limited = _limited(decision)
+        """Log what has changed since the last cycle.
+
+        Parameters
+        ----------
+        decision
+            The guard's.
+        faults
+            From `faults`.
+        now
+            Monotonic, s.
+        ending
+            Whether Abbe was told to end.
+        oriented
+            Whether the rotary axes do all that they can to the tool's direction.
+        taken
+            Whether the controller took the last correction in every direction.
+        """
+        news = self._news(faults, now) if faults or self._awaited != {} else faults
+        self._standing.update(news, now)
+        states = decision.states
+        if states is self._steady and taken and oriented and not decision.limited:
+            self._limits.update(_NOTHING, now)
+            if not self._cut:
+                return
+        if not taken or states.count(_ACTIVE) < len(states):
+            self._led_back_until = now + self._lead_back
+        elif not decision.limited:
+            self._led_back_until = -math.inf
+        limited = self._limited(decision, now)
         self._limits.update(limited if oriented else {**limited, **_AT_A_POLE}, now)
-        if decision.states is self._states or decision.states == self._states:
+        if limited or self._cut:
+            self._cut = (self._cut | decision.limited) if self._limits.stands("guard") else 0
+        elif states == self._states and not self._behind:
             return
-        changed: dict[GuardState, list[str]] = {}
-        for name, before, after in zip(
-            self._directions, self._states, decision.states, strict=True
-        ):
-            if after is not before:
-                changed.setdefault(after, []).append(name)
-        self._states = decision.states
-        for state, names in changed.items():
-            level = logging.INFO if state in _CALM or ending else logging.WARNING
-            logger.log(level, "guard: %s: %s", ", ".join(names), _WORDS[state])
+        self._states = states
+        self._say_states(decision, ending)
+        in_full = states.count(_ACTIVE) == len(states) and not decision.limited
+        self._steady = states if in_full else None
+
+    def _news(self, faults: Mapping[str, str], now: float) -> Mapping[str, str]:
+        """Faults without those that an outage has left behind, unless they last.
+
+        A heartbeat has to be seen to beat again, a sensor to be read: that is no news.
+        """
+        if self._awaited is None:
+            awaited = dict.fromkeys(self._carried_by, now)
+        else:
+            awaited = {
+                what: since
+                for what, since in self._awaited.items()
+                if what in faults and now - since < self._settles
+            }
+        down = {n for n, s in zip(self._links, self._statuses, strict=True) if s.state in _LOST}
+        if down:
+            awaited |= {what: now for what, by in self._carried_by.items() if by & down}
+        self._awaited = awaited
+        return {what: why for what, why in faults.items() if what not in awaited}
+
+    def _limited(self, decision: Decision, now: float) -> Mapping[str, str]:
+        """Limits that somebody should know of.
+
+        To be led back to what is computed, after something was missing or was not taken, is none.
+        """
+        if decision.size_limited:
+            return {"guard": "the computed correction is larger than allowed and was cut"}
+        if decision.rate_limited and now > self._led_back_until:
+            return {"guard": "the computed correction changes faster than allowed"}
+        return _NOTHING
+
+    def _say_states(self, decision: Decision, ending: bool) -> None:
+        """Log what is new of each direction: never in full beside a limit that still stands."""
+        changed: dict[str, list[str]] = {}
+        behind = decision.limited & ~self._cut
+        self._behind = bool(behind)
+        for i, (name, state) in enumerate(zip(self._directions, decision.states, strict=True)):
+            words = self._words[state]
+            limited = state is _ACTIVE and (self._cut | behind) >> i & 1
+            if limited and words != self._said[i]:
+                words = _LIMITED if self._cut >> i & 1 else self._words[GuardState.RISING]
+            if words != self._said[i]:
+                self._said[i] = words
+                changed.setdefault(words, []).append(name)
+        for words, names in changed.items():
+            level = logging.INFO if words in _CALM or ending else logging.WARNING
+            event = {"event": "correction changed", "about": {"AXIS": names}}
+            logger.log(level, "guard: %s: %s", ", ".join(names), words, extra=event)
+
+
+def _carried_by(plan: PipelinePlan) -> Mapping[str, frozenset[str]]:
+    """By what a fault is named after → the links that carry what it needs."""
+    watched = {channel[0] for channel in plan.watch.channels if channel is not None}
+    tool = frozenset(link for link, _ in plan.tool)
+    written = frozenset(target.channel[0] for target in plan.targets)
+    return {
+        **{f"axis {s.name}": frozenset(watched | {s.channel[0]}) for s in plan.positions},
+        **{f"signal {s.name}": frozenset((s.channel[0],)) for s in plan.signals},
+        "tool": tool,
+        "write-back": written,
+    }
 
 
 _AT_A_POLE = {
     "orientation": "a rotary axis stands too near to the tool's direction to turn all of it back"
 }
-
-
-def _limited(decision: Decision) -> Mapping[str, str]:
-    if decision.size_limited:
-        return {"guard": "the computed correction is larger than allowed and was cut"}
-    if decision.rate_limited:
-        return {"guard": "the computed correction changes faster than allowed"}
-    return _NOTHING

@@ -24,12 +24,18 @@ class CyclePace:
         s from the beginning of a cycle to that of the next; 0: the links set the pace.
     statuses
         Of the links that are read in every cycle.
+
+    Attributes
+    ----------
+    missed
+        Periods that were left out, because a cycle took longer.
     """
 
     def __init__(self, period: float, statuses: Sequence[LinkStatus]) -> None:
         self._period = period
         self._statuses = tuple(statuses)
         self._due = time.monotonic()
+        self.missed = 0
 
     def start(self) -> None:
         """The first cycle begins now."""
@@ -54,4 +60,8 @@ class CyclePace:
             await asyncio.sleep(_NAP)
             wait -= _NAP
         await asyncio.sleep(min(wait, _NAP))
-        self._due = due if due > now - self._period else now
+        if due > now - self._period:
+            self._due = due
+        else:
+            self.missed += int((now - due) / self._period)
+            self._due = now

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from abbe.compcore.compensator.pose_step import PoseError
 from abbe.daemon.guard import DIRECTIONS, Decision
 from abbe.daemon.pipeline.reading.convert import SignalReading
+from abbe.daemon.status_word import Status
 
 
 class CycleRecord(NamedTuple):
@@ -49,6 +50,8 @@ class CycleRecord(NamedTuple):
         What the rotary axes leave of the tool's direction; None where none is corrected.
     shown
         What effects that are only shown would give in X, Y, Z; None where there are none.
+    writes
+        Whether corrected positions are written at all; else they are computed only.
     """
 
     number: int
@@ -67,6 +70,13 @@ class CycleRecord(NamedTuple):
     directions: tuple[str, ...] = DIRECTIONS
     pose: PoseError | None = None
     shown: tuple[float, float, float] | None = None
+    writes: bool = True
+
+    @property
+    def in_full(self) -> bool:
+        """Whether every direction is corrected in full, and the controller took it."""
+        taken = self.status & Status.COMPENSATING
+        return self.writes and self.decision.compensating and bool(taken)
 
 
 Listener = Callable[[CycleRecord], None]

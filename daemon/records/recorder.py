@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 
 from abbe.compcore.machine.conditions import unit_of
 from abbe.compcore.machine.machine import Machine
-from abbe.daemon.identity import RunIdentity
+from abbe.daemon.config.identity import RunIdentity
 from abbe.daemon.pipeline.record import CycleRecord
 from abbe.daemon.records.writer import EventRow, RecordWriter, RunRow, Value
 

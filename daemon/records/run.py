@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from abbe.daemon.config import Configuration
-from abbe.daemon.identity import RunIdentity
+from abbe.daemon.config.identity import RunIdentity
 from abbe.daemon.pipeline.cycle import Pipeline
 from abbe.daemon.records.recorder import Recorder
 from abbe.daemon.records.thinning import Retention

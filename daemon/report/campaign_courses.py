@@ -63,7 +63,7 @@ class CampaignCourse:
 def courses_of(versions: Sequence[Mapping[str, Any]]) -> list[CampaignCourse]:
     """The courses of all campaigns whose own figures the versions tell, fitted ones first.
 
-    `versions` are the records, oldest first. A campaign is told by its SHA-256.
+    `versions` are the records, oldest first. A campaign is known by its SHA-256.
     """
     found: dict[str, tuple[str, list[CourseValue]]] = {}
     for k, record in enumerate(versions, start=1):

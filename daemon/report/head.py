@@ -15,7 +15,7 @@ from typing import Any
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.measuring_conditions import STATED, extent, of_files, together
-from abbe.compcore.files.campaign_record import conditions_of
+from abbe.compcore.files.model_toml.campaign_record import conditions_of
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.model import Model

@@ -9,7 +9,8 @@ import numpy as np
 from abbe.compcore.figures.figure import COLOURS, figure, line, points
 from abbe.compcore.model.uncertainty import UNKNOWN
 from abbe.compcore.tables.table import Table, unit_of_position
-from abbe.daemon.answers.table import FULL, NONE, TableAnswer, remaining_rows, trust_lines
+from abbe.daemon.answers.tables.make import FULL, NONE, TableAnswer
+from abbe.daemon.answers.tables.words import remaining_rows, trust_lines
 from abbe.daemon.report.head import FileOnPage, head_of
 from abbe.daemon.report.page import Page, number
 
@@ -20,7 +21,7 @@ _MOST = 1200
 
 def table_page(done: TableAnswer) -> Page:
     """The whole page."""
-    controller, record = done.order.controller, done.made.record
+    controller, record = done.request.controller, done.made.record
     machine = done.model.machine
     model = FileOnPage("model", record["model"]["file"], record["model"]["sha256"])
     page = Page(
@@ -101,7 +102,7 @@ def _remaining(page: Page, done: TableAnswer) -> None:
         ],
         digits=3,
     )
-    colours = {NONE: _GREY, done.order.controller.name: COLOURS[0], FULL: COLOURS[2]}
+    colours = {NONE: _GREY, done.request.controller.name: COLOURS[0], FULL: COLOURS[2]}
     for axis in done.model.machine.structure.axes:
         unit, factor = unit_of_position(axis)
         clouds = []

@@ -16,11 +16,12 @@ from rich.console import Console
 from abbe.compcore.errors import AbbeError
 from abbe.daemon.event_log import journal
 from abbe.daemon.service import Service
-from abbe.daemon.show.figures import Figures
 from abbe.daemon.show.json_lines import JsonLines
 from abbe.daemon.show.plain import PlainLines
 from abbe.daemon.show.screen import LiveScreen
 from abbe.daemon.show.writer import LineWriter
+from abbe.daemon.status.figures import Figures
+from abbe.daemon.systemd.journald import leads_to_journal
 
 How = Literal["screen", "plain", "json", "quiet"]
 
@@ -28,11 +29,12 @@ How = Literal["screen", "plain", "json", "quiet"]
 def choose(as_json: bool, *, quiet: bool = False) -> How:
     """JSON where asked for, nothing where that is; the live screen on a terminal, else lines.
 
-    A service manager shows the state by itself, so it is given no lines.
+    A service manager shows the state by itself, and its journal keeps events: neither is given
+    lines.
     """
     if as_json:
         return "json"
-    if quiet or "NOTIFY_SOCKET" in os.environ:
+    if quiet or "NOTIFY_SOCKET" in os.environ or leads_to_journal(sys.stdout):
         return "quiet"
     return "screen" if sys.stdout.isatty() else "plain"
 
@@ -87,9 +89,7 @@ async def _run(
     service = service_of()
     pipeline, machine = service.pipeline, service.configuration.model.machine
     corrected = pipeline.corrected_axes
-    linear = [axis for axis in corrected if not machine.axes[axis].rotary]
-    figures = Figures(tuple(pipeline.axes.index(axis) for axis in linear))
-    service.add([figures])
+    figures = service.logbook.figures
     section = service.configuration.file.journal
     writer: LineWriter | None = None
     drawing: asyncio.Task[None] | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -63,7 +64,7 @@ class JsonLines:
         for name, reading in record.signals.items():
             value = _number(reading.value, 4)
             (temperatures if name in self._temperatures else others)[name] = value
-        decision = record.decision
+        decision, now = record.decision, time.monotonic()
         line = {
             "cycle": record.number,
             "time": round(record.time, 4),
@@ -88,6 +89,7 @@ class JsonLines:
             "links": {
                 name: {
                     "state": link.status.state.value,
+                    "for_s": round(now - link.status.since, 3),
                     "round_trip_ms": _number(1e3 * link.status.round_trip, 3),
                 }
                 for name, link in self._links.items()
@@ -100,6 +102,9 @@ class JsonLines:
                 for (axis, factor, _), speed in zip(self._axes, record.speeds, strict=False)
             },
         }
+        stale = {n: r for n, r in record.signals.items() if r.fault}
+        if stale:
+            line["stale"] = {n: _number(now - r.time, 3) for n, r in stale.items()}
         if self._sure is not None and (latest := self._sure.latest) is not None:
             line["uncertainty"] = {
                 **{d: round(1e3 * w, 3) for d, w in zip(DIRECTIONS, latest.wide, strict=True)},

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import math
+import time
 from collections.abc import Mapping
 
 from abbe.daemon.pipeline.headline import headline
 from abbe.daemon.pipeline.live_uncertainty import LiveUncertainty
 from abbe.daemon.pipeline.record import CycleRecord
-from abbe.daemon.show.figures import volumetric_errors
 from abbe.daemon.show.writer import LineWriter
+from abbe.daemon.status.ages import age_in_words
+from abbe.daemon.status.figures import volumetric_errors
 from abbe.drivers.link import Link
 
 EVERY = 2.0
@@ -74,9 +75,15 @@ class PlainLines:
             parts.append(f"{1e6 * record.pose.direction_left:.1f} µrad of the tool's lean left")
         if (errors := volumetric_errors(record, self._axes)) is not None:
             parts.append(f"error {errors[0]:.1f} → {errors[1]:.1f} µm")
-        known = [r.value for r in record.signals.values() if math.isfinite(r.value)]
+        known = [r.value for r in record.signals.values() if not r.fault]
         if known:
             parts.append(f"signals {min(known):.2f} … {max(known):.2f}")
+        now = time.monotonic()
+        parts += [
+            f"{name} stale, {age_in_words(now - reading.time) or 'never read'}"
+            for name, reading in record.signals.items()
+            if reading.fault
+        ]
         parts += [
             f"{name} {link.status.state.value} {1e3 * link.status.round_trip:.2g} ms"
             for name, link in self._links.items()

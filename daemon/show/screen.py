@@ -23,7 +23,10 @@ from abbe.daemon.pipeline.headline import headline
 from abbe.daemon.pipeline.live_uncertainty import LiveUncertainty, PlusMinus
 from abbe.daemon.pipeline.record import CycleRecord
 from abbe.daemon.show.bars import deviation_bar, sparkline
-from abbe.daemon.show.figures import ErrorFigures, volumetric_errors
+from abbe.daemon.status.ages import age_in_words
+from abbe.daemon.status.figures import ErrorFigures, volumetric_errors
+from abbe.daemon.status.last_cycles import LastCycles
+from abbe.daemon.status_word import describe
 from abbe.drivers.link import Link, LinkState
 
 REFRESH = 0.25
@@ -102,7 +105,7 @@ class LiveScreen:
         self._title = title
         self._duration = duration
         self.events = EventTail()
-        self._last: CycleRecord | None = None
+        self._cycles = LastCycles()
         self._first_signals: dict[str, float] = {}
         self._durations: deque[float] = deque(maxlen=1000)
         self._before: deque[float] = deque(maxlen=_HISTORY)
@@ -113,7 +116,7 @@ class LiveScreen:
 
     def __call__(self, record: CycleRecord) -> None:
         """Take a cycle in."""
-        self._last = record
+        self._cycles(record)
         self._durations.append(record.duration)
         errors = volumetric_errors(record, self._indices)
         if errors is None:
@@ -147,7 +150,7 @@ class LiveScreen:
 
     def picture(self, width: int = 80) -> RenderableType:
         """The screen as it is now, for a terminal of so many columns."""
-        record = self._last
+        record = self._cycles.latest
         if record is None:
             waiting = [f"{n}: {link.status.state.value}" for n, link in self._links.items()]
             return Panel(f"waiting for the first cycle … {', '.join(waiting)}", title=self._title)
@@ -163,7 +166,7 @@ class LiveScreen:
 
     def _state(self, record: CycleRecord) -> RenderableType:
         words = headline(record).upper()
-        good = record.decision.compensating
+        good = record.in_full
         off = "NOT CORRECTED" in words and "ENDED" not in words
         style = "bold white on green" if good else "bold white on red" if off else "bold on yellow"
         clock = f"{record.time:.0f} s"
@@ -202,7 +205,7 @@ class LiveScreen:
             zip(self._axes, record.indicated, record.reference, strict=True)
         ):
             rotary = self._machine.axes[axis].rotary
-            row: list[str | Text] = [Text(axis, "bold"), _position(indicated, rotary)]
+            row: list[str | Text] = [Text(axis, "bold"), self._indicated(axis, indicated, rotary)]
             if axis in corrected:
                 direction = direction_index(axis, record.directions)
                 amount = record.decision.correction[direction]
@@ -225,6 +228,15 @@ class LiveScreen:
                 ]
             table.add_row(*row)
         return table
+
+    def _indicated(self, axis: str, indicated: float, rotary: bool) -> str | Text:
+        """A position; the last sound one with its age where there is none now."""
+        now, sound = self._cycles.latest, self._cycles.sound
+        if math.isfinite(indicated) or now is None or sound is None:
+            return _position(indicated, rotary)
+        old = age_in_words(now.time - sound.time + sound.age)
+        last = _position(sound.indicated[self._axes.index(axis)], rotary)
+        return Text(f"stale, {old}  {last}", "red")
 
     def _errors(self, width: int) -> Table:
         columns = min(_HISTORY, width - 44)
@@ -262,7 +274,10 @@ class LiveScreen:
                 continue
             first = self._first_signals.setdefault(name, reading.value)
             text = Text(f"{name} {reading.value:.2f} {unit} ", "red" if reading.fault else "")
-            text.append(f"{reading.value - first:+.2f}", "dim")
+            if reading.fault:
+                text.append(f"stale, {age_in_words(time.monotonic() - reading.time)}", "red")
+            else:
+                text.append(f"{reading.value - first:+.2f}", "dim")
             cells.append(text)
         per_row = max(1, (width - 4) // 25)
         for start in range(0, len(cells), per_row):
@@ -284,7 +299,7 @@ class LiveScreen:
         ordered = sorted(self._durations)
         middle, high = ordered[len(ordered) // 2], ordered[int(0.99 * len(ordered))]
         text.append(f"cycle {1e3 * middle:.1f} ms (99 %: {1e3 * high:.1f} ms)   ")
-        text.append(f"status word {record.status:#06x}", "dim")
+        text.append(f"\nstatus word {record.status:#06x}: {describe(record.status)}", "dim")
         return text
 
     def _events(self) -> Text:

@@ -12,21 +12,25 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from abbe.compcore.errors import AbbeError, InputError
 from abbe.compcore.files.grid_file import grid_files
 from abbe.compcore.files.text.atomic import write_together
 from abbe.daemon.config import Configuration
-from abbe.daemon.config.folders import CONFIGURATIONS, STATE
+from abbe.daemon.config.folders import CONFIGURATIONS
 from abbe.daemon.systemd.unit import (
     DROP_IN_NAME,
+    MADE,
+    PACKAGE_COMMAND,
+    PACKAGE_UNITS,
     TEMPLATE_NAME,
     USER,
     Needs,
     check_machine,
     drop_in,
+    sysusers,
     template,
 )
 
@@ -50,12 +54,15 @@ class Installation:
         Files that are there already, as they have to be.
     unit
         Name of the unit.
+    replaced
+        Files that go, because the Debian package has them.
     """
 
     machine: str
     files: Mapping[Path, str | bytes]
     kept: tuple[Path, ...] = ()
     unit: str = field(default="")
+    replaced: tuple[Path, ...] = ()
 
     @property
     def folder(self) -> Path:
@@ -118,23 +125,39 @@ def plan(
     for name, text in grid_files(configuration.model.effects).items():
         wanted[beside / name] = text.encode()
     kept = []
+    for own in _of_http(configuration):
+        # of an installed machine they are its own: tokens come and go, certificates are renewed
+        if (folder / own).exists():
+            kept.append(folder / own)
+        else:
+            wanted[folder / own] = (source.parent / own).read_bytes()
     for path, content in wanted.items():
         if path.exists() and path.read_bytes() == content:
             kept.append(path)
         else:
             files[path] = content
     units = _under(root, _UNITS)
-    files[units / TEMPLATE_NAME] = template(command, user)
+    replaced = []
+    if command == PACKAGE_COMMAND and (_under(root, PACKAGE_UNITS) / TEMPLATE_NAME).exists():
+        earlier = units / TEMPLATE_NAME
+        if earlier.exists() and earlier.read_text(encoding="utf-8").startswith(MADE):
+            replaced.append(earlier)
+    else:
+        files[units / TEMPLATE_NAME] = template(command, user)
+        files[_under(root, _SYSUSERS)] = sysusers(user)
     links = configuration.make_links()
     resources = [resource for link in links.values() for resource in link.owns]
-    needs = Needs.of_resources(resources, _written_folders(configuration))
-    file = configuration.file
+    file, http = configuration.file, configuration.http
+    needs = replace(
+        Needs.of_resources(resources, _written_folders(configuration)),
+        http=http is not None,
+        clients=() if http is None else http.networks,
+    )
     longest_end = file.guard.hold + file.guard.ramp
     files[units / f"abbe@{machine}.service.d" / DROP_IN_NAME] = drop_in(
         needs, file.cycle.period, longest_end
     )
-    files[_under(root, _SYSUSERS)] = f'u {user} - "Abbe" {STATE}\n'
-    return Installation(machine, files, tuple(kept), f"abbe@{machine}.service")
+    return Installation(machine, files, tuple(kept), f"abbe@{machine}.service", tuple(replaced))
 
 
 def install(installation: Installation, *, force: bool = False) -> None:
@@ -161,6 +184,8 @@ def install(installation: Installation, *, force: bool = False) -> None:
         if path.is_relative_to(folder) and path.exists():
             shutil.copy2(path, path.with_name(f"{path.name}.before"))
     write_together(installation.files)
+    for path in installation.replaced:
+        path.unlink()
 
 
 def uninstall(machine: str, root: Path) -> list[Path]:
@@ -194,8 +219,17 @@ def uninstall(machine: str, root: Path) -> list[Path]:
     return removed
 
 
-def run(command: Sequence[str]) -> None:
-    """One of the system's commands.
+def installed(root: Path) -> list[str]:
+    """Names of the machines that are services, sorted."""
+    folders = _under(root, _UNITS).glob("abbe@*.service.d")
+    names = (folder.name[len("abbe@") : -len(".service.d")] for folder in folders)
+    return sorted(
+        name for name in names if (_under(root, CONFIGURATIONS) / name / "config.toml").exists()
+    )
+
+
+def run(command: Sequence[str], within: float = 90.0) -> None:
+    """One of the system's commands, which may take `within` s.
 
     Raises
     ------
@@ -203,14 +237,13 @@ def run(command: Sequence[str]) -> None:
         When it is not there, or fails: with what it said.
     """
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=90, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=within, check=False)
     except FileNotFoundError:
         raise AbbeError(
-            f"{command[0]} is not on this computer: services need systemd; "
-            f"'abbe run CONFIG.toml' works without"
+            f"{command[0]} is not on this computer: services need systemd; 'abbe run' works without"
         ) from None
     except subprocess.TimeoutExpired:
-        raise AbbeError(f"{' '.join(command)} did not end within 90 s") from None
+        raise AbbeError(f"{' '.join(command)} did not end within {within:g} s") from None
     if done.returncode:
         said = (done.stderr or done.stdout).strip().splitlines()
         raise AbbeError(f"{' '.join(command)} failed: {said[-1] if said else done.returncode}")
@@ -240,9 +273,21 @@ def _written_folders(configuration: Configuration) -> list[Path]:
     names = [file.journal.file and Path(file.journal.file).parent]
     if file.control is not None:
         names.append(Path(file.control.socket).parent)
+    if file.http is not None:
+        names.append(Path(file.http.socket).parent)
     if upload is not None:
         names += [Path(upload.section.journal).parent, Path(upload.section.backups)]
     return [folder for folder in names if folder and folder.is_absolute()]
+
+
+def _of_http(configuration: Configuration) -> list[Path]:
+    """Files of ``[http]`` that lie beside the configuration, as it names them."""
+    section = configuration.file.http
+    if section is None:
+        return []
+    names = (Path(name) for name in (section.tokens, section.certificate, section.key) if name)
+    beside = [name for name in names if not name.is_absolute() and ".." not in name.parts]
+    return [name for name in beside if (configuration.path.parent / name).is_file()]
 
 
 def _require_visible(command: Path) -> None:

@@ -2,7 +2,8 @@
 
 The journal's native protocol: one datagram of ``FIELD=value`` lines to its socket
 (systemd.journal-fields(7); https://systemd.io/JOURNAL_NATIVE_PROTOCOL). An event's time and level
-are fields there, and so not in its text.
+are fields there, and so not in its text. What an event is about stands at its beginning by custom
+(``link cmm: …``, ``axis X: …``, ``signal T_x1: …``), or is given with it, and is a field too.
 """
 
 from __future__ import annotations
@@ -10,10 +11,13 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import re
 import socket
 import sys
-from collections.abc import Mapping
-from typing import Self
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Self, TextIO
+
+from abbe.daemon.systemd.messages import message_id
 
 _SOCKET = "/run/systemd/journal/socket"
 _LEVELS = (
@@ -23,6 +27,7 @@ _LEVELS = (
     (logging.INFO, 6),
 )
 _DEBUG = 7
+_SUBJECT = re.compile(r"(link|axis|signal) ([^\s:(]+)")
 _LONGEST = 60_000
 """Bytes of a field; a datagram that is too large would be lost whole."""
 
@@ -30,8 +35,9 @@ _LONGEST = 60_000
 class JournaldHandler(logging.Handler):
     """Sends log records to systemd's journal; never waits, and loses what it does not take.
 
-    What an event is about is given with it, ``logger.info(…, extra={"about": {"AXIS": "X"}})``, and
-    becomes fields ``ABBE_AXIS`` and so on.
+    Fields: ``MESSAGE``, ``PRIORITY``, ``PART`` (of Abbe, that says it), ``LINK``, ``AXIS``,
+    ``SIGNAL`` by what the message begins with or ``extra={"about": {"AXIS": ("X", "Y")}}``, and
+    ``MESSAGE_ID`` by ``extra={"event": "link lost"}`` (`abbe.daemon.systemd.messages`).
 
     Parameters
     ----------
@@ -51,18 +57,12 @@ class JournaldHandler(logging.Handler):
 
     @classmethod
     def of_environment(cls, environment: Mapping[str, str] = os.environ) -> Self | None:
-        """The journal that standard error is connected to; None where it is not.
-
-        ``JOURNAL_STREAM`` names it by device and inode, as whoever redirects standard error leaves
-        the variable as it was.
-        """
-        device, _, inode = environment.get("JOURNAL_STREAM", "").partition(":")
+        """The journal that standard error is connected to; None where it is not."""
+        if not leads_to_journal(sys.stderr, environment):
+            return None
         try:
-            mine = os.fstat(sys.stderr.fileno())
-            if (mine.st_dev, mine.st_ino) != (int(device), int(inode)):
-                return None
             return cls()
-        except (OSError, ValueError):
+        except OSError:
             return None
 
     def emit(self, record: logging.LogRecord) -> None:
@@ -71,15 +71,7 @@ class JournaldHandler(logging.Handler):
             message = record.getMessage()
             if record.exc_info:
                 message += "\n" + logging.Formatter().formatException(record.exc_info)
-            fields = {
-                "MESSAGE": message,
-                "PRIORITY": str(next((p for n, p in _LEVELS if record.levelno >= n), _DEBUG)),
-                "SYSLOG_IDENTIFIER": "abbe",
-                "ABBE_PART": record.name,
-            }
-            about: Mapping[str, object] = getattr(record, "about", {})
-            fields |= {f"ABBE_{key.upper()}": str(value) for key, value in about.items()}
-            datagram = b"".join(_field(key, value) for key, value in fields.items())
+            datagram = b"".join(_field(key, value) for key, value in _fields(record, message))
         except Exception:  # noqa: BLE001  (as logging's own handlers: the event is at fault)
             self.handleError(record)
             return
@@ -90,6 +82,35 @@ class JournaldHandler(logging.Handler):
         """Give the socket back."""
         self._socket.close()
         super().close()
+
+
+def leads_to_journal(stream: TextIO, environment: Mapping[str, str] = os.environ) -> bool:
+    """Whether a stream is connected to systemd's journal.
+
+    ``JOURNAL_STREAM`` names that by device and inode, as whoever redirects a stream leaves the
+    variable as it was.
+    """
+    device, _, inode = environment.get("JOURNAL_STREAM", "").partition(":")
+    try:
+        mine = os.fstat(stream.fileno())
+        return (mine.st_dev, mine.st_ino) == (int(device), int(inode))
+    except (OSError, ValueError):
+        return False
+
+
+def _fields(record: logging.LogRecord, message: str) -> Iterator[tuple[str, str]]:
+    yield "MESSAGE", message
+    yield "PRIORITY", str(next((p for n, p in _LEVELS if record.levelno >= n), _DEBUG))
+    yield "SYSLOG_IDENTIFIER", "abbe"
+    yield "PART", record.name
+    if event := getattr(record, "event", ""):
+        yield "MESSAGE_ID", message_id(event)
+    about: Mapping[str, str | Sequence[str]] = getattr(record, "about", {})
+    if not about and (found := _SUBJECT.match(message)):
+        about = {found[1]: found[2]}
+    for key, values in about.items():
+        for value in (values,) if isinstance(values, str) else values:
+            yield key.upper(), value
 
 
 def _field(key: str, value: str) -> bytes:

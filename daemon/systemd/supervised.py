@@ -78,8 +78,6 @@ class Supervised:
     def words(self, record: CycleRecord) -> str:
         """The state of the machine's correction in one line."""
         state = headline(record)
-        if not self._axes:
-            state = f"computed, not written ({state})"
         count = len(self._axes)
         parts = [state, f"{count} {'axis' if count == 1 else 'axes'}"] if count else [state]
         parts.append(f"cycle {record.duration * _MILLI:.1f} ms")

@@ -14,10 +14,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from abbe.compcore.errors import InputError
-from abbe.daemon.config.folders import CONFIGURATIONS
+from abbe.daemon.config.folders import CONFIGURATIONS, STATE
 
 TEMPLATE_NAME = "abbe@.service"
 DROP_IN_NAME = "50-machine.conf"
+PACKAGE_UNITS = Path("/usr/lib/systemd/system")
+"""Where the Debian package has the template: one below ``/etc`` would hide it."""
+PACKAGE_COMMAND = Path("/usr/lib/abbe/bin/abbe")
+"""The command ``abbe`` of the Debian package's own environment."""
+MADE = "# Made by Abbe"
+"""How the units begin that Abbe may replace and take away."""
 USER = "abbe"
 """System user that the service runs as."""
 _MACHINE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.:-]{0,63}")
@@ -31,7 +37,7 @@ _STOP = 20.0
 _SPARE = 10.0
 
 _TEMPLATE = """\
-# Made by Abbe; 'abbe service install' writes it anew. What is particular to one machine stands in
+{made}; 'abbe service install' writes it anew. What is particular to one machine stands in
 # abbe@MACHINE.service.d/, where you may add files of your own ('systemctl edit abbe@MACHINE').
 [Unit]
 Description=Abbe: live correction of %i
@@ -75,6 +81,7 @@ ProtectSystem=strict
 ReadWritePaths=-/run/lock
 ProtectHome=yes
 PrivateTmp=yes
+PrivateMounts=yes
 PrivateDevices=no
 DevicePolicy=closed
 ProtectKernelTunables=yes
@@ -124,6 +131,11 @@ class Needs:
         Whether a CAN interface of the kernel is used.
     folders
         That are written to, beside the service's own.
+    clients
+        Networks that may ask over HTTP, with ``localhost`` for this computer; empty: the network is
+        not listened to.
+    http
+        Whether there is an HTTP process, which steps back behind the correction.
     """
 
     addresses: tuple[str, ...] = ()
@@ -131,6 +143,8 @@ class Needs:
     devices: tuple[str, ...] = ()
     can: bool = False
     folders: tuple[Path, ...] = ()
+    clients: tuple[str, ...] = ()
+    http: bool = False
 
     @classmethod
     def of_resources(cls, resources: Iterable[str], folders: Iterable[Path] = ()) -> Needs:
@@ -146,7 +160,7 @@ class Needs:
         for resource in resources:
             kind, _, place = resource.partition(" ")
             if kind == "tcp":
-                host = place.rpartition(":")[0].strip("[]")
+                host = place.partition(" ")[0].rpartition(":")[0].strip("[]")
                 (addresses if _is_address(host) else names).add(host)
             elif kind == "serial" and place.startswith("/dev/"):
                 devices.add(_device_rule(place))
@@ -197,7 +211,14 @@ def template(abbe: Path, user: str = USER) -> str:
     user
         That it runs as.
     """
-    return _TEMPLATE.format(abbe=_quoted(str(abbe)), configurations=CONFIGURATIONS, user=user)
+    return _TEMPLATE.format(
+        made=MADE, abbe=_quoted(str(abbe)), configurations=CONFIGURATIONS, user=user
+    )
+
+
+def sysusers(user: str = USER) -> str:
+    """``sysusers.d/abbe.conf``: the system user that services run as."""
+    return f'u {user} - "Abbe" {STATE}\n'
 
 
 def drop_in(needs: Needs, period: float = 0.0, longest_end: float = 0.0) -> str:
@@ -212,13 +233,13 @@ def drop_in(needs: Needs, period: float = 0.0, longest_end: float = 0.0) -> str:
     """
     watchdog = max(_WATCHDOG, _PERIODS * period)
     lines = [
-        "# Made by Abbe from the machine's configuration; 'abbe service install' writes it anew.",
+        f"{MADE} from the machine's configuration; 'abbe service install' writes it anew.",
         "[Service]",
         f"WatchdogSec={watchdog:g}s",
         f"TimeoutStopSec={max(_STOP, longest_end + _SPARE) + _SPARE:g}s",
     ]
     families = ["AF_UNIX"]
-    if needs.addresses or needs.names:
+    if needs.addresses or needs.names or needs.clients:
         families += ["AF_INET", "AF_INET6"]
     if needs.can:
         families += ["AF_CAN", "AF_NETLINK"]
@@ -230,8 +251,19 @@ def drop_in(needs: Needs, period: float = 0.0, longest_end: float = 0.0) -> str:
             "IPAddressDeny=",
             "IPAddressAllow=any",
         ]
-    elif needs.addresses:
-        lines.append(f"IPAddressAllow={' '.join(needs.addresses)}")
+    elif "any" in needs.clients:
+        lines += [
+            "# whoever can reach its address may ask over HTTP: see 'clients' in [http]",
+            "IPAddressDeny=",
+            "IPAddressAllow=any",
+        ]
+    elif needs.addresses or needs.clients:
+        lines.append(f"IPAddressAllow={' '.join((*needs.addresses, *needs.clients))}")
+    if needs.http:
+        lines += [
+            "# the HTTP process steps back behind the correction (nice)",
+            "SystemCallFilter=setpriority",
+        ]
     lines += [f"DeviceAllow={_quoted(device)} rw" for device in needs.devices]
     lines += [f"ReadWritePaths={_quoted(str(folder))}" for folder in needs.folders]
     return "\n".join(lines) + "\n"

@@ -32,7 +32,7 @@ from abbe.daemon.upload.outcome import UploadOutcome
 from abbe.daemon.upload.recovery import recover
 from abbe.daemon.upload.settle import check_identity, check_ready
 from abbe.daemon.upload.steps import ContentChange
-from abbe.daemon.upload.upload_plan import UploadPlan, backup_order, load_order
+from abbe.daemon.upload.upload_plan import UploadPlan, backup_plan, load_plan
 from abbe.daemon.upload.work import Work, user
 from abbe.drivers.link import LinkError
 
@@ -169,10 +169,10 @@ async def upload(
         When the pre-flight finds something against it: nothing was written.
     """
     setup = setup_of(configuration)
-    order = load_order(folder, configuration, setup)
-    check_tables(order, configuration.model, limits_of(setup, request.max_change_um))
+    plan = load_plan(folder, configuration, setup)
+    check_tables(plan, configuration.model, limits_of(setup, request.max_change_um))
     with working(configuration, operator, request.by, writes=not request.dry_run) as work:
-        return await _carry_out(work, order, request)
+        return await _carry_out(work, plan, request)
 
 
 async def roll_back(
@@ -196,10 +196,10 @@ async def roll_back(
         backup = next((e["backup"] for e in lines if e.get("backup")), None)
         if backup is None:
             raise AbbeError(f"upload {last['upload']} has no backup in the journal")
-        order = backup_order(Path(backup), work.controller, configuration.file.tool.offset)
-        if order.content.sha256 != last["old"]:
+        plan = backup_plan(Path(backup), work.controller, configuration.file.tool.offset)
+        if plan.content.sha256 != last["old"]:
             raise AbbeError(f"{backup} is not what was active before upload {last['upload']}")
-        result = await _carry_out(work, order, request)
+        result = await _carry_out(work, plan, request)
         return Result(
             result.cleared, result.outcome, recovered or result.recovered, result.declined
         )
@@ -269,7 +269,7 @@ async def _recover_first(work: Work) -> UploadOutcome | None:
     return outcome
 
 
-async def _carry_out(work: Work, order: UploadPlan, request: UploadRequest) -> Result:
+async def _carry_out(work: Work, plan: UploadPlan, request: UploadRequest) -> Result:
     recovered = None
     unfinished = work.journal.found.unfinished()
     if unfinished and request.dry_run:
@@ -281,7 +281,7 @@ async def _carry_out(work: Work, order: UploadPlan, request: UploadRequest) -> R
     async with opened(work):
         try:
             cleared = await preflight(
-                work.store, work.setup, work.controller, order, work.model,
+                work.store, work.setup, work.controller, plan, work.model,
                 limits_of(work.setup, request.max_change_um),
             )  # fmt: skip
         except LinkError as error:
@@ -294,15 +294,15 @@ async def _carry_out(work: Work, order: UploadPlan, request: UploadRequest) -> R
 
 
 async def _change(work: Work, cleared: Cleared, request: UploadRequest) -> UploadOutcome:
-    order, old = cleared.order, cleared.old
-    context = work.context(cleared.identity, old, order.content, order.model)
-    if order.puts_back:
+    plan, old = cleared.plan, cleared.old
+    context = work.context(cleared.identity, old, plan.content, plan.model)
+    if plan.puts_back:
         context["puts_back"] = True
     ledger = Ledger(work.journal, context)
     ledger.note(
         "begin", "begun",
-        source=str(order.source.resolve()), note=request.note, record=dict(order.record),
-        tool_mm=list(order.tool), change_um=cleared.change_um, warnings=list(order.warnings),
+        source=str(plan.source.resolve()), note=request.note, record=dict(plan.record),
+        tool_mm=list(plan.tool), change_um=cleared.change_um, warnings=list(plan.warnings),
     )  # fmt: skip
 
     def back_up() -> Path:
@@ -312,6 +312,6 @@ async def _change(work: Work, cleared: Cleared, request: UploadRequest) -> Uploa
         options = work.setup.section.options
         return backups.save(folder, old, work.controller.name, options, reported)
 
-    expected = Expectation(order.tables, work.model, order.tool, work.store.adds_error)
-    change = ContentChange(cleared.identity, old, order.content, expected, order.puts_back)
+    expected = Expectation(plan.tables, work.model, plan.tool, work.store.adds_error)
+    change = ContentChange(cleared.identity, old, plan.content, expected, plan.puts_back)
     return await work.changeover(change, ledger, back_up).run()

@@ -22,8 +22,6 @@ Tell = Callable[[str], None]
 _PAUSE = 0.2
 """s before the next attempt; doubles up to two seconds."""
 
-_NEITHER = "what is active is neither the old nor the new table; "
-
 
 class WrongControllerError(AbbeError):
     """Another controller answers than the one that was meant."""
@@ -116,7 +114,7 @@ async def settle(
     step_timeout
         s that one attempt may take.
     tell
-        Is told what is done.
+        Called with what is being done.
     """
     until, pause = time.monotonic() + patience, _PAUSE
     new_seen, strange = False, ""

@@ -178,8 +178,8 @@ class Steps:
             self.tell(f"the controller has to be restarted for the table to act ({error})")
             if not await self._operator.restarted():
                 self.notes.append(
-                    "it acts after the controller was restarted; its effect is not checked: run "
-                    "abbe upload CONFIG.toml --check afterwards"
+                    "it acts after the controller was restarted; its effect is not checked: "
+                    "afterwards run abbe upload CONFIG.toml --check"
                 )
                 return {"needed": True, "restarted": False}
             await self.store.close()

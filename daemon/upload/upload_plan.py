@@ -9,7 +9,7 @@ from typing import Any
 
 from abbe.compcore.campaign.measuring_conditions import STATED
 from abbe.compcore.errors import AbbeError, InputError
-from abbe.compcore.files.campaign_record import conditions_of
+from abbe.compcore.files.model_toml.campaign_record import conditions_of
 from abbe.compcore.files.table_set import RECORD_NAME, TableSet, read_text, sha256
 from abbe.compcore.tables.record import unit_of_entries
 from abbe.compcore.tables.table import Table
@@ -80,7 +80,7 @@ def _said(campaign: Mapping[str, Any]) -> dict[str, str]:
     return {k: str(v) for k, v in conditions_of(campaign).items() if k in STATED}
 
 
-def load_order(folder: Path, configuration: Configuration, setup: UploadSetup) -> UploadPlan:
+def load_plan(folder: Path, configuration: Configuration, setup: UploadSetup) -> UploadPlan:
     """Read tables and refuse those that are not for this controller and this machine.
 
     Raises
@@ -128,7 +128,7 @@ def load_order(folder: Path, configuration: Configuration, setup: UploadSetup) -
     )
 
 
-def backup_order(folder: Path, controller: Controller, tool: Sequence[float]) -> UploadPlan:
+def backup_plan(folder: Path, controller: Controller, tool: Sequence[float]) -> UploadPlan:
     """A backup that is to be put back.
 
     Raises

@@ -120,7 +120,7 @@ class BusErrors:
             self._on_change()
 
     def state(self, text: str, bus_off: bool) -> None:
-        """An adapter told its controller's state, which holds until it tells another one."""
+        """An adapter reported its controller's state, which holds until it reports another one."""
         if bus_off:
             self._leave(text)
         elif text != self._state:

@@ -3,8 +3,8 @@
 python-can's own asyncio `Notifier` calls ``recv`` from the event loop and catches nothing: when the
 interface goes down, the exception ends in the loop's log and no frame comes any more, while
 everything looks as before (python-can issues 1865, 1912; 4.6.1). Here any error while receiving
-ends the connection and is told; that an adapter falls silent without an error (its supply dips, it
-forgets that it was opened) is noticed by the links, which know what should come.
+ends the connection and is reported; that an adapter falls silent without an error (its supply dips,
+it forgets that it was opened) is noticed by the links, which know what should come.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _DRIFT = 1e-3
 """Part of the time, and s besides, by which two clocks may differ before one counts as set."""
 _LISTEN = 0.01
 """s between two looks at whether something waits to be read, where nobody stamps it: by so much a
-frame may be younger than it is told to be."""
+frame may be younger than it is stated to be."""
 _TOGETHER = 50e-6
 """s between two readings of a clock that count as one moment."""
 _READINGS = 4
@@ -145,7 +145,7 @@ class Incoming:
         return True
 
     def _next(self, seconds: float) -> can.Message | None:
-        """The next frame; None when there is none, or receiving failed, which is told."""
+        """The next frame; None when there is none, or receiving failed, which is reported."""
         try:
             return self._bus.recv(seconds)
         except Exception as error:  # noqa: BLE001 - each interface raises its own

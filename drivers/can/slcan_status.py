@@ -98,7 +98,7 @@ class AdapterStatus:
     dialect
         Whose status flags it has; None: it is not asked.
     on_state
-        Called in the event loop with what the controller's state is, each time that it is told.
+        Called in the event loop with what the controller's state is, each time that it is reported.
     on_lost
         Called in the event loop, with the reason, when the adapter does not answer.
     """
@@ -156,8 +156,8 @@ class AdapterStatus:
             return  # it was us who were stalled: what has come is to be taken in first
         if now - self._answered_at > _HUNG:
             self._on_lost(
-                f"the adapter has not told its status flags for {_HUNG:g} s (hung, or it has none: "
-                "leave out adapter_status)"
+                f"the adapter has not reported its status flags for {_HUNG:g} s (hung, or it has "
+                "none: leave out adapter_status)"
             )
         elif not self._waiting or now - self._asked_at > _ASK_AGAIN:
             self._ask(now)

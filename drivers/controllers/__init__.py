@@ -60,7 +60,7 @@ PLUGINS: PluginGroup[Controller] = PluginGroup(
 def controller_kinds() -> dict[str, type[Controller]]:
     """All dialects by name: Abbe's own in alphabetical order, then plugins'.
 
-    A plugin that cannot be loaded is told in one line (the log) and left out.
+    A plugin that cannot be loaded is reported in one line (the log) and left out.
     """
     return {**_built_in(), **PLUGINS.plugins().found}
 

@@ -47,7 +47,7 @@ class Named:
 Value: TypeAlias = float | str | Named
 
 
-class _Reader:
+class _ResponseReader:
     def __init__(self, text: str) -> None:
         self._text = text
         self._at = 0
@@ -126,7 +126,7 @@ def parse(text: str) -> tuple[Value, ...]:
     stripped = text.strip()
     if not stripped:
         return ()
-    return _Reader(stripped).values(None, 0)
+    return _ResponseReader(stripped).values(None, 0)
 
 
 def by_name(values: tuple[Value, ...], wrapper: str) -> dict[str, tuple[Value, ...]]:

@@ -128,12 +128,12 @@ class ServerState:
         return now >= self._frame_at
 
     def lost_frame(self, now: float) -> str:
-        """For how long the coordinate system was not told, for people; empty while it is known."""
+        """Since when the coordinate system is not stated, for people; empty while it is known."""
         config, age = self._config, now - self._frame_seen_at
         limit = _FRAMES * config.coordinates_every + config.timeout
         if config.coordinates == "any" or age <= limit:
             return ""
-        return self.misplaced or f"the coordinate system was not told for {age:.1f} s"
+        return self.misplaced or f"the server has not stated its coordinate system for {age:.1f} s"
 
     def look_at_frame(self, data: tuple[Value, ...], asked_at: float) -> None:
         """Take note of the coordinate system that the server named when asked at `asked_at`.

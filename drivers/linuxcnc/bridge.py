@@ -40,7 +40,7 @@ else:
 HAL_KEY = 0x48414C32
 """Of HAL's shared memory (hal_priv.h). Attaching to what is not there would create it."""
 NAP = 0.005
-"""s between two looks at the servo thread: by so much a value may be younger than it is told."""
+"""s between two looks at the servo thread: a value may be younger than stated by so much."""
 
 
 class GoneError(Exception):

@@ -113,7 +113,7 @@ class BridgeProcess:
             give_up.cancel()
             self._answer = None
         if "late" in found:
-            raise TooLateError("too old before LinuxCNC could be told, so not set")
+            raise TooLateError("too old before it reached LinuxCNC, so not set")
         if "failed" in found:
             raise LinkProtocolError(found["failed"])
         return found

@@ -15,9 +15,9 @@ from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass
 
 from abbe.drivers.link import LinkProtocolError
+from abbe.drivers.modbus.bus.refusals import ModbusExceptionError
 from abbe.drivers.modbus.config import ModbusConfig
 from abbe.drivers.modbus.plan import Cut, ReadRequest, Span, Together, cut_of, read_plan
-from abbe.drivers.modbus.refusals import ModbusExceptionError
 
 logger = logging.getLogger("abbe.drivers.modbus")
 

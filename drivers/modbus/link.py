@@ -2,7 +2,7 @@
 
 `ModbusLink` is what the daemon sees: it knows the channels (`abbe.drivers.modbus.config`), has them
 read (`abbe.drivers.modbus.reading`) and written (`abbe.drivers.modbus.writing`) on the one bus it
-owns (`abbe.drivers.modbus.bus`).
+owns (`abbe.drivers.modbus.bus.bus`).
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import ClassVar
 
 from abbe.drivers.link import ChannelInfo, Link, LinkConfig, LinkConfigError, Sample, WirePlace
-from abbe.drivers.modbus.bus import Bus
+from abbe.drivers.modbus.bus.bus import Bus
 from abbe.drivers.modbus.config import ModbusConfig
-from abbe.drivers.modbus.places import bus_name, info_of, place_of
+from abbe.drivers.modbus.places import info_of, owned, place_of
 from abbe.drivers.modbus.reading import ModbusReader
 from abbe.drivers.modbus.writing import ModbusWriter
 
@@ -54,8 +54,12 @@ class ModbusLink(Link):
 
     @property
     def owns(self) -> tuple[str, ...]:
-        """The TCP address, or the serial line."""
-        return (bus_name(self._config),)
+        """The units behind the TCP address, or the serial line."""
+        return owned(self._config, self._config.channels)
+
+    def owns_for(self, channels: Collection[str]) -> tuple[str, ...]:
+        """The units of these channels, or the serial line."""
+        return owned(self._config, channels)
 
     def keep_together(self, channels: Collection[str], *, one_sample: bool = False) -> None:
         """Read channels that must be of one moment in one request, as far as they can be.

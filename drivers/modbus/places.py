@@ -8,6 +8,8 @@ registers no device says in a way that is the same for two of them; they are tak
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from abbe.drivers import resources
 from abbe.drivers.link import ChannelInfo, WirePlace
 from abbe.drivers.modbus.codec import raw_range
@@ -20,6 +22,15 @@ def bus_name(config: ModbusConfig) -> str:
         port = str(config.port)
         return next(iter(resources.serial(port)), f"serial {port}")
     return resources.tcp(str(config.host), int(config.port))
+
+
+def owned(config: ModbusConfig, channels: Iterable[str]) -> tuple[str, ...]:
+    """What only one process may use: each of the channels' units, or the serial line as a whole."""
+    if config.transport == "rtu":
+        return (bus_name(config),)
+    host, port = str(config.host), int(config.port)
+    units = sorted({config.unit_of(name) for name in channels})
+    return tuple(dict.fromkeys(resources.modbus(host, port, unit) for unit in units))
 
 
 def place_of(config: ModbusConfig, name: str) -> WirePlace:

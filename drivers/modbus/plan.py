@@ -1,4 +1,4 @@
-"""Which requests serve a set of channels: merging, and the codecs precomputed for each request."""
+"""Requests for a set of Modbus channels: merged, with the codecs precomputed for each."""
 
 from __future__ import annotations
 

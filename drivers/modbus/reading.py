@@ -15,13 +15,13 @@ from abbe.drivers.link import (
     Sample,
     good_samples,
 )
-from abbe.drivers.modbus.bus import Bus
+from abbe.drivers.modbus.bus.bus import Bus
+from abbe.drivers.modbus.bus.refusals import ModbusExceptionError
+from abbe.drivers.modbus.bus.units import Unit
 from abbe.drivers.modbus.codec import NotRepresentableError
 from abbe.drivers.modbus.config import ModbusConfig
 from abbe.drivers.modbus.dividing import Dividing, groups_of
 from abbe.drivers.modbus.plan import ReadRequest, Together, read_plan
-from abbe.drivers.modbus.refusals import ModbusExceptionError
-from abbe.drivers.modbus.units import Unit
 
 _NAN = float("nan")
 _PLANS = 64
@@ -31,7 +31,7 @@ _SILENCES = 2
 
 
 @dataclass(slots=True)
-class _View:
+class _ChannelSet:
     """One set of channels that is read together.
 
     Attributes
@@ -70,7 +70,7 @@ class ModbusReader:
         self._last: dict[str, Sample] = {}
         self._together: Together = ()
         self._dividing = Dividing(name, config, ())
-        self._views: dict[tuple[str, ...], _View] = {}
+        self._views: dict[tuple[str, ...], _ChannelSet] = {}
 
     def plans(self, names: tuple[str, ...]) -> bool:
         """Whether this set was asked for before, and so is known to be in the configuration."""
@@ -161,7 +161,7 @@ class ModbusReader:
             # silence while trying: the unit has taken note, and the next call shows it
             return
 
-    def _due(self, view: _View) -> tuple[ReadRequest, ...]:
+    def _due(self, view: _ChannelSet) -> tuple[ReadRequest, ...]:
         """Requests of a call: all that is read always, and the slow blocks whose time has come."""
         mask = 0
         if view.paced:
@@ -195,7 +195,7 @@ class ModbusReader:
         self._dividing.forget()
         self._views.clear()
 
-    def _view(self, names: tuple[str, ...]) -> _View:
+    def _view(self, names: tuple[str, ...]) -> _ChannelSet:
         config = self._config
         paced: dict[tuple[str, int], list[str]] = {}
         always = []
@@ -205,7 +205,7 @@ class ModbusReader:
                 paced.setdefault(group, []).append(name)
             else:
                 always.append(name)
-        view = _View(
+        view = _ChannelSet(
             tuple(always),
             tuple(
                 (config.blocks[block].every, tuple(members), self._bus.units[unit])

@@ -13,11 +13,11 @@ from abbe.drivers.link import (
     TooLateError,
     WriteNotVerifiedError,
 )
-from abbe.drivers.modbus.bus import Bus
+from abbe.drivers.modbus.bus.bus import Bus
+from abbe.drivers.modbus.bus.refusals import ModbusExceptionError
 from abbe.drivers.modbus.codec import NotRepresentableError
 from abbe.drivers.modbus.config import ModbusConfig
 from abbe.drivers.modbus.plan import WritePlan, WriteRequest, write_plan
-from abbe.drivers.modbus.refusals import ModbusExceptionError
 
 _NOT_TAKEN = (1, 2, 3, 6, 8)
 """Exceptions with which a device says that it has not written anything (Modbus Application

@@ -267,8 +267,8 @@ class SerialConfig(LineConfig):
             if channel.message is None:
                 if self.streaming and channel.acknowledge is not None:
                     raise ValueError(
-                        f"channel {name!r}: acknowledge cannot be told from what the device "
-                        "sends by itself"
+                        f"channel {name!r}: acknowledge cannot be distinguished from what "
+                        "the device sends by itself"
                     )
                 continue
             message = self.messages.get(channel.message)

@@ -35,7 +35,7 @@ logger = logging.getLogger("abbe.drivers.serial")
 _NAN = float("nan")
 _LISTEN = 0.01
 """s between two looks at whether something waits to be read: by so much a value may be younger
-than it is told to be."""
+than it is stated to be."""
 _LATE = 0.05
 """s by which a timer may ring late before we count as stalled."""
 

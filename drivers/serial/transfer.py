@@ -84,7 +84,8 @@ async def send_tape(
     blocks
         Lines of the table, printable ASCII, without ends and without ``%``.
     first
-        Block to begin with: what `on_confirmed` told last in an earlier, interrupted transfer.
+        Block to begin with: what `on_confirmed` was called with last in an earlier, interrupted
+        transfer.
     on_confirmed
         Called with the number of blocks that certainly arrived, each time it grows.
     ask

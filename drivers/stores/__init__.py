@@ -1,1 +1,1 @@
-"""Where a controller keeps its compensation tables, and how they get there."""
+"""Stores: a controller's memory for compensation tables, and how they get there."""

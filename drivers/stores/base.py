@@ -29,7 +29,7 @@ STORE_GROUP = "abbe.stores"
 Files = Mapping[str, str]
 """Name → text of a set's files, exactly as the controller's dialect has them."""
 Progress = Callable[[float], None]
-"""Is told how much of a transfer is done, 0 to 1."""
+"""Called with the part of a transfer that is done, 0 to 1."""
 
 
 class RefusedError(LinkError):

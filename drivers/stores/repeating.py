@@ -1,4 +1,4 @@
-"""What a store repeats by itself: only what does no harm twice, until it succeeds or is refused."""
+"""Repetition in a store: only of what does no harm twice, until it succeeds or is refused."""
 
 from __future__ import annotations
 

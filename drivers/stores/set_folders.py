@@ -25,6 +25,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from abbe.compcore.files.text.atomic import sync_folder
+
 LIST = "set.sha256"
 _SETS, _CURRENT, _NEXT, _SWITCHED = "sets", "current", "next", "switched.json"
 _UNFINISHED = ".unfinished"
@@ -118,13 +120,13 @@ class SetFolders:
             unfinished.mkdir()
             for file, text in {**fillers, **files, LIST: listing}.items():
                 _write(unfinished / file, text)
-            _sync(unfinished)
+            sync_folder(unfinished)
             if folder.exists():
                 # damaged; nothing whole is lost, and what is current is never removed
                 self._refuse_current(folder)
                 _remove(folder)
             unfinished.rename(folder)
-            _sync(sets)
+            sync_folder(sets)
         self._point(_NEXT, f"{_SETS}/{name}")
 
     def is_own(self) -> bool:
@@ -146,7 +148,7 @@ class SetFolders:
         new = self.root / (_SWITCHED + ".new")
         _write(new, json.dumps({"set": str(self.current.readlink()), **facts}))
         new.replace(self.root / _SWITCHED)
-        _sync(self.root)
+        sync_folder(self.root)
 
     def switched(self) -> dict[str, Any] | None:
         """The facts that were kept about the current set; None when there are none."""
@@ -173,7 +175,7 @@ class SetFolders:
         new.unlink(missing_ok=True)
         new.symlink_to(target)
         new.replace(self.root / link)
-        _sync(self.root)
+        sync_folder(self.root)
 
     def _refuse_current(self, folder: Path) -> None:
         if self.current.resolve() == folder.resolve():
@@ -223,20 +225,11 @@ def _write(path: Path, text: str) -> None:
         os.fsync(stream.fileno())
 
 
-def _sync(folder: Path) -> None:
-    """Force a folder's entries to the disk."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
 def _make_folders(folder: Path) -> None:
     missing = [f for f in (folder, *folder.parents) if not f.exists()]
     for one in reversed(missing):
         one.mkdir()
-        _sync(one.parent)
+        sync_folder(one.parent)
 
 
 def _remove(folder: Path) -> None:

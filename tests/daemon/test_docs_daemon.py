@@ -9,8 +9,10 @@ from typing import get_args
 
 from pydantic import BaseModel
 
+from abbe.daemon.config.http import HttpSection
 from abbe.daemon.config.sections import ConfigFile, PerDirection
 from abbe.daemon.guard import GuardState
+from abbe.daemon.status.run_status import AxisStatus, RunStatus
 from abbe.daemon.status_word import Status
 
 ROOT = Path(__file__).parents[2]
@@ -38,6 +40,12 @@ def test_every_key_of_the_configuration_is_explained() -> None:
             words = f"[{key}" if key in top else f"`{key}`"
             page = PAGES.get(kind.__name__, PAGE)
             assert words in page or f"`{key}`" in page, f"{kind.__name__}.{key}"
+
+
+def test_the_page_of_http_explains_its_keys_paths_and_the_status() -> None:
+    page = (ROOT / "docs" / "status.md").read_text("utf-8")
+    keys = (*HttpSection.model_fields, *RunStatus.model_fields, *AxisStatus.model_fields)
+    assert [key for key in keys if f"`{key}`" not in page] == []
 
 
 def test_defaults_are_as_stated() -> None:

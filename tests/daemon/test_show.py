@@ -15,17 +15,17 @@ from rich.console import Console
 
 from abbe.daemon.config import load_config
 from abbe.daemon.event_log import journal
-from abbe.daemon.faults import StandingFaults
 from abbe.daemon.guard import Decision, GuardState
+from abbe.daemon.pipeline.faults import StandingFaults
 from abbe.daemon.pipeline.headline import headline
 from abbe.daemon.pipeline.reading.convert import SignalReading
 from abbe.daemon.pipeline.record import CycleRecord
 from abbe.daemon.show.bars import deviation_bar, sparkline
-from abbe.daemon.show.figures import Durations, ErrorFigures, Figures, volumetric_errors
 from abbe.daemon.show.json_lines import JsonLines
 from abbe.daemon.show.plain import PlainLines
 from abbe.daemon.show.screen import LiveScreen
 from abbe.daemon.show.writer import LineWriter
+from abbe.daemon.status.figures import Durations, ErrorFigures, Figures, volumetric_errors
 from abbe.daemon.status_word import Status, describe
 from abbe.drivers.link import LinkState
 from tests.support.daemon.memory_link import MemoryLink

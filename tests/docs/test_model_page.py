@@ -13,9 +13,9 @@ from pydantic import BaseModel
 
 from abbe.compcore.effects import effect_kinds
 from abbe.compcore.effects.shapes import Shape
-from abbe.compcore.files import model_sections
 from abbe.compcore.files.model_file import load_model, parse_model, save_model
-from abbe.compcore.files.model_sections import ModelSections, ParameterSection
+from abbe.compcore.files.model_toml import sections as model_sections
+from abbe.compcore.files.model_toml.sections import ModelSections, ParameterSection
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.machine.machine import ROLES
 

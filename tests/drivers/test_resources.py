@@ -5,6 +5,8 @@ from pathlib import Path
 import pytest
 
 from abbe.drivers import resources
+from abbe.drivers.modbus.config import ModbusConfig
+from abbe.drivers.modbus.link import ModbusLink
 from abbe.drivers.stores.base import store_class
 
 
@@ -42,6 +44,21 @@ def test_a_terminal_server_is_a_server() -> None:
         assert resources.serial(url) == ("tcp box:4001",)
 
 
+def test_units_behind_a_gateway_are_controllers_of_their_own() -> None:
+    assert resources.modbus("Gate", 502, 2) != resources.modbus("gate", 502, 3)
+    # who is not behind a gateway may be called by any of these
+    assert len({resources.modbus("gate", 502, unit) for unit in (0, 1, 255)}) == 1
+
+
+def test_a_modbus_link_owns_the_units_that_it_uses() -> None:
+    word = {"table": "holding", "address": 0, "type": "uint16", "writable": True}
+    channels = {"word": word, "air": {**word, "writable": False, "unit_id": 7}}
+    section = {"host": "gate", "port": 502, "unit_id": 2, "channels": channels}
+    link = ModbusLink("cmm", ModbusConfig.model_validate(section))
+    assert link.owns == ("tcp gate:502 unit 2", "tcp gate:502 unit 7")
+    assert link.owns_for(["word"]) == ("tcp gate:502 unit 2",)
+
+
 def test_what_no_other_process_can_have_is_nobodys() -> None:
     assert resources.serial("loop://") == ()
     assert resources.can("virtual", "a") == ()
@@ -60,7 +77,8 @@ def owned(driver: str, **section: object) -> tuple[str, ...]:
 
 
 def test_stores_name_what_they_write_to(tmp_path: Path) -> None:
-    assert owned("modbus", host="Localhost", port=5020) == ("tcp 127.0.0.1:5020",)
+    assert owned("modbus", host="Localhost", port=5020) == ("tcp 127.0.0.1:5020 unit 1",)
+    assert owned("modbus", host="plc", port=502, unit_id=3) == ("tcp plc:502 unit 3",)
     assert owned("modbus", transport="rtu", port="/dev/null") == ("serial /dev/null",)
     assert owned("serial", port="/dev/null") == ("serial /dev/null",)
     assert owned("canopen", interface="socketcan", channel="can0", node=3) == (

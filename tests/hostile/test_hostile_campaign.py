@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -100,6 +100,29 @@ def head() -> Iterator[Case]:
     ):
         assert text != CAMPAIGN, name
         yield fit(name, text)
+
+
+def gauges() -> Iterator[Case]:
+    """What rows were measured against."""
+
+    def with_columns(names: str, cells: Callable[[int], str]) -> str:
+        lines = CAMPAIGN.splitlines()
+        lines[HEADER - 1] += names
+        for i in range(HEADER, len(lines)):
+            lines[i] += cells(i)
+        return "\n".join(lines) + "\n"
+
+    yield fit("gauges without uncertainty", with_columns(",gauge", lambda i: ",a"), "'gauge_sd'")
+    yield fit("uncertainties of no gauge", with_columns(",gauge_sd", lambda i: ",1"), "'gauge'")
+    for text in ("0", "-1", "nan", "inf", "1e308", "abc", "", "1e-300"):
+        bad = with_columns(",gauge,gauge_sd", lambda i, text=text: f",a,{text}")
+        yield fit(f"gauge_sd = {text}", bad, "field 'gauge_sd'")
+    yield fit(
+        "a thousand gauges and more",
+        with_columns(",gauge,gauge_sd", lambda i: f",g{i},0.1").rstrip("\n")
+        + "".join(f"\n{CAMPAIGN.splitlines()[-1]},h{i},0.1" for i in range(1000)),
+        "too many gauges",
+    )
 
 
 def large() -> Iterator[Case]:
@@ -212,7 +235,7 @@ def mutated() -> Iterator[Case]:
         yield Case(name, files, command, ("c.csv",), True, kept)
 
 
-CASES = [*cells(), *head(), *large(), *values(), *points(), *mutated()]
+CASES = [*cells(), *head(), *gauges(), *large(), *values(), *points(), *mutated()]
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)

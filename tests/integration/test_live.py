@@ -46,15 +46,17 @@ def test_an_unrelated_client_reads_corrected_positions_that_are_true(tmp_path: P
         run.until(compensating)
         answers = []
         for _ in range(40):
-            answers.append((matched(simulator.port), run.cycles[-1]["temperatures"]))
+            answers.append(matched(simulator.port))
             time.sleep(0.15)
         assert run.end() == 0
+        cycles = list(run.cycles)
     model = load_model(MODEL)
     errors = []
-    for answer, temperatures in answers:
+    for answer in answers:
         assert answer["matched_state"] == 1.0
         assert answer["matched_sample"] == answer["echo_sample"]
         at = {a: answer[f"matched_indicated_{a}"] for a in "XYZ"}
+        temperatures = temperatures_at(cycles, at)
         predicted = model.axis_error(Conditions.at(at, tool=TOOL, signals=temperatures))
         for axis in "XYZ":
             corrected, true = answer[f"corrected_{axis}"], answer[f"matched_true_{axis}"]
@@ -65,7 +67,18 @@ def test_an_unrelated_client_reads_corrected_positions_that_are_true(tmp_path: P
             assert 1e3 * abs(corrected - true) <= model_error + COUNT_UM + SMALL_UM
             errors.append(1e3 * abs(true - at[axis]))
     assert max(errors) > 10.0
-    assert len({answer["echo_sample"] for answer, _ in answers}) > 30
+    assert len({answer["echo_sample"] for answer in answers}) > 30
+
+
+def temperatures_at(cycles: list[Cycle], indicated: dict[str, float]) -> dict[str, float]:
+    """The temperatures by which the cycle corrected that read these positions.
+
+    Those that the cycle before told: signals are taken in when the answer is out.
+    """
+    for before, cycle in pairwise(cycles):
+        if all(abs(cycle["indicated"][a] - indicated[a]) < 1e-6 for a in "XYZ"):
+            return dict(before["temperatures"])
+    raise AssertionError(f"no cycle read {indicated}")
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])

@@ -39,7 +39,7 @@ def test_a_second_run_is_refused_in_a_line_and_touches_nothing(tmp_path: Path) -
             assert second.stdout == ""
             line = second.stderr.rstrip("\n")
             assert "\n" not in line
-            assert f"tcp 127.0.0.1:{simulator.port} is in use by process {run.process.pid}" in line
+            assert f":{simulator.port} unit 1 is in use by process {run.process.pid}" in line
             assert str(config) in line
             assert sorted(p.name for p in elsewhere.iterdir()) == ["other.toml"]
             # the first goes on as if nothing had been

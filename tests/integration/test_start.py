@@ -12,7 +12,7 @@ MODULES = {
     "fit": "abbe.daemon.answers.model.fit, abbe.compcore.fitting.fit",
     "compare": "abbe.daemon.answers.model.compare",
     "diagnose": "abbe.daemon.answers.model.diagnose, abbe.daemon.answers.model.apply",
-    "table": "abbe.daemon.answers.table",
+    "table": "abbe.daemon.answers.tables.make, abbe.daemon.answers.tables.words",
 }
 
 

@@ -189,3 +189,15 @@ def test_what_fell_into_a_stall_is_not_judged(scene: Scene) -> None:
     scene.write(2.003, {**scene.corrected(scene.show(2.0)), "X": 0.0})
     assert scene.found == []
     assert scene.checker.tally.not_judged == 1
+
+
+def test_a_position_in_a_stall_is_not_held_against_the_echo_after_it(scene: Scene) -> None:
+    """Where every value is a message of its own, a stall can end between a sample's two."""
+    before = scene.corrected(scene.show(2.0))
+    scene.write(2.001, {"Y": before["Y"]})
+    moved = scene.show(2.4, place=(290.0, 220.0, -170.0))
+    scene.checker.stalled = lambda early, late: True
+    scene.write(2.401, {"Y": 220.0 + PROMISES.error("Y", 220.0, 21.0)})
+    scene.checker.stalled = lambda early, late: False
+    scene.write(2.402, {"echo": float(moved.number)})
+    assert scene.found == []

@@ -9,7 +9,7 @@ import pytest
 from abbe.daemon.application import app
 from abbe.daemon.config import load_config
 from abbe.daemon.config.upload import UploadSection
-from abbe.daemon.table_watch import words
+from abbe.daemon.table_watch.watch import words
 from abbe.drivers.stores.modbus.config import ModbusStoreConfig
 from abbe.drivers.stores.modbus.registers import RegisterMap
 from abbe.drivers.stores.serial.config import Texts
@@ -53,11 +53,11 @@ def test_the_example_is_in_order_and_its_tables_fit_it(tmp_path: Path):
     assert configuration.upload.section.max_change_um == 20.0
     folder = make_tables(ROOT / "examples" / "upload" / "model.toml", tmp_path / "tables")
     from abbe.daemon.upload.checks.preflight import check_tables, limits_of
-    from abbe.daemon.upload.upload_plan import load_order
+    from abbe.daemon.upload.upload_plan import load_plan
 
-    order = load_order(folder, configuration, configuration.upload)
-    check_tables(order, configuration.model, limits_of(configuration.upload, None))
-    assert not order.warnings
+    plan = load_plan(folder, configuration, configuration.upload)
+    check_tables(plan, configuration.model, limits_of(configuration.upload, None))
+    assert not plan.warnings
 
 
 def test_what_the_watch_proposes_can_be_typed():

@@ -38,7 +38,7 @@ class Union:
         self.columns = tuple(sorted({k for group, _ in members for k in group.error_motions}))
         self.nodes = increasing(np.concatenate([group.lines[v].nodes for group, v in members]))
         self._axis = members[0][0].lines[members[0][1]].index
-        parts = [_Part.of(group, v, self) for group, v in members]
+        parts = [_GroupTable.of(group, v, self) for group, v in members]
         self._slow = [part for part in parts if part.group.slow]
         empty = np.zeros((len(self.nodes) + 1, len(self.columns)))
         self._still = FoldedAxisTable(self._axis, self.nodes, empty, empty.copy())
@@ -58,7 +58,7 @@ class Union:
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class _GroupTable:
     """One group's table as a part of a union.
 
     Attributes
@@ -75,7 +75,7 @@ class _Part:
     columns: list[int]
 
     @classmethod
-    def of(cls, group: EffectGroup, v: int, union: Union) -> _Part:
+    def of(cls, group: EffectGroup, v: int, union: Union) -> _GroupTable:
         own = group.lines[v].nodes.searchsorted(union.nodes, side="right")
         columns = [union.columns.index(k) for k in group.error_motions]
         return cls(group, v, np.append(0, own), columns)

@@ -102,17 +102,35 @@ class Basis:
 
     @cached_property
     def imitable(self) -> F64:
-        """Orthonormal basis of the model's columns and the set-ups' nuisances, (n, rank).
+        """A matrix N, (n, m), by which a column c is shortened: by ``‖Nᵀc‖²``, squared.
 
-        `extra` is left apart.
+        An orthonormal basis of the model's columns and of the set-ups' nuisances; where gauges'
+        errors are whitened their part besides. `extra` is left apart.
         """
-        rank = self.q.shape[1]
-        out = np.zeros((len(self.q), rank + self.eliminator.rank))
-        out[:, :rank] = self.q
+        if self.eliminator.whitening is not None:
+            return np.hstack(
+                [self.eliminator.project(self.q), self._nuisances, self.eliminator.common_basis()]
+            )
+        return np.hstack([self.q, self._nuisances])
+
+    @property
+    def _nuisances(self) -> F64:
+        """Orthonormal basis of the set-ups' nuisances, (n, rank)."""
+        out = np.zeros((len(self.q), self.eliminator.rank))
+        at = 0
         for rows, own in self.eliminator.bases():
-            out[rows, rank : rank + own.shape[1]] = own
-            rank += own.shape[1]
+            out[rows, at : at + own.shape[1]] = own
+            at += own.shape[1]
         return out
+
+    @cached_property
+    def moments(self) -> F64:
+        """Residual and `extra` side by side, (n, 1 + m), for inner products with bare columns.
+
+        Bare: neither projected nor whitened.
+        """
+        stacked = np.column_stack([self.residual, self.extra])
+        return stacked if self.eliminator.whitening is None else self.eliminator.project(stacked)
 
     def with_residual(self, residual: F64) -> Basis:
         """The same model beside other residuals, (n,), weighted and projected: a signature."""
@@ -362,8 +380,9 @@ class _Batch:
 
     The columns themselves are never projected: with N an orthonormal basis of all that the fitted
     model can imitate, ``C⊥ᵀC⊥ = CᵀC − (NᵀC)ᵀ(NᵀC)``, and ``C⊥ᵀv = Cᵀv`` for every v that is
-    orthogonal to N, as residuals and columns that joined later are. That is half the work, and
-    exact enough: parts below `SEEN` are not told anyway, 1e-6 of a square that is known to 1e-15.
+    orthogonal to N, as residuals and columns that joined later are (whitened once more where
+    gauges' errors are whitened, `Basis.moments`). That is half the work, and exact enough: parts
+    below `SEEN` are not told anyway, 1e-6 of a square that is known to 1e-15.
 
     Attributes
     ----------
@@ -405,7 +424,7 @@ class _Batch:
 
     def drops(self, basis: Basis) -> tuple[F64, NDArray[np.int64]]:
         """Fall of χ² and rank of every trial against a basis, each of shape (trials,)."""
-        inner = self.columns @ self.frame.of(np.column_stack([basis.residual, basis.extra]))
+        inner = self.columns @ self.frame.of(basis.moments)
         drop, rank = np.empty(len(self.trials)), np.empty(len(self.trials), dtype=np.int64)
         for first, count, at, fitted in self.groups:
             own = inner[at : at + count * fitted.shape[1]]

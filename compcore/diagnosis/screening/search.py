@@ -25,7 +25,8 @@ _PAIRS_OF = 40
 _MOST = 4
 _ROUNDS = 3
 _CLEARLY = 4.0
-_LEADERS = 6
+LEADERS = 6
+"""Candidates whose non-linear parameters are refined before one of them is taken."""
 
 
 def search(pool: Pool, basis: Basis) -> tuple[list[WeighedCandidate], list[WeighedCandidate]]:
@@ -120,8 +121,8 @@ def _forward(pool: Pool, basis: Basis, start: Sequence[WeighedCandidate]) -> lis
     out = list(start)
     current = pool.joined(basis, out)
     for _ in range(_MOST):
-        first = pool.ranked(current, _taken(pool, out))
-        leader = _simplest(pool, current, [pool.refined(current, f) for f in first[:_LEADERS]])
+        first = pool.ranked(current, taken(pool, out))
+        leader = _simplest(pool, current, [pool.refined(current, f) for f in first[:LEADERS]])
         if leader is None or not leader.established(basis.n):
             break
         out.append(leader)
@@ -133,7 +134,7 @@ def _cause(found: WeighedCandidate) -> tuple[str, tuple[tuple[str, str], ...]]:
     return found.candidate.cause
 
 
-def _taken(pool: Pool, found: Sequence[WeighedCandidate]) -> frozenset[int]:
+def taken(pool: Pool, found: Sequence[WeighedCandidate]) -> frozenset[int]:
     """Candidates that are causes already found, in whatever detail: a cause comes in once."""
     causes = {_cause(f) for f in found}
     return frozenset(k for k, c in enumerate(pool.candidates) if c.cause in causes)
@@ -172,9 +173,9 @@ def _settled(
         for f in list(out):
             rest = [g for g in out if g.key != f.key]
             beside = pool.joined(basis, rest)
-            ranked = pool.ranked(beside, _taken(pool, rest))
+            ranked = pool.ranked(beside, taken(pool, rest))
             (now,) = pool.weighed(beside, [f])
-            leaders = [pool.refined(beside, r) for r in [now, *ranked[:_LEADERS]]]
+            leaders = [pool.refined(beside, r) for r in [now, *ranked[:LEADERS]]]
             best = _simplest(pool, beside, leaders) or now
             if not best.established(basis.n):
                 out, changed = rest, True
@@ -282,7 +283,7 @@ def _after_pair(
         return [f for f in out if f.established(basis.n)]
     out.sort(key=lambda f: -f.evidence.value)
     while len(out) < _MOST:
-        more = pool.ranked(current, _taken(pool, out))
+        more = pool.ranked(current, taken(pool, out))
         if not more or not more[0].established(basis.n):
             break
         best = pool.refined(current, more[0])

@@ -61,7 +61,7 @@ class PatternFamily:
     ) -> None:
         self._groups, self._on, self._frames = list(groups), tuple(on), frames
         self._starts = np.cumsum([0, *(g.count * len(on) for g in groups)])
-        self._parts: dict[int, list[_Part]] = {}
+        self._parts: dict[int, list[_FrameShare]] = {}
         self._batches = [
             batch for number, group in enumerate(groups) for batch in self._cut(number, group)
         ]
@@ -90,7 +90,7 @@ class PatternFamily:
             keys = keys[np.argsort(-value, kind="stable")]
         return [self.pattern(int(key)) for key in keys[:most]]
 
-    def _cut(self, number: int, group: PatternGroup) -> Iterator[_Batch]:
+    def _cut(self, number: int, group: PatternGroup) -> Iterator[_FormBatch]:
         """A group in batches that a cache holds; none where no row sees any of it."""
         places = None if group.of is None else Places.of([group.of.value])
         if places is not None and not places.few:
@@ -102,18 +102,20 @@ class PatternFamily:
             else:
                 frame, length = self._frames.at(error_motion, places)
             if length.any():
-                parts.append(_Part(j, frame, length, None if places is None else places.first))
+                parts.append(
+                    _FrameShare(j, frame, length, None if places is None else places.first)
+                )
         self._parts[number] = parts
         if not parts:
             return
         n = parts[0].domain(len(self._frames.weight))
         step = max(1, _BATCH // (group.width * max(1, n)))
         for at in range(0, group.count, step):
-            yield _Batch(number, (at, min(at + step, group.count)))
+            yield _FormBatch(number, (at, min(at + step, group.count)))
 
     def _falls(self, basis: Basis) -> tuple[Index, F64, Index]:
         """Of the patterns, by key: the key, the fall of χ² and the number of columns seen."""
-        vectors = np.column_stack([basis.residual, basis.extra])
+        vectors = basis.moments
         count = vectors.shape[1]
         targets = {
             number: np.hstack([part.target(vectors) for part in parts])
@@ -140,7 +142,7 @@ class PatternFamily:
         order = np.argsort(key)
         return key[order], np.concatenate(drops)[order], np.concatenate(ranks)[order]
 
-    def _values(self, number: int, batch: _Batch) -> F64:
+    def _values(self, number: int, batch: _FormBatch) -> F64:
         """A batch's basis functions, kept where there is room; oscillations are made as fast."""
         values = self._held.get(number)
         if values is None:
@@ -154,7 +156,7 @@ class PatternFamily:
 
 
 @dataclass(frozen=True, eq=False)
-class _Batch:
+class _FormBatch:
     """Some of a group's forms: number of the group, first form and last + 1."""
 
     group: int
@@ -162,7 +164,7 @@ class _Batch:
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class _FrameShare:
     """What one error motion's rows, or places, see of a group's forms.
 
     Attributes
@@ -234,7 +236,7 @@ class PatternBank:
 
     def screen(self, basis: Basis) -> list[ScreenedCandidate]:
         """Test all patterns against the fitted model, perhaps extended; those that are seen."""
-        vectors = np.column_stack([basis.residual, basis.extra])
+        vectors = basis.moments
         found: dict[int, ScreenedCandidate] = {}
         for number, batch in enumerate(self._batches):
             frame, _ = self._frames.seen(batch.error_motion)

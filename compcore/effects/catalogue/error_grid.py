@@ -107,8 +107,8 @@ class ErrorGrid(Effect):
     Typical causes
         All that the machine had on the day of the measurement.
     Cure
-        The grid itself, as a spatial error table (L-VOL+) or live. Where its errors can be told
-        apart, a model of causes says more and needs fewer points.
+        The grid itself, as a spatial error table (L-VOL+) or live. Where its errors can be
+        separated, a model of causes says more and needs fewer points.
     Source
         ISO/TR 16907:2015, 3.7, 9.3.1 and 9.3.2.
     """
@@ -181,7 +181,7 @@ class ErrorGrid(Effect):
     def _not_loaded(self) -> InputError:
         return InputError(
             "a grid comes with its file", field="file", found=self.file,
-            expected="abbe import-grid FILE --controller NAME --onto MODEL -o OUT",
+            expected="an effect that `abbe import-grid` has put into a model (its option --onto)",
         )  # fmt: skip
 
     def check(self, machine: Machine) -> None:

@@ -168,7 +168,7 @@ def parse_expression(
         For anything that is not in the grammar, a name that does not exist (lists those that do), a
         wrong number of arguments, quantities that cannot be added or have no sine.
     """
-    return _Reader(text, variables, signals).read()
+    return _FormulaReader(text, variables, signals).read()
 
 
 class AnyName(Mapping[str, Dimension]):
@@ -192,7 +192,7 @@ class AnyName(Mapping[str, Dimension]):
         return 0
 
 
-class _Reader:
+class _FormulaReader:
     def __init__(
         self, text: str, variables: Mapping[str, Dimension], signals: Mapping[str, Dimension]
     ) -> None:

@@ -99,6 +99,10 @@ class Believable:
             yield bad, "value", "not believable", f"{allowed}{why}"
             if "sd" in numbers:
                 yield from self._deviations(numbers["sd"], rows, Kind(value), why)
+            if "gauge_sd" in numbers:
+                allowed = _SD[Kind(value)]
+                outside = rows & allowed.outside(numbers["gauge_sd"])
+                yield outside, "gauge_sd", "not believable", f"{allowed}{why}"
 
     def _deviations(
         self, sd: F64, rows: Mask, kind: Kind, why: str

@@ -10,11 +10,11 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
 
-NAMES = ("setup", "kind", "base", "base2", "tool")
+NAMES = ("setup", "kind", "base", "base2", "tool", "gauge")
 """Columns that hold names; all others hold numbers."""
 TOOL = ("tool_x", "tool_y", "tool_z")
 UNIT_VECTOR = ("ux", "uy", "uz")
-RESERVED = frozenset(("time", "value", "sd", *NAMES, *TOOL, *UNIT_VECTOR))
+RESERVED = frozenset(("time", "value", "sd", "gauge_sd", *NAMES, *TOOL, *UNIT_VECTOR))
 """Column names with a meaning of their own: no signal may be called so."""
 
 _MEANING = {
@@ -27,6 +27,7 @@ _MEANING = {
     "uz": "the measured component's unit vector",
     "base": "the base point's name",
     "base2": "the second base point's name",
+    "gauge_sd": "the standard uncertainty of the gauge's calibration in the row's value",
 }
 AXIS = re.compile(r"[XYZUVWRABC][0-9]?")
 """What a column of positions may be called."""

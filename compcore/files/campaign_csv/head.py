@@ -22,25 +22,25 @@ _PADDING = ",,"
 _MOST_LINES = 100_000
 
 
-class _Section(BaseModel):
+class _HeadSection(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
     notes: str = ""
 
 
-class _SetupSection(_Section):
+class _SetupSection(_HeadSection):
     free: tuple[Literal["zero", "slope", "frame"], ...]
 
 
-class _BaseSection(_Section):
+class _BaseSection(_HeadSection):
     position: _Vec
 
 
-class _ToolSection(_Section):
+class _ToolSection(_HeadSection):
     offset: _Vec
     free: tuple[Literal["x", "y", "z"], ...] = ()
 
 
-class _File(BaseModel):
+class _Head(BaseModel):
     model_config = ConfigDict(extra="allow", frozen=True, defer_build=True)
     format: Literal["abbe-campaign/1"]
     machine: str = ""
@@ -82,7 +82,7 @@ def plain_line(line: str) -> str | None:
         try:
             line = next(csv.reader([line]))[0]
         except csv.Error:
-            return None  # a cell without end: no header either, which is told with its line
+            return None  # a cell without end: no header either, which is reported with its line
     if not line.startswith("#"):
         return "" if not line.strip(", \t") else None
     while line.endswith(_PADDING):
@@ -126,7 +126,7 @@ def read_head(lines: list[str], file: str) -> CampaignHead:
             expected=f'# format = "{CAMPAIGN}"',
         )
     try:
-        parsed = _File.model_validate(source.data)
+        parsed = _Head.model_validate(source.data)
     except ValidationError as error:
         raise source.invalid(error) from None
     for group in ("setups", "tools"):

@@ -1,4 +1,4 @@
-"""A text file in pieces: UTF-8, common line ends, line numbers kept, hashed on the way."""
+"""A text file in pieces: its encoding, common line ends, line numbers kept, hashed on the way."""
 
 from __future__ import annotations
 
@@ -10,21 +10,26 @@ from pathlib import Path
 from typing import BinaryIO, Self
 
 from abbe.compcore.errors import InputError
+from abbe.compcore.files.text.encodings import shop_encoding
 
 CHUNK = 1 << 20
 """Bytes read at once: parsing needs some fifteen times this beside its result."""
 LONGEST = 1 << 20
 """Bytes that a line may have."""
 _BOM = b"\xef\xbb\xbf"
+_UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 
 
 class LineSource(AbstractContextManager["LineSource"]):
     """The lines of a file, read once from beginning to end.
 
+    UTF-8; else Windows-1252 or GBK, as spreadsheets save them: what the first line with a letter
+    beyond ASCII is written in holds for the whole file.
+
     Raises
     ------
     InputError
-        When the file cannot be read or is not UTF-8 text; names the line.
+        When the file cannot be read or is not text in one of these; names the line.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -34,6 +39,7 @@ class LineSource(AbstractContextManager["LineSource"]):
         self._hash = hashlib.sha256()
         self._rest = b""
         self._ended = False
+        self._encoding: str | None = None
         self._stream: BinaryIO
 
     def __enter__(self) -> Self:
@@ -81,7 +87,7 @@ class LineSource(AbstractContextManager["LineSource"]):
             return block
         if b"\0" in block:
             before = (self._rest + block).partition(b"\0")[0]
-            self._decoded(before, self.next_line)  # UTF-16 is told as what it is
+            self._decoded(before, self.next_line)  # UTF-16 is reported as what it is
             line = self.next_line + before.count(b"\n")
             raise InputError("not a text file", file=self.file, line=line, found="\0")
         block = self._rest + block
@@ -100,16 +106,18 @@ class LineSource(AbstractContextManager["LineSource"]):
     def _decoded(self, block: bytes, first: int) -> str:
         if first == 1:
             block = block.removeprefix(_BOM)
+        if self._encoding is None and not block.isascii():
+            self._encoding = None if block.startswith(_UTF_16) else shop_encoding(block)
         try:
-            text = block.decode("utf-8")
+            text = block.decode(self._encoding or "utf-8")
         except UnicodeDecodeError as error:
             line = first + block.count(b"\n", 0, error.start)
             raise InputError(
-                "not UTF-8 text",
+                "not text in one encoding",
                 file=self.file,
                 line=line,
                 found=block[error.start : error.start + 1],
-                expected="a file saved as UTF-8 ('CSV UTF-8' in a spreadsheet)",
+                expected="a file saved as UTF-8 ('CSV UTF-8' in a spreadsheet) or Windows-1252",
             ) from None
         return text.replace("\r\n", "\n") if "\r" in text else text
 

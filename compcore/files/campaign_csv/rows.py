@@ -1,6 +1,8 @@
-"""From parsed rows to a campaign: what every cell must be, and the units inside the code."""
+"""Rows of a campaign: every cell checked, and brought to the units inside the code."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +30,8 @@ PER_UNIT = {
 """What one mm or rad inside the code is in the file: µm, µrad; distances mm."""
 DEFAULT_FREE = {True: (), False: ("zero",)}
 """`free` of a set-up that is not listed, by whether it measures distances."""
+MOST_GAUGES = 1000
+"""Names of gauges that a campaign may have."""
 _NO_COMPONENT = 1e6
 """Of a unit vector: the squares of larger numbers may not be numbers any more."""
 _LENGTH_TOLERANCE = 1e-3
@@ -43,7 +47,7 @@ class CampaignRows:
         self.columns = columns
         self._believable = Believable(columns, machine)
         self._numbers = {name: Growing() for name in columns.numbers}
-        self._names = {name: GrowingNames() for name in ("setup", "base", "base2", "tool")}
+        self._names = {name: GrowingNames() for name in ("setup", "base", "base2", "tool", "gauge")}
         self._kind: list[NDArray[np.int8]] = []
         self._line: list[NDArray[np.int64]] = []
         self._block: CsvBlock
@@ -65,6 +69,7 @@ class CampaignRows:
         numbers = {name: block.numbers[:, i] for i, name in enumerate(self.columns.numbers)}
         self._check_numbers(numbers, point)
         self._check_tools(numbers, point)
+        self._check_gauges(numbers)
         self._check_unit_vectors(numbers, (kind == Kind.DISPLACEMENT) | (kind == Kind.ROTATION))
         for bad, column, problem, expected in self._believable.wrong(numbers, kind):
             self._refuse(bad, column, problem, expected)
@@ -181,6 +186,25 @@ class CampaignRows:
                     "a blank cell or 0 where column 'tool' names a tool",
                 )
 
+    def _check_gauges(self, numbers: dict[str, F64]) -> None:
+        columns, names = self.columns, self._block.names.get("gauge")
+        if ("gauge" in columns) != ("gauge_sd" in columns):
+            lacking = "gauge_sd" if "gauge" in columns else "gauge"
+            raise columns.missing(lacking, ": a gauge has its name and its uncertainty")
+        if names is None:
+            return
+        named, blank = names.where(bool), np.isnan(numbers["gauge_sd"])
+        self._refuse(named & blank, "gauge_sd", "a blank cell", "a number where a gauge is named")
+        self._refuse(~named & ~blank, "gauge", "an uncertainty of no gauge", "the gauge's name")
+        with np.errstate(invalid="ignore"):
+            negative = named & (numbers["gauge_sd"] <= 0.0)
+        self._refuse(negative, "gauge_sd", "not a standard uncertainty", "a number above 0")
+        if len(self._names["gauge"].names.keys() | set(names.unique)) > MOST_GAUGES:
+            raise InputError(
+                "too many gauges", file=columns.file, field="gauge",
+                expected=f"at most {MOST_GAUGES}: rows that share an error share its name",
+            )  # fmt: skip
+
     def _check_unit_vectors(self, numbers: dict[str, F64], component: Mask) -> None:
         for column in UNIT_VECTOR:
             if column not in numbers:
@@ -274,7 +298,16 @@ class CampaignRows:
             files={columns.file: sha256},
             metadata=(self._head.metadata,),
             spindle=self._machine.structure.spindle if columns.spindle else None,
+            **self._gauges(per_unit),
         )
+
+    def _gauges(self, per_unit: F64) -> dict[str, Any]:
+        if "gauge" not in self.columns:
+            return {}
+        return {
+            "gauge": self._names["gauge"].take(),
+            "gauge_sd": np.nan_to_num(self._numbers["gauge_sd"].take()) / per_unit,
+        }
 
     def _tools(self, tool_name: NDArray[np.str_]) -> F64:
         offset = np.zeros((len(tool_name), 3))

@@ -105,6 +105,10 @@ def _columns(campaign: Campaign) -> Iterator[tuple[str, Column]]:
     if not np.isnan(campaign.sd).all():
         sd = _scaled(campaign.sd, per_unit)
         yield "sd", _numbers("sd", sd, blank=np.isnan(campaign.sd))
+    if campaign.gauge is not None and campaign.gauge_sd is not None:
+        yield "gauge", _names("gauge", campaign.gauge, optional=True)
+        common = _scaled(campaign.gauge_sd, per_unit)
+        yield "gauge_sd", _numbers("gauge_sd", common, blank=campaign.gauge == "")
     for name, signal in c.signals.items():
         if name in RESERVED or name in c.positions:
             raise InputError("a signal with the name of another column", field=name, found=name)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.artefacts.corrected import positions_of
 from abbe.compcore.artefacts.measured_length import MeasuredLength
-from abbe.compcore.artefacts.plate import MeasuredPlate
+from abbe.compcore.artefacts.plate import MeasuredPlate, rigid_placing
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.importers.lengths import read_lengths
@@ -54,33 +54,31 @@ def import_lengths(
         start = tuple(length.ends[0].tolist())
         groups.setdefault((length.position, length.run, start), []).append(length)
     readings = [
-        _of_lengths(own, machine, placing, f" {own[0].position} {own[0].run} #{i + 1}")
+        _of_lengths(own, machine, f" {own[0].position} {own[0].run} #{i + 1}")
         for i, own in enumerate(groups.values())
     ]
     notes = [
         f"imported from {source.name} (calibrated lengths)",
         "sign: error = calibrated length at the standard's temperature − indicated length",
-        "the calibration's uncertainty is common to all rows of one length",
+        "the calibration's uncertainty is common to all rows of one length (gauge)",
     ]
     return place(source, data, readings, placing, notes, {"instrument": "calibrated lengths"})
 
 
-def _of_lengths(
-    own: Sequence[MeasuredLength], machine: Machine | None, placing: ForeignPlacing, suffix: str
-) -> Readings:
+def _of_lengths(own: Sequence[MeasuredLength], machine: Machine | None, suffix: str) -> Readings:
     ends = np.array([length.ends for length in own])
     point = np.concatenate([ends[:1, 0], ends[:, 1]])
     way = max((end[1] - end[0] for end in ends), key=lambda v: float(v @ v))
     rows = [own[0], *own]
     value = np.array([0.0, *(-length.error for length in own)])
-    sd = None
-    if placing.sd is not None:
-        sd = np.hypot(placing.sd, [0.0, *(length.uncertainty for length in own)])
+    known = np.array([0.0, *(length.uncertainty for length in own)])
+    # one length is one gauge, in whatever orientation and run
+    names = ["", *(f"{length.calibrated.length:.6f} mm" for length in own)]
     signals = {name: np.array([r.signals[name] for r in rows]) for name in rows[0].signals}
     tool = np.array([r.tool for r in rows])
     return _readings(
         point, way / np.linalg.norm(way), value, tool, signals, machine, ("zero",),
-        np.array([r.line for r in rows]), suffix, sd,
+        np.array([r.line for r in rows]), suffix, names, known,
     )  # fmt: skip
 
 
@@ -99,34 +97,32 @@ def import_plates(
     source = Path(path)
     placing = placing or ForeignPlacing()
     plates, data = read_plates(source, tool=placing.tool)
-    readings = [r for plate in plates for r in _of_plate(plate, machine, placing)]
+    readings = [r for plate in plates for r in _of_plate(plate, machine)]
     # three components of one placing are one set-up: their frame is one
     notes = [
         f"imported from {source.name} ({'hole' if plates[0].planar else 'ball'} plate)",
         "sign: error = calibrated point of the placed plate − indicated point",
-        "the calibration's uncertainty is common to all placings",
+        "the calibration's uncertainty is common to all placings (gauge)",
     ]
     return place(source, data, readings, placing, notes, {"instrument": "plate"})
 
 
-def _of_plate(
-    plate: MeasuredPlate, machine: Machine | None, placing: ForeignPlacing
-) -> list[Readings]:
-    directions = np.eye(3)
-    if plate.planar:
-        along = plate.placed()[1] - plate.placed()[0]
-        first = along / np.linalg.norm(along)
-        directions = np.array([first, np.cross(plate.across(), first)])
+def _of_plate(plate: MeasuredPlate, machine: Machine | None) -> list[Readings]:
+    # along the plate's own axes: what its calibration got wrong stays with it in every placing
+    turn, _ = rigid_placing(plate.actual, plate.indicated)
     error = -plate.errors()
-    sd = None
-    if placing.sd is not None:
-        sd = np.full(len(plate.points), float(np.hypot(placing.sd, plate.sd)))
+    known = np.full(len(plate.points), plate.sd)
+    # its calibrated place tells a ball of this plate from one of another
+    balls = [
+        f"{name} ({', '.join(f'{v:.4f}' for v in at)})"
+        for name, at in zip(plate.points, plate.calibrated.tolist(), strict=True)
+    ]
     return [
         _readings(
             plate.indicated, u, error @ u, plate.tool, plate.signals, machine, ("frame",),
-            plate.line, f" {plate.placing}", sd,
+            plate.line, f" {plate.placing}", [f"{name} {k}" for name in balls], known,
         )
-        for u in directions
+        for k, u in zip("xy" if plate.planar else "xyz", turn.T, strict=False)
     ]  # fmt: skip
 
 
@@ -140,7 +136,8 @@ def _readings(
     free: tuple[str, ...],
     line: NDArray[np.int64],
     suffix: str,
-    sd: F64 | None,
+    gauges: Sequence[str],
+    known: F64,
 ) -> Readings:
     if machine is None:
         positions = {a: (point - tool)[:, k] for k, a in enumerate("XYZ")}
@@ -157,6 +154,9 @@ def _readings(
         line,
         suffix,
         signals={n: v for n, v in signals.items() if n not in positions},
-        sd=sd,
         tool=tool,
+        gauge=[name if sd > 0.0 else "" for name, sd in zip(gauges, known, strict=True)]
+        if known.any()
+        else None,
+        gauge_sd=known if known.any() else None,
     )

@@ -3,7 +3,7 @@
 CSV, two layouts: ``angle, deviation, direction`` (a row per reading, ``ccw`` or ``cw``), or
 ``angle, ccw, cw`` (a column per direction). Angles in degrees from the plane's first axis towards
 its second; deviations of the radius in µm. Centre, radius and plane in ``# key = value`` lines at
-the top or told by the caller.
+the top or given by the caller.
 
 The deviation is the component of the functional point's error along the radius, outward:
 measured radius minus nominal. Where the ball bar's centre really stood (``frame``) and its
@@ -26,12 +26,12 @@ from abbe.compcore.files.importers.words import (
     direction,
     number,
     read_sheet,
+    scale_of,
     split_unit,
     unit_of,
 )
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.plausible import TRAVEL, TRAVEL_ROTARY
-from abbe.compcore.units import to_internal
 
 PLANES: Mapping[str, tuple[str, str]] = {"XY": ("X", "Y"), "YZ": ("Y", "Z"), "ZX": ("Z", "X")}
 _ANGLE = ("angle", "theta", "phi")
@@ -76,7 +76,7 @@ def import_ballbar(
     size = radius if radius is not None else _said(sheet, "radius", "the nominal radius, mm")
     angle, sense, deviation, line, stated = _readings(sheet)
     unit = unit_of(unit, stated, deviation.tolist(), sheet.file, rotation=False)
-    value = deviation * to_internal(1.0, unit, "mm")
+    value = deviation * scale_of(unit, "mm", sheet.file)
     theta = np.deg2rad(angle)
     outward = np.stack([np.cos(theta), np.sin(theta)], axis=1)
     tangent = np.stack([-np.sin(theta), np.cos(theta)], axis=1) * sense[:, None]

@@ -26,13 +26,13 @@ from abbe.compcore.files.importers.words import (
     direction,
     number,
     read_sheet,
+    scale_of,
     split_unit,
     unit_of,
     whole,
 )
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
-from abbe.compcore.units import to_internal
 
 _POSITION = {"position", "target", "target_position", "p", "p_i", "x", "y", "z"}
 _RUN = {"run", "j", "no"}
@@ -76,7 +76,7 @@ def import_iso230_table(
     values, rotation = [r[3] for r in readings], component in "ABC"
     said = unit is not None or stated is not None
     unit = unit_of(unit, stated, values, sheet.file, rotation=rotation)
-    scale = to_internal(1.0, unit, "rad" if component in "ABC" else "mm")
+    scale = scale_of(unit, "rad" if component in "ABC" else "mm", sheet.file)
     # runs in their order, each up before down, targets in the order of travel
     readings.sort(key=lambda r: (r[1], -r[2], r[0] * r[2]))
     target, _, sense, deviation, line = (np.array(c) for c in zip(*readings, strict=True))
@@ -86,7 +86,7 @@ def import_iso230_table(
     notes = [
         f"imported from {source.name} (ISO 230-2 table, {layout})",
         f"sign: error = {'−' if reversed_ else ''}deviation as tabulated"
-        + (" (actual − target, ISO 230-2)" if not reversed_ else " (reversed as told)"),
+        + (" (actual − target, ISO 230-2)" if not reversed_ else " (reversed as asked)"),
         f"deviations in {unit}" + ("" if said else ", as no heading and no --unit says otherwise"),
         "the file has no times: order of the standard test cycle assumed",
     ]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.errors import InputError
+from abbe.compcore.machine.plausible import like_fahrenheit
 
 F64 = NDArray[np.float64]
 
@@ -27,6 +28,12 @@ _SIGNALS = (
     ("h_air", re.compile(r"humid", re.IGNORECASE)),
     ("T_material", re.compile(r"(?:material|machine|work|scale).*temp|temp.*material", re.I)),
 )
+_PRESSURE = re.compile(r"\d\s*(kPa|hPa|Pa|mbar|mmHg|torr|inHg)\b", re.IGNORECASE)
+_HECTOPASCALS = {
+    "pa": 0.01, "hpa": 1.0, "mbar": 1.0, "kpa": 10.0, "mmhg": 1.33322, "torr": 1.33322,
+    "inhg": 33.8639,
+}  # fmt: skip
+"""Unit of pressure → hPa."""
 _EXPANSION = re.compile(r"expan|coeff", re.IGNORECASE)
 _LARGEST_OF_UNITY = 1e-3
 """A coefficient below this is in 1/K, above in ppm/K: no material has 1000 ppm/K."""
@@ -41,7 +48,8 @@ class LaserEnvironment:
     lines
         Key → text, as written.
     signals
-        Name → mean of the numbers of its lines: T_air, T_material (°C), p_air, h_air (the file's).
+        Name → mean of the numbers of its lines: T_air, T_material (°C), p_air (hPa), h_air (%); a
+        number without a unit as it stands.
     expansion
         Coefficient of expansion, 1/K, where the file tells one.
     """
@@ -66,6 +74,8 @@ class LaserEnvironment:
                 if words.search(key):
                     if "T" in name and re.search(r"\d\s*°?\s*F\b", text):
                         value = (value - 32.0) / 1.8
+                    if name == "p_air" and (unit := _PRESSURE.search(text)) is not None:
+                        value *= _HECTOPASCALS[unit[1].lower()]
                     found.setdefault(name, []).append(value)
                     break
         means = {name: float(np.mean(values)) for name, values in found.items()}
@@ -105,7 +115,7 @@ class Normalisation:
         ------
         InputError
             When the file tells a coefficient and nobody says whether it was used; when it was, and
-            coefficient or temperature are not known.
+            coefficient or temperature are not known, or that temperature may be in °F.
         """
         stated = environment.expansion
         if self.done is None:
@@ -120,7 +130,7 @@ class Normalisation:
                 )
             return values, "readings taken as not normalised to 20 °C: the file does not say"
         if not self.done:
-            return values, "readings not normalised to 20 °C, as told"
+            return values, "readings not normalised to 20 °C, as stated"
         alpha = stated if self.expansion is None else self.expansion
         known = environment.signals.get("T_material")
         temperature = known if self.temperature is None else self.temperature
@@ -131,6 +141,14 @@ class Normalisation:
                 file=file,
                 field="normalised",
                 expected="--expansion (ppm/K)" if alpha is None else "--material-temperature (°C)",
+            )
+        if self.temperature is None and like_fahrenheit(temperature):
+            raise InputError(
+                "the material's temperature, with which readings were normalised, may be in °F",
+                file=file,
+                field="T_material",
+                found=f"{temperature:.4g}, no unit beside it",
+                expected="--material-temperature (°C)",
             )
         back = values + alpha * travel * (temperature - _REFERENCE)
         return back, (

@@ -29,9 +29,15 @@ from abbe.compcore.files.importers.roles import (
     Words,
     calibration_sd,
 )
-from abbe.compcore.files.importers.words import as_number, read_sheet, split_unit, unit_of, whole
+from abbe.compcore.files.importers.words import (
+    as_number,
+    read_sheet,
+    scale_of,
+    split_unit,
+    unit_of,
+    whole,
+)
 from abbe.compcore.machine.plausible import TRAVEL, Range
-from abbe.compcore.units import to_internal
 
 F64 = NDArray[np.float64]
 
@@ -76,7 +82,7 @@ def read_lengths(
     Parameters
     ----------
     reduced
-        Whether measured lengths are already reduced to 20 °C. Must be told where the file states a
+        Whether measured lengths are already reduced to 20 °C. Must be given where the file states a
         temperature and an expansion besides measured lengths; probed points never are.
     unit
         Of columns of errors; where None the heading's, else µm where that is believable.
@@ -139,10 +145,7 @@ def _header(columns: RoleColumns, unit: str | None) -> _Header:
     if not errors:
         return _Header(columns, repeats)
     unit = unit_of(unit, stated, errors, sheet.file, rotation=False)
-    try:
-        return _Header(columns, repeats, to_internal(1.0, unit, "mm"))
-    except InputError as error:
-        raise error.at(file=sheet.file, line=line) from None
+    return _Header(columns, repeats, scale_of(unit, "mm", sheet.file, line))
 
 
 def _lengths(

@@ -1,4 +1,4 @@
-"""How an instrument stood while a foreign file was recorded, and the campaign that this makes."""
+"""The placing of an instrument while a foreign file was recorded, and the campaign from it."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,6 +87,9 @@ class Readings:
         Shape (n,), mm or rad: standard uncertainty; None: that of the placing.
     tool
         Shape (n, 3), mm: the tool's offset; None: that of the placing.
+    gauge, gauge_sd
+        Shape (n,): what the row was measured against, empty where nothing, and the standard
+        uncertainty of its calibration, mm; None where nothing was.
     """
 
     positions: Mapping[str, F64]
@@ -99,6 +103,8 @@ class Readings:
     signals: Mapping[str, F64] = field(default_factory=dict)
     sd: F64 | None = None
     tool: F64 | None = None
+    gauge: Sequence[str] | None = None
+    gauge_sd: F64 | None = None
 
 
 def along_line(
@@ -190,7 +196,17 @@ def place(
         setups={base + r.suffix: Setup(base + r.suffix, r.free) for r in readings},
         files={str(source): hashlib.sha256(data).hexdigest()},
         metadata=(head,),
+        **_gauges(readings),
     )
+
+
+def _gauges(readings: Sequence[Readings]) -> dict[str, Any]:
+    """Names of gauges and their uncertainties, where there are any."""
+    if all(r.gauge is None for r in readings):
+        return {}
+    names = [name for r in readings for name in (r.gauge or [""] * len(r.value))]
+    sd = [np.zeros(len(r.value)) if r.gauge_sd is None else r.gauge_sd for r in readings]
+    return {"gauge": np.array(names, dtype=np.str_), "gauge_sd": np.concatenate(sd)}
 
 
 def _sd(readings: Readings, placing: ForeignPlacing) -> F64:

@@ -21,13 +21,18 @@ from abbe.compcore.campaign.measuring_conditions import stated
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.importers.placing import ForeignPlacing, Readings, place
 from abbe.compcore.files.importers.roles import RoleColumns, Words
-from abbe.compcore.files.importers.words import as_number, direction, read_sheet, unit_of
+from abbe.compcore.files.importers.words import (
+    as_number,
+    direction,
+    read_sheet,
+    scale_of,
+    unit_of,
+)
 from abbe.compcore.iso10791.poses import around, following, nest_directions
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.plausible import POINT, Range, position_range
-from abbe.compcore.units import to_internal
 
 F64 = NDArray[np.float64]
 
@@ -185,10 +190,7 @@ def _unit(columns: RoleColumns, names: list[str], given: str | None) -> tuple[st
     ]
     stated = next((columns.units[n] for n in names if n in columns.units), None)
     unit = unit_of(given, stated, values, columns.sheet.file, rotation=False)
-    try:
-        return unit, to_internal(1.0, unit, "mm")
-    except InputError as error:
-        raise error.at(file=columns.sheet.file, line=columns.sheet.rows[0][0]) from None
+    return unit, scale_of(unit, "mm", columns.sheet.file, columns.sheet.rows[0][0])
 
 
 _Rows = list[tuple[int, list[str]]]

@@ -24,17 +24,17 @@ from abbe.compcore.files.importers.placing import (
     place,
     read_bytes,
 )
+from abbe.compcore.files.importers.words import scale_of
 from abbe.compcore.files.text.encodings import decoded
 from abbe.compcore.files.text.numbers import checked_number
 from abbe.compcore.machine.machine import Machine, own_component
 from abbe.compcore.machine.structure import is_rotary
-from abbe.compcore.units import to_internal
 
 _SECTION = re.compile(r"[A-Z][A-Z -]*::")
 
 
 @dataclass
-class _File:
+class _RtlFile:
     """What was read so far."""
 
     targets: list[float] = field(default_factory=list)
@@ -80,7 +80,7 @@ def import_rtl(
     axis = axis or _own_axis(file, str(source))
     component = component_of(axis, component)
     unit = unit or ("mrad" if component in "ABC" else "um")
-    scale = to_internal(1.0, unit, "rad" if component in "ABC" else "mm")
+    scale = scale_of(unit, "rad" if component in "ABC" else "mm", str(path))
     targets = np.deg2rad(file.targets) if is_rotary(axis) else np.array(file.targets)
     run, target, deviation, line = (np.array(column) for column in zip(*file.rows, strict=True))
     position = targets[target - 1]
@@ -119,7 +119,7 @@ def import_rtl(
     return place(source, data, [readings], placing, notes, metadata, machine)
 
 
-def _own_axis(file: _File, name: str) -> str:
+def _own_axis(file: _RtlFile, name: str) -> str:
     text = file.texts.get("axis", "").upper().removesuffix(" AXIS").strip()
     if not AXIS.fullmatch(text):
         raise InputError(
@@ -151,8 +151,8 @@ def _directions(run: np.ndarray, position: np.ndarray) -> tuple[np.ndarray, bool
     return direction, against
 
 
-def _parse(text: str, name: str) -> _File:
-    file = _File()
+def _parse(text: str, name: str) -> _RtlFile:
+    file = _RtlFile()
     section, part = "", ""
     for number, raw in enumerate(text.splitlines(), start=1):
         line = raw.strip()
@@ -219,7 +219,7 @@ def _numbers(text: str, name: str, line: int) -> list[float]:
     return [checked_number(word, file=name, line=line) for word in text.split()]
 
 
-def _check(file: _File, name: str) -> None:
+def _check(file: _RtlFile, name: str) -> None:
     if not file.targets:
         raise InputError("no targets", file=name, expected="a section TARGET DATA:: with Targets :")
     if file.target_count is not None and file.target_count != len(file.targets):

@@ -12,6 +12,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.files.importers.placing import read_bytes
 from abbe.compcore.files.text.encodings import decoded
 from abbe.compcore.files.text.numbers import checked_number
+from abbe.compcore.units import to_internal
 
 _UP = {"+", "+1", "1", "up", "u", "forward", "fwd", "f", "positive", "pos", "p", "↑", "ccw"}
 _DOWN = {
@@ -57,7 +58,8 @@ class Sheet:
 
 
 def read_sheet(path: Path) -> Sheet:
-    """A CSV file whose cells are separated by commas, semicolons or tabs (told from its header).
+    """A CSV file whose cells are separated by commas, semicolons or tabs (its header says
+    which).
 
     With semicolons or tabs, decimal commas are understood.
 
@@ -106,7 +108,7 @@ def read_sheet(path: Path) -> Sheet:
 def unit_of(
     unit: str | None, stated: str | None, values: Sequence[float], file: str, *, rotation: bool
 ) -> str:
-    """The unit of deviations: as told, as the heading says, else µm where that is believable.
+    """The unit of deviations: as given, as the heading says, else µm where that is believable.
 
     Raises
     ------
@@ -128,6 +130,14 @@ def unit_of(
             expected=f"{likely}; or a heading such as deviation [{'urad' if rotation else 'mm'}]",
         )
     return "um"
+
+
+def scale_of(unit: str, internal: str, file: str, line: int | None = None) -> float:
+    """One of a unit in mm or rad; raises `InputError` naming file and unit."""
+    try:
+        return to_internal(1.0, unit, internal)
+    except InputError as error:
+        raise error.at(file=file, line=line) from None
 
 
 def whole(text: str, sheet: Sheet, line: int, field: str) -> int:

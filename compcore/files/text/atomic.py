@@ -92,6 +92,15 @@ def encoded(text: str) -> bytes:
         return raw.decode("utf-8", "replace").encode("utf-8")
 
 
+def sync_folder(folder: Path) -> None:
+    """Wait until the names in a folder are on the disk; raises OSError."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
 def _prepared(target: WriteTarget, pieces: Iterable[str | bytes]) -> Path:
     """The content in a file beside the target, on the disk, with the target's rights."""
     start = os.fsdecode(os.fsencode(target.path.name)[:_LONGEST_NAME])

@@ -5,9 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from abbe.compcore.errors import InputError
+from abbe.compcore.files.text.encodings import decoded
 
 
-def read_bounded(path: str | Path, most: int, *, expected: str | None = None) -> str:
+def read_bounded(
+    path: str | Path, most: int, *, expected: str | None = None, foreign: bool = False
+) -> str:
     """A file's text, UTF-8 with or without a byte order mark, with the line ends that it holds.
 
     Parameters
@@ -18,6 +21,8 @@ def read_bounded(path: str | Path, most: int, *, expected: str | None = None) ->
         Bytes that it may hold.
     expected
         What should have stood there, for the message about a file that is longer.
+    foreign
+        Whether another program may have written it: in UTF-16, GBK or Windows-1252 too.
 
     Raises
     ------
@@ -40,7 +45,12 @@ def read_bounded(path: str | Path, most: int, *, expected: str | None = None) ->
             f"too large: more than {most / 1e6:g} MB", file=path, expected=expected or "a text file"
         )
     try:
-        return data.decode("utf-8-sig")
+        return decoded(data) if foreign else data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise InputError(f"not UTF-8 text (byte {error.start})", file=path, line=line) from None
+        raise InputError(
+            f"not UTF-8 text (byte {error.start})",
+            file=path,
+            line=line,
+            expected="a file saved as UTF-8 (in an editor: Save as, encoding UTF-8)",
+        ) from None

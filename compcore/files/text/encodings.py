@@ -8,6 +8,30 @@ _HIGH = re.compile(rb"[\x80-\xff]+")
 _GB2312 = re.compile(rb"(?:[\xa1-\xf7][\xa1-\xfe])+")
 _TEXT = 4
 """Bytes of two Chinese characters: a single pair between Latin letters is two umlauts."""
+_UTF8 = re.compile(rb"[\xc2-\xdf][\x80-\xbf]|[\xe0-\xef][\x80-\xbf]{2}")
+"""A letter of UTF-8; in Windows-1252 an accented capital with a sign behind it: in no word."""
+
+
+def shop_encoding(data: bytes) -> str | None:
+    r"""The encoding of lines that a spreadsheet saved: UTF-8, GBK, Windows-1252, or None.
+
+    None for what none of them reads whole, and for UTF-8 with single bytes that are damaged: that
+    would be read as Windows-1252, with every umlaut as two strange letters.
+
+    >>> shop_encoding("Fräse Süd".encode("cp1252"))
+    'cp1252'
+    >>> shop_encoding("Fräse Süd".encode() + b"\xe4") is None
+    True
+    """
+    other = "gbk" if _chinese(data) else None if _UTF8.search(data) else "cp1252"
+    for encoding in ("utf-8", other):
+        try:
+            if encoding is not None:
+                data.decode(encoding)
+                return encoding
+        except UnicodeDecodeError:
+            continue
+    return None
 
 
 def decoded(data: bytes) -> str:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.effects.base import Effect, ErrorMotion, Motion
+from abbe.compcore.fitting.design.common_errors import CommonErrors
 from abbe.compcore.fitting.design.nuisance import Eliminator, SetupNuisances, setup_blocks
 from abbe.compcore.fitting.design.observation import Observation, with_tools
 from abbe.compcore.fitting.design.row_blocks import RowBlock, row_blocks, rows_at_once
@@ -183,7 +184,8 @@ class Problem:
         """The projection of set-ups' nuisances out of weighted columns."""
         blocks = self.setups(theta)
         if self._eliminator is None or self._eliminator[0] is not blocks:
-            self._eliminator = (blocks, Eliminator(blocks, self.weight))
+            common = CommonErrors.of(self.campaign, self.weight)
+            self._eliminator = (blocks, Eliminator(blocks, self.weight, common))
         return self._eliminator[1]
 
     def motions(self, term: int, theta: F64) -> tuple[Motion, ...]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.effects.catalogue.instruments.setup import frame_columns, path_coordinate
+from abbe.compcore.fitting.design.common_errors import CommonErrors, Whitening
 from abbe.compcore.fitting.design.observation import Observation
 from abbe.compcore.linalg import svd
 
@@ -110,7 +111,7 @@ def _block(
 
 
 class Eliminator:
-    """The projection of set-ups' nuisances out of weighted columns.
+    """The projection of set-ups' nuisances out of weighted columns; gauges' common errors whitened.
 
     Parameters
     ----------
@@ -118,9 +119,18 @@ class Eliminator:
         From `setup_blocks`.
     weight
         Shape (n,): 1/sd of each row.
+    common
+        Errors that rows of one gauge share; None where there are none.
+
+    Attributes
+    ----------
+    whitening
+        What `project` does beside taking the nuisances out; None where no rows share an error.
     """
 
-    def __init__(self, blocks: Sequence[SetupNuisances], weight: F64) -> None:
+    def __init__(
+        self, blocks: Sequence[SetupNuisances], weight: F64, common: CommonErrors | None = None
+    ) -> None:
         self.blocks = tuple(blocks)
         self._basis: list[F64] = []
         self._solve: list[F64] = []
@@ -133,6 +143,7 @@ class Eliminator:
             u, s, vt = u[:, keep], s[keep], vt[keep]
             self._basis.append(u)
             self._solve.append((vt.T / s) / size[:, None])
+        self.whitening = None if common is None else Whitening.of(common, self.bases())
 
     @property
     def rank(self) -> int:
@@ -150,16 +161,49 @@ class Eliminator:
         yield from zip((block.rows for block in self.blocks), self._basis, strict=True)
 
     def project(self, columns: F64) -> F64:
-        """Weighted columns, (n,) or (n, k), less what the nuisances can imitate; a copy."""
+        """Weighted columns, (n,) or (n, k), less what the nuisances can imitate; a copy.
+
+        Where rows share a gauge's error they are whitened besides: least squares on the result is
+        least squares with the covariance of the rows.
+        """
+        out = self._eliminated(columns)
+        if self.whitening is not None:
+            common = self.whitening.common
+            shared = common.times(self.whitening.root @ common.sums(out))
+            out -= self._eliminated(shared)
+        return out
+
+    def _eliminated(self, columns: F64) -> F64:
         out = columns.copy()
         for rows, basis in self.bases():
             part = out[rows]
             out[rows] = part - basis @ (basis.T @ part)
         return out
 
+    def common_basis(self) -> F64:
+        """A matrix M, (n, gauges): whitened, a column c is shorter by ``‖Mᵀc‖²``, squared."""
+        if self.whitening is None:
+            return np.zeros((0, 0))
+        return self._eliminated(self.whitening.common.times(self.whitening.half))
+
+    def gauges(self, weighted: F64) -> dict[str, float]:
+        """The error of each gauge that explains weighted residuals (n,) best, in its sds."""
+        if self.whitening is None:
+            return {}
+        amounts = self.whitening.amounts(self._eliminated(weighted))
+        return dict(zip(self.whitening.common.names, amounts.tolist(), strict=True))
+
+    def _without_gauges(self, weighted: F64) -> F64:
+        """Weighted residuals (n,) less the gauges' errors that explain them best."""
+        if self.whitening is None:
+            return weighted
+        amounts = self.whitening.amounts(self._eliminated(weighted))
+        return weighted - self.whitening.common.times(amounts)
+
     def values(self, weighted: F64) -> dict[str, dict[str, tuple[float, str]]]:
         """The nuisances that fit weighted residuals (n,) best: set-up → name → (value, unit)."""
         found: dict[str, dict[str, tuple[float, str]]] = {}
+        weighted = self._without_gauges(weighted)
         for block, basis, solve in zip(self.blocks, self._basis, self._solve, strict=True):
             if block.names:
                 values = solve @ (basis.T @ weighted[block.rows])
@@ -170,11 +214,15 @@ class Eliminator:
         return found
 
     def share(self, weighted: F64) -> F64:
-        """The nuisances' part of weighted residuals (n,), by least squares, (n,)."""
+        """The part of nuisances and gauges in weighted residuals (n,), by least squares, (n,)."""
         out = np.zeros(weighted.shape[0])
+        if self.whitening is not None:
+            amounts = self.whitening.amounts(self._eliminated(weighted))
+            out += self.whitening.common.unweighted(amounts)
+            weighted = weighted - self.whitening.common.times(amounts)
         for block, basis, solve in zip(self.blocks, self._basis, self._solve, strict=True):
             if block.names:
-                out[block.rows] = block.columns @ (solve @ (basis.T @ weighted[block.rows]))
+                out[block.rows] += block.columns @ (solve @ (basis.T @ weighted[block.rows]))
         return out
 
     def leverage(self, n: int) -> F64:

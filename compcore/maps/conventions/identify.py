@@ -122,7 +122,7 @@ def identify(
     Raises
     ------
     InputError
-        When there are too few points, or no differences to explain.
+        When there are too few points, no differences to explain, or nothing that could.
     """
     require_type(points, SwitchedPoints, "points")
     require_type(structure, Structure, "structure")
@@ -139,6 +139,12 @@ def identify(
         tolerance = max(3.0 * points.sigma, 1e-4, 0.005 * observed)
     declared = any(any(a.rotation_point) for a in subject.machine(structure).axes.values())
     few = points.thinned(_SCREENED_POINTS)
+    bare = subject.machine(structure)
+    if not any(subject.parts(bare, forms, few.conditions) for forms in subject.forms()):
+        raise InputError(
+            "corrects nothing at these points",
+            expected="a map with numbers other than 0, or a model that was fitted",
+        )
     ranking = Ranking(subject, points, structure)
     for h in _likely(subject, few, structure, any_order, declared):
         ranking.judge(ranking.refined(h))

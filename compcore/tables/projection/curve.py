@@ -1,4 +1,4 @@
-"""From finely sampled curves to compensation tables: nodes placed, values fitted and rounded."""
+"""Tables from finely sampled compensation curves: nodes placed, values fitted and rounded."""
 
 from __future__ import annotations
 

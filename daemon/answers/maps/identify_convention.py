@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 from abbe.compcore.maps.convention import Convention, selectors
@@ -11,6 +12,7 @@ from abbe.compcore.maps.conventions.hypotheses import Hypothesis
 from abbe.compcore.maps.conventions.identify import Identification
 from abbe.compcore.maps.conventions.ranking import DistinguishingPose, RankedHypothesis, Tie
 from abbe.compcore.maps.table import COLUMNS, COMPONENTS
+from abbe.daemon.answers.typed import free_name
 
 _MOST_LISTED = 6
 
@@ -30,7 +32,7 @@ def import_command(
     words += [f"--squareness {shlex.quote(text)}" for text in squareness]
     if options := h.convention.options(h.structure.linear):
         words.append(options)
-    return " ".join([*words, "-o model.toml"])
+    return " ".join([*words, f"-o {free_name(Path('model.toml'))}"])
 
 
 def as_json(found: Identification, command: str | None = None) -> dict[str, Any]:

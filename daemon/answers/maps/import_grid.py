@@ -28,7 +28,7 @@ _WIDEST_TURN = math.radians(36e3)
 
 
 @dataclass(frozen=True)
-class GridOrder:
+class GridRequest:
     """What is to be imported.
 
     Attributes
@@ -54,7 +54,7 @@ class GridOrder:
     name: str = ""
 
 
-def imported(order: GridOrder) -> tuple[Model, list[str]]:
+def imported(request: GridRequest) -> tuple[Model, list[str]]:
     """The model with the errors in it, and what is to be said about it.
 
     Raises
@@ -63,45 +63,51 @@ def imported(order: GridOrder) -> tuple[Model, list[str]]:
         For files that cannot be read, that hold nothing, or that do not fit the machine.
     """
     texts: dict[str, str] = {}
-    for path in order.files:
-        for name, text in present_files(path, order.controller).items():
+    paths: dict[str, Path] = {}
+    for path in request.files:
+        for name, text in present_files(path, request.controller).items():
             if texts.setdefault(name, text) != text:
                 raise InputError("two files of one name", file=path)
-    model = _provisional(order) if order.onto is None else load_model(order.onto)
-    tables = make_controller(order.controller, model.machine, order.options).read(texts)
+            paths[name] = path / name if path.is_dir() else path
+    model = _provisional(request) if request.onto is None else load_model(request.onto)
+    controller = make_controller(request.controller, model.machine, request.options)
+    try:
+        tables = controller.read(texts)
+    except InputError as error:
+        raise error.of_file(paths.get(error.file or "")) from None
     if not tables:
         raise InputError("no table in these files", file=", ".join(texts))
-    if order.onto is None:
-        model = replace(model, machine=_with_travel(model.machine, tables, order))
+    if request.onto is None:
+        model = replace(model, machine=_with_travel(model.machine, tables, request))
     source = {
-        "controller": order.controller,
-        "options": dict(order.options),
+        "controller": request.controller,
+        "options": dict(request.options),
         "files": [{"file": n, "sha256": checksum(t)} for n, t in texts.items()],
         "abbe": abbe_version(),
     }
     text = format_grid([_measured(table) for table in tables], source)
     sha256 = checksum(text)
-    name = f"{order.out.stem}-{sha256[:8]}.grid.json"
-    grid = ErrorGrid(file=name, sha256=sha256, tool=order.tool)
+    name = f"{request.out.stem}-{sha256[:8]}.grid.json"
+    grid = ErrorGrid(file=name, sha256=sha256, tool=request.tool)
     # as it will be read again
     grid = load_grid(grid, model.machine, None, {name: text})
-    fit: dict[str, Any] = dict(model.fit) if order.onto is not None else {"abbe": abbe_version()}
+    fit: dict[str, Any] = dict(model.fit) if request.onto is not None else {"abbe": abbe_version()}
     made = replace(model, terms=(*model.terms, Term(grid)), fit=fit)
-    return made, _lines(made, grid, name, order)
+    return made, _lines(made, grid, name, request)
 
 
-def _provisional(order: GridOrder) -> Model:
-    structure = Structure.parse(order.structure)
+def _provisional(request: GridRequest) -> Model:
+    structure = Structure.parse(request.structure)
     axes = {
         a: Axis(a, (-_WIDEST_TURN, _WIDEST_TURN) if is_rotary(a) else (-_WIDEST, _WIDEST))
         for a in structure.axes
     }
-    return Model(Machine(order.name or order.out.stem, structure, axes))
+    return Model(Machine(request.name or request.out.stem, structure, axes))
 
 
-def _with_travel(machine: Machine, tables: Sequence[Table], order: GridOrder) -> Machine:
+def _with_travel(machine: Machine, tables: Sequence[Table], request: GridRequest) -> Machine:
     """The travels as given, else from the first to the last point of the tables."""
-    given = ranges(order.travel, machine)
+    given = ranges(request.travel, machine, "travel")
     axes = {}
     for name, axis in machine.axes.items():
         ends = given.get(name)
@@ -132,11 +138,11 @@ def _measured(table: Table) -> MeasuredTable:
     )
 
 
-def _lines(model: Model, grid: ErrorGrid, name: str, order: GridOrder) -> list[str]:
+def _lines(model: Model, grid: ErrorGrid, name: str, request: GridRequest) -> list[str]:
     points = sum(table.values.size for table in grid.tables)
     motions = ", ".join(dict.fromkeys(str(t.error_motion) for t in grid.tables))
     lines = [
-        f"{order.out}: {model.machine.structure}, {len(grid.tables)} tables ({motions}), "
+        f"{request.out}: {model.machine.structure}, {len(grid.tables)} tables ({motions}), "
         f"{points} values; data in {name}"
     ]
     for axis, (low, high) in grid.ranges().items():
@@ -148,6 +154,6 @@ def _lines(model: Model, grid: ErrorGrid, name: str, order: GridOrder) -> list[s
                 f"{ends[0] * factor:g} to {ends[1] * factor:g}: beyond, the end's value is held"
             )
     turning = [t for t in grid.tables if t.error_motion.rotation]
-    if not turning and np.any(order.tool):
+    if not turning and np.any(request.tool):
         lines.append("without turns in the grid the tool changes nothing")
     return lines

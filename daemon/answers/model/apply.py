@@ -13,9 +13,9 @@ from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.comparison.compare import compare
 from abbe.compcore.diagnosis.stepwise import Course, Step, to_the_verdict
 from abbe.compcore.files.campaign_file import require_signals
-from abbe.compcore.files.campaign_record import campaign_records, noise_by_file
-from abbe.compcore.files.fit_record import recorded
 from abbe.compcore.files.model_file import save_model
+from abbe.compcore.files.model_toml.campaign_record import campaign_records, noise_by_file
+from abbe.compcore.files.model_toml.fit_record import recorded
 from abbe.compcore.model.model import Model
 from abbe.compcore.units import display, with_uncertainty
 from abbe.daemon.answers.inputs import abbe_version, now
@@ -25,6 +25,7 @@ from abbe.daemon.answers.model.held_out import HeldOutCampaigns, shares
 _SAID = {
     "began": "the model as it is",
     "added": "added {0}",
+    "added together": "added with the next, as neither says it alone: {0}",
     "lagged": "behind a lag: {0}",
     "second body": "a second body follows the same signal: {0}",
     "began elsewhere": "not in equilibrium at first: {0}",
@@ -37,7 +38,7 @@ _NOTHING = 1e-9
 
 @dataclass(frozen=True)
 class StepFigures:
-    """One step in the unit that its campaign is told in.
+    """One step in the unit of its campaign.
 
     Attributes
     ----------

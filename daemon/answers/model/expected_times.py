@@ -1,4 +1,4 @@
-"""How long the stages of an analysis are expected to take, by the size of its campaigns.
+"""Expected times of an analysis, stage by stage, by the size of its campaigns.
 
 Seconds on a processor of 2.5 GHz for a model of 150 parameters (docs/performance.md); only their
 ratios matter once the first stage is over (`abbe.daemon.progress.TimeLeft`).

@@ -42,6 +42,7 @@ def as_json(result: FitResult, noise: NoiseFloor) -> dict[str, Any]:
             "tool_mm": None if result.frame.tool is None else list(result.frame.tool),
         },
         "nuisances": result.eliminator.rank,
+        "gauges": dict(result.gauges),
         "rotation": {
             "unit": "urad",
             "rms": finite(result.rms(Kind.ROTATION), 1e6),

@@ -16,9 +16,9 @@ from abbe.compcore.effects import RotaryLocation
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.errors import FitError
 from abbe.compcore.files.campaign_file import require_signals
-from abbe.compcore.files.campaign_record import campaign_records, noise_by_file
-from abbe.compcore.files.fit_record import recorded
 from abbe.compcore.files.model_file import save_model, summary
+from abbe.compcore.files.model_toml.campaign_record import campaign_records, noise_by_file
+from abbe.compcore.files.model_toml.fit_record import recorded
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.model.as_built import average_line_words, reversed_parameters
 from abbe.compcore.model.model import Model

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from abbe.daemon.arguments.options import AsJson, ConfigFile
 
 
 def register(app: typer.Typer) -> None:
@@ -15,12 +16,12 @@ def register(app: typer.Typer) -> None:
 
 
 def datum(
-    config: Annotated[Path, typer.Argument(help="Configuration file.", metavar="CONFIG.toml")],
+    config: ConfigFile,
     assignment: Annotated[
         str | None,
         typer.Argument(help="Where it stands, mm (rotary: degrees).", metavar="AXIS=POSITION"),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Say where an axis stands that is at its reference; without one, show all.
 

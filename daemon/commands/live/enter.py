@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from abbe.daemon.arguments.options import AsJson, ConfigFile
 
 
 def register(app: typer.Typer) -> None:
@@ -15,7 +16,7 @@ def register(app: typer.Typer) -> None:
 
 
 def enter(
-    config: Annotated[Path, typer.Argument(help="Configuration file.", metavar="CONFIG.toml")],
+    config: ConfigFile,
     assignment: Annotated[
         str | None, typer.Argument(help="What was read.", metavar="SIGNAL=VALUE")
     ] = None,
@@ -23,7 +24,7 @@ def enter(
         float | None,
         typer.Option("--for", help="s for which it counts; default as configured.", metavar="S"),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Type in a value that a person has read; without one, show all.
 

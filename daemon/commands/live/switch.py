@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from abbe.daemon.arguments.options import AsJson, ConfigFile
 
 
 def register(app: typer.Typer) -> None:
@@ -15,7 +16,7 @@ def register(app: typer.Typer) -> None:
 
 
 def switch(
-    config: Annotated[Path, typer.Argument(help="Configuration file.", metavar="CONFIG.toml")],
+    config: ConfigFile,
     effect: Annotated[
         str | None, typer.Argument(help="The effect, as `abbe history` names it.")
     ] = None,
@@ -23,7 +24,7 @@ def switch(
     table: Annotated[
         str, typer.Option(help="One table of an effect that has several.", metavar="NAME")
     ] = "",
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Switch one compensation of the correction that runs; without an effect, show all.
 
@@ -43,6 +44,9 @@ def switch(
         return
     if effect is not None:
         typer.echo(answer["said"] or "nothing to change")
-        return
-    for name, state in answer["switches"].items():
-        typer.echo(f"{state:<6} {name}")
+    else:
+        for name, state in answer["switches"].items():
+            there = answer["in_file"].get(name)
+            typer.echo(f"{state:<6} {name}" + (f"  (model file: {there})" if there else ""))
+    if answer["until"]:
+        typer.echo(answer["until"])

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from abbe.daemon.arguments.bounded import within
-from abbe.daemon.commands.maps.import_map import SQUARENESS_HELP
+from abbe.daemon.arguments.options import AsJson, Squareness
 
 
 def register(app: typer.Typer) -> None:
@@ -35,7 +35,7 @@ def identify_convention(
     any_order: Annotated[
         bool, typer.Option("--any-order", help="Try every order of the axes.")
     ] = False,
-    squareness: Annotated[list[str] | None, typer.Option(help=SQUARENESS_HELP)] = None,
+    squareness: Squareness = None,
     tolerance: Annotated[
         float | None,
         typer.Option(
@@ -43,7 +43,7 @@ def identify_convention(
             help="RMS in µm up to which points count as reproduced.",
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Which signs, rotation point, chain order and form of squareness a controller uses.
 
@@ -81,13 +81,16 @@ def identify_convention(
         subject = MapSubject(compensation, beside)
     switched = read_switched(points, subject.machine(code))
     with shown("trying conventions"):
-        found = identify(
-            subject,
-            switched,
-            code,
-            any_order=any_order,
-            tolerance=None if tolerance is None else tolerance * 1e-3,
-        )
+        try:
+            found = identify(
+                subject,
+                switched,
+                code,
+                any_order=any_order,
+                tolerance=None if tolerance is None else tolerance * 1e-3,
+            )
+        except InputError as error:
+            raise error.at(file=source) from None
     is_map = isinstance(subject, MapSubject)
     command = answer.import_command(found, str(source) if is_map else None, squareness or [])
     if as_json:

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.options import Force, MachineName, NewModel
+from abbe.daemon.arguments.table_options import ControllerName, Settings
 
 
 def register(app: typer.Typer) -> None:
@@ -20,11 +21,8 @@ def import_grid(
         list[Path],
         typer.Argument(help="The files, or one folder with nothing else.", metavar="FILE..."),
     ],
-    controller: Annotated[
-        str,
-        typer.Option(help="Their dialect; `abbe controllers` lists them.", metavar="NAME"),
-    ],
-    out: Annotated[Path, typer.Option("-o", "--out", help="The model.", metavar="MODEL.toml")],
+    controller: ControllerName,
+    out: NewModel,
     onto: Annotated[
         Path | None,
         typer.Option(help="A model to which the errors are added.", metavar="MODEL.toml"),
@@ -39,14 +37,11 @@ def import_grid(
             metavar="AXIS=LOW,HIGH",
         ),
     ] = None,
-    name: Annotated[str, typer.Option(help="The machine's name.")] = "",
+    name: MachineName = "",
     tool: Annotated[
         str, typer.Option(help="Tool with which a grid was measured, mm.", metavar="X,Y,Z")
     ] = "0,0,0",
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="Option of the dialect.", metavar="KEY=VALUE"),
-    ] = None,
+    settings: Settings = None,
     force: Force = False,
 ) -> None:
     """Take errors that others measured into a model as they are, as one effect `error_grid`.
@@ -55,7 +50,7 @@ def import_grid(
     -o model.toml
     """
     from abbe.compcore.files.model_file import save_model
-    from abbe.daemon.answers.maps.import_grid import GridOrder, imported
+    from abbe.daemon.answers.maps.import_grid import GridRequest, imported
     from abbe.daemon.arguments import table_arguments as arguments
     from abbe.daemon.arguments.assignments import tool_offset
     from abbe.daemon.outputs import MODEL, check_outputs
@@ -65,7 +60,7 @@ def import_grid(
     if onto is not None and (travel or name):
         raise typer.BadParameter("--travel and --name go with --structure; --onto has its own")
     say = check_outputs([*files, onto], [(out, MODEL)], force=force)
-    order = GridOrder(
+    request = GridRequest(
         files,
         controller,
         arguments.options(settings or []),
@@ -76,7 +71,7 @@ def import_grid(
         travel or [],
         name,
     )
-    model, reported = imported(order)
+    model, reported = imported(request)
     save_model(model, out)
     for line in reported:
         say(line)

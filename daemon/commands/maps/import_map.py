@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.options import Force, MachineName, NewModel, Squareness
 
 SIGN_HELP = (
     "A sign opposite to Abbe's: R=-1 all rotations, L=-1 all linear errors, Ry=-1 one column of "
@@ -20,7 +20,6 @@ POINT_HELP = (
 OWN_TRAVEL_HELP = (
     "Whether an axis's own travel is in its lever: structure (workpiece side only), never, always."
 )
-SQUARENESS_HELP = "Squareness beside the map: YX=0.05mm/m, 50urad, 10arcsec. May be repeated."
 SQUARENESS_AS_HELP = (
     "How the controller applies what --squareness states: angle (a constant of an angular column; "
     "the default) or gradient (a slope of a straightness column). The map stays as it is."
@@ -41,12 +40,12 @@ def import_map(
     structure: Annotated[
         str, typer.Option(help='Structure code, workpiece to tool: "w b Y X Z t".')
     ],
-    out: Annotated[Path, typer.Option("-o", "--out", help="The model.", metavar="MODEL.toml")],
-    name: Annotated[str, typer.Option(help="The machine's name.")] = "",
+    out: NewModel,
+    name: MachineName = "",
     sign: Annotated[list[str] | None, typer.Option(help=SIGN_HELP)] = None,
     rotation_point: Annotated[str, typer.Option(help=POINT_HELP)] = "zero",
     own_travel: Annotated[str, typer.Option(help=OWN_TRAVEL_HELP)] = "structure",
-    squareness: Annotated[list[str] | None, typer.Option(help=SQUARENESS_HELP)] = None,
+    squareness: Squareness = None,
     squareness_as: Annotated[str | None, typer.Option(help=SQUARENESS_AS_HELP)] = None,
     map_squareness: Annotated[str, typer.Option(help=MAP_SQUARENESS_HELP)] = "as-written",
     force: Force = False,

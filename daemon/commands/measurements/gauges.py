@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.options import AsJson, ErrorUnit, Force, Reduced, Report
 
 
 def register(app: typer.Typer) -> None:
@@ -27,17 +27,10 @@ def gauges(
     tool: Annotated[
         str, typer.Option(help="Probe offset x,y,z in mm, where the file has none.")
     ] = "0,0,0",
-    reduced: Annotated[
-        bool | None,
-        typer.Option(
-            "--reduced/--not-reduced", help="Measured lengths are reduced to 20 °C, or not."
-        ),
-    ] = None,
-    unit: Annotated[str | None, typer.Option(help="Unit of columns of errors.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
-    report: Annotated[
-        Path | None, typer.Option(help="A page with pictures.", metavar="HTML")
-    ] = None,
+    reduced: Reduced = None,
+    unit: ErrorUnit = None,
+    as_json: AsJson = False,
+    report: Report = None,
     force: Force = False,
 ) -> None:
     """Hold measured gauge blocks, step gauges, ball and hole plates against their calibration.

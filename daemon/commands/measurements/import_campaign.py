@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from abbe.daemon.arguments.bounded import within
-from abbe.daemon.arguments.force import Force
 from abbe.daemon.arguments.foreign_layout import ForeignLayout
+from abbe.daemon.arguments.options import Force
 
 if TYPE_CHECKING:
     from abbe.compcore.campaign.campaign import Campaign
@@ -96,7 +96,11 @@ def import_campaign(
     force: Force = False,
 ) -> None:
     """Import runs, a Renishaw rtl, a ball bar test, a map, lengths, plates, or a rotary test."""
-    from abbe.compcore.campaign.suspicions import of_values, without_zeros
+    from abbe.compcore.campaign.suspicions import (
+        of_unknown_thermometers,
+        of_values,
+        without_zeros,
+    )
     from abbe.compcore.files.campaign_file import write_campaign
     from abbe.compcore.files.model_file import load_model
     from abbe.daemon.answers.measurements.foreign_file import ForeignOptions, read_foreign
@@ -123,7 +127,8 @@ def import_campaign(
     )
     campaign = read_foreign(layout, file, placing, machine, options)
     write_campaign(campaign, output)
-    for suspicion in of_values(campaign, without_zeros(campaign)):
+    suspected = of_values(campaign, without_zeros(campaign))
+    for suspicion in (*suspected, *of_unknown_thermometers(campaign)):
         say(f"SUSPICIOUS: {suspicion}")
     for note in str(campaign.metadata[0]["notes"]).split("; "):
         say(note)

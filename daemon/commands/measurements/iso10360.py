@@ -10,7 +10,7 @@ import typer
 
 from abbe.compcore.artefacts.decision_rule import DecisionRule
 from abbe.daemon.arguments.bounded import within
-from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.options import AsJson, ErrorUnit, Force, Reduced, Report
 
 
 def register(app: typer.Typer) -> None:
@@ -48,17 +48,10 @@ def iso10360(
             callback=within(1.0, 4.0, ""), help="Factor k of the uncertainty; ISO 14253-1: 1.65."
         ),
     ] = 2.0,
-    reduced: Annotated[
-        bool | None,
-        typer.Option(
-            "--reduced/--not-reduced", help="Measured lengths are reduced to 20 °C, or not."
-        ),
-    ] = None,
-    unit: Annotated[str | None, typer.Option(help="Unit of columns of errors.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
-    report: Annotated[
-        Path | None, typer.Option(help="A page with pictures.", metavar="HTML")
-    ] = None,
+    reduced: Reduced = None,
+    unit: ErrorUnit = None,
+    as_json: AsJson = False,
+    report: Report = None,
     force: Force = False,
 ) -> None:
     """Evaluate measured calibrated lengths by ISO 10360-2 against stated limits.

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from abbe.daemon.arguments.bounded import within
-from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.options import AsJson, Force, Report
 
 
 def register(app: typer.Typer) -> None:
@@ -52,10 +52,8 @@ def iso10791(
         Path | None,
         typer.Option("--output", "-o", help="The readings as a campaign.", metavar="OUT.csv"),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
-    report: Annotated[
-        Path | None, typer.Option(help="A page with pictures.", metavar="HTML")
-    ] = None,
+    as_json: AsJson = False,
+    report: Report = None,
     force: Force = False,
 ) -> None:
     """Evaluate an R-test or ball bar on rotary axes: where their lines lie, how they err.
@@ -63,20 +61,15 @@ def iso10791(
     An example: abbe iso10791 machine.toml rtest.csv --nest spindle --report page.html
     """
     from abbe.compcore.files.campaign_file import write_campaign
-    from abbe.compcore.files.importers.placing import ForeignPlacing
     from abbe.compcore.files.importers.rtest import RotaryTestOptions
     from abbe.compcore.files.model_file import load_model
     from abbe.daemon.answers.measurements import iso10791 as answer
-    from abbe.daemon.arguments.assignments import tool_offset
+    from abbe.daemon.arguments.foreign_placing import foreign_placing
     from abbe.daemon.outputs import CAMPAIGN, REPORT, check_outputs
 
-    if sign not in (1, -1):
-        raise typer.BadParameter("1 or -1", param_hint="--sign")
+    placing = foreign_placing("", tool, "", sd, (), sign, rotation=False)
     say = check_outputs(
         [model, *files], [(report, REPORT), (output, CAMPAIGN)], force=force, as_json=as_json
-    )
-    placing = ForeignPlacing(
-        tool=tool_offset("tool", tool), sd=None if sd is None else sd * 1e-3, sign=sign
     )
     options = RotaryTestOptions(nest, directions, axis, unit, placed)
     loaded = load_model(model)

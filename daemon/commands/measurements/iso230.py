@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.options import AsJson, Force, Report
 
 
 def register(app: typer.Typer) -> None:
@@ -22,10 +22,8 @@ def iso230(
         Path | None,
         typer.Option(help="Model file, where the columns alone do not tell the machine's axes."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
-    report: Annotated[
-        Path | None, typer.Option(help="Write a page with tables and pictures.", metavar="HTML")
-    ] = None,
+    as_json: AsJson = False,
+    report: Report = None,
     force: Force = False,
 ) -> None:
     """Evaluate positioning runs, circles and diagonals by ISO 230-2, ISO 230-4 and ISO 230-6."""

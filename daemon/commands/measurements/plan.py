@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from abbe.daemon.arguments.bounded import within
-from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.options import AsJson, Force
 
 
 def register(app: typer.Typer) -> None:
@@ -34,9 +34,9 @@ def plan(
             callback=within(0.41, 0.999, ""), help="Part of its amplitude that tables shall hold."
         ),
     ] = 0.8,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    as_json: AsJson = False,
     report: Annotated[
-        Path | None, typer.Option(help="A page to take along.", metavar="HTML")
+        Path | None, typer.Option(help="A page to take along.", metavar="FILE.html")
     ] = None,
     force: Force = False,
 ) -> None:

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.options import (
+    ActiveModel,
+    AsJson,
+    CampaignFiles,
+    Force,
+    ModelFile,
+    Report,
+)
 
 
 def register(app: typer.Typer) -> None:
@@ -18,16 +23,11 @@ def register(app: typer.Typer) -> None:
 
 
 def compare(
-    model: Annotated[Path, typer.Argument(help="Model file.", metavar="MODEL.toml")],
-    campaigns: Annotated[list[Path], typer.Argument(help="Campaigns.", metavar="CAMPAIGN.csv")],
-    active: Annotated[
-        Path | None,
-        typer.Option(help="Compensation that was active while measuring.", metavar="MODEL.toml"),
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
-    report: Annotated[
-        Path | None, typer.Option(help="A page with pictures.", metavar="FILE.html")
-    ] = None,
+    model: ModelFile,
+    campaigns: CampaignFiles,
+    active: ActiveModel = None,
+    as_json: AsJson = False,
+    report: Report = None,
     force: Force = False,
 ) -> None:
     """Lay a model beside campaigns: how large is what it does not explain, and where."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from abbe.daemon.arguments.force import Force
 from abbe.daemon.arguments.lists import ListOptions
+from abbe.daemon.arguments.options import AsJson, CampaignFiles, Force, HoldoutFiles, ModelFile
 
 
 def register(app: typer.Typer) -> None:
@@ -18,9 +19,9 @@ def register(app: typer.Typer) -> None:
 
 
 def diagnose(
-    model: Annotated[Path, typer.Argument(help="Model file.", metavar="MODEL.toml")],
-    campaigns: Annotated[list[Path], typer.Argument(help="Campaigns.", metavar="CAMPAIGN.csv")],
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    model: ModelFile,
+    campaigns: CampaignFiles,
+    as_json: AsJson = False,
     report: Annotated[
         Path | None,
         typer.Option("--report", help="A page that tells the story.", metavar="FILE.html"),
@@ -33,10 +34,7 @@ def diagnose(
         Path | None,
         typer.Option("-o", "--out", help="The model that --apply leads to.", metavar="NEXT.toml"),
     ] = None,
-    holdout: Annotated[
-        list[Path] | None,
-        typer.Option("--holdout", help="Campaigns that are not fitted, to see the error fall."),
-    ] = None,
+    holdout: HoldoutFiles = None,
     measure_next: Annotated[
         bool,
         typer.Option(
@@ -61,7 +59,7 @@ def diagnose(
     from abbe.daemon.answers.model import diagnose as diagnosed
     from abbe.daemon.answers.model import expected_times as expected
     from abbe.daemon.answers.model.held_out import read_held_out
-    from abbe.daemon.answers.typed import Adding
+    from abbe.daemon.answers.typed import Adding, diagnosing, next_version
     from abbe.daemon.outputs import MODEL, REPORT, check_outputs
     from abbe.daemon.progress import shown
 
@@ -69,7 +67,8 @@ def diagnose(
         raise InputError(
             "--apply writes a model, and -o says where",
             field="--apply" if out is not None else "-o",
-            expected="abbe diagnose MODEL.toml CAMPAIGN.csv --apply -o NEXT.toml",
+            expected=f"{diagnosing(model, campaigns)} --apply -o "
+            + shlex.quote(str(out or next_version(model))),
         )
     if holdout and not apply:
         raise InputError("--holdout belongs to --apply", field="--holdout")

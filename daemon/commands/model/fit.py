@@ -8,7 +8,14 @@ from typing import Annotated
 
 import typer
 
-from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.options import (
+    ActiveModel,
+    AsJson,
+    CampaignFiles,
+    Force,
+    ModelFile,
+    Report,
+)
 
 
 def register(app: typer.Typer) -> None:
@@ -17,8 +24,8 @@ def register(app: typer.Typer) -> None:
 
 
 def fit(
-    model: Annotated[Path, typer.Argument(help="Model file.", metavar="MODEL.toml")],
-    campaigns: Annotated[list[Path], typer.Argument(help="Campaigns.", metavar="CAMPAIGN.csv")],
+    model: ModelFile,
+    campaigns: CampaignFiles,
     out: Annotated[Path, typer.Option("-o", "--out", help="The fitted model.")],
     robust: Annotated[
         bool, typer.Option("--robust", help="Set outliers aside; they are listed.")
@@ -33,20 +40,15 @@ def fit(
             help="Tool offset (mm) for which the frame holds: x,y,z; the campaign's if not given."
         ),
     ] = None,
-    active: Annotated[
-        Path | None,
-        typer.Option(help="Compensation that was active while measuring.", metavar="MODEL.toml"),
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
-    report: Annotated[
-        Path | None, typer.Option(help="A page with pictures.", metavar="FILE.html")
-    ] = None,
+    active: ActiveModel = None,
+    as_json: AsJson = False,
+    report: Report = None,
     force: Force = False,
 ) -> None:
     """Fit all parameters of a model to campaigns and write the fitted model."""
     from abbe.compcore.errors import FitError
-    from abbe.compcore.files.fit_record import recorded
     from abbe.compcore.files.model_file import save_model
+    from abbe.compcore.files.model_toml.fit_record import recorded
     from abbe.compcore.fitting.fit import fit as fit_model
     from abbe.compcore.fitting.frame import ReferenceFrame
     from abbe.daemon.answers.inputs import abbe_version, load, now

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
-from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.options import AsJson, Force, ModelFile, Report
 
 
 def register(app: typer.Typer) -> None:
@@ -17,11 +16,9 @@ def register(app: typer.Typer) -> None:
 
 
 def history(
-    model: Annotated[Path, typer.Argument(help="Model file.", metavar="MODEL.toml")],
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
-    report: Annotated[
-        Path | None, typer.Option(help="A page with a picture.", metavar="FILE.html")
-    ] = None,
+    model: ModelFile,
+    as_json: AsJson = False,
+    report: Report = None,
     force: Force = False,
 ) -> None:
     """Show the error falling version by version, down to the noise floor, and the effects now."""

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.options import AsJson, Force, MachineName, NewModel
 
 if TYPE_CHECKING:
     from abbe.compcore.machine.machine import Machine
@@ -22,7 +21,7 @@ def register(app: typer.Typer) -> None:
 
 
 def new(
-    out: Annotated[Path, typer.Option("-o", "--out", help="The model.", metavar="MODEL.toml")],
+    out: NewModel,
     structure: Annotated[
         str | None,
         typer.Option(
@@ -31,7 +30,7 @@ def new(
             "Left out: everything is asked."
         ),
     ] = None,
-    name: Annotated[str, typer.Option(help="The machine's name.")] = "",
+    name: MachineName = "",
     travel: Annotated[
         list[str] | None,
         typer.Option(help="X=0,700 in mm, rotary axes degrees; one for each axis."),
@@ -65,12 +64,12 @@ def new(
         str | None,
         typer.Option(help="Of linear axes' errors: spline:N, polynomial:N; default by travel."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    as_json: AsJson = False,
     force: Force = False,
 ) -> None:
     """Make a model to begin with: structure, travels, sensors; then measure and fit."""
     from abbe.compcore.errors import InputError
-    from abbe.compcore.files.commented_model import save_commented
+    from abbe.compcore.files.model_toml.commented import save_commented
     from abbe.compcore.model.revise import add_effect
     from abbe.compcore.model.start_model import StartOptions, start_model
     from abbe.daemon.answers.model import new as answer

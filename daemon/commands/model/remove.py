@@ -8,8 +8,15 @@ from typing import Annotated
 
 import typer
 
-from abbe.daemon.arguments.force import Force
 from abbe.daemon.arguments.lists import ListOptions
+from abbe.daemon.arguments.options import (
+    AsJson,
+    Force,
+    HoldoutFiles,
+    ModelFile,
+    NextModel,
+    VersionsReport,
+)
 
 
 def register(app: typer.Typer) -> None:
@@ -18,66 +25,41 @@ def register(app: typer.Typer) -> None:
 
 
 def remove(
-    model: Annotated[Path, typer.Argument(help="Model file.", metavar="MODEL.toml")],
+    model: ModelFile,
     effect: Annotated[list[str], typer.Argument(help="The effect, as 'abbe history' names it.")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="The next version of the model.")],
+    out: NextModel,
     campaign: Annotated[
         list[Path] | None, typer.Option("--campaign", help="Campaigns to refit what is left.")
     ] = None,
-    holdout: Annotated[
-        list[Path] | None, typer.Option("--holdout", help="Campaigns that are not fitted.")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
-    report: Annotated[
-        Path | None,
-        typer.Option(help="A page with the error, version by version.", metavar="FILE.html"),
-    ] = None,
+    holdout: HoldoutFiles = None,
+    as_json: AsJson = False,
+    report: VersionsReport = None,
     force: Force = False,
 ) -> None:
     """Take an effect out of a model; the others keep their values unless campaigns are given."""
     from abbe.compcore.files.model_file import load_model, save_model
     from abbe.compcore.model.revise import without_effect
-    from abbe.daemon.answers.inputs import load
-    from abbe.daemon.answers.model import expected_times as expected
-    from abbe.daemon.answers.model import revise as answer
+    from abbe.daemon.answers.model.revise import unfitted
     from abbe.daemon.answers.typed import fitting
-    from abbe.daemon.outputs import MODEL, REPORT, check_outputs
-    from abbe.daemon.progress import shown
-    from abbe.daemon.report.model.history import page_of
+    from abbe.daemon.commands.model.next_version import NextVersion
 
     name = " ".join(effect)
-    say = check_outputs(
-        [model, *(campaign or []), *(holdout or [])],
-        [(out, MODEL), (report, REPORT)],
-        force=force,
-        as_json=as_json,
-    )
-    if not campaign:
-        loaded = load_model(model)
-        less, removed = without_effect(loaded, name)
-        kept = answer.unfitted(loaded, less, removed=removed.spec)
-        save_model(kept, out)
-        if report is not None:
-            page_of(kept, out).write(report)
-        if as_json:
-            say(json.dumps({"removed": removed.spec, "refitted": False}))
-        else:
-            say(f"removed: {removed.spec}; the other effects keep their values")
-            say(f"refit them, or give --campaign: {fitting(out)}")
-            say(f"written: {out}" + (f", {report}" if report else ""))
+    version = NextVersion(model, campaign or [], holdout or [], out, report)
+    say = version.checked(force=force, as_json=as_json)
+    if campaign:
+        revision, removed = version.refitted(lambda m: without_effect(m, name), adds=False)
+        if not as_json:
+            say(f"removed: {removed.spec}")
+        version.answer(say, revision, None, as_json=as_json)
         return
-    with shown("reading", expected.adding(campaign)) as tell:
-        loaded, measured = load(model, campaign)
-        less, removed = without_effect(loaded, name)
-        revision = answer.revise(
-            loaded, less, measured, holdout or [], out, removed=removed.spec, progress=tell
-        )
-    if report is not None:
-        page_of(revision.model, out).write(report)
+    loaded = load_model(model)
+    less, removed = without_effect(loaded, name)
+    kept = unfitted(loaded, less, removed=removed.spec)
+    save_model(kept, out)
+    version.write_page(kept)
     if as_json:
-        say(json.dumps(answer.as_json(revision, None), ensure_ascii=False))
+        say(json.dumps({"removed": removed.spec, "refitted": False}))
         return
-    say(f"removed: {removed.spec}")
-    for line in answer.as_text(revision, None):
-        say(line)
-    say(f"written: {out}" + (f", {report}" if report else ""))
+    say(f"removed: {removed.spec}; the other effects keep their values")
+    say(f"refit them, or give --campaign: {fitting(out)}")
+    say(version.written)

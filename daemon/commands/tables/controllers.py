@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from abbe.daemon.arguments.options import AsJson
+
 if TYPE_CHECKING:
     from abbe.drivers.controllers import Controller
 
@@ -18,7 +20,7 @@ def register(app: typer.Typer) -> None:
 
 def controllers(
     name: Annotated[str | None, typer.Argument(help="One of them, in full.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """List the controllers whose tables Abbe writes and reads, or tell one in full."""
     from abbe.drivers.controllers import controller_class, controller_kinds

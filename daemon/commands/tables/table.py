@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from abbe.daemon.arguments.bounded import within
-from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.options import AsJson, Force, ModelFile, Report
 from abbe.daemon.arguments.table_options import (
     ControllerName,
     Folder,
@@ -27,7 +27,7 @@ def register(app: typer.Typer) -> None:
 
 
 def table(
-    model: Annotated[Path, typer.Argument(help="Model file.", metavar="MODEL.toml")],
+    model: ModelFile,
     controller: ControllerName,
     out: Folder,
     at: Annotated[
@@ -63,10 +63,8 @@ def table(
     settings: Settings = None,
     by: MadeBy = "",
     note: Annotated[str, typer.Option(help="A remark for the record.")] = "",
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
-    report: Annotated[
-        Path | None, typer.Option(help="A page with pictures.", metavar="FILE.html")
-    ] = None,
+    as_json: AsJson = False,
+    report: Report = None,
     force: Force = False,
 ) -> None:
     """Make compensation tables for a controller: those that leave least of the error.
@@ -77,8 +75,8 @@ def table(
     from abbe.compcore.tables.field import table_state
     from abbe.compcore.tables.volume import Volume
     from abbe.daemon.answers.model.expected_times import making_tables
-    from abbe.daemon.answers.table import TableRequest, as_text, make
-    from abbe.daemon.answers.table import as_json as reported
+    from abbe.daemon.answers.tables import words as answer
+    from abbe.daemon.answers.tables.make import TableRequest, make
     from abbe.daemon.arguments import table_arguments as arguments
     from abbe.daemon.arguments.assignments import tool_offset
     from abbe.daemon.outputs import REPORT, check_folder
@@ -91,7 +89,7 @@ def table(
     say = checked({})
     loaded = load_model(model)
     made_for = make_controller(controller, loaded.machine, arguments.options(settings or []))
-    order = TableRequest(
+    request = TableRequest(
         model,
         made_for,
         arguments.options(settings or []),
@@ -108,7 +106,7 @@ def table(
     )
     expected = making_tables(len(loaded.machine.structure.axes))
     with shown("making tables", expected) as tell:
-        done = make(order, loaded)
+        done = make(request, loaded)
         checked(done.made.files)
         written = done.made.write(out)
         if report is not None:
@@ -117,9 +115,9 @@ def table(
             tell("drawing")
             table_page(done).write(report)
     if as_json:
-        say(json.dumps(reported(done, written), ensure_ascii=False))
+        say(json.dumps(answer.as_json(done, written), ensure_ascii=False))
         return
-    for line in as_text(done, written):
+    for line in answer.as_text(done, written):
         say(line)
     if report is not None:
         say(f"written: {report}")

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
-import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from abbe.daemon.answers.typed import uploading
 from abbe.daemon.arguments.bounded import within
+from abbe.daemon.arguments.options import AsJson
 
 if TYPE_CHECKING:
     from abbe.daemon.config import Configuration
@@ -57,7 +58,7 @@ def upload(
     ] = None,
     by: Annotated[str, typer.Option(help="Who uploads, for the journal.")] = "",
     note: Annotated[str, typer.Option(help="A remark for the journal.")] = "",
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Write tables to a controller: check, back up, stage, read back, activate, check the effect.
 
@@ -95,7 +96,7 @@ def _change(
     import asyncio
 
     from abbe.compcore.errors import AbbeError
-    from abbe.daemon.answers.table import trust_lines
+    from abbe.daemon.answers.tables.words import trust_lines
     from abbe.daemon.upload.operator import TerminalOperator, can_ask
     from abbe.daemon.upload.session import roll_back, setup_of, upload
 
@@ -116,7 +117,7 @@ def _change(
         )
         result = asyncio.run(doing)
     if as_json:
-        typer.echo(json.dumps(_as_json(result, request), ensure_ascii=False))
+        typer.echo(_json(_as_json(result, request), configuration))
     else:
         for line in _lines(result, request):
             typer.echo(_named(line, configuration))
@@ -126,7 +127,13 @@ def _change(
 
 def _named(line: str, configuration: Configuration) -> str:
     """A line whose command can be typed as it stands."""
-    return line.replace("CONFIG.toml", shlex.quote(str(configuration.path)))
+    return line.replace("abbe upload CONFIG.toml", uploading(configuration.path))
+
+
+def _json(reported: Any, configuration: Configuration) -> str:
+    """One line of JSON, its texts with whole commands too."""
+    named = json.dumps(uploading(configuration.path), ensure_ascii=False)[1:-1]
+    return json.dumps(reported, ensure_ascii=False).replace("abbe upload CONFIG.toml", named)
 
 
 def _naming(port: OperatorPort, configuration: Configuration) -> OperatorPort:
@@ -170,7 +177,7 @@ def _recover(configuration: Configuration, request: UploadRequest, as_json: bool
         )
     if as_json:
         reported = {"recovered": None if outcome is None else outcome.as_json()}
-        typer.echo(json.dumps(reported, ensure_ascii=False))
+        typer.echo(_json(reported, configuration))
     elif outcome is None:
         typer.echo("no upload was cut off: nothing to recover")
     else:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from abbe.daemon.arguments.bounded import within
-from abbe.daemon.arguments.force import Force
+from abbe.daemon.arguments.options import Force
 from abbe.daemon.arguments.table_options import (
     ControllerName,
     Folder,
@@ -64,7 +64,7 @@ def watch_tables(
     from abbe.daemon.arguments import table_arguments as arguments
     from abbe.daemon.config import load_config
     from abbe.daemon.outputs import check_folder
-    from abbe.daemon.table_watch import WatchTask, watch
+    from abbe.daemon.table_watch.watch import WatchTask, watch
 
     check_folder(out, [config], [], {}, force=force, as_json=as_json)
     configuration = load_config(config)

@@ -188,7 +188,9 @@ def _step(
 
 def _read_back(configuration: Configuration, links: Mapping[str, Link]) -> Iterator[Channel]:
     output = configuration.file.output
-    for channel in (output.status, *(section.target for section in output.axes.values())):
+    axes = (section.target for section in output.axes.values())
+    echo = (section.target for section in output.echo)
+    for channel in (output.status, *axes, *echo, output.heartbeat):
         if channel is not None:
             link, name = split(channel)
             info = links[link].info(name)

@@ -10,11 +10,10 @@ from datetime import datetime, timedelta
 from abbe.compcore.errors import AbbeError
 from abbe.compcore.machine.conditions import unit_of
 from abbe.daemon.pipeline.reading.poll import Channel
-from abbe.daemon.pipeline.writing.write_back import AxisTarget, Held, WriteBack
+from abbe.daemon.pipeline.writing.write_back import OPEN, AxisTarget, Held, WriteBack
 from abbe.daemon.status_word import STOPPED, describe
-from abbe.drivers.link import Link, LinkError, LinkState
+from abbe.drivers.link import Link, LinkError
 
-_OPEN = (LinkState.UP, LinkState.DEGRADED)
 _AGAIN = 0.05
 """s between two attempts."""
 
@@ -67,6 +66,9 @@ class Ending:
             self.problem = self._not_ramped()
             return
         link, channel = self._status
+        if link in self._write_back.others:
+            self.problem = ""  # the word is somebody else's by now
+            return
         until = time.monotonic() + within
         while True:
             self.problem = await self._try(self._links[link], channel, until)
@@ -87,7 +89,7 @@ class Ending:
         return ""
 
     async def _try(self, link: Link, channel: str, until: float) -> str:
-        if link.status.state not in _OPEN:
+        if link.status.state not in OPEN:
             return f"link {link.name} is {link.status.state.value}"
         writing = asyncio.ensure_future(link.write(self._message(link, channel), until=until))
         done, _ = await asyncio.wait({writing}, timeout=max(0.0, until - time.monotonic()))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
+import secrets
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,7 +17,8 @@ from abbe.drivers.transducers import SensorFaultError, Transducer
 
 logger = logging.getLogger("abbe.pipeline")
 
-_OPEN = (LinkState.UP, LinkState.DEGRADED)
+OPEN = (LinkState.UP, LinkState.DEGRADED)
+"""States of a link in which something can be written."""
 _HEARTBEATS = 1 << 16
 """Where the heartbeat begins again at 0, unless its channel holds less."""
 
@@ -97,6 +99,13 @@ class WriteBack:
         Where the status word and the heartbeat go, None: nowhere.
     beats
         Where the heartbeat begins again at 0.
+
+    Attributes
+    ----------
+    shut
+        Links over which nothing is written for now, because somebody else may.
+    others
+        Those of them over which somebody else certainly does.
     """
 
     def __init__(
@@ -120,8 +129,12 @@ class WriteBack:
         written = [status, *self._channels, *(c for _, c in echo), heartbeat]
         self._order = tuple(dict.fromkeys(c[0] for c in written if c is not None))
         self._together = _together(links, self._channels)
-        self._beats, self._wrap = 0, beats
+        # two computers that begin alike must not beat alike
+        self._beats, self._wrap = secrets.randbelow(beats), beats
+        self.shut: set[str] = set()
+        self.others: set[str] = set()
         self._broken: set[str] = set()
+        self._took: dict[str, float] = {}
         self._last: dict[str, tuple[Mapping[str, float], float]] = {}
         self._earlier: dict[Channel, Held] = {}
 
@@ -132,6 +145,10 @@ class WriteBack:
         for link, (values, at) in self._last.items():
             found.update({(link, name): Held(value, at, True) for name, value in values.items()})
         return found
+
+    def took(self, link: str) -> float:
+        """When all that was sent over a link was last taken, monotonic, s; -inf: never."""
+        return self._took.get(link, -math.inf)
 
     async def __call__(
         self, corrected: Sequence[float], batch: Batch, status: int, until: float = math.inf
@@ -169,7 +186,8 @@ class WriteBack:
         for link, failure in zip(self._order, failures, strict=True):
             if failure is None:
                 continue
-            said.append(str(failure))
+            if why := str(failure):
+                said.append(why)
             for i, (target_link, name) in enumerate(self._channels):
                 if target_link != link or missing >> i & 1 or name in failure.written:
                     continue
@@ -226,9 +244,11 @@ class WriteBack:
         if not channels:
             return None
         link = self._links[name]
-        if link.status.state not in _OPEN:
+        if link.status.state not in OPEN:
             down = LinkError(f"link {name} is {link.status.state.value}")
             return down.leaving(untouched=channels)
+        if name in self.shut:
+            return LinkError("").leaving(untouched=channels)  # why, says who shut it
         try:
             await link.write(channels, until=until)
         except LinkError as error:
@@ -246,7 +266,8 @@ class WriteBack:
         before = self._last.get(name)
         if before is not None and before[0].keys() != channels.keys():
             self._put_aside(name)
-        self._last[name] = channels, time.monotonic()
+        self._took[name] = now = time.monotonic()
+        self._last[name] = channels, now
         return None
 
     def _put_aside(self, link: str) -> None:

@@ -16,6 +16,7 @@ from abbe.compcore.diagnosis.explain import (
     explanation,
     formula,
     headline,
+    moved,
     parameter,
 )
 from abbe.compcore.diagnosis.findings import Established
@@ -23,7 +24,13 @@ from abbe.compcore.diagnosis.measure_next import Advice
 from abbe.compcore.diagnosis.pictures import CANDIDATES, IN_VOLUME, OVER_TIME
 from abbe.compcore.diagnosis.shop_words import in_the_shop
 from abbe.compcore.diagnosis.verdict import Diagnosis
-from abbe.compcore.diagnosis.words import advice_text, noise_of, thinned_words
+from abbe.compcore.diagnosis.words import (
+    NO_UNCERTAINTY,
+    advice_text,
+    noise_of,
+    thinned_words,
+    uncertainty_stated,
+)
 from abbe.compcore.figures.figure import Figure
 from abbe.daemon.answers.typed import Adding
 from abbe.daemon.report.head import PageHead
@@ -85,7 +92,7 @@ def _said(diagnosis: Diagnosis, established: Established) -> str:
     campaign = diagnosis.result.problem.campaign
     shown = campaign.kind == (Kind.ROTATION if diagnosis.of_rotations else Kind.DISPLACEMENT)
     largest = float(np.abs(established.signature[shown]).max(initial=0.0)) * factor
-    values = [(e.value, e.unit) for e in established.estimates]
+    values = [(e.value, e.unit) for e in established.estimates if moved(e)]
     return in_the_shop(established.effect, largest, unit, values)
 
 
@@ -96,16 +103,21 @@ def _how_wrong(out: Page, diagnosis: Diagnosis, noise: NoiseFloor) -> None:
     figures = [
         ("residuals", number(diagnosis.rms * factor, 3), f"{unit} rms"),
         ("noise floor", value, "(no repeats)" if level is None else unit),
-        ("χ² per degree of freedom", number(diagnosis.whole.chi2_per_dof, 3), ""),
     ]
+    stated = uncertainty_stated(diagnosis)
+    whole = diagnosis.whole.chi2_per_dof
+    if stated:
+        figures.append(("χ² per degree of freedom", number(whole, 3), ""))
     if diagnosis.established:
-        last = number(diagnosis.left, 3)
-        figures.append(("… once the causes are added", last, ""))
+        last = number(diagnosis.left, 3) if stated else f"{diagnosis.left / whole:.2%}"
+        figures.append(("… once the causes are added", last, "" if stated else "of the variance"))
     out.section("How wrong")
     out.key_figures(figures)
     out.text(
         "χ² per degree of freedom compares the residuals with the stated uncertainty of each row; "
         "1 means that nothing but noise is left."
+        if stated
+        else NO_UNCERTAINTY[0].upper() + NO_UNCERTAINTY[1:] + "."
     )
     if diagnosis.result is not diagnosis.whole:
         out.text(f"Pictures show those rows only: {thinned_words(diagnosis)}.")
@@ -137,7 +149,7 @@ def _why(out: Page, diagnosis: Diagnosis, figures: Mapping[str, Callable[[], Fig
             [
                 [
                     e.name,
-                    parameter(e).split(" = ", 1)[1],
+                    parameter(e).split(" = ", 1)[1] if moved(e) else "not determined",
                     f"{amount(e.range[0], e.unit)} … {amount(e.range[1], e.unit)}"
                     + ("" if e.plausible else "  ← outside"),
                     e.description,
@@ -146,10 +158,11 @@ def _why(out: Page, diagnosis: Diagnosis, figures: Mapping[str, Callable[[], Fig
             ],
         )
         spec = effect.spec
+        others = ", and with the other causes," if len(diagnosis.established) > 1 else ""
         out.figure(
             figures[f"cause {i}"](),
-            f"Residuals of the model without '{spec}' against what it would add. Means on the "
-            "dashed line: it explains them.",
+            f"Residuals of the model without '{spec}'{others} against what it would add. Means on "
+            "the dashed line: it explains them.",
         )
 
 

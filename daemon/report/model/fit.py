@@ -110,7 +110,7 @@ def _rigid_body(page: Page, result: FitResult) -> None:
         "squareness; p-values are corrected for all dependences tested."
     )
     page.table(
-        ["Error motion", "depends on", "p", "µm rms", "cannot be told from"],
+        ["Error motion", "depends on", "p", "µm rms", "looks the same as"],
         [[t.motion, t.by, t.adjusted, t.rms * 1e3, ", ".join(t.alike)] for t in tests[:5]],
         digits=2,
     )

@@ -33,7 +33,7 @@ class Cleared:
         How large the new tables are.
     change_um
         How far from the present ones, at most.
-    order
+    plan
         What shall become active.
     """
 
@@ -41,19 +41,19 @@ class Cleared:
     old: Content
     extent: Extent
     change_um: float
-    order: UploadPlan
+    plan: UploadPlan
 
     @property
     def nothing_to_do(self) -> bool:
         """Whether it is active already."""
-        return self.old.sha256 == self.order.content.sha256
+        return self.old.sha256 == self.plan.content.sha256
 
     def lines(self) -> list[str]:
         """For people: what would change."""
         reported = self.identity.name + (
             f", {self.identity.serial}" if self.identity.serial else ""
         )
-        new = self.order.content
+        new = self.plan.content
         found = [
             f"controller: {reported}; idle and referenced",
             f"active now: {short(self.old.sha256)}"
@@ -65,20 +65,20 @@ class Cleared:
             + f", correction at most {self.extent.correction_um:.2f} µm",
             f"the correction changes by at most {self.change_um:.2f} µm",
         ]
-        return found + [f"warning: {w}" for w in self.order.warnings]
+        return found + [f"warning: {w}" for w in self.plan.warnings]
 
     def as_json(self) -> dict[str, Any]:
         """One object for ``--json``."""
         return {
             "controller": {"name": self.identity.name, "serial": self.identity.serial},
             "old": self.old.sha256,
-            "new": self.order.content.sha256,
+            "new": self.plan.content.sha256,
             "entry_um": self.extent.entry_um,
             "entry_urad": self.extent.entry_urad,
             "slope_um_per_mm": self.extent.slope,
             "correction_um": self.extent.correction_um,
             "change_um": self.change_um,
-            "warnings": list(self.order.warnings),
+            "warnings": list(self.plan.warnings),
         }
 
 
@@ -94,7 +94,7 @@ def limits_of(setup: UploadSetup, max_change_um: float | None) -> Limits:
     )
 
 
-def check_tables(order: UploadPlan, model: Model, limits: Limits) -> Extent:
+def check_tables(plan: UploadPlan, model: Model, limits: Limits) -> Extent:
     """The bounds that need no controller; a backup that was active before is let through.
 
     Raises
@@ -102,8 +102,8 @@ def check_tables(order: UploadPlan, model: Model, limits: Limits) -> Extent:
     OutOfBoundsError
         When the tables are too large or too steep.
     """
-    found = extent(order.tables, model, order.tool)
-    if not order.puts_back:
+    found = extent(plan.tables, model, plan.tool)
+    if not plan.puts_back:
         check(found, None, limits)
     return found
 
@@ -112,7 +112,7 @@ async def preflight(
     store: Store,
     setup: UploadSetup,
     controller: Controller,
-    order: UploadPlan,
+    plan: UploadPlan,
     model: Model,
     limits: Limits,
 ) -> Cleared:
@@ -132,16 +132,16 @@ async def preflight(
     AbbeError
         When what is active is not of this dialect.
     """
-    measured = check_tables(order, model, limits)
+    measured = check_tables(plan, model, limits)
     identity = await store.identity()
     check_identity(identity, setup.section.identity, setup.section.serial)
     await check_ready(store)
     old = Content.of(await store.active())
     present = present_tables(controller, old)
-    change = largest_change(order.tables, present, model, order.tool) * 1e3
-    if not order.puts_back:
+    change = largest_change(plan.tables, present, model, plan.tool) * 1e3
+    if not plan.puts_back:
         check(measured, change, limits)
-    return Cleared(identity, old, measured, change, order)
+    return Cleared(identity, old, measured, change, plan)
 
 
 def present_tables(controller: Controller, old: Content) -> Sequence[Table]:

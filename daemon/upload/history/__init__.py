@@ -1,1 +1,1 @@
-"""What is kept of uploads: their journal, its head, and the files that were active before."""
+"""Records of uploads: their journal, its head, and the files that were active before."""

@@ -1,4 +1,4 @@
-"""What was active before an upload, kept for good: a folder named by time and SHA-256."""
+"""Backups of what was active before an upload: folders named by time and SHA-256, kept."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from typing import Any
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.table_set import TableSet
+from abbe.compcore.files.text.atomic import sync_folder
 from abbe.daemon.upload.history.content import Content
-from abbe.daemon.upload.history.upload_log import sync_folder
 
 NOTHING = "no-table.json"
 """The file of a backup of a controller without tables."""

@@ -23,7 +23,7 @@ def unfinished_words(entries: Sequence[Entry]) -> str:
 def unfinished_in(path: Path) -> str:
     """What a journal says of an unfinished upload, for ``abbe run``; empty when there is none.
 
-    A journal that cannot be read is told too.
+    A journal that cannot be read is reported too.
     """
     try:
         entries = read_journal(path).unfinished()

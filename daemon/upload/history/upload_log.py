@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.text.atomic import encoded
+from abbe.compcore.files.text.atomic import encoded, sync_folder
 from abbe.compcore.files.text.json_source import shaped
 from abbe.daemon.upload.history.entry import EntryShape
 from abbe.daemon.upload.history.log_head import UploadLogHead, path_of, read_head, write_head
@@ -234,15 +234,6 @@ class Journal:
 def _write_all(descriptor: int, data: bytes) -> None:
     while data:
         data = data[os.write(descriptor, data) :]
-
-
-def sync_folder(folder: Path) -> None:
-    """Wait until the names in a folder are on the disk."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _now() -> str:

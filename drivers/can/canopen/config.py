@@ -50,7 +50,7 @@ class NodeConfig(BaseModel):
     start: bool = True
     """Bring it into the state operational (PDOs need it)."""
     emergency: Literal["bad", "report"] = "bad"
-    """What an emergency of the node does: make its values bad, or be told only."""
+    """What an emergency of the node does: make its values bad, or only be reported."""
 
 
 class CanopenChannelConfig(ScaledNumber):

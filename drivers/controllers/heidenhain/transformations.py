@@ -1,4 +1,4 @@
-"""Where in a TNC's kinematic chain each error motion acts: rows from the tool to the workpiece.
+"""Error motions in a TNC's kinematic chain: rows of it from the tool to the workpiece.
 
 The chain begins at the tool (iTNC 530 HSCI Technical Manual p. 722): Trans moves or turns the
 frame, MachAxis is where an axis moves all before it relative to all after it. Error motions stand

@@ -1,4 +1,4 @@
-"""What is measured on the simulated bridge: lines, directions, probes, uncertainties."""
+"""Placings of instruments on the simulated bridge: lines, directions, probes, uncertainties."""
 
 from __future__ import annotations
 
@@ -178,7 +178,7 @@ def _along_line(
 ) -> InstrumentPlacing:
     """Displacement along a straight line, there and back."""
     there = start + np.linspace(0.0, 1.0, points)[:, None] * (end - start)
-    # As a controller would be told: whole tenths of a µm.
+    # As a controller would be given it: whole tenths of a µm.
     positions = np.round(np.concatenate([there, there[::-1]]), 4)
     u = (end - start) / math.dist(start, end)
     return InstrumentPlacing(name, "displacement", positions, u, LASER, tools=tool)

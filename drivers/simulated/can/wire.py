@@ -11,8 +11,6 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-_LARGEST_STANDARD = 0x7FF
-
 
 class CanFrame(NamedTuple):
     """One CAN frame; an error frame is not on the wire, the adapter makes it up."""

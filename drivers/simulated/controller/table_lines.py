@@ -34,7 +34,7 @@ _DONE = 0.002
 _SILENT = ("lost_answer", "lost_request", "hang", "hang_after")
 
 
-class _Reader(TapeReader):
+class _StoringReader(TapeReader):
     """The tape reader, each block handed over as it is stored; a block may fail."""
 
     on_block: Callable[[str], str | None] = staticmethod(lambda block: block)
@@ -75,7 +75,7 @@ class TableLines:
         self._begin_tape()
 
     def _begin_tape(self) -> None:
-        self._reader = _Reader(self._say, _RATE, _BUFFER, "checksum")
+        self._reader = _StoringReader(self._say, _RATE, _BUFFER, "checksum")
         self._reader.on_block = self._block
         self._reading = False
         self._spoilt: TableFault | None = None

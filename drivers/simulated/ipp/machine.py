@@ -1,4 +1,4 @@
-"""What the simulated bridge CMM says of itself through I++ DME: positions, temperatures, tool.
+"""The simulated bridge CMM as I++ DME shows it: positions, temperatures, tool.
 
 Positions are those of the probe tip: the indicated axis positions plus the tool's offset, without
 any correction by the controller. A scale's temperature is the mean of its two thermistors; the

@@ -1,4 +1,4 @@
-"""What the simulated I++ DME server reads and writes, and what can be wrong with that."""
+"""Lines of the simulated I++ DME server, read and written, and the faults they can have."""
 
 from __future__ import annotations
 

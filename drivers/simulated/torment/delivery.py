@@ -1,4 +1,4 @@
-"""How an answer goes out: at once, late, in pieces, twice, swapped, in part, or not at all."""
+"""Delivery of an answer: at once, late, in pieces, twice, swapped, in part, or not at all."""
 
 from __future__ import annotations
 

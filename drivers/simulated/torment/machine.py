@@ -1,4 +1,4 @@
-"""What the machine shows of itself at a moment, and what it holds of what it was handed back."""
+"""The tormented machine: what it shows at a moment, and what it holds of what it was given."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class TormentMachine:
     script
         What goes wrong.
     judge
-        Is told what went out and what came in.
+        Called with what went out and what came in.
 
     Attributes
     ----------

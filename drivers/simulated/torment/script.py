@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import random
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from abbe.drivers.simulated.torment.kinds import KINDS, LAST
+from abbe.drivers.simulated.torment.kinds import KINDS, LAST, TormentKind
+
+CALM = (0.3, 1.0, 3.5)
+"""s without any torment, one of these after each."""
 
 
 class Torment(NamedTuple):
@@ -36,10 +39,21 @@ class Script:
         Those that may occur.
     seconds
         The last torment is over 3 s before.
+    known
+        What the kinds are.
+    calm
+        s from the end of a torment to the next, one of these each time.
     """
 
-    def __init__(self, seed: str, kinds: Sequence[str], seconds: float) -> None:
-        torments = _made(random.Random(seed), kinds, seconds - 3.0)
+    def __init__(
+        self,
+        seed: str,
+        kinds: Sequence[str],
+        seconds: float,
+        known: Mapping[str, TormentKind] = KINDS,
+        calm: Sequence[float] = CALM,
+    ) -> None:
+        torments = _made(random.Random(seed), kinds, seconds - 3.0, known, calm)
         self.torments = tuple(sorted(torments, key=lambda torment: torment.begin))
         self._begins = [t.begin for t in self.torments]
         self._begin = float("inf")
@@ -77,7 +91,13 @@ class Script:
         return [t for t in near if t.end >= elapsed - before]
 
 
-def _made(chance: random.Random, kinds: Sequence[str], seconds: float) -> Iterator[Torment]:
+def _made(
+    chance: random.Random,
+    kinds: Sequence[str],
+    seconds: float,
+    known: Mapping[str, TormentKind],
+    calm: Sequence[float],
+) -> Iterator[Torment]:
     if not kinds:
         return
     time = 1.0
@@ -87,14 +107,14 @@ def _made(chance: random.Random, kinds: Sequence[str], seconds: float) -> Iterat
     often = [name for name in kinds if name not in LAST]
     if last:
         name = chance.choice(last)
-        seconds -= KINDS[name].seconds[1] + 1.0
-        yield Torment(name, seconds + 1.0, seconds + 1.0 + KINDS[name].seconds[1], 0.0)
+        seconds -= known[name].seconds[1] + 1.0
+        yield Torment(name, seconds + 1.0, seconds + 1.0 + known[name].seconds[1], 0.0)
     while often:
         if not waiting:
             waiting = list(often)
             chance.shuffle(waiting)
         name = waiting.pop()
-        kind = KINDS[name]
+        kind = known[name]
         length = chance.uniform(*kind.seconds) ** 2 / kind.seconds[1]  # short ones more often
         length = max(kind.seconds[0], length)
         torment = Torment(name, time, time + length, chance.uniform(*kind.amount))
@@ -104,5 +124,5 @@ def _made(chance: random.Random, kinds: Sequence[str], seconds: float) -> Iterat
         if chance.random() < 0.2:
             time += chance.uniform(0.0, length)
         else:
-            time = max(t.end for t in made) + chance.choice((0.3, 1.0, 3.5))
+            time = max(t.end for t in made) + chance.choice(calm)
     yield from made

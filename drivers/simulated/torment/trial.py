@@ -21,7 +21,9 @@ from abbe.drivers.simulated.torment.kinds import LAST
 from abbe.drivers.simulated.torment.loop import Loop
 from abbe.drivers.simulated.torment.machine import TormentMachine
 from abbe.drivers.simulated.torment.motion import RandomMotion
+from abbe.drivers.simulated.torment.reported import ReportedViolations
 from abbe.drivers.simulated.torment.script import Script
+from abbe.drivers.simulated.torment.waits import ProcessorWaits
 from abbe.drivers.simulated.torment.wires import wire_class
 from abbe.drivers.simulated.torment.wires.pty import PtyProbe
 
@@ -82,18 +84,15 @@ class Trial:
         self._folder = folder
         self._loop = Loop()
         self._log = WireLog(folder / "wire.log", time.monotonic())
-        self._waits: deque[tuple[float, float]] = deque(maxlen=3000)
-        self._abbe: subprocess.Popen[bytes] | None = None
+        self._waits = ProcessorWaits(self._loop)
         promises = Promises(blind=made.BLIND)
-        self._checker = Checker(promises, self._stalled, self._waited)
+        self._checker = Checker(promises, self._stalled, self._waits.between)
         motion = RandomMotion(random.Random(name), time.monotonic())
         self._machine = TormentMachine(motion, self.script, self._checker)
         self._wire = made(self._loop, self._machine, self._log, folder, variant)
         self._promises = promises
-        self._seen = 0
         self._calm_since = 0.0
-        self._reported_at: dict[str, float] = {}
-        self._lines: list[str] = []
+        self._findings = ReportedViolations(self._checker, [self.script], self._log)
 
     def run(self) -> TrialOutcome:
         """Start Abbe, torment it, end it, judge."""
@@ -102,19 +101,20 @@ class Trial:
         probe = PtyProbe(self._loop)
         config = write_configuration(self._folder, self._wire, self._promises)
         with (self._folder / "abbe.log").open("wb") as said:
-            self._abbe = subprocess.Popen(
+            abbe = subprocess.Popen(
                 [sys.executable, "-m", "abbe.daemon", "run", str(config)],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=said,
                 cwd=self._folder,
             )
+            self._waits.begin(abbe.pid)
             try:
-                self._torment(self._abbe)
+                self._torment(abbe)
             finally:
-                if self._abbe.poll() is None:
-                    self._abbe.kill()
-                    self._abbe.wait()
+                if abbe.poll() is None:
+                    abbe.kill()
+                    abbe.wait()
                 probe.close()
                 self._wire.close()
                 self._loop.close()
@@ -124,7 +124,7 @@ class Trial:
             self._checker.tally,
             self.script,
             len(self._loop.stalls),
-            self._lines,
+            self._findings.lines,
         )
 
     def _torment(self, abbe: subprocess.Popen[bytes]) -> None:
@@ -157,7 +157,7 @@ class Trial:
         for _ in range(20):
             self._turn()
         self._checker.ended(abbe.returncode, time.monotonic())
-        self._tell()
+        self._findings.tell()
 
     def _recover(self, now: float) -> None:
         """Note how long it takes in calm until all is corrected in full."""
@@ -169,51 +169,13 @@ class Trial:
 
     def _turn(self) -> float:
         now = self._loop.turn()
-        if not self._waits or now - self._waits[-1][0] > 0.01:
-            self._waits.append((now, self._wait()))
-        self._tell()
+        self._waits.note(now)
+        self._findings.tell()
         return now
 
     def _fail(self, now: float, text: str) -> None:
         self._checker.violations.append(Violation(now, "end", text))
-        self._tell()
-
-    def _tell(self) -> None:
-        """Say new violations, with what went on."""
-        while self._seen < len(self._checker.violations):
-            violation = self._checker.violations[self._seen]
-            self._seen += 1
-            at = self.script.elapsed(violation.time)
-            line = f"{at:8.2f} s  {violation.promise}: {violation.text}"
-            self._log.say("#", line)
-            last = self._reported_at.get(violation.promise, -1.0)
-            if 0.0 <= violation.time - last < 1.0:
-                continue
-            self._reported_at[violation.promise] = violation.time
-            around = "; ".join(str(t).strip() for t in self.script.around(violation.time))
-            self._lines.append(f"{line}\n            script: {around or 'calm'}")
+        self._findings.tell()
 
     def _stalled(self, early: float, late: float) -> bool:
         return between(self._loop.stalls[-20:], early, late)
-
-    def _waited(self, early: float, late: float) -> float:
-        """How long Abbe waited for a processor, and pseudo-terminals for the kernel, s."""
-        if not self._waits:
-            return 0.0
-        after = self._wait() + self._loop.delayed(early, late)
-        before = self._waits[0][1]
-        for when, wait in reversed(self._waits):
-            if when <= early:
-                before = wait
-                break
-        return after - before
-
-    def _wait(self) -> float:
-        """How long Abbe has waited for a processor so far, s: Linux' scheduler knows."""
-        if self._abbe is None:
-            return 0.0
-        try:
-            text = Path(f"/proc/{self._abbe.pid}/schedstat").read_text(encoding="ascii")
-            return int(text.split()[1]) * 1e-9
-        except (OSError, IndexError, ValueError):
-            return 0.0

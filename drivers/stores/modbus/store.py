@@ -24,9 +24,9 @@ from abbe.drivers.link import (
     LinkStatus,
     LinkTimeoutError,
 )
-from abbe.drivers.modbus.bus import Bus
+from abbe.drivers.modbus.bus.bus import Bus
+from abbe.drivers.modbus.bus.refusals import ModbusExceptionError as ModbusRefusedError
 from abbe.drivers.modbus.plan import Span
-from abbe.drivers.modbus.refusals import ModbusExceptionError as ModbusRefusedError
 from abbe.drivers.stores.base import (
     Files,
     Identity,
@@ -64,10 +64,10 @@ class ModbusStore(Store):
 
     @property
     def owns(self) -> tuple[str, ...]:
-        """The server, or the serial port."""
+        """The unit behind the server, or the serial port."""
         config = self.config
         if config.transport == "tcp":
-            return (resources.tcp(str(config.host), int(config.port)),)
+            return (resources.modbus(str(config.host), int(config.port), config.unit_id),)
         return resources.serial(str(config.port))
 
     async def open(self) -> None:

@@ -190,7 +190,7 @@ class SerialStore(Store):
         return {name: int(found[name], 16 if name.endswith("crc") else 10) for name in MEMORY}
 
     async def _tape_of(self, text: str, what: str, progress: Progress) -> Files:
-        """A tape from the control; it has to have the length and checksum that are told."""
+        """A tape from the control; it has to have the length and checksum that are stated."""
         ask = self._framed(text)
 
         async def once() -> Files:

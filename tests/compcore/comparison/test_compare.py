@@ -8,7 +8,7 @@ import pytest
 from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.comparison.compare import compare
 from abbe.compcore.comparison.lines import split
-from abbe.compcore.files.fit_record import recorded
+from abbe.compcore.files.model_toml.fit_record import recorded
 from abbe.compcore.fitting.fit import fit
 from benchmarks.sources.campaigns import Rows
 from tests.support.compcore.fit_cases import (

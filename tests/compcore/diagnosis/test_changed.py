@@ -14,8 +14,8 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.diagnosis import diagnose
 from abbe.compcore.diagnosis.changed import standing
 from abbe.compcore.files.campaign_file import read_campaign
-from abbe.compcore.files.fit_record import recorded
 from abbe.compcore.files.model_file import load_model, save_model
+from abbe.compcore.files.model_toml.fit_record import recorded
 from abbe.compcore.fitting.fit import fit
 from abbe.compcore.model.model import Model, Value
 from abbe.daemon.application import app

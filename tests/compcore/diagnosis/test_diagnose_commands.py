@@ -15,7 +15,7 @@ from abbe.compcore.diagnosis import advice
 from abbe.daemon.application import app
 from abbe.daemon.arguments.lists import spread
 from benchmarks.hidden.scenario import Scenario, hide
-from benchmarks.hidden.scene import scene
+from benchmarks.hidden.scenes.scene import scene
 from tests.support.daemon.some_setups import some_setups
 
 DATA = Path(__file__).parents[2] / "data" / "p01-mill"

@@ -15,7 +15,7 @@ from abbe.compcore.diagnosis.stepwise import to_the_verdict
 from abbe.compcore.files.model_file import parse_model
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.model.model import Model
-from benchmarks.hidden.trial import as_campaign
+from benchmarks.hidden.judging.trial import as_campaign
 
 F64 = NDArray[np.float64]
 

@@ -7,11 +7,11 @@ import pytest
 from abbe.compcore.diagnosis import advise, diagnose
 from abbe.compcore.files.model_file import parse_model
 from abbe.compcore.files.text.toml_source import TomlSource
-from benchmarks.hidden import distances
+from benchmarks.hidden.judging.score import score
+from benchmarks.hidden.judging.trial import as_campaign
 from benchmarks.hidden.scenario import Scenario, hide
-from benchmarks.hidden.scene import scene
-from benchmarks.hidden.score import score
-from benchmarks.hidden.trial import as_campaign
+from benchmarks.hidden.scenes import distances
+from benchmarks.hidden.scenes.scene import scene
 
 
 @pytest.mark.timeout(900)

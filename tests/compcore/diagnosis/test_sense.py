@@ -16,7 +16,7 @@ from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.model_file import load_model, parse_model
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.model.model import Model
-from benchmarks.hidden.trial import as_campaign
+from benchmarks.hidden.judging.trial import as_campaign
 
 DATA = Path(__file__).parents[2] / "data" / "p02-bridge"
 

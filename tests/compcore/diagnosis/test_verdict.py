@@ -16,9 +16,9 @@ from abbe.compcore.files.model_file import load_model, parse_model
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.fitting.fit import fit
 from abbe.compcore.model.revise import with_effect
+from benchmarks.hidden.judging.trial import as_campaign, run
 from benchmarks.hidden.scenario import Scenario, hide
-from benchmarks.hidden.scene import scene
-from benchmarks.hidden.trial import as_campaign, run
+from benchmarks.hidden.scenes.scene import scene
 
 DATA = Path(__file__).parents[2] / "data"
 

@@ -16,7 +16,7 @@ from abbe.compcore.files.model_file import parse_model
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.fitting.fit import fit
 from abbe.compcore.model.model import Model
-from benchmarks.hidden.trial import as_campaign
+from benchmarks.hidden.judging.trial import as_campaign
 from tests.compcore.diagnosis.test_named_first import about, sky
 
 BOTH = Coverage(setups=("one", "two"), bases=("B1",))

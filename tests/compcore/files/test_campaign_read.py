@@ -323,3 +323,39 @@ def test_no_axes_at_all(tmp_path):
     with pytest.raises(InputError, match="no column of an axis") as caught:
         bare_machine(path)
     assert caught.value.line == 16
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1", "cp1252"])
+def test_umlauts_are_kept_however_a_spreadsheet_saved_them(tmp_path, encoding):
+    text = GOOD.replace("Bridge CMM", "Fräse Süd").replace("load none", "Spannkraft µ 5 %")
+    text = text.replace("x_pos_1", "Größe übermäßig").replace("[setups.Gr", '[setups."Gr')
+    text = text.replace("übermäßig]\n", 'übermäßig"]\n')
+    path = tmp_path / "c.csv"
+    path.write_bytes(text.encode(encoding))
+    c = read_campaign(path, CMM)
+    assert c.metadata[0]["machine"] == "Fräse Süd"
+    assert "Spannkraft µ 5 %" in str(c.metadata[0]["notes"])
+    assert "Größe übermäßig" in c.setups
+    assert c.files == {str(path): hashlib.sha256(text.encode(encoding)).hexdigest()}
+    np.testing.assert_array_equal(c.value, read_text(tmp_path, GOOD).value)
+
+
+def test_chinese_names_are_kept(tmp_path):
+    path = tmp_path / "c.csv"
+    path.write_bytes(GOOD.replace("Bridge CMM", "车间七号").encode("gbk"))
+    assert read_campaign(path, CMM).metadata[0]["machine"] == "车间七号"
+
+
+def test_the_encoding_holds_for_all_pieces_of_a_file(tmp_path, monkeypatch):
+    """The first umlaut stands far down; from there on the file is Windows-1252, and never UTF-8."""
+    monkeypatch.setattr(lines_module, "CHUNK", 64)
+    lines = GOOD.replace("ball bar", "Kugelstab").splitlines()
+    row = lines[17].replace("x_pos_1", "Maß")
+    path = tmp_path / "c.csv"
+    path.write_bytes("\n".join([*lines, row, row]).encode("cp1252") + b"\n")
+    assert list(read_campaign(path, CMM).setups)[-1] == "Maß"
+    path.write_bytes(
+        "\n".join([*lines, row]).encode("cp1252") + b"\n" + row.encode("utf-8") + b"\x81\n"
+    )
+    with pytest.raises(InputError, match="line 23: not text in one encoding"):
+        read_campaign(path, CMM)

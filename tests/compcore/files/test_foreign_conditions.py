@@ -13,6 +13,7 @@ from abbe.compcore.files.importers.rtl import import_rtl
 from abbe.compcore.files.text.encodings import decoded
 from tests.compcore.files.test_importers import AT, RTL
 from tests.support.compcore.campaign_texts import CMM
+from tests.support.daemon.command_line import abbe
 
 ENVIRONMENT = """\
 ENVIRONMENT::
@@ -149,3 +150,60 @@ def test_a_unit_that_was_assumed_is_said(tmp_path):
     path.write_text("position,run,direction,deviation\n0,1,up,0\n100,1,up,12\n", encoding="utf-8")
     notes = str(import_iso230_table(path, "X", AT).metadata[0]["notes"])
     assert "deviations in um, as no heading and no --unit says otherwise" in notes
+
+
+@pytest.mark.parametrize(
+    ("written", "air"),
+    [("70.52 F", 21.4), ("70.52 °F", 21.4), ("21.4 °C", 21.4), ("21.40", 21.4), ("70.52", 70.52)],
+)
+def test_temperatures_in_the_unit_beside_them(tmp_path, written, air):
+    path = tmp_path / "x.rtl"
+    path.write_text(SURROUNDED.replace("21.40 C", written), encoding="utf-8")
+    campaign = import_rtl(path, AT, normalisation=Normalisation(done=False))
+    assert float(campaign.conditions.signals["T_air"][0]) == pytest.approx(air)
+
+
+@pytest.mark.parametrize(
+    ("written", "hpa"),
+    [("1009.3 hPa", 1009.3), ("100.93 kPa", 1009.3), ("757.03 mmHg", 1009.29),
+     ("29.80 inHg", 1009.14), ("100930 Pa", 1009.3), ("1009.3", 1009.3)],
+)  # fmt: skip
+def test_pressures_in_the_unit_beside_them(tmp_path, written, hpa):
+    path = tmp_path / "x.rtl"
+    path.write_text(SURROUNDED.replace("1009.3 mbar", written), encoding="utf-8")
+    campaign = import_rtl(path, AT, normalisation=Normalisation(done=False))
+    assert float(campaign.conditions.signals["p_air"][0]) == pytest.approx(hpa, abs=0.01)
+
+
+def test_readings_are_not_turned_back_with_fahrenheit(tmp_path):
+    """24 °C in °F and no unit beside it: 55 K more than it was. Asked, unless it is told."""
+    path = tmp_path / "x.rtl"
+    text = SURROUNDED.replace("23.80 C", "74.84").replace("24.20 C", "75.56")
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"may be in °F: found '75.2, no unit") as caught:
+        import_rtl(path, AT, normalisation=Normalisation(done=True))
+    assert caught.value.field == "T_material"
+    told = Normalisation(done=True, temperature=24.0)
+    turned = import_rtl(path, AT, normalisation=told).value
+    plain = import_rtl(path, AT, normalisation=Normalisation(done=False))
+    at = plain.conditions.position("X")
+    np.testing.assert_allclose(turned - plain.value, 11.7e-6 * 4.0 * at, atol=1e-12)
+
+
+def test_what_may_be_fahrenheit_is_said_at_the_import(tmp_path):
+    path = tmp_path / "x.rtl"
+    path.write_text(SURROUNDED.replace("21.40 C", "70.52"), encoding="utf-8")
+    where = ("--at", "Y=0,Z=0", "--not-normalised", "-o")
+    done = abbe("import-campaign", path, "--as", "rtl", *where, tmp_path / "a.csv")
+    assert done.status == 0, done.err
+    assert "SUSPICIOUS: T_air reads 70.52 °C; 70.52 °F would be 21.4 °C" in done.out
+    path.write_text(SURROUNDED, encoding="utf-8")
+    done = abbe("import-campaign", path, "--as", "rtl", *where, tmp_path / "b.csv")
+    assert "SUSPICIOUS" not in done.out
+
+
+def test_a_unit_that_is_none_of_length_is_told_with_its_file(tmp_path):
+    path = tmp_path / "inch.csv"
+    path.write_text("position,run,direction,deviation [in]\n0,1,up,0\n100,1,up,2\n", "utf-8")
+    with pytest.raises(InputError, match=r"inch\.csv, field 'unit': wrong unit: found 'in'"):
+        import_iso230_table(path, "X", AT)

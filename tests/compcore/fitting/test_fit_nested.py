@@ -20,9 +20,9 @@ from abbe.compcore.fitting.fit import fit
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.revise import with_effect
 from abbe.daemon.answers.model import revise as revised
+from benchmarks.hidden.judging.trial import as_campaign
 from benchmarks.hidden.scenario import Scenario, hide
-from benchmarks.hidden.scene import scene
-from benchmarks.hidden.trial import as_campaign
+from benchmarks.hidden.scenes.scene import scene
 
 F64 = NDArray[np.float64]
 SENSORS = {"frame": "structure", "chamber": "ambient", "bed": "workpiece", "head": "spindle"}

@@ -12,8 +12,8 @@ from abbe.compcore.effects import make_effect
 from abbe.compcore.effects.shapes import Shape
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_file import read_campaign, write_campaign
-from abbe.compcore.files.fit_record import recorded
 from abbe.compcore.files.model_file import load_model, save_model
+from abbe.compcore.files.model_toml.fit_record import recorded
 from abbe.compcore.fitting.fit import fit
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Axis, Machine

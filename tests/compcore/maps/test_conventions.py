@@ -295,6 +295,16 @@ def test_predictions_are_those_of_the_imported_model(tables, code):
             )
 
 
+def test_what_corrects_nothing_is_said(tables):
+    """A model that was never fitted, and a map of zeros, with differences to explain."""
+    points = switched(tables)
+    bare = Model(map_machine(as_map(tables), BRIDGE), (Term(Scale(axis="X")),))
+    zeros = as_map({axis: (q, np.zeros_like(v)) for axis, (q, v) in tables.items()})
+    for subject in (ModelSubject(bare), MapSubject(zeros)):
+        with pytest.raises(InputError, match="corrects nothing at these points"):
+            identify(subject, points, BRIDGE)
+
+
 def test_too_little_to_go_by():
     still = SwitchedPoints(Conditions.at({a: [0.0] * 5 for a in XYZ}), np.zeros((5, 3)))
     subject = MapSubject(as_map(random_tables(np.random.default_rng(1))))

@@ -106,8 +106,15 @@ def test_a_missing_cause_on_the_screen_and_on_the_page(shop):
     assert on_screen
     assert all(c.startswith("abbe add ") for c in on_screen)
     write_campaign(shop / "OTHER.csv", seed=4)
-    for command in (*on_screen, *on_page):
-        run(command)
+    promised = re.search(r"brings the residuals from ([0-9.]+) to ([0-9.]+) µm RMS", said.out)
+    assert promised is not None
+    for i, command in enumerate((*on_screen, *on_page)):
+        done = run(command)
+        if i == 0:
+            # what was promised beside the first is what comes of it
+            before, after = re.search(r"campaigns: (\S+) → (\S+) µm rms", done).groups()
+            assert float(before) == pytest.approx(float(promised[1]), abs=0.006)
+            assert float(after) == pytest.approx(float(promised[2]), abs=0.006)
 
 
 def test_what_a_start_model_says_in_its_comments(shop):
@@ -119,20 +126,29 @@ def test_what_a_start_model_says_in_its_comments(shop):
 
 PLACEHOLDER = re.compile(rf"abbe (?:{VERBS}|run|effects)\b[^'\"]*\b(?:MODEL|CAMPAIGN|CONFIG)\b")
 SHOWN_AS_A_FORM = {
-    # how a command is used, beside an error or on a page of the catalogue: nothing to fill in yet
-    "compcore/files/recognised.py",
-    "compcore/effects/catalogue/error_grid.py",
+    # on a page of the catalogue, and where nothing has been measured yet
     "daemon/commands/effects.py",
-    "daemon/commands/model/diagnose.py",
     "daemon/answers/typed.py",
-    "compcore/files/commented_model.py",
-    "daemon/systemd/install.py",
-    # told through `abbe upload`, which names its configuration
+    "compcore/files/model_toml/commented.py",
+    # told through `abbe upload`, which names its configuration (test_upload_printed.py)
+    "daemon/commands/tables/upload.py",
     "daemon/upload/changeover.py",
     "daemon/upload/steps.py",
     "daemon/upload/outcome.py",
     "daemon/upload/status.py",
 }
+
+
+def test_an_option_that_lacks_another(shop):
+    """--apply needs -o and -o needs --apply: the command with both is printed and runs."""
+    write_campaign(shop / "my day.csv", seed=5)
+    for words, out in ((("--apply",), "f-2.toml"), (("-o", "my next.toml"), "my next.toml")):
+        done = abbe("diagnose", "f.toml", "my day.csv", *words)
+        assert done.status == 1
+        (command,) = printed(done.err)
+        assert command == f"abbe diagnose f.toml 'my day.csv' --apply -o {shlex.quote(out)}"
+        run(command)
+        assert Path(out).exists()
 
 
 def texts(file: Path) -> Iterator[str]:

@@ -147,7 +147,8 @@ async def test_a_second_writer_is_noticed(configuration: Configuration) -> None:
             if self.values.get("other"):
                 self.values["corrected_Y"] = values.get("corrected_Y", 0.0) + 0.0077
 
-    link = Shared("cmm", {**VALUES, "other": 0.0})
+    at_first = {f"corrected_{axis}": AT[axis] for axis in AT}
+    link = Shared("cmm", {**VALUES, **at_first, "other": 0.0})
     run = Run(configuration, link)
 
     async def story() -> None:

@@ -144,6 +144,54 @@ async def test_switched(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> Non
     assert not run.socket.exists()
 
 
+async def test_a_switch_counts_until_the_end_or_a_reload_and_it_is_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The model file decides at every start and reload; nobody need guess what is on."""
+    caplog.set_level(logging.INFO, "abbe")
+
+    def logged(words: str) -> list[str]:
+        return [r.getMessage() for r in caplog.records if words in r.getMessage()]
+
+    async with running(tmp_path) as run:
+        await run.until(compensating)
+        model = run.service.configuration.model_path
+        (started,) = logged("compensations as ")
+        assert started == f"compensations as {model} says: all on"
+        name, other = list((await run.ask(StateRequest()))["switches"])[:2]
+        answer = await run.ask(SwitchRequest(effect=name, to="off"))
+        assert answer["in_file"] == {name: "on"}
+        assert f"then {model} counts again: {name} is on" in answer["until"]
+        _, out, _ = await run.command("switch", str(run.config))
+        assert f"off    {name}  (model file: on)\n" in out
+        assert out.count("model file") == 1
+        assert answer["until"] in out
+        # the files are those that run: all the same the model file's switches count
+        run.service.reload()
+        await run.until(lambda _: run.service.configuration.model.switches[name] == "on")
+        back = f"compensation: {name} was off by abbe switch, from here on it is on, as {model}"
+        assert len(logged(back)) == 1
+        state = await run.ask(StateRequest())
+        assert (state["in_file"], state["until"]) == ({}, "")
+        await run.ask(SwitchRequest(effect=other, to="shown"))
+    assert len(logged(back.replace(f"{name} was off", f"{other} was shown"))) == 1
+
+    caplog.clear()
+    text = model.read_text(encoding="utf-8")
+    whole = f'[[effects]]\nkind = "{name.split()[0]}"\n'
+    assert whole in text
+    off = text.replace(whole, f'{whole}switch = "off"\n', 1)
+    (tmp_path / "model.toml").write_text(off, encoding="utf-8")
+    where = {f'"{EXAMPLE / "model.toml"}"': f'"{tmp_path / "model.toml"}"'}
+    async with running(tmp_path, where) as run:
+        await run.until(compensating)
+        state = await run.ask(StateRequest())
+        assert (state["switches"][name], state["switches"][other]) == ("off", "on")
+        assert (state["in_file"], state["until"]) == ({}, "")
+    assert logged("compensations as ")[0].endswith(f"says: {name} is off")
+    assert not logged("by abbe switch")
+
+
 async def test_commands(tmp_path: Path) -> None:
     """As a person types them; what cannot be changes nothing and is said."""
     async with running(tmp_path) as run:

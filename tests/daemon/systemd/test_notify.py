@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import re
+import shutil
 import socket
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from abbe.daemon.systemd.journald import JournaldHandler
+from abbe.daemon.systemd.journald import JournaldHandler, leads_to_journal
+from abbe.daemon.systemd.messages import EVENTS, catalogue, message_id
 from abbe.daemon.systemd.notify import Notifier
+
+ROOT = Path(__file__).parents[3]
+EVENT = {"name": "abbe.test", "levelno": logging.WARNING}
 
 
 @pytest.fixture
@@ -84,12 +91,15 @@ def test_events_have_their_level_and_what_they_are_about(manager: socket.socket)
     logger.addHandler(handler)
     logger.propagate = False
     try:
-        logger.warning("X is %s", "stale", extra={"about": {"AXIS": "X", "link": "plc"}})
+        about = {"AXIS": "X", "link": "plc"}
+        logger.warning("X is %s", "stale", extra={"about": about, "event": "fault began"})
         found = fields(manager.recv(9999))
         assert found["MESSAGE"] == "X is stale"
         assert found["PRIORITY"] == "4"
-        assert found["ABBE_AXIS"] == "X"
-        assert found["ABBE_LINK"] == "plc"
+        assert found["AXIS"] == "X"
+        assert found["LINK"] == "plc"
+        assert found["PART"] == "test.journald"
+        assert found["MESSAGE_ID"] == message_id("fault began")
         assert found["SYSLOG_IDENTIFIER"] == "abbe"
         try:
             raise ValueError("over\nthere")
@@ -104,7 +114,67 @@ def test_events_have_their_level_and_what_they_are_about(manager: socket.socket)
         handler.close()
 
 
+@pytest.mark.parametrize(
+    ("message", "field", "value"),
+    [
+        ("link cmm (10.0.0.5:502) lost: no answer; reconnecting", "LINK", "cmm"),
+        ("axis X: stale", "AXIS", "X"),
+        ("signal T_x1: sound again after 2.0 s", "SIGNAL", "T_x1"),
+    ],
+)
+def test_what_a_message_begins_with_is_a_field(
+    manager: socket.socket, message: str, field: str, value: str
+) -> None:
+    with contextlib.closing(JournaldHandler(manager.getsockname())) as handler:
+        handler.emit(logging.makeLogRecord({**EVENT, "msg": message}))
+    assert fields(manager.recv(9999))[field] == value
+
+
+def test_the_guard_names_its_axes(manager: socket.socket) -> None:
+    with contextlib.closing(JournaldHandler(manager.getsockname())) as handler:
+        record = {**EVENT, "msg": "guard: X, Y: held", "about": {"AXIS": ["X", "Y"]}}
+        handler.emit(logging.makeLogRecord(record))
+    datagram = manager.recv(9999)
+    assert b"AXIS=X\nAXIS=Y\n" in datagram
+    assert b"LINK" not in datagram
+
+
+def test_every_event_that_is_logged_has_its_words_and_is_logged_somewhere() -> None:
+    named = {
+        name
+        for folder in ("daemon", "drivers")
+        for file in (ROOT / folder).rglob("*.py")
+        for name in re.findall(r'(?:extra=|said = |event = ){"event": "([^"]+)"', file.read_text())
+    }
+    assert named == set(EVENTS)
+    assert len({message_id(event) for event in EVENTS}) == len(EVENTS)
+
+
+def test_systemd_takes_the_catalogue(tmp_path: Path) -> None:
+    (tmp_path / "usr/lib/systemd/catalog").mkdir(parents=True)
+    (tmp_path / "usr/lib/systemd/catalog/abbe.catalog").write_text(catalogue())
+    (tmp_path / "var/lib/systemd/catalog").mkdir(parents=True)
+    program = shutil.which("journalctl")
+    assert program, "journalctl is missing: apt install systemd (make test does)"
+    command = [program, f"--root={tmp_path}"]
+    subprocess.run([*command, "--update-catalog"], check=True, capture_output=True)
+    done = subprocess.run(
+        [*command, "--dump-catalog", message_id("link lost")],
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    assert "A link to a device was lost" in done.stdout
+
+
 def test_standard_error_that_was_led_elsewhere_is_not_the_journal() -> None:
     assert JournaldHandler.of_environment({}) is None
     assert JournaldHandler.of_environment({"JOURNAL_STREAM": "1:2"}) is None
     assert JournaldHandler.of_environment({"JOURNAL_STREAM": "nonsense"}) is None
+
+
+def test_a_stream_that_is_the_journal_is_told(tmp_path: Path) -> None:
+    with (tmp_path / "stream").open("w") as stream:
+        there = (tmp_path / "stream").stat()
+        assert leads_to_journal(stream, {"JOURNAL_STREAM": f"{there.st_dev}:{there.st_ino}"})
+        assert not leads_to_journal(stream, {"JOURNAL_STREAM": f"{there.st_dev}:0"})

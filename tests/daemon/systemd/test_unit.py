@@ -5,14 +5,25 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from abbe.compcore.errors import InputError
 from abbe.daemon.config import load_config
+from abbe.daemon.config.http import HttpSetup
+from abbe.daemon.config.tokens import add_token, read_tokens
 from abbe.daemon.systemd.install import install, machine_name, plan, uninstall
-from abbe.daemon.systemd.unit import Needs, check_machine, drop_in, template
+from abbe.daemon.systemd.renewal import renew
+from abbe.daemon.systemd.unit import (
+    PACKAGE_COMMAND,
+    PACKAGE_UNITS,
+    Needs,
+    check_machine,
+    drop_in,
+    template,
+)
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "bridge-cmm" / "config.toml"
 
@@ -33,9 +44,13 @@ def analyze(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([program, *arguments], capture_output=True, text=True, check=False)
 
 
-ALL = Needs.of_resources(
-    ["tcp 10.0.0.5:502", "tcp [fe80::1]:502", "serial /dev/ttyUSB0", "can socketcan can0"],
-    [Path("/var/log/my machine")],
+ALL = replace(
+    Needs.of_resources(
+        ["tcp 10.0.0.5:502", "tcp [fe80::1]:502", "serial /dev/ttyUSB0", "can socketcan can0"],
+        [Path("/var/log/my machine")],
+    ),
+    http=True,
+    clients=("192.168.7.0/24",),
 )
 
 
@@ -69,6 +84,29 @@ def test_only_what_the_configuration_names_is_open() -> None:
     text = drop_in(Needs.of_resources(["tcp 10.0.0.5:502"]))
     assert "IPAddressAllow=10.0.0.5\n" in text
     assert "RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6\n" in text
+
+
+def test_http_opens_the_network_for_those_who_may_ask() -> None:
+    serial = Needs.of_resources(["serial /dev/ttyUSB3"])
+    text = drop_in(replace(serial, http=True))
+    assert "IPAddressAllow" not in text
+    assert "AF_INET" not in text
+    assert "SystemCallFilter=setpriority\n" in text
+    assert "setpriority" not in drop_in(serial)
+    text = drop_in(replace(serial, http=True, clients=("localhost",)))
+    assert "IPAddressAllow=localhost\n" in text
+    assert "RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6\n" in text
+    text = drop_in(replace(ALL, clients=("192.168.7.0/24",)))
+    assert "IPAddressAllow=10.0.0.5 fe80::1 192.168.7.0/24\n" in text
+    assert "IPAddressAllow=any\n" in drop_in(replace(ALL, clients=("any",)))
+    at = ("192.168.7.2", 80)
+    home = HttpSetup(Path("a"), Path("b"), (("127.0.0.1", 80), ("::1", 80)))
+    assert home.networks == ("localhost",)
+    assert HttpSetup(Path("a"), Path("b"), (at,)).networks == ("any",)
+    assert HttpSetup(Path("a"), Path("b"), (at,), clients=("10.0.0.0/8",)).networks == (
+        "10.0.0.0/8",
+    )
+    assert HttpSetup(Path("a"), Path("b")).networks == ()
 
 
 def test_a_name_in_place_of_an_address_is_said() -> None:
@@ -110,6 +148,24 @@ def test_installing_copies_what_was_checked_and_can_be_repeated(tmp_path: Path) 
     install(again)
 
 
+def test_tokens_and_certificates_go_with_it_once(tmp_path: Path) -> None:
+    """Later on they are the installed machine's own."""
+    here, command = tmp_path / "here", Path("/opt/abbe/bin/abbe")
+    shutil.copytree(EXAMPLE.parent, here)
+    config = here / "config.toml"
+    config.write_text(config.read_text() + '\n[http]\nlisten = ["127.0.0.1:8470"]\n')
+    add_token(here / "http-tokens.toml", "one", "view")
+    root = tmp_path / "root"
+    install(plan(load_config(config), "mill-7", root, command))
+    installed = root / "etc/abbe/mill-7/http-tokens.toml"
+    assert list(read_tokens(installed)) == ["one"]
+    add_token(installed, "two", "view")
+    install(plan(load_config(config), "mill-7", root, command))
+    assert list(read_tokens(installed)) == ["one", "two"]
+    text = (root / "etc/systemd/system/abbe@mill-7.service.d/50-machine.conf").read_text()
+    assert "localhost" in text
+
+
 def test_another_configuration_is_not_overwritten_unasked(tmp_path: Path) -> None:
     configuration = load_config(EXAMPLE)
     command = Path("/opt/abbe/bin/abbe")
@@ -122,6 +178,49 @@ def test_another_configuration_is_not_overwritten_unasked(tmp_path: Path) -> Non
     install(plan(configuration, "mill-7", tmp_path, command), force=True)
     assert file.read_bytes() == EXAMPLE.read_bytes()
     assert file.with_name("config.toml.before").read_text() == "# mine\n"
+
+
+def test_the_debian_package_has_the_template_itself(tmp_path: Path) -> None:
+    configuration = load_config(EXAMPLE)
+    units = tmp_path / "etc/systemd/system"
+    # a machine that was installed from a virtual environment before
+    install(plan(configuration, "mill-7", tmp_path, Path("/opt/abbe/bin/abbe")))
+    assert (units / "abbe@.service").exists()
+    packaged = tmp_path / PACKAGE_UNITS.relative_to("/")
+    packaged.mkdir(parents=True)
+    (packaged / "abbe@.service").write_text(template(Path("/usr/bin/abbe")))
+    made = plan(configuration, "mill-7", tmp_path, PACKAGE_COMMAND)
+    assert made.replaced == (units / "abbe@.service",)
+    install(made)
+    assert not (units / "abbe@.service").exists()
+    assert (units / "abbe@mill-7.service.d/50-machine.conf").exists()
+    # what somebody else wrote there stays
+    (units / "abbe@.service").write_text("[Service]\n")
+    install(plan(configuration, "mill-7", tmp_path, PACKAGE_COMMAND))
+    assert (units / "abbe@.service").read_text() == "[Service]\n"
+
+
+def test_after_an_upgrade_units_are_made_anew_and_configurations_stay(tmp_path: Path) -> None:
+    configuration, command = load_config(EXAMPLE), Path("/opt/abbe/bin/abbe")
+    for name in ("a", "b", "c"):
+        install(plan(configuration, name, tmp_path, command))
+    units = tmp_path / "etc/systemd/system"
+    good = (units / "abbe@a.service.d/50-machine.conf").read_text()
+    for name in ("a", "b"):
+        (units / f"abbe@{name}.service.d/50-machine.conf").write_text("# of an old version\n")
+    bad = tmp_path / "etc/abbe/b/config.toml"
+    bad.write_text(EXAMPLE.read_text().replace("[guard]", "[guard]\nmax_speed = 1"))
+    (tmp_path / "etc/abbe/c/config.toml").unlink()
+    said: list[str] = []
+    complained: list[str] = []
+    assert renew(tmp_path, said.append, complained.append) == (["a"], ["b"])
+    assert said == ["renewed: abbe@a.service"]
+    (complaint,) = complained
+    assert "max_speed" in complaint
+    assert str(bad) in complaint
+    assert (units / "abbe@a.service.d/50-machine.conf").read_text() == good
+    assert (units / "abbe@b.service.d/50-machine.conf").read_text() == "# of an old version\n"
+    assert (tmp_path / "etc/abbe/a/config.toml").read_bytes() == EXAMPLE.read_bytes()
 
 
 def test_a_model_elsewhere_is_refused(tmp_path: Path) -> None:

@@ -129,7 +129,7 @@ async def test_positions_whose_coordinates_are_not_stated_any_more(cmm: Simulate
         await read_until(link, ("x",), lambda sample: sample.good)
         # every answer is cut off; the reports go on
         cmm.order("fault", incomplete=10_000)
-        samples = await read_until(link, ("x",), lambda sample: "was not told" in sample.reason)
+        samples = await read_until(link, ("x",), lambda sample: "has not stated" in sample.reason)
         assert not samples["x"].good
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import socket
 from collections.abc import Iterator
 
@@ -28,6 +29,7 @@ def cmm() -> Iterator[SimulatedProcess]:
 async def test_dropped_and_found_again_with_one_line_in_the_log_each(
     cmm: SimulatedProcess, caplog: pytest.LogCaptureFixture, settings: dict[str, object]
 ) -> None:
+    caplog.set_level(logging.INFO, "abbe")
     async with linked(cmm, AXES, **settings) as link:
         await read_until(link, ("x",), good)
         cmm.order("go")

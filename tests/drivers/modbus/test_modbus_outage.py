@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -11,9 +12,9 @@ from typing import Any
 import pytest
 
 from abbe.drivers.link import LinkDownError, LinkState, LinkTimeoutError, Quality
+from abbe.drivers.modbus.bus.units import Unit
 from abbe.drivers.modbus.config import ModbusConfig
 from abbe.drivers.modbus.link import ModbusLink
-from abbe.drivers.modbus.units import Unit
 from tests.support.drivers.modbus_devices import Memory, TcpDevice
 from tests.support.drivers.opening import until
 
@@ -73,6 +74,7 @@ async def timed_read(link: ModbusLink, names: tuple[str, ...]) -> tuple[dict[str
 async def test_a_stopped_server_is_noticed_at_once_and_found_again(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
+    caplog.set_level(logging.INFO, "abbe")
     names = ("enc", "T")
     async with TcpDevice() as device, linked(device.port, ONE_UNIT) as link:
         assert all(s.good for s in (await link.read(names)).values())
@@ -117,6 +119,7 @@ async def test_a_server_that_appears_after_open_is_found() -> None:
 async def test_a_frozen_server_blocks_no_call_longer_than_a_timeout(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
+    caplog.set_level(logging.INFO, "abbe")
     names = ("enc", "T")
     async with TcpDevice() as device, linked(device.port, ONE_UNIT) as link:
         assert (await link.read(names))["enc"].good

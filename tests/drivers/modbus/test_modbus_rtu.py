@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from pymodbus.pdu import DecodePDU
 
 from abbe.drivers.link import LinkState, LinkTimeoutError, Quality
+from abbe.drivers.modbus.bus.framing import StrictRtuFramer
 from abbe.drivers.modbus.config import ModbusConfig
-from abbe.drivers.modbus.framing import StrictRtuFramer
 from abbe.drivers.modbus.link import ModbusLink
 from tests.support.drivers.modbus_devices import Memory, RtuDevice, crc
 

@@ -21,7 +21,7 @@ from pymodbus.exceptions import ConnectionException, ModbusIOException
 from pymodbus.framer import FramerRTU
 
 from abbe.drivers.link import LinkProtocolError, LinkState, Quality
-from abbe.drivers.modbus import bus, client
+from abbe.drivers.modbus.bus import bus, client
 from abbe.drivers.modbus.config import ModbusConfig
 from abbe.drivers.modbus.link import ModbusLink
 from tests.support.drivers.modbus_devices import Memory, Request, RtuDevice, TcpDevice
@@ -97,7 +97,7 @@ def late_once(address: int, delay: float) -> Any:
 
 
 def test_pymodbus_is_behind_the_wall() -> None:
-    root = Path(client.__file__).parents[2]
+    root = Path(client.__file__).parents[3]
     importers = {
         str(path.relative_to(root))
         for package in ("compcore", "drivers", "daemon")
@@ -105,8 +105,8 @@ def test_pymodbus_is_behind_the_wall() -> None:
         if re.search(r"^\s*(from|import) pymodbus", path.read_text("utf-8"), re.MULTILINE)
     }
     assert importers == {
-        "drivers/modbus/client.py",
-        "drivers/modbus/framing.py",
+        "drivers/modbus/bus/client.py",
+        "drivers/modbus/bus/framing.py",
         "drivers/simulated/modbus/server.py",
     }
 
@@ -116,8 +116,7 @@ def test_pymodbus_is_behind_the_wall() -> None:
 
 async def test_stock_rtu_hands_a_late_reply_to_the_next_request() -> None:
     with RtuDevice() as device:
-        late = late_once(A, TIMEOUT + 0.1)
-        device.delay = lambda request: late(request) or 0.05
+        device.behind = True
         async with stock_rtu(device) as stock:
             with pytest.raises(ModbusIOException):
                 await stock.read_holding_registers(A, count=2)
@@ -437,17 +436,21 @@ async def test_the_link_takes_an_undecodable_answer_for_none() -> None:
 
 
 class ZeroTransactions:
-    """A gateway that does not return the transaction number, and is late once, at register A."""
+    """A gateway that does not return the transaction number, and is late once, at register A.
+
+    The late answer comes when the next question does, however busy the computer is.
+    """
 
     def __init__(self) -> None:
-        self.late = True
+        self.late: list[bytes | float] | None = None
 
     def __call__(self, unit: int, pdu: bytes, frame: bytes) -> list[bytes | float]:
         answer = b"\0\0" + frame[2:]
-        if self.late and pdu[1:3] == bytes((0, A)):
-            self.late = False
-            return [TIMEOUT + 0.1, answer]
-        return [answer]
+        if self.late is None and pdu[1:3] == bytes((0, A)):
+            self.late = [answer]
+            return []
+        late, self.late = self.late or [], []
+        return [*late, answer]
 
 
 async def test_stock_tcp_takes_transaction_0_for_the_answer_to_anything() -> None:
@@ -468,17 +471,21 @@ async def test_the_link_does_not_believe_transaction_0() -> None:
 
 
 class TornAnswer:
-    """The answer of A comes in two halves, the second late and by its content like an answer."""
+    """The answer of A comes in two halves, the second by its content like an answer.
+
+    The second half comes when the next question does, however busy the computer is.
+    """
 
     def __init__(self, transaction: int) -> None:
         self.forged = bytes((0, transaction, 0, 0, 0, 5, 1, 3, 2, 0x2B, 0xAD))
-        self.late = True
+        self.late: list[bytes | float] | None = None
 
     def __call__(self, unit: int, pdu: bytes, frame: bytes) -> list[bytes | float]:
-        if self.late and pdu[1:3] == bytes((0, A)):
-            self.late = False
-            return [frame[: -len(self.forged)], TIMEOUT + 0.1, self.forged]
-        return [frame]
+        if self.late is None and pdu[1:3] == bytes((0, A)):
+            self.late = [self.forged]
+            return [frame[: -len(self.forged)]]
+        late, self.late = self.late or [], []
+        return [*late, frame]
 
 
 async def test_stock_tcp_parses_the_second_half_of_a_late_answer_as_an_answer() -> None:

@@ -19,8 +19,7 @@ from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.machine.structure import Structure
 from abbe.compcore.model.model import Model, Term, Value
 from abbe.compcore.tables.volume import Volume
-from abbe.daemon.answers.table import TableRequest as TableOrder
-from abbe.daemon.answers.table import make
+from abbe.daemon.answers.tables.make import TableRequest, make
 from abbe.daemon.config import load_config
 from abbe.daemon.upload.history.upload_log import read_journal
 from abbe.daemon.upload.operator_port import OperatorPort
@@ -59,7 +58,7 @@ def make_tables(
     """What ``abbe table --controller csv`` writes."""
     loaded = load_model(model_file)
     controller = make_controller(dialect, loaded.machine, options)
-    order = TableOrder(
+    order = TableRequest(
         model_file,
         controller,
         options,

@@ -167,11 +167,14 @@ def crc(data: bytes) -> bytes:
 class RtuDevice:
     """Modbus RTU units on one pseudo-terminal, in a thread; each answers its requests in turn.
 
-    `delay` is asked for every request: s until the answer. `prefix`: noise in front of it.
+    `delay` is asked for every request: s until the answer. `prefix`: noise in front of it. One that
+    is `behind` answers each request when the next one comes.
     """
 
     def __init__(self, memory: Memory | None = None, *, echo: bool = False) -> None:
         self.memory = memory or Memory()
+        self.behind = False
+        self._owed: bytes = b""
         self.delay: Callable[[Request], float] = lambda request: 0.0
         self.prefix: Callable[[Request], bytes] = lambda request: b""
         self._echo = echo
@@ -230,4 +233,7 @@ class RtuDevice:
         due = max(time.monotonic(), self._free_at.get(unit, 0.0)) + self.delay(request)
         self._free_at[unit] = due
         body = bytes((unit,)) + answer
-        self._outbox.append((due, self.prefix(request) + body + crc(body)))
+        whole = self.prefix(request) + body + crc(body)
+        if self.behind:
+            whole, self._owed = self._owed, whole
+        self._outbox.append((due, whole))

@@ -68,8 +68,8 @@ class LengthBias(Effect):
         given. Distances between base points count where no base is given.
     Parameters
     ----------
-        bias in mm, within ±1 mm: a ball bar or tracker that was initialised wrongly. It can be told
-        from the rest with four base points or more.
+        bias in mm, within ±1 mm: a ball bar or tracker that was initialised wrongly. It can be
+        separated from the rest with four base points or more.
     Signals
         None.
     Typical causes

@@ -291,7 +291,7 @@ class SetupScale(SetupEffect):
     """A workpiece or an artefact of another temperature than stated: all its lengths scale.
 
     Nobody measured how warm it was. Its own expansion is then one number for all directions, and
-    is told from the machine's scales by other set-ups, or by being alike in all axes.
+    is distinguished from the machine's scales by other set-ups, or by being alike in all axes.
 
     Formula
         ``value = −s·u·(p − p̄)`` for displacements along u; p the functional point in the

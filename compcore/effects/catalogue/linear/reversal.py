@@ -12,6 +12,7 @@ from abbe.compcore.effects.targets import TRANSLATIONS, along
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine, own_component
+from abbe.compcore.machine.structure import is_rotary
 
 
 class ReversalEffect(ShapedEffect):
@@ -157,7 +158,7 @@ class ReversalAngle(ReversalEffect):
 
 @register
 class LateralReversal(ReversalEffect):
-    """The carriage steps aside when it reverses: a reversal value of straightness.
+    """The carriage steps aside when it reverses: straightness by direction.
 
     A guide with play, or a drive that does not push along it, leaves the carriage at one flank on
     the way there and at the other on the way back. A straightedge shows two lines side by side; on
@@ -204,9 +205,17 @@ class LateralReversal(ReversalEffect):
 
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[LateralReversal]:
-        """Two for each linear axis that arrived from both sides, three for a rotary one."""
-        for axis in machine.structure.axes:
-            if axis in coverage.reversing:
+        """Two for each linear axis that arrived from both sides, three for a rotary one.
+
+        Then, for linear ones that moved, the same with a slope: squareness by direction.
+        """
+        reversing = [axis for axis in machine.structure.axes if axis in coverage.reversing]
+        for axis in reversing:
+            for direction in TRANSLATIONS:
+                if direction != own_component(axis):
+                    yield cls(axis=axis, direction=direction)
+        for axis in reversing:
+            if axis in coverage.moving and not is_rotary(axis):
                 for direction in TRANSLATIONS:
                     if direction != own_component(axis):
-                        yield cls(axis=axis, direction=direction)
+                        yield cls(axis=axis, direction=direction, shape="polynomial:1")

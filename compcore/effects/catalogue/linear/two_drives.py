@@ -43,8 +43,8 @@ class TwoDrives(Effect):
     Parameters
     ----------
         zero in mm, the difference at which the bridge is square; within ±2 mm. It depends on where
-        the slave was referenced, and cannot be told from a squareness unless the difference
-        changes.
+        the slave was referenced, and cannot be distinguished from a squareness unless the
+        difference changes.
     Signals
         One, in mm: the slave's reading minus the master's at the same moment.
     Typical causes

@@ -43,7 +43,7 @@ class SpindleSquareness(Effect):
     Typical causes
         Alignment of the head, a collision, thermal tilt of the head.
     Cure
-        Shim the head; tool lengths told to the controller with L-ANG or L-VOL.
+        Shim the head; tool lengths given to the controller with L-ANG or L-VOL.
     Source
         ISO 230-7:2015; ISO 10791-1 (squareness of the spindle); Krulewich, LLNL, who fits the
         spindle's two squarenesses along with the machine.

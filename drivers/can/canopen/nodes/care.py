@@ -39,7 +39,7 @@ class NodeCare:
     health
         Keeps count of who answers.
     reconnector
-        The bus's connection; told to be lost when no node is left.
+        The bus's connection; reported lost when no node is left.
     on_look
         Called at every look.
     on_change

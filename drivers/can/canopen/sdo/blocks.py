@@ -28,7 +28,7 @@ _TELL_EVERY = 1024
 """Bytes between two reports of progress."""
 
 Done = Callable[[int], None]
-"""Is told how many bytes of a transfer are done."""
+"""Called with the number of bytes of a transfer that are done."""
 
 
 def receive_block(sdo: Any, stream: Any, progress: Done | None) -> bytes:

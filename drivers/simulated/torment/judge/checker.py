@@ -31,7 +31,7 @@ _ACTIVE = {"X": X_ACTIVE, "Y": Y_ACTIVE, "Z": Z_ACTIVE}
 
 @dataclass
 class Checker:
-    """Is told what went out and came in, and finds violations.
+    """Takes what went out and came in, and finds violations.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Checker:
         """The status word that the controller has."""
         return self._word
 
-    # What Abbe was told
+    # What Abbe was sent
 
     def sent(self, shown: ShownPicture) -> None:
         """An answer that may be believed went out as a whole."""
@@ -99,6 +99,13 @@ class Checker:
         """Somebody else wrote into Abbe's registers: their change is not Abbe's."""
         self._abbe_beat = math.nan
 
+    def reborn(self) -> None:
+        """Abbe was killed: the next one begins at zero, as a controller that watches it expects."""
+        for axis in AXES:
+            self._steps.forget(axis)
+        self._written.clear()
+        self._abbe_beat = math.nan
+
     # What Abbe wrote
 
     def taken(self, taken: Taken) -> None:
@@ -112,6 +119,9 @@ class Checker:
             for axis in AXES:
                 if axis in values:
                     self._steps.forget(axis)
+                    self._written.pop(axis, None)
+            if "echo" in values:
+                self._written.clear()
             return
         sources: dict[str, list[ShownPicture]] = {}
         for axis in AXES:
@@ -267,7 +277,7 @@ class Checker:
         dumb = moment.early - self._good_temperature
         if dumb > p.signals_stale_after + p.hold + 0.5 + slack:
             self._fail(
-                moment, "status", f"COMPENSATING, and X's thermometer told nothing for {dumb:.2f} s"
+                moment, "status", f"COMPENSATING, and X's thermometer sent nothing for {dumb:.2f} s"
             )
         for axis, found in sources.items():
             self._as_modelled(axis, values[axis], found, moment)

@@ -40,7 +40,7 @@ class ShownPicture:
     mirrored
         What was held when what is held began to appear where positions are; the machine stands.
     covers
-        What of it the answer told.
+        What of it the answer stated.
     """
 
     number: int

@@ -16,7 +16,7 @@ class Promises:
     scale_x, scale_y, expansion_x
         The model: E_X = (scale_x + expansion_x·(T_x − 20 °C))·X, E_Y = scale_y·Y, E_Z = 0.
     resolution
-        Steps in which positions are handed back; a correction is told from two of them.
+        Steps in which positions are handed back; a correction is seen from two of them.
     blind
         How much older than its question an answer may be without anybody being able to tell, on
         wires whose answers say neither for which question they are nor when they were taken.

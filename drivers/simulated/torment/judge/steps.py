@@ -18,7 +18,7 @@ _BACK = (1, 10, 50)
 
 @dataclass(slots=True)
 class _Step:
-    """One correction that the controller had, as far as it can be told, and since when at least.
+    """One correction that the controller had, as far as it can be seen, and since when at least.
 
     `low`, `high` in mm; `since` is when the picture that it is for went out, monotonic, s.
     """
@@ -38,7 +38,7 @@ class StepJudge:
     tally
         Counts what is judged.
     fail
-        Is told violations: when, which promise, what was seen.
+        Called with violations: when, which promise, what was seen.
     """
 
     def __init__(

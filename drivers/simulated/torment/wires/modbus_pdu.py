@@ -103,13 +103,13 @@ class ModbusDevice:
             address, count = struct.unpack(">HH", pdu[1:])
             if active("narrow", now) and count > 4:
                 return self._refused(pdu, 2)
-            return self._read(pdu[0], address, count, refusal) or self._refused(pdu, 2)
+            return self._read(pdu[0], address, count, refusal)
         if pdu[0] == 16 and len(pdu) >= 6 and len(pdu) == 6 + pdu[5]:
             address = struct.unpack(">H", pdu[1:3])[0]
-            return self._write(pdu[:5], address, pdu[6:], moment, refusal) or self._refused(pdu, 2)
+            return self._write(pdu[:5], address, pdu[6:], moment, refusal)
         if pdu[0] == 6 and len(pdu) == 5:
             address = struct.unpack(">H", pdu[1:3])[0]
-            return self._write(pdu, address, pdu[3:], moment, refusal) or self._refused(pdu, 2)
+            return self._write(pdu, address, pdu[3:], moment, refusal)
         return self._refused(pdu, 1)
 
     @staticmethod
@@ -117,7 +117,7 @@ class ModbusDevice:
         refusal = bytes((pdu[0] | 0x80, code))
         return ModbusReply(refusal, None, b"", refusal)
 
-    def _read(self, table: int, address: int, count: int, refusal: bytes) -> ModbusReply | None:
+    def _read(self, table: int, address: int, count: int, refusal: bytes) -> ModbusReply:
         now = time.monotonic()
         held_end = HELD_AT + len(held_registers({})) // 2
         if table == 3 and address >= HELD_AT and address + count <= held_end:
@@ -125,7 +125,7 @@ class ModbusDevice:
             data = image[2 * (address - HELD_AT) :][: 2 * count]
             return ModbusReply(bytes((3, len(data))) + data, None, b"", refusal)
         if table != self._table or address < SHOWN_AT or address + count > SHOWN_AT + _SIZE:
-            return None
+            return self._refused(bytes((table,)), 2)
         shown = self._machine.look(now)
         make = _answer(table, address - SHOWN_AT, count)
         covers = frozenset(
@@ -139,12 +139,13 @@ class ModbusDevice:
     def _write(
         self, head: bytes, address: int, data: bytes, moment: Moment, refusal: bytes
     ) -> ModbusReply | None:
+        """The answer to a write; None: none comes, whether it was taken or not."""
         now = time.monotonic()
         active = self.active
         at = address - HELD_AT
         image = bytearray(held_registers(self._machine.held))
         if at < 0 or 2 * at + len(data) > len(image):
-            return None
+            return self._refused(head, 2)
         if active("refused", now) or active("refused_long", now):
             return ModbusReply(refusal, None, b"", refusal)
         if active("write_refused", now):

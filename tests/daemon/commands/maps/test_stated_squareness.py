@@ -112,6 +112,8 @@ def test_which_form_a_controller_uses_is_found_and_the_printed_command_is_the_sa
     assert words[0] == "abbe"
     run = abbe(*words[1:])
     assert run.status == 0, run.err
+    again = abbe("identify-convention", spaced, "points.csv", *BRIDGE, *stated)
+    assert "-o model-2.toml" in again.out, "what was written would be overwritten"
     for row in rows[:5]:
         typed = [f"{a}={v}" for a, v in zip("XYZ", row[:3], strict=True)]
         tool = "tool=" + ",".join(map(str, row[3:6]))

@@ -16,8 +16,8 @@ import typer
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.errors import AbbeError
 from abbe.compcore.files.campaign_csv.writing import write_campaign
-from abbe.compcore.files.commented_model import save_commented
 from abbe.compcore.files.model_file import load_model
+from abbe.compcore.files.model_toml.commented import save_commented
 from abbe.compcore.machine.common_machines import COMMON_MACHINES
 from abbe.compcore.model.model import Model, Term, Value
 from abbe.compcore.model.start_model import start_model

@@ -11,15 +11,21 @@ import sys
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from abbe.compcore.effects import ScaleExpansion
 from abbe.compcore.files.model_file import save_model
 from abbe.compcore.files.table_set import TableSet
+from abbe.compcore.model.lags import lags_of
+from abbe.compcore.model.model import Model, Term, Value
 from abbe.compcore.tables.volume import Volume
 from abbe.daemon.config import load_config
 from abbe.daemon.demo.configuration import demo_configuration
 from abbe.daemon.demo.simulator import simulated_bridge
-from abbe.daemon.table_watch import Follower, TableTarget, follow, lags_of, words
+from abbe.daemon.table_watch.follow import TableTarget, follow
+from abbe.daemon.table_watch.follower import Follower
+from abbe.daemon.table_watch.watch import words
 from abbe.drivers.controllers import make_controller
 from tests.support.compcore.table_models import rigid, thermal
 from tests.support.daemon.memory_link import MemoryLink
@@ -152,15 +158,63 @@ async def test_tables_are_made_when_due_and_an_upload_proposed_when_idle(configu
         await task
 
 
+SD_ALPHA = 2e-7
+"""Standard uncertainty of the one coefficient, 1/K."""
+
+
+async def test_how_sure_the_model_is_goes_with_every_set_of_tables(configured, tmp_path):
+    """One coefficient: ± = 2·sd·|x|·ΔT, by the exact formula; beyond 24 °C nobody measured."""
+    grows = Term(ScaleExpansion(axis="X", signals=("T_x",)), {"alpha": Value(1.1e-5, SD_ALPHA)})
+    seen = {"measured": {"signals": {"T_x": [19.0, 24.0]}}}
+    known = Model(MODEL.machine, (grows,), fit=seen, covariance=np.array([[SD_ALPHA**2]]))
+    assert known.measured_signals == {"T_x": (19.0, 24.0)}
+    save_model(known, tmp_path / "model.toml")
+    configuration = load_config(configured.path)
+    link = MemoryLink("m", {"X": 1.0, "Y": 2.0, "Z": 3.0, "T_x": 22.0, "T_y": 20.0})
+    target = TableTarget(
+        make_controller("linuxcnc", MODEL.machine), {}, VOLUME, None, tmp_path / "out", "me"
+    )
+    events: asyncio.Queue[dict] = asyncio.Queue()
+    watch = Follower(known, VOLUME, 1e-3, 1e9)
+    task = asyncio.create_task(
+        follow(configuration, {"m": link}, watch, target, events.put_nowait, every=0.05)
+    )
+    try:
+        inside = await asyncio.wait_for(events.get(), 60.0)
+        # the trial points stand half a step inside the ends, ± 500 mm from zero
+        assert inside["uncertainty"]["largest"] == pytest.approx(
+            2e3 * SD_ALPHA * 500.0 * 2.0, rel=0.05
+        )
+        assert inside["uncertainty"]["k"] == 2.0
+        assert inside["beyond"] == []
+        link.values["T_x"] = 34.0
+        beyond = await asyncio.wait_for(events.get(), 60.0)
+        # beside the coefficient's the 10 K that nobody saw, as a rectangle
+        wide = 2e3 * 500.0 * math.hypot(SD_ALPHA * 14.0, 1.1e-5 * 10.0 / math.sqrt(3.0))
+        assert beyond["uncertainty"]["largest"] == pytest.approx(wide, rel=0.05)
+        assert beyond["beyond"] == ["T_x = 34 degC was not measured (19 … 24 degC)"]
+        said = words(beyond, Path("c.toml"))
+        assert f"the model ± {beyond['uncertainty']['largest']:.1f} µm at most (k = 2)" in said
+        assert "T_x = 34 degC was not measured" in said
+    finally:
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+
 def test_what_is_said_of_an_event():
     config = Path("c.toml")
     assert words({"event": "waiting", "signals": ["T_x"]}, config) == "waiting for T_x"
     assert "abbe upload c.toml out" in words({"event": "propose", "folder": "out"}, config)
+    hall = Path("hall 3/c.toml")
+    said = words({"event": "propose", "folder": "my out"}, hall)
+    assert said.endswith("abbe upload 'hall 3/c.toml' 'my out'")
     event = {
         "event": "tables", "folder": "out", "change_um": 3.21, "signals": {"T_x": 21.0},
-        "left_um": {"max": 4.0, "rms": 1.0},
+        "left_um": {"max": 4.0, "rms": 1.0}, "uncertainty": None, "beyond": [],
     }  # fmt: skip
     assert "changed by 3.2 µm" in words(event, config)
+    assert "± is not known" in words(event, config)
     assert "first" in words({**event, "change_um": None}, config)
 
 

@@ -1,0 +1,1 @@
+"""What is hidden: causes from physics, for the exact chain, with no view of the effects' code."""

@@ -1,0 +1,1 @@
+"""Scenes: kinds of machines with what may be hidden in them, and what their users model."""

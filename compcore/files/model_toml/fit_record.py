@@ -1,0 +1,113 @@
+"""The record of a fit in a model's file: the ``[fit]`` section and the history."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from abbe.compcore.campaign.campaign import LENGTHS, Kind
+from abbe.compcore.campaign.noise import NoiseFloor
+from abbe.compcore.errors import require_type
+from abbe.compcore.files.model_file import summary
+from abbe.compcore.files.model_toml.campaign_record import campaign_records, noise_by_file
+from abbe.compcore.fitting.fit import FitResult
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.model.model import Model
+
+
+def measured_ranges(conditions: Conditions) -> dict[str, Any]:
+    """Where signals (each in its unit), axes (mm, degrees) and the tool's offset (mm) ranged.
+
+    A live correction is no better founded elsewhere, and a sensor that shows something far from
+    it is more likely to be broken.
+    """
+    found: dict[str, Any] = {}
+    for name, values in conditions.signals.items():
+        known = values[np.isfinite(values)]
+        if known.size:
+            found[name] = [float(known.min()), float(known.max())]
+    tool = conditions.tool
+    stood = {
+        a: [float(e) for e in np.round(np.degrees(ends) if is_rotary(a) else ends, 9)]
+        for a, q in conditions.positions.items()
+        if len(q) and np.isfinite(ends := np.array([q.min(), q.max()])).all()
+    }
+    return {
+        "signals": found,
+        "positions": stood,
+        "tool": [[float(column.min()), float(column.max())] for column in tool.T],
+    }
+
+
+def recorded(
+    result: FitResult,
+    ancestor: Model,
+    *,
+    date: str,
+    version: str,
+    noise_floor: float | None,
+    noise_floor_rotation: float | None = None,
+    noise: Sequence[NoiseFloor] | None = None,
+) -> Model:
+    """The fitted model with its provenance, and its ancestor's one-line record in the history.
+
+    Parameters
+    ----------
+    result
+        What the fit found.
+    ancestor
+        The model that was fitted; when it had been fitted before, its record joins the history.
+    date, version
+        When (ISO 8601) and with which version of Abbe.
+    noise_floor, noise_floor_rotation
+        mm and rad; None where the campaign cannot tell.
+    noise
+        Of each of the campaign's files, where it is known already (`noise_by_file`).
+    """
+    require_type(result, FitResult, "result")
+    require_type(ancestor, Model, "ancestor")
+    campaign = result.problem.campaign
+    if noise is None:
+        noise = noise_by_file(campaign, result.model.machine, result.noise)
+    record: dict[str, Any] = {
+        "date": date,
+        "campaigns": campaign_records(campaign, result.residual, noise),
+        "n": campaign.n,
+        "unit": "um",
+        "rms": result.rms(*LENGTHS) * 1e3,
+        "noise_floor": None if noise_floor is None else noise_floor * 1e3,
+        "rms_rotation_urad": result.rms(Kind.ROTATION) * 1e6,
+        "noise_floor_rotation_urad": (
+            None if noise_floor_rotation is None else noise_floor_rotation * 1e6
+        ),
+        "chi2_per_dof": result.chi2_per_dof,
+        "dof": result.dof,
+        "determined": result.decomposition.rank,
+        "abbe": version,
+        "measured": measured_ranges(campaign.conditions),
+        "knots": [
+            {
+                "effect": k.effect,
+                "unit": k.where,
+                "places": list(k.knots),
+                "sd": [round(s, 6) for s in k.spread],
+                "probability": {str(n): round(p, 6) for n, p in k.probability.items()},
+            }
+            for k in result.knots
+        ]
+        or None,
+    }
+    kept = {
+        k: v
+        for k, v in record.items()
+        if v is not None and not (isinstance(v, float) and math.isnan(v))
+    }
+    history = ancestor.history
+    if ancestor.fit:
+        history = (*history, summary(ancestor))
+    return replace(result.model, fit=kept, history=history)

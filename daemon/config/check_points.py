@@ -1,0 +1,18 @@
+"""The section ``[checks]``: check measurements of the machine. ``docs/check-points.md``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class ChecksSection(BaseModel):
+    """Where check measurements are kept, and how often a sound machine may be accused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    file: Annotated[str, Field(pattern=r"^.+\.csv$", max_length=1000)] = "checks.csv"
+    """Path, relative as the journal's; ends in ``.csv``."""
+    false_alarm_every: Annotated[float, Field(ge=10.0, le=1e6)] = 5000.0
+    """Checks in which a sound machine is accused once, at most, on average."""

@@ -1,0 +1,79 @@
+"""The HTTP process: ``python -m abbe.daemon.http.process FD``, started by a run and by nobody else.
+
+FD is its end of a socket pair. It ends when the other end is closed, however the run has ended, and
+by nothing else: what a terminal or a service manager sends to all processes is for the run.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+import resource
+import signal
+import socket
+import sys
+
+from abbe.daemon.http.hub import Hub
+from abbe.daemon.http.serve import serve
+
+_NICER = 10
+"""By how much it steps back behind the correction."""
+_MEMORY = 1_000_000_000
+"""Bytes of its own data: it fails before the correction's computer does."""
+_LONGEST = 20_000_000
+
+
+class JournalHandler(logging.Handler):
+    """Hands what the server says to the run, for its journal."""
+
+    def __init__(self, hub: Hub) -> None:
+        super().__init__(logging.ERROR)
+        self._hub = hub
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Hand one event on; of a failure its last line only."""
+        text = record.getMessage().strip()
+        if record.exc_info and record.exc_info[1] is not None:
+            text = f"{text}: {record.exc_info[1]!r}"
+        self._hub.log(record.levelno, text)
+
+
+async def run(descriptor: int) -> None:
+    """Serve until the run is over."""
+    end = socket.socket(fileno=descriptor)
+    end.setblocking(False)
+    reader, writer = await asyncio.open_unix_connection(sock=end, limit=_LONGEST)
+    hub = Hub(reader, writer)
+    try:
+        setup = await hub.setup()
+    except asyncio.IncompleteReadError:
+        return
+    logging.getLogger("uvicorn").addHandler(JournalHandler(hub))
+    serving = asyncio.create_task(serve(hub, setup))
+    beating = asyncio.create_task(hub.beat())
+    taking = asyncio.create_task(hub.run())
+    # the server never ends by itself, unless it fails
+    await asyncio.wait({taking, serving}, return_when=asyncio.FIRST_COMPLETED)
+    beating.cancel()
+    if serving.done():
+        serving.result()
+    serving.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await serving
+
+
+def main() -> None:
+    """Begin."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    with contextlib.suppress(OSError, AttributeError):
+        os.nice(_NICER)
+    with contextlib.suppress(OSError, ValueError):
+        resource.setrlimit(resource.RLIMIT_DATA, (_MEMORY, _MEMORY))
+    asyncio.run(run(int(sys.argv[1])))
+
+
+if __name__ == "__main__":
+    main()

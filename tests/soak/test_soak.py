@@ -1,0 +1,53 @@
+"""Three minutes of soak: a supervised run, every fault of wire and computer, no promise broken."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from abbe.drivers.simulated.soak.faults import COMPUTER_FAULTS
+from abbe.drivers.simulated.soak.memory import MemoryCurve
+from abbe.drivers.simulated.soak.soak import Soak
+from abbe.drivers.simulated.soak.supervisor import clock_library
+
+DOC = (Path(__file__).parents[2] / "docs" / "soak.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.integration
+@pytest.mark.timeout(900)
+def test_no_promise_is_broken_in_three_minutes(tmp_path: Path) -> None:
+    assert clock_library() is not None, "Debian's libfaketime is missing"
+    outcome = Soak(seed=1, seconds=180.0, folder=tmp_path).run()
+    journal = (tmp_path / "abbe.log").read_text(encoding="utf-8", errors="replace")
+    assert not outcome.violations, "\n".join([*outcome.lines, journal[-3000:]])
+    assert "Traceback" not in journal
+    tally = outcome.tally
+    assert tally.messages - tally.not_judged > 1000, f"too little was judged: {tally}"
+    assert tally.compensating > 100
+    assert set(COMPUTER_FAULTS) <= set(outcome.faults)
+    assert outcome.restarts.get("killed"), f"{outcome.restarts}"
+    assert outcome.answers > 500
+    life = outcome.memory.longest
+    settled = next(megabytes for age, megabytes in life if age >= life[-1][0] / 2)
+    assert life[-1][1] - settled < 6.0, f"{settled:.1f} MB became {life[-1][1]:.1f} MB"
+
+
+def test_memory_s_growth_is_the_slope_of_the_longest_life() -> None:
+    curve = MemoryCurve()
+    assert math.isnan(curve.growth)
+    curve.begin()
+    for second in range(50):
+        curve.note(second, 100.0 + second)
+    curve.begin()
+    for second in range(4000):
+        warm_up = 20.0 * min(1.0, second / 500.0)
+        curve.note(second, 60.0 + warm_up + 1.5 * second / 3600.0)
+    curve.note(4000.0, math.nan)
+    assert curve.growth == pytest.approx(1.5)
+
+
+def test_the_page_names_every_fault() -> None:
+    for kind, fault in COMPUTER_FAULTS.items():
+        assert f"| `{kind}` | {fault.text} |" in DOC

@@ -1,0 +1,217 @@
+"""A virtual machine that tests can talk to; slow where the processor has to be emulated."""
+
+from __future__ import annotations
+
+import base64
+import itertools
+import json
+import os
+import select
+import shlex
+import shutil
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from tests.support.systemd.image import Image
+
+PATIENCE = 300.0
+"""s that anything may take: the machine may be emulated, beside other tests."""
+_FIRST_WORDS = 10.0
+HOST = "10.0.2.2"
+"""This computer, as the machine sees it."""
+
+
+class Machine:
+    """A running machine.
+
+    Parameters
+    ----------
+    port
+        The socket of its second serial port.
+    console
+        File with what it prints.
+    """
+
+    def __init__(self, port: socket.socket, console: Path) -> None:
+        self._port = port
+        self._console = console
+        self._waiting = b""
+        self._numbers = itertools.count(1)
+        self.boot = ""
+        """Which boot this is."""
+
+    def booted(self) -> None:
+        """Wait until it has booted, also for another time."""
+        before, deadline = self.boot, time.monotonic() + PATIENCE
+        while True:
+            message = self._receive(deadline, "does not boot")
+            if message.get("boot") not in (None, before):
+                self.boot = str(message["boot"])
+                return
+
+    def run(self, command: str, within: float = PATIENCE) -> tuple[int, str]:
+        """A shell command's exit status and what it said."""
+        number = next(self._numbers)
+        request = {"id": number, "command": command, "within": within}
+        self._port.sendall(json.dumps(request).encode("ascii") + b"\n")
+        deadline = time.monotonic() + within + 30.0
+        while True:
+            message = self._receive(deadline, f"does not come back: {command}")
+            if message.get("id") == number:
+                return int(str(message["status"])), str(message["out"])
+
+    def do(self, command: str) -> str:
+        """A command that has to work; what it said, without the last line's end."""
+        status, out = self.run(command)
+        assert status == 0, f"{command}: {status}: {out}\n{self.console}"
+        return out.rstrip("\n")
+
+    def tell(self, command: str) -> None:
+        """A command that has no answer, because it ends the machine."""
+        request = {"id": next(self._numbers), "command": command, "within": PATIENCE}
+        self._port.sendall(json.dumps(request).encode("ascii") + b"\n")
+
+    def put(self, path: str, text: str) -> None:
+        """Write a file, as an editor does."""
+        data = base64.b64encode(text.encode()).decode()
+        name = shlex.quote(path)
+        self.do(f"echo {data} | base64 -d > {name}.new && mv {name}.new {name}")
+
+    def until(self, command: str, what: Callable[[str], bool]) -> str:
+        """What a command says, once `what` holds of it."""
+        deadline = time.monotonic() + PATIENCE
+        while True:
+            _, out = self.run(command)
+            if what(out):
+                return out
+            assert time.monotonic() < deadline, f"not seen: {command}: {out}"
+            time.sleep(0.2)
+
+    @property
+    def console(self) -> str:
+        """The end of what it printed."""
+        return self._console.read_text(errors="replace")[-3000:]
+
+    def _receive(self, deadline: float, problem: str) -> dict[str, object]:
+        while b"\n" not in self._waiting:
+            left = deadline - time.monotonic()
+            ready, _, _ = select.select([self._port], [], [], max(0.0, left))
+            data = self._port.recv(65536) if ready else b""
+            assert data, f"the machine {problem}\n{self.console}"
+            self._waiting += data
+        line, _, self._waiting = self._waiting.partition(b"\n")
+        try:
+            found = json.loads(line)
+        except ValueError:
+            return {}
+        return found if isinstance(found, dict) else {}
+
+
+def media(folder: Path, files: Sequence[Path]) -> Path:
+    """A disk with files, as a stick would bring them."""
+    content = folder / "media"
+    content.mkdir()
+    for file in files:
+        shutil.copy(file, content / file.name)
+    size = sum(file.stat().st_size for file in files) // 2**20 + 32
+    disk = folder / "media.ext4"
+    subprocess.run(
+        ["mke2fs", "-q", "-t", "ext4", "-d", content, disk, f"{size}M"],
+        check=True,
+        capture_output=True,
+    )
+    return disk
+
+
+@contextmanager
+def running(image: Image, stick: Path, folder: Path) -> Iterator[Machine]:
+    """A machine that is over when the context is; what it writes is forgotten then.
+
+    Parameters
+    ----------
+    image
+        What it boots from.
+    stick
+        A second disk, read-only: ``/dev/vdb``.
+    folder
+        For the console's text and the socket.
+    """
+    problem = ""
+    for name, accelerator in _accelerators():
+        with _started(image, stick, folder, accelerator) as (port, console, process):
+            if not _prints(console, process):
+                problem += f"{name}: {_said(process)}\n"
+                continue
+            machine = Machine(port, console)
+            machine.booted()
+            yield machine
+            return
+    raise AssertionError(f"no machine starts: {problem}")
+
+
+def _accelerators() -> Iterator[tuple[str, list[str]]]:
+    if os.access("/dev/kvm", os.R_OK | os.W_OK):
+        # one that is itself in a machine may have it and not be able to use it
+        yield "kvm", ["-accel", "kvm", "-cpu", "host,-arch-capabilities"]
+    yield "tcg", ["-accel", "tcg,thread=multi", "-cpu", "max"]
+
+
+def _prints(console: Path, process: subprocess.Popen[bytes]) -> bool:
+    """Whether the kernel says anything soon: it does within a second, or never."""
+    deadline = time.monotonic() + _FIRST_WORDS
+    while time.monotonic() < deadline and process.poll() is None:
+        if console.stat().st_size:
+            return True
+        time.sleep(0.05)
+    return False
+
+
+@contextmanager
+def _started(
+    image: Image, stick: Path, folder: Path, accelerator: Sequence[str]
+) -> Iterator[tuple[socket.socket, Path, subprocess.Popen[bytes]]]:
+    path, console = folder / "agent", folder / "console.log"
+    path.unlink(missing_ok=True)
+    console.write_bytes(b"")
+    command = [
+        "qemu-system-x86_64", *accelerator, "-smp", "2", "-m", "1536",
+        "-nodefaults", "-display", "none", "-no-user-config",
+        "-kernel", image.kernel, "-initrd", image.initrd,
+        "-append", "console=ttyS0 panic=-1 audit=0 mitigations=off systemd.show_status=0",
+        "-drive", f"file={image.disk},if=virtio,format=raw,snapshot=on",
+        "-drive", f"file={stick},if=virtio,format=raw,readonly=on",
+        "-netdev", "user,id=n", "-device", "virtio-net-pci,netdev=n,romfile=",
+        "-serial", f"file:{console}", "-chardev", f"socket,id=agent,path={path},server=on,wait=on",
+        "-serial", "chardev:agent",
+    ]  # fmt: skip
+    process = subprocess.Popen(
+        [str(part) for part in command],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
+    try:
+        with socket.socket(socket.AF_UNIX) as port:
+            deadline = time.monotonic() + PATIENCE
+            while process.poll() is None:
+                try:
+                    port.connect(str(path))
+                    break
+                except (FileNotFoundError, ConnectionRefusedError):
+                    assert time.monotonic() < deadline
+                    time.sleep(0.05)
+            yield port, console, process
+    finally:
+        process.kill()
+        process.wait()
+        if process.stderr is not None:
+            process.stderr.close()
+
+
+def _said(process: subprocess.Popen[bytes]) -> str:
+    process.kill()
+    return "" if process.stderr is None else process.stderr.read().decode(errors="replace")
