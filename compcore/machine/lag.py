@@ -18,7 +18,7 @@ F64 = NDArray[np.float64]
 _SPAN = 200.0
 """Greatest exponent inside one vectorised block; e^200 is far from overflow."""
 _SHORTEST = 1e-290
-"""Step in time constants below which a lag does not follow at all, and nothing may overflow."""
+"""Step in time constants, far below any clock's, taken for every shorter one: no division by zero."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,10 +47,10 @@ class Clock:
         """As `first_order_lag` for values (n,) at the rows' times."""
         x = np.asarray(value, dtype=np.float64)[self.first]
         dt = np.diff(self.t)
-        steps = dt / tau
+        steps = np.maximum(dt / tau, _SHORTEST)
         decay = np.exp(-steps)
-        slope_tau = np.diff(x) / np.maximum(steps, _SHORTEST)
-        gain = x[1:] - slope_tau - (x[:-1] - slope_tau) * decay
+        followed = -np.expm1(-steps)
+        gain = followed * x[:-1] + (1.0 - followed / steps) * np.diff(x)
         y = np.empty_like(x)
         y[0] = x[0]
         elapsed = np.concatenate([[0.0], np.cumsum(steps)])
@@ -113,9 +113,9 @@ class LagState:
             return value
         dt = time - self.time
         if dt > 0.0:
-            decay = math.exp(-dt / self.tau)
-            slope_tau = (value - self.value) / dt * self.tau
-            gain = value - slope_tau - (self.value - slope_tau) * decay
-            self.state = decay * self.state + gain
+            step = max(dt / self.tau, _SHORTEST)
+            followed = -math.expm1(-step)
+            gain = followed * self.value + (1.0 - followed / step) * (value - self.value)
+            self.state = math.exp(-step) * self.state + gain
             self.time, self.value = time, value
         return self.state

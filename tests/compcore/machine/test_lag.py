@@ -80,6 +80,15 @@ def test_sample_by_sample_equals_the_batch(steps, tau):
     np.testing.assert_allclose(live, first_order_lag(t, value, tau), rtol=1e-9, atol=1e-8)
 
 
+@pytest.mark.parametrize("step", [2.2250738585072014e-308, 1e-200, 1e-16, 1e-13, 1e-9])
+def test_a_sample_at_almost_the_same_time_hardly_moves_the_lag(step):
+    state = LagState(4.0)
+    state.step(0.0, 20.0)
+    assert state.step(step, 90.0) == pytest.approx(20.0 + 35.0 * step / 4.0, abs=1e-12)
+    y = first_order_lag(np.array([0.0, step]), np.array([20.0, 90.0]), 4.0)
+    assert y[1] == pytest.approx(20.0 + 35.0 * step / 4.0, abs=1e-12)
+
+
 def test_a_late_or_repeated_sample_changes_nothing():
     state = LagState(10.0)
     assert state.step(0.0, 20.0) == 20.0
