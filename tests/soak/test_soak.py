@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,9 @@ from abbe.drivers.simulated.soak.faults import COMPUTER_FAULTS
 from abbe.drivers.simulated.soak.memory import MemoryCurve
 from abbe.drivers.simulated.soak.soak import Soak
 from abbe.drivers.simulated.soak.supervisor import clock_library
+from abbe.drivers.simulated.torment.judge.evidence import ShownPicture, Taken
+from abbe.drivers.simulated.torment.loop import Moment
+from abbe.drivers.simulated.torment.machine import REFERENCED
 
 DOC = (Path(__file__).parents[2] / "docs" / "soak.md").read_text(encoding="utf-8")
 
@@ -32,6 +36,25 @@ def test_no_promise_is_broken_in_three_minutes(tmp_path: Path) -> None:
     life = outcome.memory.longest
     settled = next(megabytes for age, megabytes in life if age >= life[-1][0] / 2)
     assert life[-1][1] - settled < 6.0, f"{settled:.1f} MB became {life[-1][1]:.1f} MB"
+
+
+def test_what_a_killed_life_wrote_last_is_no_step_of_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A message can lie in the socket when the death is seen, and be read after it."""
+    soak = Soak(seed=1, seconds=10.0, folder=tmp_path)
+    monkeypatch.setattr(soak._abbe, "start", lambda: None)
+    monkeypatch.setattr(type(soak._abbe), "pid", os.getpid())
+    checker = soak._checker
+    for life, correction in enumerate((0.016, 0.001)):
+        soak._start()
+        now = 10.0 + 0.2 * life
+        place = (300.0, 200.0, -100.0)
+        checker.sent(ShownPicture(life, now, place, 1, REFERENCED, 21.0, sent=now))
+        checker.taken(Taken(Moment(now, now), {"X": place[0] + correction}))
+    soak._clients.close()
+    soak._abbe.close()
+    assert soak._checker.violations == []
 
 
 def test_memory_s_growth_is_the_slope_of_the_longest_life() -> None:

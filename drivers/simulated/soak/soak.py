@@ -163,6 +163,8 @@ class Soak:
         )
 
     def _start(self) -> None:
+        # what the last life had sent may have been read from the wire after its end was seen
+        self._checker.reborn()
         self._abbe.start()
         self._waits.begin(self._abbe.pid)
         self._memory.begin()
@@ -232,7 +234,6 @@ class Soak:
             self._fail(now, f"Abbe had to be started again: {why}")
         self._log.say("!", f"over: {why}")
         self._abbe.again("killed" if killed else why)
-        self._checker.reborn()
         self._reborn_at = now + 0.3 if killed is None else max(now + 0.3, self._until(killed, now))
 
     def _until(self, torment: Torment, now: float) -> float:
