@@ -18,7 +18,7 @@ F64 = NDArray[np.float64]
 _SPAN = 200.0
 """Greatest exponent inside one vectorised block; e^200 is far from overflow."""
 _SHORTEST = 1e-290
-"""Step in time constants, far below any clock's, taken for every shorter one: no division by zero."""
+"""Step in time constants, far below any clock's, that stands for every shorter one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
