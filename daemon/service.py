@@ -67,7 +67,7 @@ class Service:
     uncertainty
         How sure the correction is.
     logbook
-        What those who ask for the status are told of the run so far.
+        What the status says of the run so far.
     switches_in_file
         Effects' switches as the model file has them; `abbe switch` changes those that count.
     again
@@ -99,7 +99,7 @@ class Service:
         self._recorder: Recorder | None = None
 
     def add(self, listeners: Sequence[Listener]) -> None:
-        """Have more listeners told of every cycle."""
+        """Add listeners to every cycle."""
         self.pipeline.listeners.extend(listeners)
 
     def owning(self) -> AbstractContextManager[None]:
@@ -194,7 +194,7 @@ class Service:
         LinkConfigError
             When a link can never work.
         NotToldError
-            When the controller could not be told of the end: it may go on with what it holds.
+            When the controller could not be informed of the end: it may go on with what it holds.
         AbbeError
             When a driver hung, so that the correction could not be ramped down.
         """
@@ -233,7 +233,7 @@ class Service:
                 self._notifier.close()
 
     def _supervise(self) -> None:
-        """Have the service manager, where there is one, told of every cycle."""
+        """Report every cycle to the service manager, where there is one."""
         if self._notifier.there:
             file = self.configuration.file
             self.add([Supervised(self._notifier, tuple(file.output.axes), file.cycle.period)])
@@ -252,9 +252,9 @@ class Service:
         Raises
         ------
         NotToldError
-            When the controller could not be told.
+            When the controller could not be informed.
         AbbeError
-            When it was told, but the correction not ramped down.
+            When it was informed, but the correction not ramped down.
         """
         running = asyncio.create_task(self.pipeline.run(self._stop, self._at_once))
         stopped = asyncio.create_task(self._stop.wait())

@@ -33,7 +33,7 @@ class Status(enum.IntFlag):
     INTERNAL_FAULT = 1 << 8
     """The compensator failed; the journal says why."""
     ENDING = 1 << 9
-    """Abbe was told to end and ramps the correction to zero."""
+    """Abbe was asked to end and ramps the correction to zero."""
     WRITE_FAULT = 1 << 10
     """The controller did not take what was written last, or it is not known whether it did."""
     FOREIGN = 1 << 11

@@ -48,7 +48,7 @@ class ComparedRows:
     freedom
         Degrees of freedom: rows less what the placing of instruments (and the fit) absorbed.
     tables
-        Residuals told apart, in µm or µrad.
+        Residuals by group, in µm or µrad.
     worst
         The rows with the largest residuals.
     """

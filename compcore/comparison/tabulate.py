@@ -1,4 +1,4 @@
-"""Residuals told apart: by set-up, region of an axis, direction, tool, signal and time."""
+"""Tables of residuals by set-up, region of an axis, direction, tool, signal and time."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class ResidualGroup:
 
 @dataclass(frozen=True)
 class ResidualTables:
-    """Residuals of one kind told apart; each list in natural order, empty groups left out."""
+    """Residuals of one kind by group; each list in natural order, empty groups left out."""
 
     setups: list[ResidualGroup] = field(default_factory=list)
     regions: list[ResidualGroup] = field(default_factory=list)

@@ -115,11 +115,11 @@ class Findings:
 
     @property
     def unit(self) -> tuple[str, str, float]:
-        """The unit in which people and JSON are told of residuals, and its factor: µm or µrad."""
+        """The unit of residuals, in words and in JSON, and its factor: µm or µrad."""
         return ("µrad", "urad", 1e6) if self.of_rotations else ("µm", "um", 1e3)
 
 
 def measured_kinds(result: FitResult) -> tuple[Kind, ...]:
-    """What a campaign's error is told of: lengths, or rotations where it has nothing else."""
+    """What a campaign's error is stated in: lengths, or rotations where it has nothing else."""
     kinds = result.problem.campaign.kind
     return LENGTHS if bool(np.isin(kinds, LENGTHS).any()) else (Kind.ROTATION,)

@@ -122,12 +122,12 @@ class Step:
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
-        """What its error is told of: lengths, or rotations where the campaign has nothing else."""
+        """What its error is stated in: lengths, or rotations where there is nothing else."""
         return measured_kinds(self.result)
 
     @property
     def of_rotations(self) -> bool:
-        """Whether its error is told of rotations."""
+        """Whether its error is stated as rotations."""
         return self.kinds == (Kind.ROTATION,)
 
 

@@ -33,7 +33,7 @@ _MORE_THAN_NOISE = (
 
 
 def noise_of(diagnosis: Findings, noise: NoiseFloor) -> float | None:
-    """The noise of what the residuals are told of, mm or rad."""
+    """The noise of the quantity in which residuals are stated, mm or rad."""
     if diagnosis.of_rotations:
         return noise.value("rotation")
     level = noise.lengths

@@ -30,7 +30,7 @@ class FileKind:
     commands
         The commands that take it.
     dialect
-        Of a controller's table: whose; of what ``import-campaign`` reads: what `--as` is told.
+        Of a controller's table: whose; of what ``import-campaign`` reads: the value of `--as`.
     """
 
     name: str

@@ -96,7 +96,7 @@ class MachineChange:
 def machine_change(
     readings: CheckReadings, expected: ExpectedChecks, alarm: Alarm
 ) -> MachineChange:
-    """Describe the change that a chart has told, by all checks until the last one.
+    """Describe the change that a chart has signalled, by all checks until the last one.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def machine_change(
     expected
         What was expected of them: how sure each series' readings are.
     alarm
-        Which chart told it, at which check.
+        Which chart signalled it, at which check.
     """
     table = _Table(readings, expected)
     rows = readings.of == alarm.series

@@ -57,7 +57,7 @@ class ChartDesign:
         return ewma_limit(self.weight, each), cusum_limit(self.reference, each)
 
     def detects_within(self, series: int, shift: float) -> float:
-        """Mean number of checks until a shift of one series is told, that one included.
+        """Mean number of checks until a shift of one series is signalled, that one included.
 
         The shorter of both charts' own; of both together it is no longer.
 
@@ -84,7 +84,7 @@ class Alarm:
     series
         Index of the series.
     chart
-        Which chart told it.
+        Which chart signalled it.
     sign
         1 where the values had risen, −1 where they had fallen.
     since

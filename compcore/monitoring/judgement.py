@@ -71,7 +71,7 @@ class Judgement:
         return max(0, _LEARNT - len(self.readings.times))
 
     def detects_within(self, size: float, series: int) -> float:
-        """Mean number of checks until a change of a series by `size`, µm or µrad, is told."""
+        """Mean number of checks until a change of a series by `size`, µm or µrad, is signalled."""
         return self.design.detects_within(
             len(self.readings.series), size / float(self.usual[series])
         )

@@ -13,15 +13,15 @@ When = Callable[[float], str]
 """A moment, s since 1970, for people."""
 
 _SEEN = 2.5
-"""Standard deviations from which on a part is told."""
+"""Standard deviations from which on a part is stated."""
 _MOSTLY = 0.8
 """Part of a difference from which on its description is the whole of it."""
 _SIZES = (2.0, 4.0)
-"""Times its usual scatter: changes of a series for which the time to detect is told."""
+"""Times its usual scatter: changes of a series for which the time to detect is stated."""
 
 
 def judgement_words(found: Judgement, when: When) -> Iterator[str]:
-    """Whether the machine has changed, and how soon it would be told."""
+    """Whether the machine has changed, and how soon a change would be found."""
     times = found.readings.times
     count = len(times)
     if found.change is None:
@@ -39,7 +39,7 @@ def judgement_words(found: Judgement, when: When) -> Iterator[str]:
     if found.learning and found.change is None:
         yield (
             f"How checks scatter on this machine is known after {found.learning} more; until then "
-            "only a gross change is told."
+            "only a gross change is found."
         )
     elif found.change is None:
         yield detection_words(found)
@@ -86,7 +86,7 @@ def pattern_words(pattern: ChangePattern) -> str:
 
 
 def detection_words(found: Judgement) -> str:
-    """How soon a change of the best and of the worst place would be told."""
+    """How soon a change of the best and of the worst place would be found."""
     usual, series = found.usual, found.readings.series
     k = int(np.argmax(usual))
     soon = [
@@ -94,7 +94,7 @@ def detection_words(found: Judgement) -> str:
         f"{found.detects_within(size * usual[k], k):.2g} checks"
         for size in _SIZES
     ]
-    return f"Changed, the place that scatters most ({series[k].name}) is told on average: " + (
+    return f"Changed, the place that scatters most ({series[k].name}) is found on average: " + (
         ", ".join(reversed(soon)) + "."
     )
 

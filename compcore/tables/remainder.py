@@ -26,7 +26,7 @@ class Remainder:
     """The residual error over a volume, up to a shift of the whole, mm.
 
     A constant shift moves the datum along and is no error of a part: volumetric accuracy counts
-    relative deviations (ISO 230-1:2012, 3.8.3). It is told apart.
+    relative deviations (ISO 230-1:2012, 3.8.3). It is stated separately.
 
     Attributes
     ----------

@@ -65,7 +65,7 @@ class Feed:
 
     Attributes
     ----------
-    heard
+    last_message_at
         When the other side said something last, monotonic, s; None before that.
     serving
         Whether it has said that it listens where it should.
@@ -88,7 +88,7 @@ class Feed:
         self._operations: set[asyncio.Task[None]] = set()
         self._events, self._events_since = 0, -math.inf
         self._messages, self._messages_since = 0, -math.inf
-        self.heard: float | None = None
+        self.last_message_at: float | None = None
         self.serving = False
         self.dropped = 0
 
@@ -142,7 +142,7 @@ class Feed:
             message = MESSAGE.validate_json(line)
         except ValidationError as error:
             raise ValueError(str(error.errors()[0]["msg"])) from None
-        self.heard = time.monotonic()
+        self.last_message_at = time.monotonic()
         if isinstance(message, WantStatus):
             self._want_status()
         elif isinstance(message, WantCycles):
@@ -155,7 +155,7 @@ class Feed:
             self.serving = True
 
     def _listen(self, listener: Listener, *, wanted: bool) -> None:
-        """Be told of every cycle, or no more: who is not listening costs the cycle nothing."""
+        """Report every cycle, or no more: who is not listening costs the cycle nothing."""
         listeners = self._pipeline.listeners
         if wanted and listener not in listeners:
             listeners.append(listener)

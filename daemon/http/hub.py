@@ -2,7 +2,7 @@
 
 One status is asked for at a time, whoever wants it, and serves all who ask within its time. A cycle
 is put into words once for all who stream it. Each of them has a queue of his own that is bounded:
-whoever does not read loses cycles, and is told how many.
+whoever does not read loses cycles, and learns how many.
 """
 
 from __future__ import annotations

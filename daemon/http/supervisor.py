@@ -99,10 +99,10 @@ class HttpProcess:
                     await asyncio.wait({ended}, timeout=_GRACE)
                     if not ended.done():
                         return "is let go"
-                patience = _STARTS if feed.heard is None else _SILENT
-                silent = time.monotonic() - (feed.heard or began)
-                if not ended.done() and silent > patience:
-                    return f"says nothing for {patience:g} s and is ended"
+                limit = _STARTS if feed.last_message_at is None else _SILENT
+                silent = time.monotonic() - (feed.last_message_at or began)
+                if not ended.done() and silent > limit:
+                    return f"says nothing for {limit:g} s and is ended"
             return f"has ended (exit status {process.returncode})"
         finally:
             # its end of the connection is closed: that is its sign to end

@@ -1,4 +1,4 @@
-"""The cycle: the stages one after the other, at the configured pace, until told to end."""
+"""The cycle: the stages one after the other, at the configured pace, until asked to end."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Pipeline:
     Attributes
     ----------
     listeners
-        Are told of every cycle; may be added to before the run.
+        Receive every cycle; may be added to before the run.
     axes
         Names, in the order of a record's positions.
     corrected_axes
@@ -214,7 +214,7 @@ class Pipeline:
     async def run(self, stop: asyncio.Event, at_once: asyncio.Event | None = None) -> None:
         """Run until `stop` is set, then ramp the correction to zero and say so to the controller.
 
-        `at_once`, when set, ends without the ramp; the controller is told in either case.
+        `at_once`, when set, ends without the ramp; the controller is informed in either case.
 
         Never raises for anything that a device, a sensor or a model does.
         """
@@ -354,7 +354,7 @@ class Pipeline:
             except Exception:
                 # whoever looks on must not disturb the machine
                 self.listeners.remove(listener)
-                logger.exception("%s failed and is told no more", listener)
+                logger.exception("%s failed and receives no more cycles", listener)
 
     async def _answer(
         self,

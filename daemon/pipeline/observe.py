@@ -79,7 +79,7 @@ class Observer:
         self._settles = settles
         self._carried_by = _carried_by(plan)
         # what an outage may have left behind, and since when; None before the first cycle
-        self._awaited: dict[str, float] | None = None
+        self._left_behind: dict[str, float] | None = None
 
     @property
     def all_up(self) -> bool:
@@ -161,13 +161,13 @@ class Observer:
         now
             Monotonic, s.
         ending
-            Whether Abbe was told to end.
+            Whether Abbe was asked to end.
         oriented
             Whether the rotary axes do all that they can to the tool's direction.
         taken
             Whether the controller took the last correction in every direction.
         """
-        news = self._news(faults, now) if faults or self._awaited != {} else faults
+        news = self._news(faults, now) if faults or self._left_behind != {} else faults
         self._standing.update(news, now)
         states = decision.states
         if states is self._steady and taken and oriented and not decision.limited:
@@ -194,19 +194,19 @@ class Observer:
 
         A heartbeat has to be seen to beat again, a sensor to be read: that is no news.
         """
-        if self._awaited is None:
-            awaited = dict.fromkeys(self._carried_by, now)
+        if self._left_behind is None:
+            left_behind = dict.fromkeys(self._carried_by, now)
         else:
-            awaited = {
+            left_behind = {
                 what: since
-                for what, since in self._awaited.items()
+                for what, since in self._left_behind.items()
                 if what in faults and now - since < self._settles
             }
         down = {n for n, s in zip(self._links, self._statuses, strict=True) if s.state in _LOST}
         if down:
-            awaited |= {what: now for what, by in self._carried_by.items() if by & down}
-        self._awaited = awaited
-        return {what: why for what, why in faults.items() if what not in awaited}
+            left_behind |= {what: now for what, by in self._carried_by.items() if by & down}
+        self._left_behind = left_behind
+        return {what: why for what, why in faults.items() if what not in left_behind}
 
     def _limited(self, decision: Decision, now: float) -> Mapping[str, str]:
         """Limits that somebody should know of.

@@ -26,7 +26,7 @@ class RecordedSpan:
     least, mean, greatest
         In its unit; the mean is over what was kept.
     count
-        Values that it is told from.
+        Values that it follows from.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""The logbook of a run: what those who ask for its status are told of the time before that."""
+"""The logbook of a run: what its status says of the time before it was asked for."""
 
 from __future__ import annotations
 

@@ -159,7 +159,7 @@ class RunStatus(_Part):
     alive: bool
     """Whether the cycle goes round."""
     ending: bool
-    """Whether it was told to end."""
+    """Whether it was asked to end."""
     writes: bool
     """Whether corrected positions are written at all."""
     cycle: CycleStatus

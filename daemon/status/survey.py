@@ -38,7 +38,7 @@ from abbe.daemon.status_word import Status, describe
 from abbe.drivers.link import Link, LinkState
 
 _HANGS = 2.0
-"""s, beside some periods, after which a cycle that has not come round is told as hanging."""
+"""s, beside some periods, after which a cycle that has not come round is reported as hanging."""
 _PERIODS = 4.0
 _MICRO, _MILLI = 1e6, 1e3
 _LIMITS_MS = ("0.5", "1", "2", "5", "10", "20", "50", "100", "200", "500", "1000")

@@ -1,1 +1,1 @@
-"""Abbe under systemd: what it is told, and the units that start it."""
+"""Abbe under systemd: what it reports, and the units that start it."""

@@ -22,7 +22,7 @@ class Notifier:
     Parameters
     ----------
     address
-        A path, or ``@NAME`` in Linux's abstract namespace; empty: nobody is told.
+        A path, or ``@NAME`` in Linux's abstract namespace; empty: nothing is sent.
     watchdog
         s within which the manager wants to hear that the service is alive; 0: it does not.
 

@@ -30,7 +30,7 @@ def renew(root: Path, say: Say, complain: Say) -> tuple[list[str], list[str]]:
     root
         Where the system's files begin.
     say, complain
-        Are told, a line at a time, what was done and what could not be.
+        Receive, a line at a time, what was done and what could not be.
     """
     sound, bad = [], []
     for machine in installed(root):

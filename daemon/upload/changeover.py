@@ -71,7 +71,7 @@ class Changeover:
         change, allowed = self._change, self._steps.allowed
         found = await settle(
             self._steps.store, change.old, change.new, change.identity,
-            want_old=want_old, patience=allowed.patience,
+            want_old=want_old, wait_limit=allowed.wait_limit,
             step_timeout=allowed.step_timeout, tell=self._steps.tell,
         )  # fmt: skip
         if found.note:

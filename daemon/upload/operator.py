@@ -37,14 +37,14 @@ class TerminalOperator:
         self._quiet = quiet
         self._yes = yes
         self._bar = ExitStack()
-        self._unheard = logging.NullHandler()
+        self._log_discarded = logging.NullHandler()
         self._describe: Callable[[str], None] = lambda _: None
         self._doing = ""
 
     def __enter__(self) -> Self:
         """Nothing is shown yet."""
         # a link's log would stand between the lines, which say the same
-        logging.getLogger("abbe").addHandler(self._unheard)
+        logging.getLogger("abbe").addHandler(self._log_discarded)
         return self
 
     def __exit__(
@@ -55,7 +55,7 @@ class TerminalOperator:
     ) -> None:
         """Take the bar away."""
         self._bar.close()
-        logging.getLogger("abbe").removeHandler(self._unheard)
+        logging.getLogger("abbe").removeHandler(self._log_discarded)
 
     def port(self) -> OperatorPort:
         """For the upload."""

@@ -40,7 +40,7 @@ async def recover(work: Work) -> UploadOutcome | None:
     new = Content(first["new"])
     found = await settle(
         work.store, old, new, identity,
-        want_old=False, patience=work.allowed.patience, step_timeout=work.allowed.step_timeout,
+        want_old=False, wait_limit=work.allowed.wait_limit, step_timeout=work.allowed.step_timeout,
         tell=work.tell,
     )  # fmt: skip
     if found.active == "new":

@@ -95,7 +95,7 @@ async def settle(
     identity: Identity,
     *,
     want_old: bool,
-    patience: float,
+    wait_limit: float,
     step_timeout: float,
     tell: Tell,
 ) -> Settled:
@@ -109,14 +109,14 @@ async def settle(
         Of the controller that it was.
     want_old
         Put the old one back also where the new one is active.
-    patience
+    wait_limit
         s for which a controller that does not answer is sought.
     step_timeout
         s that one attempt may take.
     tell
         Called with what is being done.
     """
-    until, pause = time.monotonic() + patience, _PAUSE
+    until, pause = time.monotonic() + wait_limit, _PAUSE
     new_seen, strange = False, ""
     while True:
         try:

@@ -27,7 +27,7 @@ class Allowed:
     """Times and tolerances of a sequence; s, µm."""
 
     step_timeout: float
-    patience: float
+    wait_limit: float
     effect_tolerance_um: float
     effect_looks: int
     effect_every: float

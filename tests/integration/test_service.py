@@ -34,17 +34,17 @@ class Manager:
     def __init__(self, path: Path) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.bind(str(path))
-        self.heard: list[str] = []
+        self.messages: list[str] = []
 
     def until(self, begins: str, since: int = 0) -> str:
         """The first message from the `since`-th on that begins so."""
         deadline = time.monotonic() + PATIENCE
         while True:
-            for message in self.heard[since:]:
+            for message in self.messages[since:]:
                 if message.startswith(begins):
                     return message
             self._socket.settimeout(max(0.01, deadline - time.monotonic()))
-            self.heard.append(self._socket.recv(9999).decode())
+            self.messages.append(self._socket.recv(9999).decode())
 
     def close(self) -> None:
         self._socket.close()
@@ -104,7 +104,7 @@ def test_the_manager_hears_ready_alive_the_state_and_the_end(
         assert manager.until("READY=1")
         assert manager.until("STATUS=corrected in full; 3 axes; cycle ")
         run.until(compensating)
-        since = len(manager.heard)
+        since = len(manager.messages)
         manager.until("WATCHDOG=1", since)
         assert run.end() == 0
         assert "STOPPING=1" in manager.until("STOPPING=1")
@@ -124,7 +124,7 @@ def test_a_cycle_that_hangs_is_not_alive(tmp_path: Path, monkeypatch: pytest.Mon
             time.sleep(0.5)
             with pytest.MonkeyPatch.context() as patch:
                 patch.setattr(f"{__name__}.PATIENCE", 5.0)
-                since = len(manager.heard) + 50  # more than may still wait in the socket
+                since = len(manager.messages) + 50  # more than may still wait in the socket
                 with pytest.raises((TimeoutError, BlockingIOError)):
                     manager.until("WATCHDOG=1", since)
         finally:
@@ -187,7 +187,7 @@ def test_a_bad_file_changes_nothing_and_is_said(
         run.until(compensating)
         good = config.read_text()
         edit(config, lambda text: text.replace("[guard]", "[guard]\nmax_speed = 1"))
-        since = len(manager.heard)
+        since = len(manager.messages)
         run.process.send_signal(signal.SIGHUP)
         until_journal(config, "going on with what runs")
         assert "max_speed" in journal(config)
@@ -210,14 +210,14 @@ def test_other_wires_ramp_out_and_begin_anew_in_the_same_process(
         edit(
             config, lambda text: text.replace("[cycle]\nperiod = 0.02 ", "[cycle]\nperiod = 0.03 ")
         )
-        since, heard = len(run.cycles), len(manager.heard)
+        since, so_far = len(run.cycles), len(manager.messages)
         run.process.send_signal(signal.SIGHUP)
         run.until(lambda c: bool(c["guard"]["status"] & Status.ENDING), since)
         again = run.until(lambda c: c["cycle"] == 1, since)
         assert run.process.poll() is None
         run.until(compensating, run.cycles.index(again))
-        assert any(message == "READY=1" for message in manager.heard[heard:]) or manager.until(
-            "READY=1", heard
+        assert any(message == "READY=1" for message in manager.messages[so_far:]) or manager.until(
+            "READY=1", so_far
         )
         assert run.end() == 0
         assert read_holding(port, 0, 1) == b"\0\0"

@@ -26,7 +26,7 @@ from abbe.compcore.effects.base import Effect
 from abbe.compcore.machine.machine import Machine, Signal
 
 INDISTINCT = 10.0
-"""Difference in evidence below which two candidates are told as confusable (Bayes factor 150)."""
+"""Difference in evidence below which two candidates count as confusable (Bayes factor 150)."""
 
 CONVINCING = 12.0
 """Least evidence of an established candidate (Bayes factor 400, beyond all other safeguards)."""

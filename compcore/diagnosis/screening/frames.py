@@ -1,4 +1,4 @@
-"""Frames: the few rows, or places of an axis, on which a candidate's columns can be told at all.
+"""Frames: the few rows, or places of an axis, that can determine a candidate's columns at all.
 
 An error motion is seen by some rows only: a line along X is blind to errors in Y. And what depends
 on an axis's position alone has one value at each position at which the axis stood, however many

@@ -382,7 +382,7 @@ class _Batch:
     model can imitate, ``C⊥ᵀC⊥ = CᵀC − (NᵀC)ᵀ(NᵀC)``, and ``C⊥ᵀv = Cᵀv`` for every v that is
     orthogonal to N, as residuals and columns that joined later are (whitened once more where
     gauges' errors are whitened, `Basis.moments`). That is half the work, and exact enough: parts
-    below `SEEN` are not told anyway, 1e-6 of a square that is known to 1e-15.
+    below `SEEN` are not reported anyway, 1e-6 of a square that is known to 1e-15.
 
     Attributes
     ----------

@@ -73,7 +73,7 @@ def check_point(
 ) -> None:
     """Record a check measurement, and say whether the machine has changed since it was measured.
 
-    Without a reading only the charts are told. An example:
+    Without a reading only the charts are shown. An example:
     abbe check-point model.toml sphere1 found=80.0012,99.9987,-300.0004 T_x=20.3
     """
     from abbe.compcore.errors import InputError
@@ -90,25 +90,25 @@ def check_point(
             raise InputError(f"{name} goes with --campaign", field=name)
     if active is not None and campaign is None and not arguments:
         raise InputError("--active goes with a reading", field="--active")
-    told = CheckedMachine.of(machine, checks, since, every)
+    checked = CheckedMachine.of(machine, checks, since, every)
     say = check_outputs(
-        [machine, told.model_path, told.checks, campaign, active],
+        [machine, checked.model_path, checked.checks, campaign, active],
         [(changed, CAMPAIGN), (report, REPORT)],
         force=force,
         as_json=as_json,
     )
-    new = _new(told, arguments or [], campaign, when, active, lasting=lasting)
+    new = _new(checked, arguments or [], campaign, when, active, lasting=lasting)
     if new is None:
-        known = read_checks(told.checks, told.model.machine)
+        known = read_checks(checked.checks, checked.model.machine)
     else:
-        known = add_checks(told.checks, new, told.model.machine)
-    found = told.judged(known)
+        known = add_checks(checked.checks, new, checked.model.machine)
+    found = checked.judged(known)
     if changed is not None:
         write_campaign(found.judgement.changed_rows(), changed)
     if report is not None:
         from abbe.daemon.report.measurements.check_point import page
 
-        page(found, told.model, told.model_path).write(report)
+        page(found, checked.model, checked.model_path).write(report)
     if as_json:
         say(json.dumps(answer.as_json(found), ensure_ascii=False))
         return
@@ -119,7 +119,7 @@ def check_point(
 
 
 def _new(
-    told: CheckedMachine,
+    checked: CheckedMachine,
     arguments: list[str],
     campaign: Path | None,
     when: str,
@@ -136,7 +136,7 @@ def _new(
     from abbe.daemon.arguments.check_reading import TypedReading
     from abbe.daemon.arguments.moments import moment
 
-    model, now = told.model, time.time()
+    model, now = checked.model, time.time()
     if campaign is not None:
         read = read_campaign(campaign, model.machine)
         require_signals(read, model)
@@ -144,7 +144,7 @@ def _new(
         new = placed(read, moved, now, lasting=lasting)
     elif arguments:
         typed = TypedReading.parse(arguments, model.machine)
-        new = typed.campaign(model, now, told.recorded(), told.signals(now))
+        new = typed.campaign(model, now, checked.recorded(), checked.signals(now))
     else:
         return None
     if active is not None:

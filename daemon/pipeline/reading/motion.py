@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 _APART = 0.05
-"""s between two samples that a speed is told from: less makes steps of the encoder into speeds."""
+"""s between the two samples of a speed: less makes steps of the encoder into speeds."""
 
 
 class SampleSpeeds:

@@ -50,20 +50,20 @@ class Listening:
     ----------
     since
         When it began, monotonic, s.
-    heard
+    last_values
         Channel → what it held at the last look.
     changed
         When something changed that was not written from here, monotonic, s.
-    patience
+    quiet_for
         s for which nothing must have changed since.
     said
         Whether it was logged.
     """
 
     since: float
-    heard: dict[str, float] = field(default_factory=dict)
+    last_values: dict[str, float] = field(default_factory=dict)
     changed: float = -math.inf
-    patience: float = 0.0
+    quiet_for: float = 0.0
     said: bool = False
 
 
@@ -77,7 +77,7 @@ class Foreign:
     channels
         What is written and can be read back.
     write_back
-        Knows what was written and when; is told over which links nothing may be written yet.
+        Knows what was written and when; sets over which links nothing may be written yet.
     status, heartbeat
         Those of `channels` that these go to, None: none.
     counters
@@ -207,12 +207,12 @@ class Foreign:
             return
         # a controller may show its own positions where nobody writes; a heartbeat it leaves alone
         telling = [n for n in there if (link, n) == self._heartbeat] or list(there)
-        changed = [n for n in telling if there[n] != one.heard.get(n, there[n])]
-        one.heard |= there
+        changed = [n for n in telling if there[n] != one.last_values.get(n, there[n])]
+        one.last_values |= there
         if changed:
             self._keep_off(link, changed[0], now)
-        heard = link in self._write_back.others
-        if now - max(one.since, one.changed) >= (one.patience if heard else self._listens):
+        found = link in self._write_back.others
+        if now - max(one.since, one.changed) >= (one.quiet_for if found else self._listens):
             self._open(link, now)
         elif not one.said and self._status is not None and self._status[1] in there:
             one.said = True
@@ -227,19 +227,19 @@ class Foreign:
             )
 
     def _keep_off(self, link: str, name: str, now: float) -> None:
-        """Write nothing over a link, because somebody else was heard there."""
+        """Write nothing over a link, because somebody else was found to write there."""
         one = self._listening[link]
         one.changed = now
         if link in self._write_back.others:
             return
         # two that keep off at the same moment must not come back at the same moment
-        one.patience = _REMEMBERED * self._every * (1.0 + random.random())
+        one.quiet_for = _REMEMBERED * self._every * (1.0 + random.random())
         self._write_back.shut.add(link)
         self._write_back.others.add(link)
         self.fault = (
             f"another computer or program is at work: it writes {link}.{name} "
-            f"({one.heard[name]:.10g}); nothing is written from here until it has been silent for "
-            f"{one.patience:.1f} s"
+            f"({one.last_values[name]:.10g}); "
+            f"nothing is written from here until it has been silent for {one.quiet_for:.1f} s"
         )
 
     def _is_free(self, link: str, there: Mapping[str, float]) -> bool:

@@ -204,7 +204,7 @@ def _candidates(
     for established in diagnosis.established:
         if not established.aliases:
             continue
-        out.subsection(f"not to be told from '{established.found.candidate.effect.spec}'")
+        out.subsection(f"not to be distinguished from '{established.found.candidate.effect.spec}'")
         out.table(
             ["candidate", "what it is", "χ² that tells them apart (14 is certain)"],
             [

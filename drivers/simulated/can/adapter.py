@@ -74,7 +74,7 @@ class LawicelAdapter:
 
     def _hear(self, frame: CanFrame) -> None:
         if self.open and not frame.error and self.faults.state != "off":
-            self.faults.heard()
+            self.faults.received()
             self._say(_text(frame))
             self._tell_changes()
 

@@ -43,7 +43,7 @@ class FaultConfinement:
         """A transmission succeeded."""
         self.transmit = max(0, self.transmit - 1)
 
-    def heard(self) -> None:
+    def received(self) -> None:
         """A frame was received; an error passive receiver falls back below the limit at once."""
         self.receive = min(_PASSIVE - 1, max(0, self.receive - 1))
 

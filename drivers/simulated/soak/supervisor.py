@@ -116,7 +116,7 @@ class Supervisor:
         if pipe is not None:
             os.set_blocking(pipe.fileno(), False)
             self._said = pipe.fileno()
-            self._loop.watch(self._said, self._heard)
+            self._loop.watch(self._said, self._log_readable)
         self.lives += 1
         self.ready, self._frozen = False, False
         self._began = time.monotonic()
@@ -196,13 +196,13 @@ class Supervisor:
 
     def _bury(self) -> None:
         if self._said is not None:
-            self._heard(Moment(0.0, 0.0))
+            self._log_readable(Moment(0.0, 0.0))
             self._loop.forget(self._said)
             self._said = None
         if self._process is not None and self._process.stderr is not None:
             self._process.stderr.close()
 
-    def _heard(self, moment: Moment) -> None:
+    def _log_readable(self, moment: Moment) -> None:
         if self._said is None:
             return
         with contextlib.suppress(BlockingIOError):

@@ -129,8 +129,8 @@ class NodeCare:
             self._on_look()
             for node in self._nodes:
                 limit = node.section.heartbeat
-                if node.prepared and limit is not None and now - node.heard > limit:
-                    why = f"{node.name}: no heartbeat for {now - node.heard:.1f} s"
+                if node.prepared and limit is not None and now - node.last_heartbeat_at > limit:
+                    why = f"{node.name}: no heartbeat for {now - node.last_heartbeat_at:.1f} s"
                     node.lose(why)
                     self._health.set_apart(node, why)
                 elif node.prepared and node.fell_back():

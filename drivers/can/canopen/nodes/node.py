@@ -59,7 +59,7 @@ class Node(Member):
         Whether it was found and set up since it booted last.
     needs_care
         Set when it has to be looked for and set up.
-    heard
+    last_heartbeat_at
         Monotonic time in s of its last heartbeat.
     started_at
         Monotonic time in s when it was told to start.
@@ -83,7 +83,7 @@ class Node(Member):
         "_sync",
         "_threads",
         "emergency",
-        "heard",
+        "last_heartbeat_at",
         "needs_care",
         "number",
         "prepared",
@@ -117,7 +117,7 @@ class Node(Member):
         self.prepared = self._restarted = False
         self.needs_care = asyncio.Event()
         self._beat = asyncio.Event()
-        self.heard = 0.0
+        self.last_heartbeat_at = 0.0
         self.started_at = 0.0
         self.state: int | None = None
         self.emergency = ""
@@ -132,7 +132,7 @@ class Node(Member):
     def renew(self) -> None:
         """A new connection: nothing is known."""
         self.prepared = False
-        self.heard, self.state, self.emergency = time.monotonic(), None, ""
+        self.last_heartbeat_at, self.state, self.emergency = time.monotonic(), None, ""
         self._found = NodeSetup()
         self.needs_care.set()
 
@@ -163,7 +163,7 @@ class Node(Member):
             await self._first_heartbeat(self.section.heartbeat)
         for pdo in self.pdos:
             self._network.subscribe(pdo.cob_id, self._receiver(pdo))
-        self.heard = time.monotonic()
+        self.last_heartbeat_at = time.monotonic()
         if self._restarted:
             self.why = f"{self.name} restarted while it was set up"
             self.needs_care.set()
@@ -305,7 +305,7 @@ class Node(Member):
     def _take_heartbeat(self, data: bytes) -> None:
         if not data:
             return
-        self.heard = time.monotonic()
+        self.last_heartbeat_at = time.monotonic()
         self._beat.set()
         state = data[0] & 0x7F
         before, self.state = self.state, state
