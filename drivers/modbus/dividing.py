@@ -78,12 +78,14 @@ class Dividing:
         self._together = together
         self.cuts: dict[Cut, _Division] = {}
         self._answered: set[Span] = set()
+        self._latest: Span | None = None
         self._refused_since: dict[Span, float] = {}
         self._in_vain: dict[Span, _Wait] = {}
 
     def answered(self, span: Span) -> None:
         """Take note that the device answers a request as it stands."""
-        if span not in self._answered:
+        if span is not self._latest:
+            self._latest = span
             self._answered.add(span)
         if self._refused_since:
             self._refused_since.pop(span, None)

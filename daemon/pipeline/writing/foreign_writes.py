@@ -108,7 +108,7 @@ class Foreign:
         self._every = every
         self._listens = _LISTENS * max(every, period)
         self._dither = _DITHER * period
-        self._due = self._until = -math.inf
+        self._due = self._until = self._none_late_until = -math.inf
         self._refused: dict[Channel, int] = dict.fromkeys(channels, 0)
         self._names = by_link(channels)
         self._listening: dict[str, Listening] = {}
@@ -126,11 +126,17 @@ class Foreign:
 
     def shut_late(self, now: float) -> None:
         """Shut the links over which nothing was written for so long that another one may do."""
+        if now <= self._none_late_until:
+            return
+        earliest = math.inf
         for link in self._names:
             last = max(self._write_back.took(link), self._opened.get(link, -math.inf))
+            earliest = min(earliest, last)
             if now - last > self._listens and link not in self._listening:
                 self._listening[link] = Listening(math.inf)
                 self._write_back.shut.add(link)
+        # what is written from now on can only move this moment further away
+        self._none_late_until = earliest + self._listens
 
     async def look(self, now: float) -> None:
         """Read back, and compare with what was written from here as far as that is known."""
