@@ -77,6 +77,8 @@ class Change:
         What changed, by how much.
     evidence
         In units of −2·ln(likelihood), after the price of its coefficients.
+    p_value
+        The chance of so large a fall of χ² without a change, times the number of effects tried.
     largest
         The greatest that it changes in a row of the campaign, beyond set-ups' zeros, mm or rad.
     of_rotations
@@ -88,6 +90,7 @@ class Change:
     effect: Effect
     parameters: tuple[ChangedParameter, ...]
     evidence: float
+    p_value: float
     largest: float
     of_rotations: bool
     aliases: tuple[str, ...]
@@ -256,6 +259,7 @@ def _standing(known: _GivenValues) -> Standing:
         rest = [t for t in found if t != term]
         without, with_it = known.chi2(rest), known.chi2(found)
         price = known.price(term)
+        by_chance = chi2_beyond(max(0.0, without - with_it), max(1, known.coefficients(term)))
         swapped = [
             known.given.effects[t].spec
             for t in range(len(known.given.terms))
@@ -281,6 +285,7 @@ def _standing(known: _GivenValues) -> Standing:
                 known.given.effects[term],
                 parameters,
                 without - with_it - price,
+                min(1.0, by_chance * len(known.given.terms)),
                 *known.largest(term, moved),
                 tuple(swapped),
             )

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from abbe.compcore.campaign.noise import NoiseFloor
+from abbe.compcore.campaign.suspicions import of_signals, of_values
+from abbe.compcore.comparison.compare import Comparison
 from abbe.compcore.diagnosis.aliases import Alias
 from abbe.compcore.diagnosis.explain import description, explanation, formula
 from abbe.compcore.diagnosis.findings import Established
@@ -19,17 +21,19 @@ from abbe.daemon.answers import as_built
 from abbe.daemon.answers.model.fit import finite
 
 
-def as_json(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice]) -> dict[str, Any]:
-    """One object for ``--json``."""
+def as_json(
+    diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice], given: Comparison
+) -> dict[str, Any]:
+    """One object for ``--json``; `given` is the model as it was given beside the same campaign."""
     floor = noise_of(diagnosis, noise)
     _, unit, factor = diagnosis.unit
     return {
         "verdict": diagnosis.verdict,
         "unit": unit,
+        "as_given": _as_given(diagnosis, given),
         "rms": finite(diagnosis.rms, factor),
         "noise_floor": None if floor is None else floor * factor,
         "changed": _changed(diagnosis),
-        "suspicious": [] if diagnosis.standing is None else list(diagnosis.standing.suspicions),
         "chi2_per_dof": finite(diagnosis.whole.chi2_per_dof),
         "chi2_per_dof_after": finite(diagnosis.left),
         "tested": diagnosis.tests,
@@ -61,6 +65,26 @@ def as_json(diagnosis: Diagnosis, noise: NoiseFloor, advice: Sequence[Advice]) -
     }
 
 
+def _as_given(diagnosis: Diagnosis, given: Comparison) -> dict[str, Any]:
+    """The model with the values that it came with: nothing fitted but the instruments' placing."""
+    part = given.rotations if diagnosis.of_rotations else given.lengths
+    problem = given.problem
+    suspicions = (
+        # a model that was never fitted need not agree
+        [
+            *of_values(problem.campaign, given.measured),
+            *of_signals(problem.campaign, problem.model.machine),
+        ]
+        if diagnosis.standing is None
+        else [*diagnosis.standing.suspicions, *given.suspicions]
+    )
+    return {
+        "rms": finite(part.rms, diagnosis.unit[2]),
+        "chi2_per_dof": finite(part.chi2_per_dof),
+        "suspicions": list(dict.fromkeys(suspicions)),
+    }
+
+
 def _changed(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """The effects of the given model that no longer hold."""
     if diagnosis.standing is None:
@@ -72,15 +96,10 @@ def _changed(diagnosis: Diagnosis) -> list[dict[str, Any]]:
             "spec": change.effect.spec,
             "since": diagnosis.standing.since,
             "evidence": finite(change.evidence),
+            "p_value": change.p_value,
             "confusable_with": list(change.aliases),
             "parameters": {
-                p.name: {
-                    "before": p.before,
-                    "after": p.after,
-                    "by": p.by,
-                    "sd": p.sd,
-                    "unit": p.unit,
-                }
+                p.name: {"was": p.before, "is": p.after, "by": p.by, "sd": p.sd, "unit": p.unit}
                 for p in change.parameters
             },
         }

@@ -51,6 +51,7 @@ def diagnose(
     of the campaign that are left out of the fit are predicted better.
     """
     from abbe.compcore.campaign.noise import noise_floor
+    from abbe.compcore.comparison.compare import compare
     from abbe.compcore.diagnosis import diagnose as diagnose_model
     from abbe.compcore.diagnosis.words import diagnosis_words
     from abbe.compcore.errors import InputError
@@ -104,7 +105,7 @@ def diagnose(
         head = head_of(loaded, [file_on_page("model", model)], campaign)
         page(found, noise, advice, head, adding).write(report)
     if as_json:
-        answer = diagnosed.as_json(found, noise, advice)
+        answer = diagnosed.as_json(found, noise, advice, compare(loaded, campaign))
         if reached is not None:
             answer |= reached.as_json()
         say(json.dumps(answer, ensure_ascii=False))

@@ -130,7 +130,22 @@ def test_the_commands_say_it(case: Case, tmp_path: Path) -> None:
     assert "everything else of the model holds" in said.stdout
     answer = json.loads(runner.invoke(app, ["diagnose", str(path), str(check), "--json"]).stdout)
     assert answer["verdict"] == "changed"
-    assert answer["changed"][0]["parameters"]["angle"]["by"] == pytest.approx(-50e-6, abs=2e-6)
+    (change,) = answer["changed"]
+    assert change["spec"] == "squareness axes=Y,X"
+    assert change["p_value"] < 1e-12
+    assert change["confusable_with"] == []
+    angle = change["parameters"]["angle"]
+    (term,) = [t for t in model.terms if t.effect.spec == "squareness axes=Y,X"]
+    was = term.values["angle"].value + 50e-6
+    assert angle["was"] == pytest.approx(was, abs=1e-12)
+    assert angle["is"] == pytest.approx(was - 50e-6, abs=2e-6)
+    assert angle["unit"] == "rad"
+    assert 0.0 < angle["sd"] < 1e-6
+    beside = json.loads(runner.invoke(app, ["compare", str(path), str(check), "--json"]).stdout)
+    assert answer["as_given"]["rms"] == pytest.approx(beside["rms"])
+    assert answer["as_given"]["chi2_per_dof"] == pytest.approx(beside["chi2_per_dof"])
+    assert any(s.startswith("χ²/dof") for s in answer["as_given"]["suspicions"])
+    assert answer["rms"] < answer["as_given"]["rms"]
     said = runner.invoke(app, ["compare", str(path), str(check)])
     assert said.exit_code == 0, said.output
     lines = said.stdout.splitlines()
