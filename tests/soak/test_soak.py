@@ -33,6 +33,9 @@ def test_no_promise_is_broken_in_three_minutes(tmp_path: Path) -> None:
     assert set(COMPUTER_FAULTS) <= set(outcome.faults)
     assert outcome.restarts.get("killed"), f"{outcome.restarts}"
     assert outcome.answers > 500
+    assert not outcome.http.wrong
+    assert set(outcome.http.answers) == {"health", "metrics", "api", "page", "cycles"}
+    assert outcome.http.rubbish > 10
     life = outcome.memory.longest
     settled = next(megabytes for age, megabytes in life if age >= life[-1][0] / 2)
     assert life[-1][1] - settled < 6.0, f"{settled:.1f} MB became {life[-1][1]:.1f} MB"

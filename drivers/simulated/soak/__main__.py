@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from abbe.drivers.simulated.soak.faults import COMPUTER_FAULTS
-from abbe.drivers.simulated.soak.memory import SETTLED
+from abbe.drivers.simulated.soak.memory import SETTLED, MemoryCurve
 from abbe.drivers.simulated.soak.soak import Soak, SoakOutcome
 from abbe.drivers.simulated.soak.supervisor import clock_library
 
@@ -35,14 +35,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say(f"{asked.seconds:g} s, seed {asked.seed} …")
         outcome = soak.run()
     _report(outcome)
-    return 1 if outcome.violations else 0
+    return 1 if outcome.violations or outcome.http.wrong else 0
 
 
 def _report(outcome: SoakOutcome) -> None:
     _say(*outcome.lines[:20])
     if len(outcome.lines) > 20:
         _say(f"… and {len(outcome.lines) - 20} more")
-    tally, life = outcome.tally, outcome.memory.longest
+    tally = outcome.tally
     computer = {k: n for k, n in outcome.faults.items() if k in COMPUTER_FAULTS}
     wire = {k: n for k, n in outcome.faults.items() if k not in COMPUTER_FAULTS}
     _say(
@@ -55,12 +55,21 @@ def _report(outcome: SoakOutcome) -> None:
         f"started again         {_counts(outcome.restarts) or 'never'}",
         f"slowest recovery      {tally.slowest_recovery:.1f} s in calm",
         f"cycles in calm        {outcome.cycles}, missed {outcome.missed}",
-        f"clients               {outcome.answers} answers",
+        f"clients               {outcome.answers} answers at the control socket",
+        f"clients over HTTP     {_counts(outcome.http.answers)} answers; silent ones cut off "
+        f"{outcome.http.cut}, rubbish {outcome.http.rubbish}, {outcome.http.gone} found nobody, "
+        f"{len(outcome.http.wrong)} wrong answers",
+        *outcome.http.wrong,
     )
-    if life:
+    _say_memory("memory               ", outcome.memory)
+    _say_memory("memory, HTTP process ", outcome.http_memory)
+
+
+def _say_memory(what: str, memory: MemoryCurve) -> None:
+    if life := memory.longest:
         _say(
-            f"memory                {life[0][1]:.1f} MB at first, {life[-1][1]:.1f} MB after "
-            f"{life[-1][0]:.0f} s; {outcome.memory.growth:+.2f} MB an hour after "
+            f"{what} {life[0][1]:.1f} MB at first, {life[-1][1]:.1f} MB after "
+            f"{life[-1][0]:.0f} s; {memory.growth:+.2f} MB an hour after "
             f"{min(SETTLED, life[-1][0] / 2):.0f} s"
         )
 

@@ -1,4 +1,7 @@
-"""Clients that ask a running Abbe without end; some never read, one talks rubbish."""
+"""Clients that ask a running Abbe without end; some never read, one talks rubbish.
+
+They ask at the control socket; as many more ask over HTTP.
+"""
 
 from __future__ import annotations
 
@@ -8,40 +11,47 @@ import socket
 from functools import partial
 from pathlib import Path
 
+from abbe.drivers.simulated.soak.client_process import HttpClients
+from abbe.drivers.simulated.soak.http_clients import READERS, SILENT, ClientCounts
 from abbe.drivers.simulated.torment.loop import Loop
 
-READERS, SILENT = 20, 5
-"""Clients that ask and read the answer; that ask and never read."""
 _AGAIN = 0.5
 """s between two questions of one client."""
 _QUESTION = b'{"do": "state"}\n'
 
 
 class Clients:
-    """Asks over the control socket of a run, from `start` to `close`.
+    """Ask at the control socket of a run and over HTTP, from `start` to `close`.
 
     Parameters
     ----------
     loop
         Of the soak.
     folder
-        Where the socket lies.
+        Where the sockets lie.
 
     Attributes
     ----------
     answers
-        How many whole answers have come.
+        How many whole answers have come at the control socket.
+    http
+        What those met that ask over HTTP; known after `close`.
     """
 
     def __init__(self, loop: Loop, folder: Path) -> None:
         self._loop = loop
         self._path = folder / "control.sock"
+        self._http_path = folder / "http.sock"
+        self._http: HttpClients | None = None
         self._open: dict[socket.socket, bytes] = {}
         self._closed = False
         self.answers = 0
+        self.http = ClientCounts()
 
-    def start(self) -> None:
-        """Begin to ask."""
+    def start(self, port: int, token: str) -> None:
+        """Begin to ask; HTTP also at a port of this computer, with a token."""
+        self._http = HttpClients(self._http_path, 0.0, port, token)
+        self._http.go()
         for number in range(READERS + SILENT + 1):
             self._loop.after(number * _AGAIN / READERS, partial(self._ask, number))
 
@@ -50,6 +60,11 @@ class Clients:
         self._closed = True
         for client in [*self._open]:
             self._drop(client)
+        if self._http is not None:
+            with contextlib.suppress(OSError, ValueError):
+                self.http = self._http.rest()
+            self._http.close()
+            self._http = None
 
     def _ask(self, number: int) -> None:
         """One question of one client, and the next after a while."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import random
 import subprocess
 import sys
@@ -12,8 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from abbe.drivers.simulated.soak.clients import Clients
+from abbe.drivers.simulated.soak.computer import ComputerFaults
 from abbe.drivers.simulated.soak.configuration import write_configurations
 from abbe.drivers.simulated.soak.faults import CALM, COMPUTER_FAULTS, DEADLY
+from abbe.drivers.simulated.soak.http_clients import ClientCounts
 from abbe.drivers.simulated.soak.memory import MemoryCurve
 from abbe.drivers.simulated.soak.supervisor import WATCHDOG, Supervisor
 from abbe.drivers.simulated.torment.judge.checker import Checker, between
@@ -53,12 +54,14 @@ class SoakOutcome:
         Kind → how often, wire's and computer's.
     restarts
         Why Abbe was started again → how often.
-    memory
-        Over the lives.
+    memory, http_memory
+        Over the lives, of Abbe and of its HTTP process.
     cycles, missed
         In calm: those that came, and those that should have come besides.
     answers
-        How many answers clients got.
+        How many answers clients got at the control socket.
+    http
+        What clients met at the HTTP interface.
     """
 
     violations: list[Violation]
@@ -67,9 +70,11 @@ class SoakOutcome:
     faults: dict[str, int]
     restarts: dict[str, int]
     memory: MemoryCurve
+    http_memory: MemoryCurve
     cycles: int
     missed: int
     answers: int
+    http: ClientCounts
 
 
 class Soak:
@@ -104,13 +109,12 @@ class Soak:
         self._findings = ReportedViolations(
             self._checker, [self._wire_script, *self._computer], self._log
         )
-        self._variants: list[str] = []
         self._config = folder / "config.toml"
         self._abbe = Supervisor(self._loop, self._log, folder, self._config)
+        self._faults = ComputerFaults(self._abbe, self._config)
         self._clients = Clients(self._loop, folder)
-        self._memory = MemoryCurve()
+        self._memory, self._http_memory = MemoryCurve(), MemoryCurve()
         self._active: dict[str, Torment] = {}
-        self._busy_disk: subprocess.Popen[bytes] | None = None
         self._reborn_at = float("inf")
         self._hung_until = 0.0
         self._looked = self._calm_since = 0.0
@@ -133,14 +137,15 @@ class Soak:
         """Start Abbe, soak it, end it, judge."""
         self._log.open()
         self._wire.start()
-        self._variants = write_configurations(self._config, self._wire, self._promises)
+        port, token = self._configure()
         self._start()
         try:
             if self._comes_up():
+                self._clients.start(port, token)
                 self._soak()
                 self._end()
         finally:
-            self._calm_disk()
+            self._faults.calm_disk()
             self._clients.close()
             self._abbe.close()
             self._wire.close()
@@ -157,10 +162,23 @@ class Soak:
             faults,
             self._abbe.restarts,
             self._memory,
+            self._http_memory,
             self._cycles,
             self._missed,
             self._clients.answers,
+            self._clients.http,
         )
+
+    def _configure(self) -> tuple[int, str]:
+        """Write what Abbe is given; where it listens on this computer, and a token for that."""
+        port, variants = write_configurations(self._config, self._wire, self._promises)
+        self._faults.variants = variants
+        made = subprocess.run(
+            [sys.executable, "-m", "abbe.daemon", "token", "add", str(self._config), "soak"],
+            stdout=subprocess.PIPE,
+            check=True,
+        )
+        return port, made.stdout.decode().strip()
 
     def _start(self) -> None:
         # what the last life had sent may have been read from the wire after its end was seen
@@ -168,6 +186,7 @@ class Soak:
         self._abbe.start()
         self._waits.begin(self._abbe.pid)
         self._memory.begin()
+        self._http_memory.begin()
         self._reborn_at = float("inf")
 
     def _comes_up(self) -> bool:
@@ -187,7 +206,6 @@ class Soak:
         self._computer[0].start(began)
         for begin, script in self._deadly:
             script.start(began + begin)
-        self._clients.start()
         while (now := self._turn()) < began + self._seconds:
             self._computer_faults(now)
             self._keep_alive(now)
@@ -256,70 +274,12 @@ class Soak:
             if kind not in self._active and alive and self._abbe.ready:
                 self._active[kind] = torment
                 self._log.say("!", f"{kind} {torment.amount:g}")
-                self._begin(kind, torment)
-
-    def _begin(self, kind: str, torment: Torment) -> None:
-        if kind == "killed":
-            self._abbe.kill()
-        elif kind in ("frozen_process", "hung"):
-            self._abbe.freeze()
-            if kind == "hung":
-                self._hung_until = time.monotonic() + torment.end - torment.begin + WATCHDOG
-        elif kind == "reloaded":
-            self._reload(torment)
-        elif kind == "disk_full":
-            self._abbe.fill_disk(True)
-        elif kind == "disk_slow":
-            self._busy_disk = subprocess.Popen(
-                [
-                    sys.executable,
-                    "-m",
-                    "abbe.drivers.simulated.soak.busy_disk",
-                    str(self._folder),
-                    str(self._folder / "records.sqlite"),
-                ],
-                stderr=subprocess.DEVNULL,
-            )
-        elif kind == "records_damaged":
-            self._damage()
-        elif kind == "clock_jump":
-            self._abbe.set_clock(torment.amount)
+                if kind == "hung":
+                    self._hung_until = time.monotonic() + torment.end - torment.begin + WATCHDOG
+                self._faults.begin(kind, torment)
 
     def _over(self, kind: str) -> None:
-        torment = self._active.pop(kind)
-        alive = self._abbe.exit_status is None
-        if kind in ("frozen_process", "hung") and alive:
-            self._abbe.thaw()
-        elif kind == "disk_full" and alive:
-            self._abbe.fill_disk(False)
-        elif kind == "disk_slow":
-            self._calm_disk()
-        elif kind == "clock_jump":
-            self._abbe.set_clock(0.0)
-        elif kind == "reloaded" and torment.amount < 0.3:
-            self._config.write_text(self._variants[0], encoding="utf-8")
-
-    def _reload(self, torment: Torment) -> None:
-        """Other limits than now; a broken file has to change nothing."""
-        if torment.amount < 0.3:
-            self._config.write_text(self._variants[0][: len(self._variants[0]) // 2] + "\n[")
-        else:
-            self._variants.reverse()
-            self._config.write_text(self._variants[0], encoding="utf-8")
-        self._abbe.reload()
-
-    def _damage(self) -> None:
-        path = self._folder / "records.sqlite"
-        if path.exists() and (size := path.stat().st_size) > 20_000:
-            with path.open("r+b") as file:
-                file.seek(size // 2)
-                file.write(os.urandom(8192))
-
-    def _calm_disk(self) -> None:
-        if self._busy_disk is not None:
-            self._busy_disk.kill()
-            self._busy_disk.wait()
-            self._busy_disk = None
+        self._faults.over(kind, self._active.pop(kind))
 
     def _calm(self, now: float) -> bool:
         """Whether nothing goes on, nor has for a while."""
@@ -338,6 +298,7 @@ class Soak:
         self._looked = now
         if self._abbe.ready:
             self._memory.note(self._abbe.age, self._abbe.memory())
+            self._http_memory.note(self._abbe.age, self._abbe.http_memory())
         at, messages = self._period_of
         if calm and at:
             self._cycles += tally.messages - messages

@@ -179,11 +179,15 @@ class Supervisor:
 
     def memory(self) -> float:
         """Resident memory, MB."""
+        return _resident(self.pid)
+
+    def http_memory(self) -> float:
+        """Resident memory of its HTTP process, MB; NaN while there is none."""
         try:
-            pages = int(Path(f"/proc/{self.pid}/statm").read_text(encoding="ascii").split()[1])
-        except (OSError, IndexError):
+            said = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text(encoding="ascii")
+        except OSError:
             return float("nan")
-        return pages * resource.getpagesize() / 1e6
+        return _resident(int(said.split()[0])) if said.split() else float("nan")
 
     def close(self) -> None:
         """End everything."""
@@ -224,3 +228,11 @@ class Supervisor:
                         self.status = value
                     if name == "WATCHDOG" or (name == "READY" and self._due > moment.late):
                         self._due = time.monotonic() + WATCHDOG
+
+
+def _resident(pid: int) -> float:
+    try:
+        pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
+    except (OSError, IndexError):
+        return float("nan")
+    return pages * resource.getpagesize() / 1e6
