@@ -113,6 +113,13 @@ class AskingClients:
         path = path.format(every=self._every)
         return f"GET {path} HTTP/1.1\r\nhost: abbe\r\n{token}".encode()
 
+    async def _connection(
+        self, *, network: bool
+    ) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+        if network:
+            return await asyncio.open_connection("127.0.0.1", self._port)
+        return await asyncio.open_unix_connection(self._path)
+
     async def _reader(self, number: int) -> None:
         path = _PATHS[number % len(_PATHS)]
         network = bool(self._port) and number >= len(_PATHS)
@@ -125,10 +132,7 @@ class AskingClients:
             await asyncio.sleep(_AGAIN)
 
     async def _ask(self, path: str, network: bool) -> None:
-        if network:
-            reader, writer = await asyncio.open_connection("127.0.0.1", self._port)
-        else:
-            reader, writer = await asyncio.open_unix_connection(self._path)
+        reader, writer = await self._connection(network=network)
         try:
             writer.write(self._request(path, network) + b"connection: close\r\n\r\n")
             async with asyncio.timeout(_WITHIN):
@@ -189,11 +193,8 @@ class AskingClients:
             lambda: b"\x16\x03\x01\x02\x00\x01\x00" + os.urandom(500),
         ]
         for turn in itertools.count():
-            reading = asyncio.open_unix_connection(self._path)
-            if self._port and turn % 2:
-                reading = asyncio.open_connection("127.0.0.1", self._port)
             with contextlib.suppress(OSError, TimeoutError):
-                reader, writer = await reading
+                reader, writer = await self._connection(network=bool(self._port and turn % 2))
                 try:
                     writer.write(chance.choice(kinds)())
                     self.counts.rubbish += 1
