@@ -44,4 +44,8 @@ class ScaledNumber(BaseModel):
         """``× 0.1 + 20``, for people; nothing where the number is the value."""
         if (self.scale, self.offset) == (1.0, 0.0):
             return ()
-        return (f"× {self.scale:g} + {self.offset:g}",)
+        return (f"× {self.scale:g}" + (f" + {self.offset:g}" if self.offset else ""),)
+
+
+UNSCALED = ScaledNumber()
+"""The number is the value."""

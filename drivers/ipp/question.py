@@ -11,6 +11,7 @@ from abbe.drivers.ipp.grammar import Named, Value, by_name, shown
 from abbe.drivers.link import LinkProtocolError
 from abbe.drivers.pace import Pace
 from abbe.drivers.quarantine import Member
+from abbe.drivers.scaled import ScaledNumber
 
 _FIRST_AGAIN, _ONCE_AGAIN = 0.05, 1.0
 """s before what was refused is asked again: for positions the second time, for anything else."""
@@ -26,14 +27,13 @@ class Field:
         The name in front of the brackets.
     item
         Which value in them, from 1.
-    scale, offset
-        value = number · scale + offset.
+    scaled
+        How the number becomes the value.
     """
 
     name: str
     item: int
-    scale: float
-    offset: float
+    scaled: ScaledNumber
 
     def value(self, answer: Mapping[str, tuple[Value, ...]]) -> float:
         """The channel's value.
@@ -56,7 +56,7 @@ class Field:
             raise LinkProtocolError(f"the server has no value for {self.name} (NULL)")
         if not isinstance(value, float):
             raise LinkProtocolError(f"{self.name}: found {shown(value)}, expected a number")
-        number = value * self.scale + self.offset
+        number = self.scaled.value_of(value)
         if not math.isfinite(number):
             raise LinkProtocolError(f"{self.name}: {value:g} is too large")
         return number
@@ -148,7 +148,7 @@ class IppQuestion(Member):
 
 def _field(section: IppChannelConfig) -> Field:
     name = section.axis or section.prop or section.scale_temperature or ""
-    return Field(name, section.item, section.scale, section.offset)
+    return Field(name, section.item, section)
 
 
 def positions(config: IppConfig, every: float | None) -> IppQuestion:

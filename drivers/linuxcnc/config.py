@@ -23,7 +23,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from abbe.drivers.reconnect import ReconnectConfig
-from abbe.drivers.scaled import Scale
+from abbe.drivers.scaled import Scale, ScaledNumber
 
 _STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -57,6 +57,11 @@ class LinuxCncChannelConfig(BaseModel):
     """For a pin: value = pin · scale."""
     unit: str = ""
     """Unit of a pin's value, for people."""
+
+    @property
+    def scaled(self) -> ScaledNumber:
+        """How a pin's number becomes the value."""
+        return ScaledNumber(scale=self.scale, unit=self.unit)
 
     @model_validator(mode="after")
     def _consistent(self) -> LinuxCncChannelConfig:

@@ -67,6 +67,7 @@ class LinuxCncLink(Link):
         self._bridge: BridgeProcess | None = None
         self._units_per_mm = 1.0
         self._pins = {name: self._pins_of(name) for name in config.channels}
+        self._scaled = {name: section.scaled for name, section in config.channels.items()}
 
     @property
     def channels(self) -> Mapping[str, str]:
@@ -234,7 +235,7 @@ class LinuxCncLink(Link):
         if section.offset is not None:
             rotary = section.offset in _ROTARY
             return values[pin] if rotary else values[pin] / self._units_per_mm
-        return values[pin] * section.scale
+        return self._scaled[name].value_of(values[pin])
 
     async def _connect(self) -> None:
         """Start a bridge once the last one has ended."""
@@ -271,8 +272,7 @@ class LinuxCncLink(Link):
                 f"in steps of {section.resolution:g}"
             )
         parts = [f"pin {section.pin}"]
-        if section.scale != 1.0:
-            parts.append(f"× {section.scale:g}")
+        parts += section.scaled.scaling
         if section.unit:
             parts.append(f"in {section.unit}")
         return ", ".join(parts)

@@ -29,6 +29,8 @@ from collections.abc import Callable, Sequence
 from operator import itemgetter
 from typing import Literal
 
+from abbe.drivers.scaled import UNSCALED, ScaledNumber
+
 NumberType = Literal[
     "int16", "int32", "int64", "uint16", "uint32", "uint64", "float32", "float64", "bit"
 ]
@@ -168,19 +170,20 @@ def compile_encoder(
 
 
 def compile_reader(
-    number_type: NumberType, *, bit: int = 0, scale: float = 1.0, offset: float = 0.0
+    number_type: NumberType, *, bit: int = 0, scaled: ScaledNumber = UNSCALED
 ) -> Callable[[Raw], float]:
-    """Build the function raw number → value = raw · scale + offset.
+    """Build the function raw number → value.
 
     The function raises `NotRepresentableError` for NaN or infinity in a float and for an integer
     beyond ±(2⁵³ − 1). `bit` counts from 0, the least significant of the register.
     """
     if number_type == "bit":
         return lambda raw: float(int(raw) >> bit & 1)
+    value_of = scaled.value_of
     if number_type in _FLOAT_LIMITS:
 
         def from_float(raw: Raw) -> float:
-            value = raw * scale + offset
+            value = value_of(raw)
             if not math.isfinite(value):
                 raise NotRepresentableError(f"the device holds {raw}, not a finite number")
             return value
@@ -193,18 +196,16 @@ def compile_reader(
                 raise NotRepresentableError(
                     f"the device holds {raw}, which a float64 would round (limit ±{EXACT_LIMIT})"
                 )
-            return raw * scale + offset
+            return value_of(raw)
 
         return from_int64
-    if scale == 1.0 and offset == 0.0:
-        return float
-    return lambda raw: raw * scale + offset
+    return value_of if scaled.scaling else float
 
 
 def compile_writer(
-    number_type: NumberType, *, scale: float = 1.0, offset: float = 0.0
+    number_type: NumberType, *, scaled: ScaledNumber = UNSCALED
 ) -> Callable[[float], Raw]:
-    """Build the function value → raw = (value − offset) / scale, to the nearest count for integers.
+    """Build the function value → raw number, to the nearest count for integers.
 
     The function raises `NotRepresentableError` for NaN, infinity, or a value that the type does
     not hold, and names the range in the channel's own unit.
@@ -213,10 +214,10 @@ def compile_writer(
         return _bit_to_raw
     low, high = raw_range(number_type)
     whole = number_type not in _FLOAT_LIMITS
-    ends = sorted((low * scale + offset, high * scale + offset))
+    ends, number_of = scaled.range_of(low, high), scaled.number_of
 
     def to_raw(value: float) -> Raw:
-        number = (value - offset) / scale
+        number = number_of(value)
         if not math.isfinite(number):
             raise NotRepresentableError(f"{value} is not a finite number")
         raw: Raw = round(number) if whole else number

@@ -254,7 +254,7 @@ def write_plan(config: ModbusConfig, names: Sequence[str]) -> WritePlan:
             )
     return WritePlan(
         writers=tuple(
-            (name, compile_writer(c.number_type, scale=c.scale, offset=c.offset))
+            (name, compile_writer(c.number_type, scaled=c))
             for name, c in ((name, config.channels[name]) for name in names)
         ),
         requests=tuple(request for _, request in sorted(requests, key=lambda pair: pair[0])),
@@ -288,8 +288,7 @@ def _read_request(unit: int, channels: dict[str, ModbusChannelConfig]) -> ReadRe
         span=Span(unit, table, first, count),
         names=tuple(channels),
         readers=tuple(
-            compile_reader(c.number_type, bit=c.bit or 0, scale=c.scale, offset=c.offset)
-            for c in channels.values()
+            compile_reader(c.number_type, bit=c.bit or 0, scaled=c) for c in channels.values()
         ),
         decode=decode,
     )

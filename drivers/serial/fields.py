@@ -24,13 +24,13 @@ def compile_reader(channel: SerialChannelConfig) -> Callable[[str | None], float
     >>> read("- 1234")
     -1.234
     """
-    scale, offset = channel.scale, channel.offset
+    value_of = channel.value_of
     if channel.values is not None:
         table = channel.values
 
         def look_up(text: str | None) -> float:
             try:
-                return table[(text or "").strip()] * scale + offset
+                return value_of(table[(text or "").strip()])
             except KeyError:
                 raise FieldError(f"found {text!r}, expected one of {', '.join(table)}") from None
 
@@ -50,7 +50,7 @@ def compile_reader(channel: SerialChannelConfig) -> Callable[[str | None], float
                     number -= 1 << bits
             if abs(number) > 1 << 53:
                 raise FieldError(f"found {text!r}, which a 64-bit float cannot hold exactly")
-            return number * scale + offset
+            return value_of(number)
 
         return read_hex
     comma = channel.decimal == ","
@@ -64,7 +64,7 @@ def compile_reader(channel: SerialChannelConfig) -> Callable[[str | None], float
             number = number.replace(".", "!").replace(",", ".")
         if not is_number(number):
             raise FieldError(f"found {text!r}, expected a number")
-        value = float(number) * scale + offset
+        value = value_of(float(number))
         if value - value != 0.0:
             raise FieldError(f"found {text!r}, too large for a 64-bit float")
         return value

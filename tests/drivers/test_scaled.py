@@ -20,6 +20,7 @@ def test_a_negative_scale_turns_the_range_round():
 
 def test_only_what_is_scaled_is_said():
     assert ScaledNumber().scaling == ()
+    assert ScaledNumber(scale=0.1).scaling == ("× 0.1",)
     assert ScaledNumber(scale=0.1, offset=20.0).scaling == ("× 0.1 + 20",)
 
 

@@ -34,7 +34,7 @@ class ReceivedMessage(Member):
     """
 
     __slots__ = (
-        "_decode", "_limit", "_multiplexed", "_scales", "asked_at", "came", "channels",
+        "_conversions", "_decode", "_limit", "_multiplexed", "asked_at", "came", "channels",
         "data", "fresh", "message", "pace", "request", "taken", "values", "within",
     )  # fmt: skip
 
@@ -51,9 +51,8 @@ class ReceivedMessage(Member):
             for name, channel in config.channels.items()
             if channel.message == message.name and not channel.writable
         }
-        self._scales = [
-            (name, signal, channel.scale, channel.offset)
-            for name, (signal, channel) in self.channels.items()
+        self._conversions = [
+            (name, signal, channel.value_of) for name, (signal, channel) in self.channels.items()
         ]
         self._limit = max(self.within, self.pace.every)
         self._decode = decoder(message, {signal for signal, _ in self.channels.values()})
@@ -90,10 +89,10 @@ class ReceivedMessage(Member):
         except ValueError as error:
             self.values = dict.fromkeys(self.channels, Sample(_NAN, taken, Quality.BAD, str(error)))
             return
-        for name, signal, scale, offset in self._scales:
+        for name, signal, value_of in self._conversions:
             if signal not in values:
                 continue
-            value = float(values[signal]) * scale + offset
+            value = value_of(float(values[signal]))
             if value - value == 0.0:
                 self.values[name] = Sample(value, taken)
             else:

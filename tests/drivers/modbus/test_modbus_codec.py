@@ -20,6 +20,7 @@ from abbe.drivers.modbus.codec import (
     compile_writer,
     raw_range,
 )
+from abbe.drivers.scaled import ScaledNumber
 
 ORDERS = ("ABCD", "CDAB", "BADC", "DCBA")
 NUMBERS = tuple(t for t in WORDS if t != "bit")
@@ -156,16 +157,17 @@ def test_a_scaled_count_survives_the_round_trip(
     raw: int, size: float, negative: bool, offset: float
 ) -> None:
     scale = -size if negative else size
-    value = compile_reader("int32", scale=scale, offset=offset)(raw)
+    scaled = ScaledNumber(scale=scale, offset=offset)
+    value = compile_reader("int32", scaled=scaled)(raw)
     assert value == raw * scale + offset
-    back = compile_writer("int32", scale=scale, offset=offset)
+    back = compile_writer("int32", scaled=scaled)
     # The offset may eat a count's digits; half a count of that is the most that is lost.
     if abs(offset) < 1e6 * size:
         assert back(value) == raw
 
 
 def test_writing_rounds_to_the_nearest_count() -> None:
-    write = compile_writer("int16", scale=0.1)
+    write = compile_writer("int16", scaled=ScaledNumber(scale=0.1))
     assert write(1.26) == 13
     assert write(-1.26) == -13
     assert write(3276.74) == 32767
@@ -203,7 +205,7 @@ def test_the_refusal_names_value_type_and_range_in_the_channels_unit() -> None:
     with pytest.raises(
         NotRepresentableError, match=r"40\.0 does not fit int16: .*-32\.768 to 32\.767"
     ):
-        compile_writer("int16", scale=0.001)(40.0)
+        compile_writer("int16", scaled=ScaledNumber(scale=0.001))(40.0)
 
 
 @pytest.mark.parametrize("number_type", [*NUMBERS, "bit"])
@@ -222,7 +224,7 @@ def test_nan_and_infinity_from_the_device_are_not_values(number_type: str, value
 
 @pytest.mark.parametrize("number_type", ["int64", "uint64"])
 def test_a_count_that_a_float_would_round_is_refused(number_type: str) -> None:
-    read = compile_reader(number_type, scale=1e-6)
+    read = compile_reader(number_type, scaled=ScaledNumber(scale=1e-6))
     assert read(2**53 - 1) == (2**53 - 1) * 1e-6
     for raw in (2**53, 2**53 + 1, 2**63 - 1):
         with pytest.raises(NotRepresentableError, match=str(raw)):
