@@ -27,6 +27,10 @@ SEEN = 1e-3
 _BATCH = 400_000
 """Elements of candidate columns laid out at once: as much as a processor's cache holds."""
 
+_LEAST_COLUMNS = 40
+"""Columns laid out at once however long they are: the model is read through once for all of them,
+and of a large campaign it is far longer than any cache."""
+
 _ROUNDING = 1e-14
 """Squares below this part of a unit are rounding."""
 
@@ -203,6 +207,9 @@ class Frame:
         shape (v,) each. None where each row is a direction of its own.
     count
         Number of directions.
+    setups
+        What each set-up's nuisances can imitate besides `model`, as it is zero outside their own
+        rows: the rows, and an orthonormal basis there, (rows, k).
     """
 
     rows: NDArray[np.int64] | slice
@@ -210,11 +217,16 @@ class Frame:
     count: int
     number: NDArray[np.int64] | None = None
     unit: F64 | None = None
+    setups: Sequence[tuple[NDArray[np.int64] | slice, F64]] = ()
 
     @classmethod
     def whole(cls, fitted: Basis) -> Frame:
         """All rows."""
-        return cls(slice(None), fitted.imitable, len(fitted.residual))
+        n = len(fitted.residual)
+        if fitted.eliminator.whitening is not None:
+            return cls(slice(None), fitted.imitable, n)
+        own = tuple((_span(rows), basis) for rows, basis in fitted.eliminator.bases())
+        return cls(slice(None), fitted.q, n, setups=own)
 
     @classmethod
     def of_rows(cls, fitted: Basis, rows: NDArray[np.int64]) -> Frame:
@@ -235,6 +247,12 @@ class Frame:
         """Sums of rows; see the attributes."""
         plain = cls(rows, np.zeros((count, 0)), count, number, unit)
         return replace(plain, model=_shorter(plain.of(fitted.imitable)))
+
+    def imitated(self, columns: F64) -> F64:
+        """What the fitted model takes of columns that are laid out as rows, (k, directions)."""
+        parts = [columns @ self.model]
+        parts += [columns[:, rows] @ basis for rows, basis in self.setups]
+        return np.hstack(parts) if self.setups else parts[0]
 
     def of(self, vectors: F64) -> F64:
         """Coordinates of vectors of all rows, (n, k) → (directions, k)."""
@@ -312,7 +330,7 @@ class Bank:
             mine.trials.append((key, nonlinear))
             mine.columns.append(made.values)
             mine.size += made.values.size
-            if mine.size > _BATCH:
+            if mine.size > max(_BATCH, _LEAST_COLUMNS * mine.frame.count):
                 yield _Batch.of(mine.frame, mine.trials, mine.columns)
                 del open_[id(made.frame)]
         for mine in open_.values():
@@ -410,7 +428,7 @@ class _Batch:
         stacked = np.ascontiguousarray(np.concatenate([columns[i].T for i in order]))
         norms = np.sqrt(np.einsum("ij,ij->i", stacked, stacked))
         stacked /= np.where(norms > 0.0, norms, 1.0)[:, None]
-        imitated = stacked @ frame.model
+        imitated = frame.imitated(stacked)
         groups: list[tuple[int, int, int, F64]] = []
         widths = [columns[i].shape[1] for i in order]
         first = at = 0

@@ -205,7 +205,7 @@ def _left(columns: F64, frame: Frame, width: int) -> tuple[F64, F64]:
     """Columns' lengths, and Gram matrices of what the fitted model leaves of them at length 1."""
     square = np.einsum("ij,ij->i", columns, columns)
     size = np.sqrt(np.where(square > 0.0, square, 1.0))
-    imitated = (columns @ frame.model) / size[:, None]
+    imitated = frame.imitated(columns) / size[:, None]
     own = grams(columns, width)
     scale = size.reshape(-1, width)
     own /= scale[:, :, None] * scale[:, None, :]
