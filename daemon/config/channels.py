@@ -101,6 +101,15 @@ class Channels:
                 yield channel, ("output", name)
         for i, echo in enumerate(output.echo):
             yield echo.target, ("output", "echo", i, "target")
+        yield from self.told()
+
+    def told(self) -> Iterator[tuple[str, Key]]:
+        """Those of them that are told how sure the correction is, at a pace of their own."""
+        output = self.file.output
+        for name, channel in output.plus_minus.items():
+            yield channel, ("output", "plus_minus", name)
+        if output.outside is not None:
+            yield output.outside, ("output", "outside")
 
     def read(self) -> Iterator[tuple[str, Key]]:
         """Every channel that is read, and where the file says so."""

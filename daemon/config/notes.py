@@ -32,6 +32,11 @@ def _on_the_controller(configuration: Configuration) -> Iterator[str]:
     if not output.axes:
         yield "there is no [output.axes]: no corrected position is written"
         return
+    if (output.plus_minus or output.outside) and configuration.model.covariance is None:
+        yield (
+            "output.plus_minus and output.outside will always say that nothing is known: the model "
+            "has no covariance (it was imported, typed in, or changed since it was fitted)"
+        )
     if output.status is None:
         yield (
             "output.status is not set: the controller does not learn whether to use the corrected "

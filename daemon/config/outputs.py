@@ -12,6 +12,8 @@ from abbe.daemon.status_word import LARGEST, LARGEST_WITH_TURNS
 from abbe.drivers.link import ChannelInfo, LinkConfigError, WirePlace
 from abbe.drivers.transducers import SensorFaultError
 
+PER_MM = {"mm": 1.0, "um": 1e3, "µm": 1e3}
+"""Units of channels that are told ± of a correction, and how many are a mm."""
 _FEWEST_BEATS = 4
 """A heartbeat that begins again sooner is not distinguished from one that stands still."""
 
@@ -28,6 +30,7 @@ def check_outputs(channels: Channels, machine: Machine) -> None:
     _check_writable(channels)
     _check_apart(channels)
     _check_messages(channels)
+    _check_told(channels, machine)
     _check_ranges(channels, machine)
     _check_one_sample(channels)
 
@@ -135,6 +138,55 @@ def _check_messages(channels: Channels) -> None:
                     f"{channel} goes out in one message with the corrected position "
                     f"{link}.{other}, and must go out also when that is not known",
                     ("output", key),
+                    found=channel,
+                    expected="a channel in a message of its own",
+                )
+
+
+def _check_told(channels: Channels, machine: Machine) -> None:
+    """Whether what is told how sure the correction is can hold that, and goes out by itself."""
+    output = channels.file.output
+    most = dict(zip("XYZ", channels.file.guard.vector, strict=True))
+    for name, channel in output.plus_minus.items():
+        key: Key = ("output", "plus_minus", name)
+        linear = [a for a in output.axes if a in machine.axes and not is_rotary(a)]
+        if name not in linear:
+            raise channels.source.error(
+                "no linear axis of that name is corrected",
+                key,
+                found=name,
+                expected="one of " + (", ".join(linear) or "none"),
+            )
+        info = channels.info(channel)
+        if info.unit not in PER_MM:
+            raise channels.source.error(
+                f"channel {channel} is "
+                + (f"in {info.unit}" if info.unit else "of no stated unit"),
+                key,
+                expected='unit = "um" or unit = "mm" of the channel',
+            )
+        for value in (0.0, most[own_component(name)] * PER_MM[info.unit]):
+            _check_holds(channels, channel, key, info, value)
+    if output.outside is not None:
+        info = channels.info(output.outside)
+        for value in (0.0, 1.0):
+            _check_holds(channels, output.outside, ("output", "outside"), info, value)
+        if info.step not in (0.0, 1.0) or info.unit:
+            raise channels.source.error(
+                f"{output.outside} has to hold whole numbers",
+                ("output", "outside"),
+                found=_where(channels, output.outside),
+                expected="a channel without scale and unit",
+            )
+    told = {channel for channel, _ in channels.told()}
+    for channel, key in channels.told():
+        link, name = split(channel)
+        for other in sorted(channels.links[link].goes_with(name)):
+            if f"{link}.{other}" not in told:
+                raise channels.source.error(
+                    f"{channel} goes out in one message with {link}.{other}, and is written at "
+                    "another pace",
+                    key,
                     found=channel,
                     expected="a channel in a message of its own",
                 )

@@ -114,6 +114,12 @@ def _run(status: RunStatus) -> Iterator[Metric]:
         ("what",),
     )
     yield _gauge(
+        "abbe_outside_measured",
+        "1 for each axis, signal and tool that is where the machine was never measured",
+        [((w,), 1.0) for w in status.outside],
+        ("what",),
+    )
+    yield _gauge(
         "abbe_file_differs",
         "1 where a file on disk is not what runs any more",
         [((f.role, f.path), float(f.differs)) for f in status.files],

@@ -37,5 +37,7 @@ def _written_to(configuration: Configuration, links: Mapping[str, Link]) -> list
     """What the configuration's output writes to."""
     output = configuration.file.output
     channels = [a.target for a in output.axes.values()] + [e.target for e in output.echo]
-    everything = [split(c) for c in (*channels, output.status, output.heartbeat) if c is not None]
+    channels += output.plus_minus.values()
+    others = (output.status, output.heartbeat, output.outside)
+    everything = [split(c) for c in (*channels, *others) if c is not None]
     return [r for name, names in by_link(everything).items() for r in links[name].owns_for(names)]

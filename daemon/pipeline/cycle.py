@@ -144,6 +144,11 @@ class Pipeline:
         return self._compensation.tool
 
     @property
+    def shut(self) -> frozenset[str]:
+        """Links over which nothing is written for now, because somebody else may."""
+        return frozenset(self._write_back.shut | self._write_back.others)
+
+    @property
     def missed(self) -> int:
         """Periods that were left out, because a cycle took longer."""
         return self._pace.missed

@@ -7,9 +7,10 @@ own: nothing is added to the cycle.
 from __future__ import annotations
 
 import asyncio
+import enum
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,22 @@ EVERY = 1.0
 """s from one look to the next."""
 
 
+class Outside(enum.IntFlag):
+    """What of the machine's present state was never measured, as the controller is told it."""
+
+    POSITION = 1 << 0
+    """An axis stands where it was not measured."""
+    SIGNAL = 1 << 1
+    """A temperature, or another signal that the model reads."""
+    TOOL = 1 << 2
+    """The tool's offset."""
+    UNKNOWN = 1 << 3
+    """Nobody knows, nor how sure the correction is."""
+
+
+LARGEST_OUTSIDE = int(sum(Outside))
+
+
 @dataclass(frozen=True)
 class PlusMinus:
     """How sure the correction was at one moment.
@@ -41,6 +58,16 @@ class PlusMinus:
 
     wide: Vec3
     beyond: tuple[OutsideMeasured, ...]
+
+    def outside(self, axes: Collection[str]) -> Outside:
+        """The same as bits, for a machine with these axes."""
+        found = Outside(0)
+        for one in self.beyond:
+            if one.name in axes:
+                found |= Outside.POSITION
+            else:
+                found |= Outside.TOOL if one.name.startswith("tool ") else Outside.SIGNAL
+        return found
 
 
 class LiveUncertainty:
@@ -62,6 +89,8 @@ class LiveUncertainty:
     latest
         What was found last; None before the first look, without a covariance, and while a position
         or a signal is missing.
+    told
+        Are called after every look.
     """
 
     def __init__(
@@ -71,7 +100,13 @@ class LiveUncertainty:
         self._record: CycleRecord | None = None
         self._said: tuple[str, ...] = ()
         self.latest: PlusMinus | None = None
+        self.told: list[Callable[[], None]] = []
         self.change_model(model)
+
+    @property
+    def outside(self) -> Outside:
+        """What lies outside of what was measured, as bits."""
+        return Outside.UNKNOWN if self.latest is None else self.latest.outside(self._axes)
 
     def change_model(self, model: Model) -> None:
         """Go on with another model of the same machine."""
@@ -98,6 +133,8 @@ class LiveUncertainty:
                 self.latest = None
                 return
             self._say()
+            for told in self.told:
+                told()
 
     def at(self, record: CycleRecord, tool: Vec3) -> PlusMinus | None:
         """The ± at a record's position, signals and tool."""

@@ -10,6 +10,8 @@ from collections.abc import Callable, Sequence
 from abbe.compcore.machine.conditions import unit_of
 from abbe.compcore.machine.machine import Machine
 from abbe.daemon.config.identity import RunIdentity
+from abbe.daemon.guard import DIRECTIONS
+from abbe.daemon.pipeline.live_uncertainty import LiveUncertainty
 from abbe.daemon.pipeline.record import CycleRecord
 from abbe.daemon.records.writer import EventRow, RecordWriter, RunRow, Value
 
@@ -31,6 +33,8 @@ class Recorder(logging.Handler):
         s from one cycle that is kept to the next.
     clock
         s since 1970.
+    sure
+        Says how sure the correction is.
     """
 
     def __init__(
@@ -41,11 +45,13 @@ class Recorder(logging.Handler):
         corrected_axes: Sequence[str],
         every: float,
         clock: Callable[[], float] = time.time,
+        sure: LiveUncertainty | None = None,
     ) -> None:
         super().__init__(logging.INFO)
         self._writer = writer
         self._every = every
         self._clock = clock
+        self._sure = sure
         self._units = {name: unit_of(name) for name in axes}
         self._indicated = [(f"indicated_{axis}", self._units[axis]) for axis in axes]
         self._corrected = [
@@ -88,6 +94,10 @@ class Recorder(logging.Handler):
             value = corrected - record.indicated[at]
             if math.isfinite(value):
                 values.append((name, unit, now, value))
+        if self._sure is not None and (latest := self._sure.latest) is not None:
+            wide = zip(DIRECTIONS, latest.wide, strict=True)
+            values += [(f"plus_minus_{d}", "mm", now, w) for d, w in wide]
+            values.append(("outside", "", now, float(self._sure.outside)))
         for name, reading in record.signals.items():
             if math.isfinite(reading.value) and not reading.fault:
                 values.append((name, self._signals.get(name, ""), now, reading.value))

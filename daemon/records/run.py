@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from abbe.daemon.config import Configuration
 from abbe.daemon.config.identity import RunIdentity
 from abbe.daemon.pipeline.cycle import Pipeline
+from abbe.daemon.pipeline.live_uncertainty import LiveUncertainty
 from abbe.daemon.records.recorder import Recorder
 from abbe.daemon.records.thinning import Retention
 from abbe.daemon.records.writer import RecordWriter
@@ -16,7 +17,10 @@ from abbe.daemon.records.writer import RecordWriter
 
 @contextmanager
 def recorded(
-    configuration: Configuration, pipeline: Pipeline, identity: RunIdentity
+    configuration: Configuration,
+    pipeline: Pipeline,
+    identity: RunIdentity,
+    sure: LiveUncertainty | None = None,
 ) -> Iterator[Recorder | None]:
     """Keep records while the context lasts; None where the configuration wants none."""
     section, path = configuration.file.records, configuration.records_path
@@ -28,7 +32,8 @@ def recorded(
     )
     writer = RecordWriter(path, retention)
     machine = configuration.model.machine
-    recorder = Recorder(writer, machine, pipeline.axes, pipeline.corrected_axes, section.every)
+    axes = pipeline.axes, pipeline.corrected_axes
+    recorder = Recorder(writer, machine, *axes, section.every, sure=sure)
     recorder.began(identity, machine.name)
     journal = logging.getLogger("abbe")
     pipeline.listeners.append(recorder)

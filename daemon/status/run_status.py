@@ -171,6 +171,8 @@ class RunStatus(_Part):
     """What is wrong → why."""
     beyond: list[str]
     """What lies outside of what was measured."""
+    outside: list[str] = []
+    """Names of it: axes, signals, ``tool x`` …"""
     tool_mm: tuple[float, float, float]
     switches: dict[str, str]
     """Compensation → on, off or shown."""

@@ -106,6 +106,7 @@ class Survey:
             links=self._links(now),
             faults={} if record is None else dict(record.faults),
             beyond=[] if sure is None else [str(b) for b in sure.beyond],
+            outside=[] if sure is None else [b.name for b in sure.beyond],
             tool_mm=service.pipeline.tool,
             switches=self._switched(),
             files=self._files(),
