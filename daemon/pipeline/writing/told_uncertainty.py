@@ -171,7 +171,9 @@ class ToldUncertainty:
     async def _run(self) -> None:
         while True:
             try:
-                await self._tell(self._values(time.monotonic()), time.monotonic() + _WITHIN)
+                if self._record is not None:
+                    now = time.monotonic()
+                    await self._tell(self._values(now), now + _WITHIN)
             except Exception:
                 # whoever looks on must not disturb the machine
                 logger.exception("how sure the correction is cannot be told")
@@ -183,12 +185,16 @@ class ToldUncertainty:
         """Say that nothing is known, until it is taken or the time is over."""
         until = time.monotonic() + _ENDS_WITHIN
         nothing = self._nothing()
-        while left := {n: v for n, v in nothing.items() if n not in self._told_unknown}:
+        # before the first cycle nobody knows who else is there, and nothing was told
+        while self._record and (
+            left := {n: v for n, v in nothing.items() if n not in self._told_unknown}
+        ):
             await self._tell(left, until)
             if time.monotonic() + _AGAIN >= until or self._pipeline.shut:
                 break
             await asyncio.sleep(_AGAIN)
-        if missed := sorted(set(nothing) - self._told_unknown):
+        missed = sorted(set(nothing) - self._told_unknown)
+        if missed and self._record:
             logger.warning(
                 "link %s: could not be told that ± is not known any more", ", ".join(missed)
             )

@@ -93,6 +93,7 @@ class Plc(Memory):
     def __init__(self) -> None:
         super().__init__()
         self.words[1, "holding"] = [4711] * self.size
+        self.words[1, "holding"][10:12] = [0, 0]
         self.refuses = False
         self.forbidden = self._forbidden
         for name, value in {
@@ -163,6 +164,11 @@ async def until(what: Callable[[], object]) -> None:
             await asyncio.sleep(5e-3)
 
 
+def in_full(service: Service) -> bool:
+    latest = service.logbook.cycles.latest
+    return latest is not None and latest.in_full
+
+
 def in_steps(wide_mm: float) -> tuple[int, int]:
     """± in the steps of pm_X (0.01 µm), as the fit may have it within half a percent, up."""
     return math.floor(wide_mm * 1e5 * 0.995), math.ceil(wide_mm * 1e5 * 1.005)
@@ -197,8 +203,8 @@ async def test_records_and_status_have_it_too(folder, tmp_path) -> None:
         plc.stand("X", 499.0)
         await until(lambda: plc.told[1] == 1)
         assert Survey(service)().outside == ["X"]
-        first = service.pipeline.began
-        await until(lambda: service.logbook.cycles.latest.time > 1.0 and first)
+        seen = service.logbook.cycles.latest.time
+        await until(lambda: service.logbook.cycles.latest.time > seen + 0.5)
     with sqlite3.connect(tmp_path / "records.sqlite") as records:
         names = {row[0] for row in records.execute("SELECT name FROM series")}
     assert {"plus_minus_X", "plus_minus_Y", "plus_minus_Z", "outside"} <= names
@@ -219,7 +225,7 @@ async def test_a_refused_one_costs_no_corrected_position(folder, tmp_path, caplo
         plc.refuses = True
         said = "how sure the correction is was not written"
         await until(lambda: said in caplog.text)
-        await until(lambda: service.logbook.cycles.latest.in_full)
+        await until(lambda: in_full(service))
         number = service.logbook.cycles.latest.number
         await until(lambda: service.logbook.cycles.latest.number > number + 100)
         assert service.logbook.cycles.latest.in_full
@@ -254,7 +260,7 @@ async def test_without_a_covariance_it_says_so(tmp_path) -> None:
     assert [n for n in notes(loaded) if "output.plus_minus" in n]
     async with running(tmp_path, tmp_path) as (service, plc, _):
         await until(lambda: plc.told == (NOT_KNOWN, 8))
-        await until(lambda: service.logbook.cycles.latest.in_full)
+        await until(lambda: in_full(service))
 
 
 def test_a_flag_says_that_something_was_not_measured(folder, tmp_path) -> None:
