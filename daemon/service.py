@@ -25,7 +25,7 @@ from abbe.daemon.ownership.lock import hold
 from abbe.daemon.pipeline.cycle import LAST_WORD, Pipeline
 from abbe.daemon.pipeline.live_uncertainty import LiveUncertainty
 from abbe.daemon.pipeline.record import Listener
-from abbe.daemon.pipeline.writing.told_uncertainty import ToldUncertainty
+from abbe.daemon.pipeline.writing.reported_uncertainty import ReportedUncertainty
 from abbe.daemon.records.recorder import Recorder
 from abbe.daemon.records.run import recorded
 from abbe.daemon.reload import Prepared, Takeover, prepare
@@ -90,7 +90,9 @@ class Service:
         self.uncertainty = LiveUncertainty(
             configuration.model, self.pipeline.axes, lambda: self.pipeline.tool
         )
-        self._told = ToldUncertainty(configuration, self.links, self.pipeline, self.uncertainty)
+        self._reported = ReportedUncertainty(
+            configuration, self.links, self.pipeline, self.uncertainty
+        )
         holds = held_by_run(configuration, self.links)
         self.logbook = Logbook(self.pipeline, configuration.model.machine, holds)
         self.add([self.uncertainty])
@@ -223,7 +225,7 @@ class Service:
                 )
                 logger.info(start_words(self.configuration.model, self.configuration.model_path))
                 self._warn_of_uploads()
-                async with beside(self, supervised=self._notifier.there), self._told.running():
+                async with beside(self, supervised=self._notifier.there), self._reported.running():
                     await self._until_ended()
             finally:
                 gc.unfreeze()

@@ -101,10 +101,10 @@ class Channels:
                 yield channel, ("output", name)
         for i, echo in enumerate(output.echo):
             yield echo.target, ("output", "echo", i, "target")
-        yield from self.told()
+        yield from self.reported()
 
-    def told(self) -> Iterator[tuple[str, Key]]:
-        """Those of them that are told how sure the correction is, at a pace of their own."""
+    def reported(self) -> Iterator[tuple[str, Key]]:
+        """Those of them that say how sure the correction is, at a pace of their own."""
         output = self.file.output
         for name, channel in output.plus_minus.items():
             yield channel, ("output", "plus_minus", name)

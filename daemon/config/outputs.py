@@ -13,7 +13,7 @@ from abbe.drivers.link import ChannelInfo, LinkConfigError, WirePlace
 from abbe.drivers.transducers import SensorFaultError
 
 PER_MM = {"mm": 1.0, "um": 1e3, "µm": 1e3}
-"""Units of channels that are told ± of a correction, and how many are a mm."""
+"""Units of channels for ± of a correction, and how many are a mm."""
 _FEWEST_BEATS = 4
 """A heartbeat that begins again sooner is not distinguished from one that stands still."""
 
@@ -30,7 +30,7 @@ def check_outputs(channels: Channels, machine: Machine) -> None:
     _check_writable(channels)
     _check_apart(channels)
     _check_messages(channels)
-    _check_told(channels, machine)
+    _check_reported(channels, machine)
     _check_ranges(channels, machine)
     _check_one_sample(channels)
 
@@ -143,8 +143,8 @@ def _check_messages(channels: Channels) -> None:
                 )
 
 
-def _check_told(channels: Channels, machine: Machine) -> None:
-    """Whether what is told how sure the correction is can hold that, and goes out by itself."""
+def _check_reported(channels: Channels, machine: Machine) -> None:
+    """Whether the channels for how sure the correction is can hold it, and go out by themselves."""
     output = channels.file.output
     most = dict(zip("XYZ", channels.file.guard.vector, strict=True))
     for name, channel in output.plus_minus.items():
@@ -178,11 +178,11 @@ def _check_told(channels: Channels, machine: Machine) -> None:
                 found=_where(channels, output.outside),
                 expected="a channel without scale and unit",
             )
-    told = {channel for channel, _ in channels.told()}
-    for channel, key in channels.told():
+    reported = {channel for channel, _ in channels.reported()}
+    for channel, key in channels.reported():
         link, name = split(channel)
         for other in sorted(channels.links[link].goes_with(name)):
-            if f"{link}.{other}" not in told:
+            if f"{link}.{other}" not in reported:
                 raise channels.source.error(
                     f"{channel} goes out in one message with {link}.{other}, and is written at "
                     "another pace",

@@ -186,9 +186,9 @@ class OutputSection(Section):
     be read: somebody else may write there too. 0: never."""
     echo: Annotated[tuple[EchoSection, ...], Field(strict=False)] = ()
     plus_minus: dict[str, ChannelName] = Field(default_factory=dict)
-    """Axis → channel, in mm or um, that is told ± of its correction, k = 2."""
+    """Axis → channel, in mm or um, that receives ± of its correction, k = 2."""
     outside: ChannelName | None = None
-    """Channel that is told whether a position, a signal or the tool was never measured:
+    """Channel that receives whether a position, a signal or the tool was never measured:
     `abbe.daemon.pipeline.live_uncertainty.Outside`."""
 
 

@@ -29,7 +29,7 @@ EVERY = 1.0
 
 
 class Outside(enum.IntFlag):
-    """What of the machine's present state was never measured, as the controller is told it."""
+    """What of the machine's present state was never measured, as the controller receives it."""
 
     POSITION = 1 << 0
     """An axis stands where it was not measured."""
@@ -89,7 +89,7 @@ class LiveUncertainty:
     latest
         What was found last; None before the first look, without a covariance, and while a position
         or a signal is missing.
-    told
+    listeners
         Are called after every look.
     """
 
@@ -100,7 +100,7 @@ class LiveUncertainty:
         self._record: CycleRecord | None = None
         self._said: tuple[str, ...] = ()
         self.latest: PlusMinus | None = None
-        self.told: list[Callable[[], None]] = []
+        self.listeners: list[Callable[[], None]] = []
         self.change_model(model)
 
     @property
@@ -133,8 +133,8 @@ class LiveUncertainty:
                 self.latest = None
                 return
             self._say()
-            for told in self.told:
-                told()
+            for listener in self.listeners:
+                listener()
 
     def at(self, record: CycleRecord, tool: Vec3) -> PlusMinus | None:
         """The ± at a record's position, signals and tool."""

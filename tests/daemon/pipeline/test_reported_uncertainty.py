@@ -1,4 +1,4 @@
-"""± told to the controller: worked out by hand, read by mbpoll, refused, lost, and at the end."""
+"""± reported to the controller: worked out by hand, read by mbpoll, refused, lost, and at the end."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import pytest
 from abbe.compcore.errors import InputError
 from abbe.daemon.config import load_config
 from abbe.daemon.config.notes import notes
-from abbe.daemon.pipeline.writing.told_uncertainty import ToldAxis
+from abbe.daemon.pipeline.writing.reported_uncertainty import ReportedAxis
 from abbe.daemon.service import Service
 from abbe.daemon.status.survey import Survey
 from abbe.drivers.link import ChannelInfo
@@ -57,7 +57,7 @@ T_hall = {{ source = "plc.T_hall" }}
 status = "plc.status"
 heartbeat = "plc.heartbeat"
 axes.X.target = "plc.corrected_X"
-{told}
+{reported}
 [links.plc]
 driver = "modbus"
 transport = "tcp"
@@ -84,7 +84,7 @@ read_only = {{ table = "holding", address = 30, type = "uint16", scale = 0.01, u
 """
 WORD = 'table = "holding", type = "uint16", writable = true,'
 STANDS = {"X": 300.0, "Y": 120.0, "Z": -80.0, "T_x": 25.0, "T_hall": 20.5}
-TOLD = 'plus_minus.X = "plc.pm_X"\noutside = "plc.outside"'
+REPORTED = 'plus_minus.X = "plc.pm_X"\noutside = "plc.outside"'
 
 
 class Plc(Memory):
@@ -110,11 +110,11 @@ class Plc(Memory):
         self.words[1, "input"][at : at + 2] = struct.unpack(">HH", struct.pack(">f", value))
 
     def _forbidden(self, request: Request) -> int:
-        told = request.function in (6, 16) and request.address >= 20
-        return 2 if self.refuses and told else 0
+        reported = request.function in (6, 16) and request.address >= 20
+        return 2 if self.refuses and reported else 0
 
     @property
-    def told(self) -> tuple[int, int]:
+    def reported(self) -> tuple[int, int]:
         """pm_X and outside, as they stand in the registers."""
         found = self.words[1, "holding"][20:22]
         return found[0], found[1]
@@ -127,15 +127,15 @@ class Plc(Memory):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A model fitted to its campaign."""
-    made = tmp_path_factory.mktemp("told")
+    made = tmp_path_factory.mktemp("reported")
     campaign = write_campaign(made / "c.csv", seed=5)
     done = abbe("fit", write_model(made), campaign, "-o", made / "fitted.toml")
     assert done.status == 0, done.err
     return made
 
 
-def config(folder: Path, to: Path, port: int = 502, told: str = TOLD) -> Path:
-    text = CONFIG.format(port=port, told=told, word=WORD).replace(
+def config(folder: Path, to: Path, port: int = 502, reported: str = REPORTED) -> Path:
+    text = CONFIG.format(port=port, reported=reported, word=WORD).replace(
         "fitted.toml", str(folder / "fitted.toml")
     )
     (to / "config.toml").write_text(text, "utf-8")
@@ -144,12 +144,12 @@ def config(folder: Path, to: Path, port: int = 502, told: str = TOLD) -> Path:
 
 @asynccontextmanager
 async def running(
-    folder: Path, to: Path, told: str = TOLD
+    folder: Path, to: Path, reported: str = REPORTED
 ) -> AsyncIterator[tuple[Service, Plc, TcpDevice]]:
     """A run on a controller over a real socket; ended as Ctrl-C does."""
     plc = Plc()
     async with TcpDevice(plc) as device:
-        service = Service(load_config(config(folder, to, device.port, told)))
+        service = Service(load_config(config(folder, to, device.port, reported)))
         task = asyncio.create_task(service.run())
         try:
             yield service, plc, device
@@ -180,28 +180,28 @@ INSIDE = 2.0 * SD_ALPHA * 5.0 * 300.0
 
 async def test_it_is_twice_the_standard_deviation_worked_out_by_hand(folder, tmp_path) -> None:
     async with running(folder, tmp_path) as (_, plc, device):
-        await until(lambda: plc.told[1] == 0)
+        await until(lambda: plc.reported[1] == 0)
         low, high = in_steps(INSIDE)
-        assert low <= plc.told[0] <= high
+        assert low <= plc.reported[0] <= high
         # an unrelated client reads the same
         seen = await asyncio.to_thread(read_holding, device.port, 20, 2)
-        assert struct.unpack(">HH", seen) == plc.told
+        assert struct.unpack(">HH", seen) == plc.reported
         # the place decides, and what was never measured: 450 mm was the last
         plc.stand("X", 499.0)
-        await until(lambda: plc.told[1] == 1)
+        await until(lambda: plc.reported[1] == 1)
         change = ALPHA * 5.0 * (499.0 - 450.0) / math.sqrt(3.0)
         low, high = in_steps(2.0 * math.hypot(SD_ALPHA * 5.0 * 499.0, change))
-        await until(lambda: low <= plc.told[0] <= high)
+        await until(lambda: low <= plc.reported[0] <= high)
         plc.stand("T_x", 31.0)
-        await until(lambda: plc.told[1] == 3)
-    assert plc.told == (NOT_KNOWN, 8)
+        await until(lambda: plc.reported[1] == 3)
+    assert plc.reported == (NOT_KNOWN, 8)
     assert plc.status == 0
 
 
 async def test_records_and_status_have_it_too(folder, tmp_path) -> None:
     async with running(folder, tmp_path) as (service, plc, _):
         plc.stand("X", 499.0)
-        await until(lambda: plc.told[1] == 1)
+        await until(lambda: plc.reported[1] == 1)
         assert Survey(service)().outside == ["X"]
         seen = service.logbook.cycles.latest.time
         await until(lambda: service.logbook.cycles.latest.time > seen + 0.5)
@@ -212,11 +212,11 @@ async def test_records_and_status_have_it_too(folder, tmp_path) -> None:
 
 async def test_what_is_held_has_no_uncertainty(folder, tmp_path) -> None:
     async with running(folder, tmp_path) as (_, plc, _):
-        await until(lambda: plc.told[1] == 0)
+        await until(lambda: plc.reported[1] == 0)
         plc.stand("T_x", math.nan)
-        await until(lambda: plc.told == (NOT_KNOWN, 8))
+        await until(lambda: plc.reported == (NOT_KNOWN, 8))
         plc.stand("T_x", 25.0)
-        await until(lambda: plc.told[1] == 0)
+        await until(lambda: plc.reported[1] == 0)
 
 
 async def test_a_refused_one_costs_no_corrected_position(folder, tmp_path, caplog) -> None:
@@ -230,25 +230,25 @@ async def test_a_refused_one_costs_no_corrected_position(folder, tmp_path, caplo
         await until(lambda: service.logbook.cycles.latest.number > number + 100)
         assert service.logbook.cycles.latest.in_full
         assert service.logbook.cycles.latest.faults == {}
-        assert plc.told == (4711, 4711)
+        assert plc.reported == (4711, 4711)
         assert caplog.text.count(said) == 1
         plc.refuses = False
-        await until(lambda: plc.told[1] == 0)
+        await until(lambda: plc.reported[1] == 0)
         assert caplog.text.count("is written again") == 1
-    assert plc.told == (NOT_KNOWN, 8)
+    assert plc.reported == (NOT_KNOWN, 8)
 
 
 async def test_a_lost_link_is_told_when_it_is_back(folder, tmp_path) -> None:
     async with running(folder, tmp_path) as (service, plc, device):
-        await until(lambda: plc.told[1] == 0)
+        await until(lambda: plc.reported[1] == 0)
         await device.stop()
         await until(lambda: service.links["plc"].status.state.value == "down")
         plc.words[1, "holding"][20:22] = [0, 0]  # a controller that was switched off and on
         await device.start()
-        await until(lambda: plc.told == (NOT_KNOWN, 8) or plc.told[0])
-        await until(lambda: plc.told[1] == 0)
+        await until(lambda: plc.reported == (NOT_KNOWN, 8) or plc.reported[0])
+        await until(lambda: plc.reported[1] == 0)
         low, high = in_steps(INSIDE)
-        await until(lambda: low <= plc.told[0] <= high)
+        await until(lambda: low <= plc.reported[0] <= high)
 
 
 async def test_without_a_covariance_it_says_so(tmp_path) -> None:
@@ -259,7 +259,7 @@ async def test_without_a_covariance_it_says_so(tmp_path) -> None:
     loaded = load_config(config(tmp_path, tmp_path))
     assert [n for n in notes(loaded) if "output.plus_minus" in n]
     async with running(tmp_path, tmp_path) as (service, plc, _):
-        await until(lambda: plc.told == (NOT_KNOWN, 8))
+        await until(lambda: plc.reported == (NOT_KNOWN, 8))
         await until(lambda: in_full(service))
 
 
@@ -276,7 +276,7 @@ def test_a_flag_says_that_something_was_not_measured(folder, tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "said"),
+    ("reported", "said"),
     [
         ('plus_minus.Y = "plc.pm_X"', "no linear axis of that name is corrected.*one of X"),
         ('plus_minus.X = "plc.bare"', 'of no stated unit.*unit = "um"'),
@@ -289,8 +289,8 @@ def test_a_flag_says_that_something_was_not_measured(folder, tmp_path) -> None:
         ('outside = "plc.scaled"', "whole numbers"),
     ],
 )
-def test_what_cannot_be_told_is_refused(folder, tmp_path, told: str, said: str) -> None:
-    path = config(folder, tmp_path, told=told)
+def test_what_cannot_be_told_is_refused(folder, tmp_path, reported: str, said: str) -> None:
+    path = config(folder, tmp_path, reported=reported)
     with pytest.raises(InputError, match=said) as caught:
         load_config(path)
     assert str(caught.value).startswith(str(path))
@@ -322,6 +322,6 @@ def test_it_overwrites_nothing_that_is_read(folder, tmp_path) -> None:
     ],
 )
 def test_it_is_bounded_and_rounded_to_the_safe_side(info, wide, written) -> None:
-    told = ToldAxis("X", 0, ("plc", "pm"), info)
-    assert told.value(wide) == pytest.approx(written, abs=1e-9)
-    assert info.low <= told.value(wide) <= info.high
+    reported = ReportedAxis("X", 0, ("plc", "pm"), info)
+    assert reported.value(wide) == pytest.approx(written, abs=1e-9)
+    assert info.low <= reported.value(wide) <= info.high

@@ -1,4 +1,4 @@
-"""How sure the correction is, told to the controller: ± of each axis, and what was never measured.
+"""How sure the correction is, reported to the controller: ± of each axis, and what was never measured.
 
 A listener that sees when ± no longer holds, and a task that writes at the uncertainty's own slow
 pace, by itself: a refused ± never costs a corrected position, and the cycle waits for nothing.
@@ -32,7 +32,7 @@ from abbe.drivers.link import ChannelInfo, Link, LinkError
 logger = logging.getLogger("abbe.pipeline")
 
 NOT_KNOWN = 10.0
-"""mm that are told where ± is not known, or the most that the channel holds, if that is less: a
+"""mm that are written where ± is not known, or the most that the channel holds, if that is less: a
 controller that compares ± with a tolerance then finds it too wide."""
 EVERY = 1.0
 """s from one write to the next."""
@@ -51,7 +51,7 @@ _BY_CHANCE = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class ToldAxis:
+class ReportedAxis:
     """The channel of one axis's ±.
 
     Attributes
@@ -92,7 +92,7 @@ class ToldAxis:
         return low + whole * step
 
 
-class ToldUncertainty:
+class ReportedUncertainty:
     """Writes ± and what was never measured, while a correction runs.
 
     Parameters
@@ -117,7 +117,7 @@ class ToldUncertainty:
         output = configuration.file.output
         self._links, self._pipeline, self._sure = links, pipeline, sure
         self._axes = [
-            ToldAxis(axis, DIRECTIONS.index(own_component(axis)), where, _info(links, where))
+            ReportedAxis(axis, DIRECTIONS.index(own_component(axis)), where, _info(links, where))
             for axis, channel in output.plus_minus.items()
             for where in (split(channel),)
         ]
@@ -134,15 +134,15 @@ class ToldUncertainty:
         self._held = 0
         self._wake = asyncio.Event()
         self._problems: dict[str, str] = {}
-        self._told_unknown: set[str] = set()
+        self._reported_unknown: set[str] = set()
 
     @property
     def wanted(self) -> bool:
-        """Whether anything is to be told."""
+        """Whether anything is to be written."""
         return bool(self._axes or self._outside)
 
     def __call__(self, record: CycleRecord) -> None:
-        """Keep a cycle's record; a direction that is corrected no longer is told at once."""
+        """Keep a cycle's record; a direction that is corrected no longer is written at once."""
         self._record = record
         holds = 0 if record.status & _ENDING else record.status & self._corrected
         if self._held & ~holds:
@@ -155,13 +155,13 @@ class ToldUncertainty:
         if not self.wanted:
             yield
             return
-        self._sure.told.append(self._wake.set)
+        self._sure.listeners.append(self._wake.set)
         self._pipeline.listeners.append(self)
         task = asyncio.create_task(self._run())
         try:
             yield
         finally:
-            self._sure.told.remove(self._wake.set)
+            self._sure.listeners.remove(self._wake.set)
             if self in self._pipeline.listeners:
                 self._pipeline.listeners.remove(self)
             task.cancel()
@@ -173,10 +173,10 @@ class ToldUncertainty:
             try:
                 if self._record is not None:
                     now = time.monotonic()
-                    await self._tell(self._values(now), now + _WITHIN)
+                    await self._write(self._values(now), now + _WITHIN)
             except Exception:
                 # whoever looks on must not disturb the machine
-                logger.exception("how sure the correction is cannot be told")
+                logger.exception("how sure the correction is cannot be reported")
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._wake.wait(), EVERY)
             self._wake.clear()
@@ -185,42 +185,42 @@ class ToldUncertainty:
         """Say that nothing is known, until it is taken or the time is over."""
         until = time.monotonic() + _ENDS_WITHIN
         nothing = self._nothing()
-        # before the first cycle nobody knows who else is there, and nothing was told
+        # before the first cycle nobody knows who else is there, and nothing was reported
         while self._record and (
-            left := {n: v for n, v in nothing.items() if n not in self._told_unknown}
+            left := {n: v for n, v in nothing.items() if n not in self._reported_unknown}
         ):
-            await self._tell(left, until)
+            await self._write(left, until)
             if time.monotonic() + _AGAIN >= until or self._pipeline.shut:
                 break
             await asyncio.sleep(_AGAIN)
-        missed = sorted(set(nothing) - self._told_unknown)
+        missed = sorted(set(nothing) - self._reported_unknown)
         if missed and self._record:
             logger.warning(
-                "link %s: could not be told that ± is not known any more", ", ".join(missed)
+                "link %s: could not be written that ± is not known any more", ", ".join(missed)
             )
 
     def _values(self, now: float) -> dict[str, dict[str, float]]:
-        """What is told now (monotonic, s), by link and channel."""
+        """What is reported now (monotonic, s), by link and channel."""
         record, latest = self._record, self._sure.latest
         if record is None or latest is None or not self._held:
             return self._nothing()
         if now - self._pipeline.began - record.time > self._hangs:
             return self._nothing()
-        told = {
+        reported = {
             one.channel: one.value(latest.wide[one.direction])
             if self._held & _ACTIVE[one.direction]
             else one.not_known
             for one in self._axes
         }
-        return self._by_link(told, self._sure.outside)
+        return self._by_link(reported, self._sure.outside)
 
     def _nothing(self) -> dict[str, dict[str, float]]:
         return self._by_link({a.channel: a.not_known for a in self._axes}, Outside.UNKNOWN)
 
     def _by_link(
-        self, told: Mapping[Channel, float], outside: Outside
+        self, reported: Mapping[Channel, float], outside: Outside
     ) -> dict[str, dict[str, float]]:
-        values = dict(told)
+        values = dict(reported)
         if self._outside is not None:
             values[self._outside] = float(min(int(outside), self._largest))
         return {
@@ -228,11 +228,11 @@ class ToldUncertainty:
             for link, names in by_link(values).items()
         }
 
-    async def _tell(self, values: Mapping[str, Mapping[str, float]], until: float) -> None:
+    async def _write(self, values: Mapping[str, Mapping[str, float]], until: float) -> None:
         """Write to each link that is open and not somebody else's."""
         nothing = self._nothing()
         for name, channels in values.items():
-            self._told_unknown.discard(name)
+            self._reported_unknown.discard(name)
             link = self._links[name]
             if self._pipeline.shut or link.status.state not in OPEN:
                 continue
@@ -246,7 +246,7 @@ class ToldUncertainty:
                 continue
             self._problem(name, "")
             if channels == nothing[name]:
-                self._told_unknown.add(name)
+                self._reported_unknown.add(name)
 
     def _problem(self, link: str, why: str) -> None:
         """Have the journal know once when it is not taken, and once when it is again."""
