@@ -1,4 +1,4 @@
-"""How sure the correction is, reported to the controller: ± of each axis, and what was never measured.
+"""How sure the correction is, for the controller: ± of each axis, and what was never measured.
 
 A listener that sees when ± no longer holds, and a task that writes at the uncertainty's own slow
 pace, by itself: a refused ± never costs a corrected position, and the cycle waits for nothing.

@@ -1,4 +1,4 @@
-"""± reported to the controller: worked out by hand, read by mbpoll, refused, lost, and at the end."""
+"""± for the controller: worked out by hand, read by mbpoll, refused, lost, and at the end."""
 
 from __future__ import annotations
 
