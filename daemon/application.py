@@ -1,34 +1,26 @@
 """The application of typer: ``abbe COMMAND``; each command is a file in `abbe.daemon.commands`.
 
-Commands import what they need when they run, so that ``abbe correct`` starts fast.
+Commands import what they need when they run, and only the command that is asked for joins the
+application, so that ``abbe correct`` starts fast.
 """
 
 from __future__ import annotations
 
-from importlib.metadata import version as installed_version
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from abbe.daemon.commands import register
 
-app = typer.Typer(
-    name="abbe",
-    help="Makes machine tools and CMMs more accurate than their mechanics, and explains them.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
-
 
 def _print_version(wanted: bool) -> None:
     if wanted:
+        from importlib.metadata import version as installed_version
+
         typer.echo(f"abbe {installed_version('abbe')}")
         raise typer.Exit
 
 
-@app.callback()
 def _options(
     _version: Annotated[
         bool,
@@ -40,4 +32,28 @@ def _options(
     pass
 
 
-register(app)
+def application(word: str = "") -> typer.Typer:
+    """The application with the command of a name; of no command's name, with every one."""
+    built = typer.Typer(
+        name="abbe",
+        help="Makes machine tools and CMMs more accurate than their mechanics, and explains them.",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+    )
+    built.callback()(_options)
+    register(built, word)
+    return built
+
+
+if TYPE_CHECKING:
+    app: typer.Typer
+
+
+def __getattr__(name: str) -> typer.Typer:
+    # every command, for those that ask for it by this name: the tests
+    if name != "app":
+        raise AttributeError(name)
+    globals()["app"] = application()
+    return globals()["app"]  # type: ignore[no-any-return]

@@ -48,9 +48,9 @@ def _run() -> int:
     status = 1
     try:
         install()
-        from abbe.daemon.application import app
+        from abbe.daemon.application import application
 
-        app()
+        application(sys.argv[1] if len(sys.argv) > 1 else "")()
         status = 0
     except SystemExit as done:
         status = done.code if isinstance(done.code, int) else int(done.code is not None)

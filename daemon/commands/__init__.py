@@ -1,4 +1,7 @@
-"""The commands of ``abbe``, one file each, in rooms by subject; each has ``register(app)``."""
+"""The commands of ``abbe``, one file each, in rooms by subject; each has ``register(app)``.
+
+A file bears the name of its command, with ``_`` for ``-``.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +48,15 @@ NAMES = (
 """The commands' modules, in the order in which ``abbe --help`` lists them."""
 
 
-def register(app: typer.Typer) -> None:
-    """Add every command to the application."""
-    for name in NAMES:
+def register(app: typer.Typer, word: str = "") -> None:
+    """Add the command of a name to the application; of no command's name, every one.
+
+    What typer works out of forty commands' arguments takes longer than one command's answer.
+    """
+    asked = [name for name in NAMES if _word(name) == word]
+    for name in asked or NAMES:
         import_module(f"abbe.daemon.commands.{name}").register(app)
+
+
+def _word(name: str) -> str:
+    return name.rpartition(".")[2].replace("_", "-")

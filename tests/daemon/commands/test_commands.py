@@ -8,6 +8,10 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer.testing
+
+from abbe.daemon.application import application
+from abbe.daemon.commands import NAMES
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "bridge-cmm" / "config.toml"
 
@@ -79,3 +83,27 @@ def test_a_model_that_is_wrong_is_named_with_its_own_line(tmp_path: Path) -> Non
 def test_wrong_usage_is_status_2() -> None:
     assert abbe("run").returncode == 2
     assert abbe("demo", "--duration", "0.1").returncode == 2
+
+
+def test_only_the_command_that_is_asked_for_joins_the_application() -> None:
+    every = typer.testing.CliRunner().invoke(application(), ["correct", "--help"])
+    for name in NAMES:
+        word = name.rpartition(".")[2].replace("_", "-")
+        alone = application(word)
+        own = [c.name for c in alone.registered_commands]
+        own += [g.name for g in alone.registered_groups]
+        assert own == [word]
+    one = typer.testing.CliRunner().invoke(application("correct"), ["correct", "--help"])
+    assert one.output == every.output
+    loaded = "import sys; from abbe.daemon.application import application; application('correct'); "
+    loaded += "print(*(m for m in sys.modules if m.startswith('abbe.daemon.commands.')))"
+    done = subprocess.run(
+        [sys.executable, "-c", loaded], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == ["abbe.daemon.commands.correct"]
+
+
+def test_a_word_that_is_no_command_finds_those_that_are_near() -> None:
+    done = abbe("corect")
+    assert done.returncode == 2
+    assert "correct" in done.stderr
