@@ -4,15 +4,25 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
 DEBIAN := mbpoll socat chromium fonts-dejavu-core linuxcnc-uspace systemd libfaketime
+MACHINE := qemu-system-x86 mmdebstrap e2fsprogs dpkg-dev
 PROMETHEUS := $(VENV)/unpacked/usr/bin/prometheus
 BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis_command diagnosis validation
 SOURCES := compcore drivers daemon tests benchmarks examples
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types fast bench torment soak docs clean
+.PHONY: help demo test lint types fast bench torment soak deb test-systemd docs clean
+
+define install_debian
+missing=; for package in $(1); do \
+  dpkg-query -W -f='$${Status}' $$package 2>/dev/null | grep -q 'ok installed' || missing="$$missing $$package"; done; \
+if [ -n "$$missing" ]; then \
+  echo "Installing Debian packages for the tests:$$missing"; \
+  run=; [ "$$(id -u)" = 0 ] || run=sudo; \
+  $$run apt-get update -qq && DEBIAN_FRONTEND=noninteractive $$run apt-get install -y -qq --no-install-recommends $$missing >/dev/null; fi
+endef
 
 help: ## Show what there is
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*##/\t/' | expand -t 10
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*##/\t/' | expand -t 14
 
 demo: $(VENV)/.runtime ## See a coordinate measuring machine become ten times more accurate
 	@$(BIN)/abbe demo
@@ -45,6 +55,13 @@ torment: $(VENV)/.dev ## Torment every protocol of a live run, an hour in all (S
 soak: $(VENV)/.dev $(VENV)/.debian ## Soak a supervised run in faults of wire and computer (SECONDS=180, SEED=); docs/soak.md
 	$(BIN)/python -m abbe.drivers.simulated.soak --seconds $(if $(filter file,$(origin SECONDS)),180,$(SECONDS)) --seed $(SEED)
 
+deb: $(VENV)/.runtime ## Build dist/abbe_VERSION_amd64.deb, which is installed without a network
+	@$(BIN)/python -m tools.deb
+
+test-systemd: $(VENV)/.dev ## Prove the .deb and its services on a real systemd in a virtual machine (half an hour)
+	@$(call install_debian,$(MACHINE))
+	$(BIN)/pytest -m systemd tests/systemd
+
 clean: ## Remove everything that the other targets made
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis demo-out
 
@@ -69,12 +86,7 @@ $(VENV)/.bench: pyproject.toml | $(BIN)/python
 
 # Unrelated clients and a browser for the integration tests: Debian packages.
 $(VENV)/.debian: Makefile | $(BIN)/python $(PROMETHEUS)
-	@missing=; for package in $(DEBIAN); do \
-	  dpkg-query -W -f='$${Status}' $$package 2>/dev/null | grep -q 'ok installed' || missing="$$missing $$package"; done; \
-	if [ -n "$$missing" ]; then \
-	  echo "Installing Debian packages for the tests:$$missing"; \
-	  run=; [ "$$(id -u)" = 0 ] || run=sudo; \
-	  $$run apt-get update -qq && DEBIAN_FRONTEND=noninteractive $$run apt-get install -y -qq --no-install-recommends $$missing >/dev/null; fi
+	@$(call install_debian,$(DEBIAN))
 	@touch $@
 
 # Unpacked, not installed: Debian's package would run it as a service.

@@ -134,6 +134,8 @@ def make_environment(
         executable=True,
     )
     link(root, COMMAND, ENVIRONMENT / "bin" / "abbe")
+    for waste in ("include", "share"):  # headers; extensions of notebooks
+        shutil.rmtree(place / waste, ignore_errors=True)
     packages = place / "lib" / f"python{interpreter.short}" / "site-packages"
     for info in packages.glob("*.dist-info"):
         _forget_the_build(info)
