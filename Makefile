@@ -60,7 +60,7 @@ deb: $(VENV)/.runtime ## Build dist/abbe_VERSION_amd64.deb, which is installed w
 
 test-systemd: $(VENV)/.dev ## Prove the .deb and its services on a real systemd in a virtual machine (half an hour)
 	@$(call install_debian,$(MACHINE))
-	$(BIN)/pytest -m systemd tests/systemd
+	$(BIN)/python -m tests.systemd
 
 clean: ## Remove everything that the other targets made
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis demo-out

@@ -12,7 +12,7 @@ import shutil
 import socket
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -111,13 +111,13 @@ class Machine:
         return found if isinstance(found, dict) else {}
 
 
-def media(folder: Path, files: Sequence[Path]) -> Path:
-    """A disk with files, as a stick would bring them."""
+def media(folder: Path, files: Mapping[str, Path]) -> Path:
+    """A disk with files, name → which, as a stick would bring them."""
     content = folder / "media"
     content.mkdir()
-    for file in files:
-        shutil.copy(file, content / file.name)
-    size = sum(file.stat().st_size for file in files) // 2**20 + 32
+    for name, file in files.items():
+        shutil.copy(file, content / name)
+    size = sum(file.stat().st_size for file in files.values()) // 2**20 + 64
     disk = folder / "media.ext4"
     subprocess.run(
         ["mke2fs", "-q", "-t", "ext4", "-d", content, disk, f"{size}M"],

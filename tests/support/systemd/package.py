@@ -43,7 +43,7 @@ def later(package: Path) -> Path:
         text = file.read_text()
         file.write_text(re.sub(r"(?m)^Version: .*$", f"Version: {LATER}", text, count=1))
     subprocess.run(
-        ["dpkg-deb", "-Zgzip", "-z1", "--root-owner-group", "--build", tree, made],
+        ["dpkg-deb", "-Zzstd", "-z1", "--root-owner-group", "--build", tree, made],
         check=True, stdout=subprocess.DEVNULL,
     )  # fmt: skip
     subprocess.run(["rm", "-rf", tree], check=True)
