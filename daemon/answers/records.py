@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from io import StringIO
 from pathlib import Path
-from typing import Any
 
 from abbe.compcore.errors import AbbeError
 from abbe.compcore.files.text.atomic import write_atomically
 from abbe.daemon.records.reading import RecordedSpan, Records
 from abbe.daemon.records.writer import EventRow, RunRow
-from abbe.daemon.status_word import Status
 
 _UM = 1e3
 _SHOWN = 12
+_SMALL = ("correction_", "plus_minus_")
+BITS = frozenset({"status", "outside"})
+"""Series of bits, of which least, mean and greatest say nothing."""
 
 
 def clock(time: float) -> str:
@@ -41,66 +42,10 @@ def summary(records: Records) -> Iterator[str]:
 def between(records: Records, first: float, last: float, names: Sequence[str]) -> Iterator[str]:
     """Least, mean and greatest of each series between two times, and what was said."""
     yield f"{clock(first)} to {clock(last)}"
-    yield from _spans(records.spans(first, last, names))
+    yield from span_lines(records.spans(first, last, names))
     events = records.events(first, last)
     yield f"events: {len(events)}"
     yield from (_event(event) for event in events[-20:])
-
-
-def part(records: Records, first: float, last: float) -> dict[str, Any]:
-    """Everything that made a part between two times, ready for JSON.
-
-    Which model and configuration corrected it, what the corrections and temperatures were, in how
-    much of the time it was corrected in full, and every warning.
-    """
-    spans = records.spans(first, last)
-    full = (
-        [
-            bool(int(value) & Status.COMPENSATING)
-            for _, _, value, _, _ in records.values(first, last, ["status"])
-        ]
-        if "status" in records.series()
-        else []
-    )
-    warnings = records.events(first, last, ("WARNING", "ERROR", "CRITICAL"))
-    return {
-        "from": clock(first),
-        "to": clock(last),
-        "runs": [_run_json(run) for run in records.runs(first, last)],
-        "kept": bool(spans),
-        "corrected_in_full": round(sum(full) / len(full), 4) if full else None,
-        "series": [
-            {
-                "name": s.name,
-                "unit": s.unit,
-                "least": s.least,
-                "mean": s.mean,
-                "greatest": s.greatest,
-            }
-            for s in spans
-        ],
-        "warnings": [{"time": clock(e.time), "message": e.message} for e in warnings],
-    }
-
-
-def part_text(found: Mapping[str, Any], spans: Sequence[RecordedSpan]) -> Iterator[str]:
-    """The trace of a part, for people."""
-    yield f"{found['from']} to {found['to']}"
-    if not found["kept"]:
-        yield "nothing was recorded in this time: nobody knows how the part was corrected"
-    for run in found["runs"]:
-        yield (
-            f"model {Path(run['model']).name} (SHA-256 {run['model_sha256'][:_SHOWN]}), "
-            f"configuration {Path(run['configuration']).name} "
-            f"(SHA-256 {run['configuration_sha256'][:_SHOWN]}), Abbe {run['abbe']}, "
-            f"since {run['began']}"
-        )
-    share = found["corrected_in_full"]
-    if share is not None:
-        yield f"corrected in full: {100.0 * share:.4g} % of what was recorded"
-    yield from _spans(spans)
-    yield f"warnings: {len(found['warnings'])}"
-    yield from (f"  {w['time']}  {w['message']}" for w in found["warnings"])
 
 
 def export_csv(
@@ -165,22 +110,16 @@ def _iso(time: float) -> str:
     return datetime.fromtimestamp(time).astimezone().isoformat("T", "milliseconds")
 
 
-def _spans(spans: Sequence[RecordedSpan]) -> Iterator[str]:
-    if not spans:
+def span_lines(spans: Sequence[RecordedSpan]) -> Iterator[str]:
+    """Least, mean and greatest of series, for people; words of bits left out."""
+    shown = [s for s in spans if s.name not in BITS]
+    if not shown:
         return
-    width = max(len(s.name) for s in spans)
+    width = max(len(s.name) for s in shown)
     yield f"{'':{width}}  {'least':>12} {'mean':>12} {'greatest':>12}"
-    for s in spans:
-        unit, scale = (
-            ("µm", _UM)
-            if s.name.startswith("correction_") and s.unit == "mm"
-            else (
-                s.unit,
-                1.0,
-            )
-        )
-        if s.name == "status":
-            continue
+    for s in shown:
+        small = s.name.startswith(_SMALL) and s.unit == "mm"
+        unit, scale = ("µm", _UM) if small else (s.unit, 1.0)
         yield (
             f"{s.name:{width}}  {scale * s.least:12.6g} {scale * s.mean:12.6g} "
             f"{scale * s.greatest:12.6g} {unit}"
@@ -193,18 +132,6 @@ def _runs(runs: Sequence[RunRow]) -> Iterator[str]:
             f"since {clock(run.began)}: {run.machine or 'a machine'}, {Path(run.model).name} "
             f"(SHA-256 {run.model_sha256[:_SHOWN]}), Abbe {run.abbe}"
         )
-
-
-def _run_json(run: RunRow) -> dict[str, str]:
-    return {
-        "began": clock(run.began),
-        "abbe": run.abbe,
-        "machine": run.machine,
-        "configuration": run.configuration,
-        "configuration_sha256": run.configuration_sha256,
-        "model": run.model,
-        "model_sha256": run.model_sha256,
-    }
 
 
 def _event(event: EventRow) -> str:

@@ -84,13 +84,13 @@ def part(
     until: Annotated[str, typer.Argument(help="When it was done.", metavar="TO")],
     as_json: AsJson = False,
 ) -> None:
-    """Trace a part: model, corrections, temperatures and warnings between two times."""
-    from abbe.daemon.answers import records as answer
+    """Trace a part: model, corrections, temperatures, what was out of range, between two times."""
+    from abbe.daemon.answers import part_trace as answer
     from abbe.daemon.records.reading import opened
 
     first, last = _times(since, until)
     with opened(_file(place)) as records:
-        found = answer.part(records, first, last)
+        found = answer.part(records, first, last, _uploads(place))
         spans = records.spans(first, last)
     if as_json:
         typer.echo(json.dumps(found, ensure_ascii=False))
@@ -121,3 +121,10 @@ def _file(place: Path) -> Path:
             "keeps no records", file=place, field="records", expected="a section [records]"
         )
     return path
+
+
+def _uploads(place: Path) -> Path | None:
+    from abbe.daemon.config import load_config
+
+    upload = load_config(place).upload if place.suffix == ".toml" else None
+    return None if upload is None else upload.journal

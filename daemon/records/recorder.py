@@ -15,6 +15,10 @@ from abbe.daemon.pipeline.live_uncertainty import LiveUncertainty
 from abbe.daemon.pipeline.record import CycleRecord
 from abbe.daemon.records.writer import EventRow, RecordWriter, RunRow, Value
 
+IN_FULL = "in_full"
+"""Series: 1 where every direction was corrected in full and the controller took it, else 0."""
+BEYOND = "beyond_"
+"""How series begin that say how far something was outside of what was measured, with its sign."""
 _MILLI = 1e3
 
 
@@ -85,6 +89,8 @@ class Recorder(logging.Handler):
         self._status = record.status
         now = self._clock()
         values: list[Value] = [("status", "", now, float(record.status))]
+        # a word of bits cannot be thinned to a mean; a share can
+        values.append((IN_FULL, "", now, float(record.in_full)))
         values.append(("cycle", "ms", now, record.duration * _MILLI))
         values.append(("age", "ms", now, record.age * _MILLI))
         for (name, unit), value in zip(self._indicated, record.indicated, strict=True):
@@ -98,6 +104,10 @@ class Recorder(logging.Handler):
             wide = zip(DIRECTIONS, latest.wide, strict=True)
             values += [(f"plus_minus_{d}", "mm", now, w) for d, w in wide]
             values.append(("outside", "", now, float(self._sure.outside)))
+            values += [
+                (f"{BEYOND}{b.name}", b.unit, now, b.value - min(max(b.value, b.low), b.high))
+                for b in latest.beyond
+            ]
         for name, reading in record.signals.items():
             if math.isfinite(reading.value) and not reading.fault:
                 values.append((name, self._signals.get(name, ""), now, reading.value))

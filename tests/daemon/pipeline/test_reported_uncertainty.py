@@ -207,7 +207,11 @@ async def test_records_and_status_have_it_too(folder, tmp_path) -> None:
         await until(lambda: service.logbook.cycles.latest.time > seen + 0.5)
     with sqlite3.connect(tmp_path / "records.sqlite") as records:
         names = {row[0] for row in records.execute("SELECT name FROM series")}
-    assert {"plus_minus_X", "plus_minus_Y", "plus_minus_Z", "outside"} <= names
+        far = records.execute(
+            "SELECT DISTINCT value FROM full JOIN series USING (series) WHERE name = 'beyond_X'"
+        ).fetchall()
+    assert {"plus_minus_X", "plus_minus_Y", "plus_minus_Z", "outside", "in_full"} <= names
+    assert far == [(499.0 - 450.0,)]
 
 
 async def test_what_is_held_has_no_uncertainty(folder, tmp_path) -> None:

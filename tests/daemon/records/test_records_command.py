@@ -10,8 +10,12 @@ from pathlib import Path
 import pytest
 
 from abbe.compcore.errors import InputError
+from abbe.daemon.answers.part_trace import part, part_text
 from abbe.daemon.arguments.moments import moment
+from abbe.daemon.records.reading import opened
 from abbe.daemon.records.schema import open_to_write
+from abbe.daemon.records.thinning import Retention, thin
+from abbe.daemon.upload.history.upload_log import Journal
 from tests.support.daemon.command_line import abbe as run
 
 NOW = datetime(2026, 11, 22, 15, 0, 0).astimezone()
@@ -56,6 +60,70 @@ def test_a_part_is_traced_to_its_model(records: Path) -> None:
     assert "X: stale" in text
     assert "correction_X" in text
     assert "µm" in text
+
+
+def test_what_was_out_of_range_is_told_of_a_part(records: Path) -> None:
+    times = "2026-11-22 14:00:00", "2026-11-22 14:01:40"
+    done = run("records", "part", records, *times)
+    assert "outside of what was measured: not known" in done.out
+    connection = open_to_write(records)
+    for name, unit in (("outside", ""), ("beyond_X", "mm"), ("plus_minus_X", "mm")):
+        connection.execute("INSERT INTO series (name, unit) VALUES (?, ?)", (name, unit))
+    connection.execute(
+        "INSERT INTO full SELECT n.series, time, 0.002 FROM full, series AS n "
+        "WHERE full.series = 1 AND n.name IN ('outside', 'plus_minus_X')"
+    )
+    done = run("records", "part", records, *times)
+    assert "outside of what was measured: nothing" in done.out
+    assert "plus_minus_X" in done.out
+    # ten seconds of a hundred
+    connection.execute(
+        "INSERT INTO full SELECT n.series, time, -3.0 - 0.1 * (time - ?) FROM full, series AS n "
+        "WHERE full.series = 1 AND n.name = 'beyond_X' AND time < ?",
+        (BEGAN, BEGAN + 9.5),
+    )
+    connection.close()
+    assert "X: by up to -3.9 mm, in 10 % of the time" in run("records", "part", records, *times).out
+    (found,) = json.loads(run("records", "part", records, *times, "--json").out)[
+        "beyond_what_was_measured"
+    ]
+    assert found == {"name": "X", "by": pytest.approx(-3.9), "unit": "mm", "share": 0.1}
+
+
+def test_the_share_in_full_outlives_thinning(tmp_path: Path) -> None:
+    """A part comes back when minutes and hours are all that is left: words of bits say nothing."""
+    path = tmp_path / "r.sqlite"
+    connection = open_to_write(path)
+    connection.execute("INSERT INTO series VALUES (1, 'status', ''), (2, 'in_full', '')")
+    for n in range(600):
+        full = n % 10 != 3
+        connection.execute(
+            "INSERT INTO full VALUES (1, ?, ?), (2, ?, ?)",
+            (BEGAN + n, IN_FULL if full else 0x0005, BEGAN + n, float(full)),
+        )
+    thin(connection, Retention(full_days=0.0, minute_days=0.0), BEGAN + 7200.0)
+    connection.close()
+    times = "2026-11-22 14:00:00", "2026-11-22 14:30:00"
+    done = run("records", "part", path, *times, "--json")
+    assert json.loads(done.out)["corrected_in_full"] == pytest.approx(0.9)
+
+
+def test_tables_that_the_controller_had_belong_to_a_part(records: Path) -> None:
+    folder = records.parent
+    journal = Journal(folder / "u.jsonl")
+    for number, active in enumerate(("new", "old", "new")):
+        journal.append(
+            {"upload": f"{number}", "step": "end", "outcome": "done", "active": active,
+             "who": f"anna {number}", "old": "", "new": f"{number}" * 64}
+        )  # fmt: skip
+    with opened(records) as found:
+        now = datetime.now().timestamp()
+        trace = part(found, now + 1.0, now + 2.0, folder / "u.jsonl")
+        assert [t["who"] for t in trace["tables"]] == ["anna 2"], "the last one that became active"
+        trace = part(found, now - 60.0, now + 60.0, folder / "u.jsonl")
+        assert [t["who"] for t in trace["tables"]] == ["anna 0", "anna 2"]
+        assert "tables 222222222222 on the controller" in "\n".join(part_text(trace, []))
+        assert part(found, now - 60.0, now - 50.0, folder / "u.jsonl")["tables"] == []
 
 
 def test_a_time_without_records_is_said(records: Path) -> None:
