@@ -60,14 +60,6 @@ def amplitude_held(step: float, wave: float) -> float:
     return float(np.sinc(step / wave)) ** 2
 
 
-def error_between(step: float, wave: float) -> float:
-    """The most by which straight lines miss a wave of amplitude 1 between their points.
-
-    ``1 − cos(πh/λ)``, where a crest lies midway between two points; not resolved, as much as 2.
-    """
-    return 1.0 - math.cos(math.pi * step / wave) if resolves(step, wave) else 2.0
-
-
 def step_for(wave: float, held: float = HELD) -> float:
     """The longest step that resolves a wave and holds a part of its amplitude, same unit.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from abbe.compcore.errors import AbbeError, InputError
-from abbe.daemon.arguments.live import control_socket
+from abbe.daemon.arguments.live.running import control_socket
 from abbe.daemon.control.runs import found_runs, same_file, status_at
 from abbe.daemon.status.run_status import RunStatus
 

@@ -13,7 +13,7 @@ from abbe.compcore.model.model import Model
 from abbe.compcore.model.required_inputs import RequiredInputs
 from abbe.daemon.arguments.assignments import number
 from abbe.daemon.arguments.point_arguments import Given
-from abbe.daemon.arguments.table_arguments import ranges
+from abbe.daemon.arguments.ranges import ranges
 
 
 def axes_of(text: str, machine: Machine) -> tuple[str, str]:

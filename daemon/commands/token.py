@@ -39,7 +39,7 @@ def add(
 
     An example: abbe token add config.toml prometheus
     """
-    from abbe.daemon.arguments.tokens import role_of, token_file
+    from abbe.daemon.arguments.live.tokens import role_of, token_file
     from abbe.daemon.config.tokens import add_token
 
     typer.echo(add_token(token_file(config), name, role_of(role), days))
@@ -47,7 +47,7 @@ def add(
 
 def show(config: Annotated[Path, _CONFIG]) -> None:
     """All tokens by name: role, when they were made, until when they count."""
-    from abbe.daemon.arguments.tokens import token_file
+    from abbe.daemon.arguments.live.tokens import token_file
     from abbe.daemon.config.tokens import read_tokens
 
     for name, token in read_tokens(token_file(config)).items():
@@ -61,7 +61,7 @@ def remove(
     name: Annotated[str, typer.Argument(help="As the list has it.", metavar="NAME")],
 ) -> None:
     """Have a token count no more, at once, also in a run."""
-    from abbe.daemon.arguments.tokens import token_file
+    from abbe.daemon.arguments.live.tokens import token_file
     from abbe.daemon.config.tokens import remove_token
 
     remove_token(token_file(config), name)

@@ -12,7 +12,7 @@ import pytest
 
 from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.machine.structure import Structure
-from abbe.daemon.arguments.table_arguments import MOST_BYTES, present_files
+from abbe.daemon.arguments.tables.arguments import MOST_BYTES, present_files
 from abbe.drivers.controllers import make_controller
 from abbe.drivers.link import LinkConfigError
 from abbe.drivers.stores.linuxcnc.ini import read_layout

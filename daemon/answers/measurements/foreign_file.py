@@ -15,7 +15,7 @@ from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.plausible import TRAVEL
 from abbe.compcore.machine.structure import Structure
 from abbe.daemon.arguments.assignments import number
-from abbe.daemon.arguments.foreign_layout import ForeignLayout
+from abbe.daemon.arguments.measurements.foreign_layout import ForeignLayout
 
 
 @dataclass(frozen=True, kw_only=True)

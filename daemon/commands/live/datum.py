@@ -27,7 +27,7 @@ def datum(
 
     An example: abbe datum config.toml X=0
     """
-    from abbe.daemon.arguments.live import asked, one_assignment
+    from abbe.daemon.arguments.live.running import asked, one_assignment
     from abbe.daemon.control.requests import DatumRequest, StateRequest
 
     if assignment is None:

@@ -31,7 +31,7 @@ def enter(
     An example: abbe enter config.toml T_workpiece=23.4 --for 3600
     """
     from abbe.daemon.arguments.bounded import within
-    from abbe.daemon.arguments.live import asked, one_assignment
+    from abbe.daemon.arguments.live.running import asked, one_assignment
     from abbe.daemon.control.requests import EnterRequest, StateRequest
 
     if assignment is None:

@@ -30,7 +30,7 @@ def switch(
 
     An example: abbe switch config.toml "scale_expansion axis=X" off
     """
-    from abbe.daemon.arguments.live import asked, switch_of
+    from abbe.daemon.arguments.live.running import asked, switch_of
     from abbe.daemon.control.requests import StateRequest, SwitchRequest
 
     if effect is None:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from abbe.daemon.arguments.options import Force, MachineName, NewModel
-from abbe.daemon.arguments.table_options import ControllerName, Settings
+from abbe.daemon.arguments.tables.options import ControllerName, Settings
 
 
 def register(app: typer.Typer) -> None:
@@ -51,8 +51,8 @@ def import_grid(
     """
     from abbe.compcore.files.model_file import save_model
     from abbe.daemon.answers.maps.import_grid import GridRequest, imported
-    from abbe.daemon.arguments import table_arguments as arguments
     from abbe.daemon.arguments.assignments import tool_offset
+    from abbe.daemon.arguments.tables import arguments
     from abbe.daemon.outputs import MODEL, check_outputs
 
     if (onto is None) == (structure is None):

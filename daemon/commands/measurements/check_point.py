@@ -133,7 +133,7 @@ def _new(
     from abbe.compcore.fitting.design.superposition import uncompensated
     from abbe.compcore.monitoring.readings import check_readings
     from abbe.daemon.answers.measurements.check_point import placed
-    from abbe.daemon.arguments.check_reading import TypedReading
+    from abbe.daemon.arguments.measurements.check_reading import TypedReading
     from abbe.daemon.arguments.moments import moment
 
     model, now = checked.model, time.time()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from abbe.daemon.arguments.bounded import within
-from abbe.daemon.arguments.foreign_layout import ForeignLayout
+from abbe.daemon.arguments.measurements.foreign_layout import ForeignLayout
 from abbe.daemon.arguments.options import Force
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def import_campaign(
     from abbe.compcore.files.campaign_file import write_campaign
     from abbe.compcore.files.model_file import load_model
     from abbe.daemon.answers.measurements.foreign_file import ForeignOptions, read_foreign
-    from abbe.daemon.arguments.foreign_placing import foreign_placing
+    from abbe.daemon.arguments.measurements.foreign_placing import foreign_placing
     from abbe.daemon.outputs import CAMPAIGN, check_outputs
 
     say = check_outputs([file, model], [(output, CAMPAIGN)], force=force)

@@ -64,7 +64,7 @@ def iso10791(
     from abbe.compcore.files.importers.rtest import RotaryTestOptions
     from abbe.compcore.files.model_file import load_model
     from abbe.daemon.answers.measurements import iso10791 as answer
-    from abbe.daemon.arguments.foreign_placing import foreign_placing
+    from abbe.daemon.arguments.measurements.foreign_placing import foreign_placing
     from abbe.daemon.outputs import CAMPAIGN, REPORT, check_outputs
 
     placing = foreign_placing("", tool, "", sd, (), sign, rotation=False)

@@ -73,7 +73,7 @@ def new(
     from abbe.compcore.model.revise import add_effect
     from abbe.compcore.model.start_model import StartOptions, start_model
     from abbe.daemon.answers.model import new as answer
-    from abbe.daemon.arguments.machine_arguments import two_drives_of
+    from abbe.daemon.arguments.model.machine import two_drives_of
     from abbe.daemon.outputs import MODEL, check_outputs
 
     say = check_outputs([], [(out, MODEL)], force=force, as_json=as_json)
@@ -111,7 +111,7 @@ def _given(
     structure: str, name: str, travel: list[str], location: list[str], sensor: list[str]
 ) -> Machine:
     from abbe.daemon.arguments.assignments import split_assignments
-    from abbe.daemon.arguments.machine_arguments import machine_of, sensor_of, structure_of
+    from abbe.daemon.arguments.model.machine import machine_of, sensor_of, structure_of
 
     code, kind = structure_of(structure)
     return machine_of(
@@ -124,6 +124,6 @@ def _given(
 
 
 def _asked(name: str, wanted: StartOptions) -> tuple[Machine, StartOptions]:
-    from abbe.daemon.arguments.machine_questions import ask_machine
+    from abbe.daemon.arguments.model.machine_questions import ask_machine
 
     return ask_machine(name, wanted)

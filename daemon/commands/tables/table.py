@@ -11,7 +11,7 @@ import typer
 
 from abbe.daemon.arguments.bounded import within
 from abbe.daemon.arguments.options import AsJson, Force, ModelFile, Report
-from abbe.daemon.arguments.table_options import (
+from abbe.daemon.arguments.tables.options import (
     ControllerName,
     Folder,
     MadeBy,
@@ -77,8 +77,9 @@ def table(
     from abbe.daemon.answers.model.expected_times import making_tables
     from abbe.daemon.answers.tables import words as answer
     from abbe.daemon.answers.tables.make import TableRequest, make
-    from abbe.daemon.arguments import table_arguments as arguments
     from abbe.daemon.arguments.assignments import tool_offset
+    from abbe.daemon.arguments.ranges import ranges
+    from abbe.daemon.arguments.tables import arguments
     from abbe.daemon.outputs import REPORT, check_folder
     from abbe.daemon.progress import shown
     from abbe.drivers.controllers import make_controller
@@ -96,7 +97,7 @@ def table(
         table_state(
             loaded.switched(), arguments.signals(at or [], loaded), tool=tool_offset("tool", tool)
         ),
-        Volume.of(loaded.machine, arguments.ranges(volume or [], loaded.machine)),
+        Volume.of(loaded.machine, ranges(volume or [], loaded.machine)),
         points,
         tolerance * 1e-3,
         arguments.present_files(on, controller) if on is not None else {},

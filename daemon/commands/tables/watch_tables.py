@@ -9,7 +9,7 @@ import typer
 
 from abbe.daemon.arguments.bounded import within
 from abbe.daemon.arguments.options import Force
-from abbe.daemon.arguments.table_options import (
+from abbe.daemon.arguments.tables.options import (
     ControllerName,
     Folder,
     MadeBy,
@@ -61,7 +61,8 @@ def watch_tables(
 
     An example: abbe watch-tables config.toml --controller linuxcnc -o tables --change 3
     """
-    from abbe.daemon.arguments import table_arguments as arguments
+    from abbe.daemon.arguments.ranges import ranges
+    from abbe.daemon.arguments.tables import arguments
     from abbe.daemon.config import load_config
     from abbe.daemon.outputs import check_folder
     from abbe.daemon.table_watch.watch import WatchTask, watch
@@ -71,7 +72,7 @@ def watch_tables(
     task = WatchTask(
         controller,
         arguments.options(settings or []),
-        arguments.ranges(volume or [], configuration.model.machine),
+        ranges(volume or [], configuration.model.machine),
         points,
         out,
         by,

@@ -64,7 +64,6 @@ class Supervisor:
         self._journal = (folder / "abbe.log").open("ab")
         self._due = float("inf")
         self._began = 0.0
-        self._frozen = False
         self.lives = 0
         self.restarts: dict[str, int] = {}
         self.status = ""
@@ -118,7 +117,7 @@ class Supervisor:
             self._said = pipe.fileno()
             self._loop.watch(self._said, self._log_readable)
         self.lives += 1
-        self.ready, self._frozen = False, False
+        self.ready = False
         self._began = time.monotonic()
         self._due = self._began + START
 

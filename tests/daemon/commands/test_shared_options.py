@@ -11,7 +11,7 @@ import pytest
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.machine.structure import Structure
-from abbe.daemon.arguments.table_arguments import ranges
+from abbe.daemon.arguments.ranges import ranges
 
 ROOT = Path(__file__).parents[3]
 

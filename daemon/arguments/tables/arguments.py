@@ -1,17 +1,14 @@
-"""Arguments of ``abbe table``: conditions, volume, options, present tables."""
+"""Arguments of the commands that make tables: conditions, options, present tables."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.table_set import RECORD_NAME, TableSet
 from abbe.compcore.files.text.bounded_text import read_bounded
-from abbe.compcore.machine.machine import Machine
-from abbe.compcore.machine.plausible import position_range, signal_range
-from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.machine.plausible import signal_range
 from abbe.compcore.model.model import Model
 from abbe.daemon.arguments.assignments import number, split_assignments
 
@@ -42,32 +39,6 @@ def signals(arguments: Sequence[str], model: Model) -> dict[str, float]:
         signal = machine.signals.get(name)
         unit = signal.unit if signal else "its own unit"
         found[name] = number(name, text, unit, signal_range(signal))
-    return found
-
-
-def ranges(
-    arguments: Sequence[str], machine: Machine, option: str = "volume"
-) -> dict[str, tuple[float, float]]:
-    """``["X=0,400", "C=-90,90"]`` → ranges, mm (rotary: rad); `option` gave them.
-
-    Raises
-    ------
-    InputError
-        For what cannot be read, or an axis that the machine lacks.
-    """
-    found = {}
-    for name, text in split_assignments(arguments).items():
-        machine.axis(name, option)
-        parts = text.split(",")
-        unit = "degrees" if is_rotary(name) else "mm"
-        if len(parts) != 2:
-            raise InputError(
-                "not a range", field=f"{option} {name}", found=text, expected=f"low,high in {unit}"
-            )
-        factor = math.pi / 180.0 if is_rotary(name) else 1.0
-        allowed = position_range(machine.axis(name))
-        low, high = (number(f"{option} {name}", part, unit, allowed) * factor for part in parts)
-        found[name] = (low, high)
     return found
 
 

@@ -17,7 +17,7 @@ from abbe.compcore.machine.common_machines import COMMON_MACHINES, CommonMachine
 from abbe.compcore.machine.machine import Machine, Signal
 from abbe.compcore.machine.structure import Structure, is_rotary
 from abbe.compcore.model.start_model import StartOptions
-from abbe.daemon.arguments.machine_arguments import (
+from abbe.daemon.arguments.model.machine import (
     location_of,
     machine_of,
     sensor_of,
