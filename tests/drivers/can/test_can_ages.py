@@ -23,10 +23,10 @@ from abbe.drivers.can.canopen.link import CanopenLink
 from abbe.drivers.can.dbc.config import DbcConfig
 from abbe.drivers.can.dbc.link import DbcLink
 from abbe.drivers.link import Quality
-from tests.support.drivers.can_links import dbc_section, free_port
+from tests.support.drivers.can.links import dbc_section, free_port
+from tests.support.drivers.can.raw_peers import Node, peer
 from tests.support.drivers.opening import until
-from tests.support.drivers.raw_peers import Node, peer
-from tests.support.drivers.talker import Talker
+from tests.support.drivers.serial.talker import Talker
 
 pytestmark = pytest.mark.integration
 

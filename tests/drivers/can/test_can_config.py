@@ -17,7 +17,7 @@ from abbe.drivers.can.canopen.link import CanopenLink
 from abbe.drivers.can.dbc.config import DbcConfig
 from abbe.drivers.can.dbc.link import DbcLink
 from abbe.drivers.link import LinkConfigError
-from tests.support.drivers.can_links import DBC, FD_DBC, READ
+from tests.support.drivers.can.links import DBC, FD_DBC, READ
 
 SECTION = {"dbc": str(DBC), "channels": READ, "interface": "slcan", "channel": "x"}
 NODES = {

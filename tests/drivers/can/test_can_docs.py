@@ -15,7 +15,7 @@ from abbe.drivers.can.dbc.config import DbcConfig, DbcMessageConfig, RequestConf
 from abbe.drivers.can.error_frames import LEFT_THE_BUS
 from abbe.drivers.link import PLUGINS, link_class
 from abbe.drivers.simulated.commands.can import _parser
-from tests.support.drivers.can_links import DBC
+from tests.support.drivers.can.links import DBC
 from tests.support.drivers.link_pages import links_in, page
 
 ROOT = Path(__file__).parents[3]

@@ -13,9 +13,7 @@ import pytest
 
 from abbe.drivers.link import LinkError, LinkState, Quality
 from abbe.drivers.simulated.process import SimulatedProcess
-from tests.support.drivers.can_links import ASK_Z, READ, Z, all_good, free_port
-from tests.support.drivers.can_links import linked as linked_messages
-from tests.support.drivers.canopen_links import (
+from tests.support.drivers.can.canopen_links import (
     APART,
     AXES,
     BY_PDO,
@@ -26,6 +24,8 @@ from tests.support.drivers.canopen_links import (
     THERMOMETER,
     linked,
 )
+from tests.support.drivers.can.links import ASK_Z, READ, Z, all_good, free_port
+from tests.support.drivers.can.links import linked as linked_messages
 from tests.support.drivers.opening import until
 
 pytestmark = pytest.mark.integration

@@ -17,9 +17,9 @@ from abbe.drivers.can.canopen.link import CanopenLink
 from abbe.drivers.can.dbc.config import DbcConfig
 from abbe.drivers.can.dbc.link import DbcLink
 from abbe.drivers.link import LinkConfigError, LinkError, LinkProtocolError, TooLateError
-from tests.support.drivers.can_links import CORRECTION, DBC, READ, free_port
+from tests.support.drivers.can.links import CORRECTION, DBC, READ, free_port
+from tests.support.drivers.can.raw_peers import Node, peer
 from tests.support.drivers.opening import until
-from tests.support.drivers.raw_peers import Node, peer
 
 pytestmark = pytest.mark.integration
 

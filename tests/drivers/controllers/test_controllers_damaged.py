@@ -10,7 +10,7 @@ import pytest
 
 from abbe.compcore.errors import AbbeError
 from abbe.drivers.controllers import make_controller
-from tests.support.drivers.controller_cases import CASES, machine
+from tests.support.drivers.controllers.cases import CASES, machine
 
 FOLDER = Path(__file__).parents[2] / "data" / "controllers"
 SIGNS = "0123456789.-,[]=$%*:#;AEXYZ\n\t "

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from abbe.drivers.controllers import controller_kinds, make_controller
-from tests.support.drivers.controller_cases import CASES, machine
+from tests.support.drivers.controllers.cases import CASES, machine
 
 FOLDER = Path(__file__).parents[2] / "data" / "controllers"
 IDS = [case.folder for case in CASES]

@@ -8,7 +8,7 @@ import pytest
 
 from abbe.compcore.errors import InputError
 from abbe.drivers.controllers import make_controller
-from tests.support.drivers.controller_cases import CASES, PRODUCT, SIEMENS, machine, one
+from tests.support.drivers.controllers.cases import CASES, PRODUCT, SIEMENS, machine, one
 
 FOLDER = Path(__file__).parents[2] / "data" / "controllers"
 GOLDEN = {case.folder: case for case in CASES}

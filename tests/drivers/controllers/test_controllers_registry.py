@@ -19,7 +19,7 @@ from abbe.drivers.controllers import (
     controller_kinds,
     make_controller,
 )
-from tests.support.drivers.controller_cases import machine
+from tests.support.drivers.controllers.cases import machine
 
 ROOT = Path(__file__).parents[3]
 FIRST = {

@@ -14,7 +14,7 @@ import pytest
 
 from abbe.compcore.tables.table import Sign, Table, move
 from abbe.drivers.controllers import controller_kinds, make_controller
-from tests.support.drivers.controller_cases import PRODUCT, machine, motions, one, plane
+from tests.support.drivers.controllers.cases import PRODUCT, machine, motions, one, plane
 
 TOO_FAR = 0.010
 """mm at X = 100, growing from 0 at X = 0."""

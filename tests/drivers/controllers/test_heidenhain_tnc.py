@@ -19,7 +19,7 @@ from abbe.compcore.machine.structure import Structure
 from abbe.compcore.tables.table import tables_of
 from abbe.drivers.controllers import make_controller
 from abbe.drivers.controllers.heidenhain.text import nc_table, read_nc_table
-from tests.support.drivers.controller_cases import KINEMATICS, TNC, machine, motions
+from tests.support.drivers.controllers.cases import KINEMATICS, TNC, machine, motions
 
 DEGREE = np.pi / 180.0
 

@@ -16,7 +16,7 @@ from abbe.compcore.tables.remainder import TrialPoints
 from abbe.compcore.tables.volume import Volume
 from abbe.drivers.controllers import make_controller
 from tests.support.compcore.table_models import TRAVELS, machine, rigid, state, with_backlash
-from tests.support.drivers.sinumerik_control import READINGS, moved_by
+from tests.support.drivers.controllers.sinumerik import READINGS, moved_by
 
 MIRRORED = {"products": "mirrored"}
 TOOL = -120.0

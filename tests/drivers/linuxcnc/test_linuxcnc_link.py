@@ -13,7 +13,7 @@ import pytest
 
 from abbe.drivers.link import LinkError, LinkState, Quality, TooLateError, WriteNotVerifiedError
 from abbe.drivers.linuxcnc.link import LinuxCncLink
-from tests.support.drivers.linuxcnc_links import (
+from tests.support.drivers.linuxcnc.links import (
     ACTIVE,
     CHANNELS,
     HOMED,
@@ -25,7 +25,7 @@ from tests.support.drivers.linuxcnc_links import (
     reaches,
     value,
 )
-from tests.support.drivers.linuxcnc_machine import Machine
+from tests.support.drivers.linuxcnc.machine import Machine
 from tests.support.drivers.opening import until
 
 pytestmark = pytest.mark.integration

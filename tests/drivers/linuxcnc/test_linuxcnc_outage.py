@@ -8,8 +8,8 @@ import logging
 import pytest
 
 from abbe.drivers.link import LinkDownError, LinkState
-from tests.support.drivers.linuxcnc_links import linked, ordered, reaches
-from tests.support.drivers.linuxcnc_machine import Machine
+from tests.support.drivers.linuxcnc.links import linked, ordered, reaches
+from tests.support.drivers.linuxcnc.machine import Machine
 from tests.support.drivers.opening import until
 
 pytestmark = pytest.mark.integration

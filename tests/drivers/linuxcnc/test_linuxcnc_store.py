@@ -18,8 +18,8 @@ from abbe.drivers.link import LinkConfigError, LinkDownError, LinkError, LinkTim
 from abbe.drivers.stores.base import Readiness, RefusedError, ShownCorrection
 from abbe.drivers.stores.linuxcnc.config import LinuxCncStoreConfig
 from abbe.drivers.stores.linuxcnc.store import LinuxCncStore
-from tests.support.drivers.linuxcnc_machine import EXAMPLE, PATIENCE, PYTHON
-from tests.support.drivers.linuxcnc_mill import Mill
+from tests.support.drivers.linuxcnc.machine import EXAMPLE, PATIENCE, PYTHON
+from tests.support.drivers.linuxcnc.mill import Mill
 
 pytestmark = pytest.mark.integration
 

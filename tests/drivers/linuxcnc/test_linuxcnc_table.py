@@ -23,7 +23,7 @@ from abbe.compcore.machine.machine import Machine as Described
 from abbe.compcore.machine.structure import Structure
 from abbe.compcore.model.model import Model, Term, Value
 from abbe.daemon.cli import main
-from tests.support.drivers.linuxcnc_machine import Machine
+from tests.support.drivers.linuxcnc.machine import Machine
 
 pytestmark = pytest.mark.integration
 

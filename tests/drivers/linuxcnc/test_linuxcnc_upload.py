@@ -26,7 +26,7 @@ from abbe.compcore.machine.structure import Structure
 from abbe.compcore.model.model import Model, Term, Value
 from abbe.drivers.stores.linuxcnc.config import LinuxCncStoreConfig
 from abbe.drivers.stores.linuxcnc.store import LinuxCncStore
-from tests.support.drivers.linuxcnc_mill import Mill
+from tests.support.drivers.linuxcnc.mill import Mill
 
 pytestmark = pytest.mark.integration
 

@@ -10,9 +10,9 @@ import pytest
 
 from abbe.drivers.link import Quality
 from tests.support.drivers.opening import until
-from tests.support.drivers.raw_device import raw_device, stand_still
-from tests.support.drivers.serial_links import linked
-from tests.support.drivers.talker import Talker
+from tests.support.drivers.serial.links import linked
+from tests.support.drivers.serial.raw_device import raw_device, stand_still
+from tests.support.drivers.serial.talker import Talker
 
 pytestmark = pytest.mark.integration
 

@@ -23,7 +23,7 @@ from abbe.drivers.link import (
 from abbe.drivers.serial.link import SerialLink
 from abbe.drivers.simulated.process import SimulatedProcess
 from tests.support.drivers.opening import until
-from tests.support.drivers.serial_links import ALL, DRO, NUMBER, ONE_BY_ONE, PRESET, XOR, linked
+from tests.support.drivers.serial.links import ALL, DRO, NUMBER, ONE_BY_ONE, PRESET, XOR, linked
 
 pytestmark = pytest.mark.integration
 

@@ -18,7 +18,7 @@ import serial.rfc2217
 from abbe.drivers.link import LinkDownError, LinkProtocolError, LinkState, LinkTimeoutError, Quality
 from abbe.drivers.simulated.process import SimulatedProcess
 from tests.support.drivers.opening import until
-from tests.support.drivers.serial_links import (
+from tests.support.drivers.serial.links import (
     DRO,
     NUMBER,
     ONE_BY_ONE,

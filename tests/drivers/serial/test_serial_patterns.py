@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from abbe.drivers.serial.config import SerialConfig
 from abbe.drivers.serial.patterns import LIMIT, LinePattern, SlowPatternError, checked, simple_up_to
 from abbe.drivers.serial.question import SerialQuestion
-from tests.support.drivers.serial_links import section
+from tests.support.drivers.serial.links import section
 
 ROOM = 0.5
 """s that a shared machine may add."""

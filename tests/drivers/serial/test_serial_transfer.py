@@ -20,7 +20,7 @@ from abbe.drivers.serial.transfer import (
 )
 from abbe.drivers.simulated.process import SimulatedProcess
 from tests.support.drivers.opening import until
-from tests.support.drivers.serial_links import ROOM
+from tests.support.drivers.serial.links import ROOM
 
 pytestmark = pytest.mark.integration
 

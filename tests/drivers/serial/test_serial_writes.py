@@ -12,8 +12,8 @@ import pytest
 from abbe.drivers.link import LinkConfigError, LinkError, LinkState, TooLateError
 from abbe.drivers.serial.link import SerialLink
 from tests.support.drivers.opening import until
-from tests.support.drivers.raw_device import raw_device
-from tests.support.drivers.serial_links import linked, section
+from tests.support.drivers.serial.links import linked, section
+from tests.support.drivers.serial.raw_device import raw_device
 
 pytestmark = pytest.mark.integration
 

@@ -22,7 +22,7 @@ from abbe.drivers.can.dbc.link import DbcLink
 from abbe.drivers.can.error_frames import error_text
 from abbe.drivers.link import LinkDownError, LinkError, LinkState, Quality, TooLateError
 from abbe.drivers.simulated.process import SimulatedProcess
-from tests.support.drivers.can_links import (
+from tests.support.drivers.can.links import (
     CORRECTION,
     READ,
     all_good,

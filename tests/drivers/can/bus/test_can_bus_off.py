@@ -17,9 +17,9 @@ from abbe.drivers.can.slcan_port import BufferedPort
 from abbe.drivers.can.slcan_status import understand
 from abbe.drivers.link import LinkConfigError, LinkState, LinkStatus, Quality
 from abbe.drivers.simulated.process import SimulatedProcess
-from tests.support.drivers.can_links import CORRECTION, READ, all_good
-from tests.support.drivers.can_links import linked as linked_by_dbc
-from tests.support.drivers.canopen_links import AXES, BY_PDO, linked
+from tests.support.drivers.can.canopen_links import AXES, BY_PDO, linked
+from tests.support.drivers.can.links import CORRECTION, READ, all_good
+from tests.support.drivers.can.links import linked as linked_by_dbc
 from tests.support.drivers.opening import until
 
 pytestmark = pytest.mark.integration

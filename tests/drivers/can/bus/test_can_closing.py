@@ -8,7 +8,7 @@ import pytest
 
 from abbe.drivers.link import LinkState
 from abbe.drivers.simulated.process import SimulatedProcess
-from tests.support.drivers.can_links import READ, all_good, linked
+from tests.support.drivers.can.links import READ, all_good, linked
 
 pytestmark = pytest.mark.integration
 

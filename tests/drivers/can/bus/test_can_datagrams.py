@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from abbe.drivers.can.datagrams import Datagrams, group_of
 from abbe.drivers.can.interface import InterfaceConfig
-from tests.support.drivers.can_links import free_port
+from tests.support.drivers.can.links import free_port
 
 GROUP = "239.74.163.85"
 FRAMES = [

@@ -11,7 +11,7 @@ import pytest
 
 from abbe.drivers.can.dbc.config import DbcConfig
 from abbe.drivers.can.dbc.link import DbcLink
-from tests.support.drivers.can_links import FD_DBC, all_good, dbc_section, free_port
+from tests.support.drivers.can.links import FD_DBC, all_good, dbc_section, free_port
 from tests.support.drivers.opening import until
 
 pytestmark = pytest.mark.integration

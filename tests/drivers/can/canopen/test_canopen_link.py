@@ -13,8 +13,7 @@ import pytest
 
 from abbe.drivers.link import LinkConfigError, LinkError, LinkProtocolError, LinkState, Quality
 from abbe.drivers.simulated.process import SimulatedProcess
-from tests.support.drivers.can_links import STALL, all_good
-from tests.support.drivers.canopen_links import (
+from tests.support.drivers.can.canopen_links import (
     APART,
     AXES,
     BY_PDO,
@@ -25,6 +24,7 @@ from tests.support.drivers.canopen_links import (
     THERMOMETER,
     linked,
 )
+from tests.support.drivers.can.links import STALL, all_good
 from tests.support.drivers.opening import until
 
 pytestmark = pytest.mark.integration

@@ -11,8 +11,15 @@ import pytest
 from abbe.drivers.can.canopen.nodes.node import Node
 from abbe.drivers.link import LinkDownError, LinkState, Quality
 from abbe.drivers.simulated.process import SimulatedProcess
-from tests.support.drivers.can_links import STALL, all_good
-from tests.support.drivers.canopen_links import APART, AXES, BY_PDO, BY_SDO, ENCODER_NODES, linked
+from tests.support.drivers.can.canopen_links import (
+    APART,
+    AXES,
+    BY_PDO,
+    BY_SDO,
+    ENCODER_NODES,
+    linked,
+)
+from tests.support.drivers.can.links import STALL, all_good
 from tests.support.drivers.opening import until
 
 pytestmark = pytest.mark.integration

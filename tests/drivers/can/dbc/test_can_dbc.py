@@ -12,7 +12,7 @@ import pytest
 from abbe.drivers.can.dbc.bus import MessageBus
 from abbe.drivers.link import LinkDownError, LinkError, LinkState, Quality
 from abbe.drivers.simulated.process import SimulatedProcess
-from tests.support.drivers.can_links import ASK_Z, CORRECTION, READ, Z, all_good, linked
+from tests.support.drivers.can.links import ASK_Z, CORRECTION, READ, Z, all_good, linked
 from tests.support.drivers.opening import until
 
 pytestmark = pytest.mark.integration

@@ -10,7 +10,7 @@ import cantools
 import pytest
 
 from abbe.drivers.can.dbc.file import decoder
-from tests.support.drivers.can_links import DBC
+from tests.support.drivers.can.links import DBC
 
 MIXED = """VERSION ""
 

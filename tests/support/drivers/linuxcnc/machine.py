@@ -19,7 +19,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-EXAMPLE = Path(__file__).parents[3] / "examples" / "linuxcnc"
+EXAMPLE = Path(__file__).parents[4] / "examples" / "linuxcnc"
 PYTHON = "/usr/bin/python3"
 LOCK = Path("/tmp/abbe-linuxcnc-tests.lock")
 PATIENCE = 60.0

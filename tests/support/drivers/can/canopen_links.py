@@ -8,7 +8,7 @@ from typing import Any
 
 from abbe.drivers.can.canopen.config import CanopenConfig
 from abbe.drivers.can.canopen.link import CanopenLink
-from tests.support.drivers.can_links import PATIENT, STALL, interface
+from tests.support.drivers.can.links import PATIENT, STALL, interface
 
 ENCODER_NODES: dict[str, Any] = {
     axis: {"id": number, "heartbeat": STALL, "produce_heartbeat": 0.05}

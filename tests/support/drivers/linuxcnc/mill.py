@@ -8,13 +8,13 @@ import sys
 import time
 from pathlib import Path
 
-from tests.support.drivers.linuxcnc_machine import PATIENCE, Machine
+from tests.support.drivers.linuxcnc.machine import PATIENCE, Machine
 
 # Ends it and starts it again, switches on and homes, as a machine's own start-up may.
 RESTART = """
 import sys
 sys.path.insert(0, {here!r})
-from tests.support.drivers.linuxcnc_mill import Mill
+from tests.support.drivers.linuxcnc.mill import Mill
 Mill.existing({folder!r}, {mark!r}).start_anew()
 """
 
@@ -45,7 +45,7 @@ class Mill(Machine):
     def restart_command(self) -> list[str]:
         """For a store's ``restart``."""
         script = self.folder / "restart.py"
-        here = str(Path(__file__).parents[3])
+        here = str(Path(__file__).parents[4])
         script.write_text(
             RESTART.format(here=here, folder=str(self.folder), mark=self._mark.decode())
         )

@@ -8,7 +8,7 @@ from typing import Any
 
 from abbe.drivers.linuxcnc.config import LinuxCncConfig
 from abbe.drivers.linuxcnc.link import LinuxCncLink
-from tests.support.drivers.linuxcnc_machine import Machine
+from tests.support.drivers.linuxcnc.machine import Machine
 from tests.support.drivers.opening import opened, until
 
 CHANNELS: dict[str, Any] = {

@@ -1,0 +1,1 @@
+"""Tables for tests of the controllers' dialects, and what a control makes of them."""

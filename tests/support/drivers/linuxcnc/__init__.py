@@ -1,0 +1,1 @@
+"""A real LinuxCNC for tests, and links to it."""

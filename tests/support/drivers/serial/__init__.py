@@ -1,0 +1,1 @@
+"""Serial lines for tests: configurations, opened links, devices at the other end."""
