@@ -83,6 +83,11 @@ class CorrectedFile:
             reported["uncertainty"] = {"largest": self.widest * 1e3, "k": COVERAGE}
         return reported | ({"warnings": self.warnings} if self.warnings else {})
 
+    def as_text(self, out: Path) -> str:
+        """One line for people."""
+        wide = "" if self.widest is None else f" (± {self.widest * 1e3:.2f} at most)"
+        return f"{self.rows} points, greatest correction {self.worst * 1e3:.2f} µm{wide}: {out}"
+
 
 def correct_file(
     model: Model,

@@ -14,6 +14,7 @@ from abbe.daemon.arguments.options import AsJson, Force, ModelFile
 if TYPE_CHECKING:
     from abbe.compcore.model.model import Model
     from abbe.daemon.answers.correct import Corrected
+    from abbe.daemon.answers.correct_file import CorrectedFile
     from abbe.daemon.arguments.point_arguments import Given
 
 
@@ -88,23 +89,8 @@ def correct(
     given = Given.parse(arguments or [], loaded.machine)
     held = held_axes(hold, loaded.machine)
     if points is not None and out is not None:
-        from abbe.daemon.answers.correct_file import correct_file
-        from abbe.daemon.progress import shown
-
-        with shown("correcting") as tell:
-            done = correct_file(
-                loaded, points, out, given, command=command, held=held, sure=sure, tell=tell
-            )
-        if loaded is not whole:
-            from abbe.daemon.answers.switches import not_applied
-
-            done.warnings += not_applied(whole)
-        _warn(done.warnings)
-        if as_json:
-            say(json.dumps(done.as_json(out), ensure_ascii=False))
-        else:
-            wide = "" if done.widest is None else f" (± {done.widest * 1e3:.2f} at most)"
-            say(f"{done.rows} points, greatest correction {done.worst * 1e3:.2f} µm{wide}: {out}")
+        done = _many_points(whole, points, out, given, command=command, held=held, sure=sure)
+        say(json.dumps(done.as_json(out), ensure_ascii=False) if as_json else done.as_text(out))
         return
     found, warnings = _at_one_point(loaded, given, command=command, held=held)
     switched = _switched(whole, given) if loaded is not whole else {}
@@ -124,6 +110,32 @@ def correct(
         say(line)
     if report is not None:
         say(f"written: {report}")
+
+
+def _many_points(
+    whole: Model,
+    points: Path,
+    out: Path,
+    given: Given,
+    *,
+    command: bool,
+    held: Collection[str],
+    sure: bool,
+) -> CorrectedFile:
+    """The points of a file, corrected and written."""
+    from abbe.daemon.answers.correct_file import correct_file
+    from abbe.daemon.answers.switches import not_applied
+    from abbe.daemon.progress import shown
+
+    model = whole.switched()
+    with shown("correcting") as tell:
+        done = correct_file(
+            model, points, out, given, command=command, held=held, sure=sure, tell=tell
+        )
+    if model is not whole:
+        done.warnings += not_applied(whole)
+    _warn(done.warnings)
+    return done
 
 
 def _switched(whole: Model, given: Given) -> dict[str, Any]:

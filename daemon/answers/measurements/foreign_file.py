@@ -133,7 +133,8 @@ def _ball_bar(
 def _rotary_test(
     file: Path, placing: ForeignPlacing, machine: Machine | None, options: ForeignOptions
 ) -> Campaign:
-    from abbe.compcore.files.importers.rtest import RotaryTestOptions, import_rtest
+    from abbe.compcore.files.importers.rotary_test import RotaryTestOptions
+    from abbe.compcore.files.importers.rtest import import_rtest
 
     if machine is None:
         raise typer.BadParameter("needed for this kind of file", param_hint="--model")
@@ -144,7 +145,7 @@ def _rotary_test(
 def _lengths(
     file: Path, placing: ForeignPlacing, machine: Machine | None, _: ForeignOptions
 ) -> Campaign:
-    from abbe.compcore.files.importers.artefact_rows import import_lengths
+    from abbe.compcore.files.importers.artefacts.artefact_rows import import_lengths
 
     return import_lengths(file, machine, placing)
 
@@ -152,7 +153,7 @@ def _lengths(
 def _plates(
     file: Path, placing: ForeignPlacing, machine: Machine | None, _: ForeignOptions
 ) -> Campaign:
-    from abbe.compcore.files.importers.artefact_rows import import_plates
+    from abbe.compcore.files.importers.artefacts.artefact_rows import import_plates
 
     return import_plates(file, machine, placing)
 

@@ -14,8 +14,8 @@ from abbe.compcore.artefacts.corrected import corrected_lengths, corrected_plate
 from abbe.compcore.artefacts.measured_length import MeasuredLength
 from abbe.compcore.artefacts.plate import MeasuredPlate
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.importers.lengths import read_lengths
-from abbe.compcore.files.importers.plates import read_plates
+from abbe.compcore.files.importers.artefacts.lengths import read_lengths
+from abbe.compcore.files.importers.artefacts.plates import read_plates
 from abbe.compcore.files.recognised import PLATE, recognised
 from abbe.compcore.model.model import Model
 

@@ -20,7 +20,7 @@ from abbe.compcore.artefacts.iso10360 import (
 from abbe.compcore.artefacts.measured_length import MeasuredLength
 from abbe.compcore.artefacts.permissible import PermissibleError
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.importers.lengths import read_lengths
+from abbe.compcore.files.importers.artefacts.lengths import read_lengths
 
 WORDS: Mapping[DecisionRule, Mapping[Outcome, str]] = {
     DecisionRule.SIMPLE: {

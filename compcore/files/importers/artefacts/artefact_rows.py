@@ -18,9 +18,9 @@ from abbe.compcore.artefacts.measured_length import MeasuredLength
 from abbe.compcore.artefacts.plate import MeasuredPlate, rigid_placing
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.importers.lengths import read_lengths
+from abbe.compcore.files.importers.artefacts.lengths import read_lengths
+from abbe.compcore.files.importers.artefacts.plates import read_plates
 from abbe.compcore.files.importers.placing import ForeignPlacing, Readings, place
-from abbe.compcore.files.importers.plates import read_plates
 from abbe.compcore.machine.machine import Machine
 
 F64 = NDArray[np.float64]
