@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.machine.structure import is_rotary
-from abbe.daemon.config.sections import ConfigFile
+from abbe.daemon.config.sections.config_file import ConfigFile
 from abbe.drivers.link import ChannelInfo, Link
 from abbe.drivers.transducers import AnyTransducerConfig, Degrees, Transducer, make_transducer
 

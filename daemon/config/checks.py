@@ -11,7 +11,7 @@ from abbe.daemon.config.channels import WATCHED, Channels, Key, split
 from abbe.daemon.config.configuration import Configuration
 from abbe.daemon.config.outputs import check_outputs
 from abbe.daemon.config.paces import check_paces
-from abbe.daemon.config.sections import SignalSection
+from abbe.daemon.config.sections.readings import SignalSection
 from abbe.drivers.link import Link
 from abbe.drivers.transducers import AnyTransducerConfig, make_transducer
 

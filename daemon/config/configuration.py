@@ -8,9 +8,9 @@ from pathlib import Path
 
 from abbe.compcore.model.model import Model
 from abbe.daemon.config.folders import data_folder
-from abbe.daemon.config.http import HttpSetup
-from abbe.daemon.config.sections import ConfigFile
-from abbe.daemon.config.upload import UploadSetup
+from abbe.daemon.config.sections.config_file import ConfigFile
+from abbe.daemon.config.sections.http import HttpSetup
+from abbe.daemon.config.sections.upload import UploadSetup
 from abbe.daemon.guard import GuardLimits
 from abbe.drivers.link import Link, LinkConfig
 

@@ -14,9 +14,9 @@ from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.daemon.config.checks import check
 from abbe.daemon.config.configuration import Configuration, LinkSetup
 from abbe.daemon.config.files import check_files
-from abbe.daemon.config.http import http_setup
-from abbe.daemon.config.sections import ConfigFile
-from abbe.daemon.config.upload import upload_setup
+from abbe.daemon.config.sections.config_file import ConfigFile
+from abbe.daemon.config.sections.http import http_setup
+from abbe.daemon.config.sections.upload import upload_setup
 from abbe.daemon.guard import GuardLimits
 from abbe.drivers.link import Link, LinkConfigError, link_class
 

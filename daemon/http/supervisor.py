@@ -11,7 +11,7 @@ import sys
 import time
 from typing import Any
 
-from abbe.daemon.config.http import HttpSetup
+from abbe.daemon.config.sections.http import HttpSetup
 from abbe.daemon.control.controls import Controls
 from abbe.daemon.guard import DIRECTIONS
 from abbe.daemon.http.feed import Feed

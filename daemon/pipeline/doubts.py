@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from abbe.daemon.config.sections import ConfigFile
+from abbe.daemon.config.sections.config_file import ConfigFile
 from abbe.daemon.pipeline.plan import PipelinePlan
 from abbe.daemon.pipeline.reading.motion import SampleSpeeds
 from abbe.daemon.pipeline.writing.foreign_writes import Foreign

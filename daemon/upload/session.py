@@ -9,7 +9,7 @@ from pathlib import Path
 
 from abbe.compcore.errors import AbbeError
 from abbe.daemon.config import Configuration
-from abbe.daemon.config.upload import UploadSetup
+from abbe.daemon.config.sections.upload import UploadSetup
 from abbe.daemon.ownership.claims import held_by_upload
 from abbe.daemon.ownership.lock import hold
 from abbe.daemon.upload.checks.preflight import (

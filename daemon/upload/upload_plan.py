@@ -14,7 +14,7 @@ from abbe.compcore.files.table_set import RECORD_NAME, TableSet, read_text, sha2
 from abbe.compcore.tables.record import unit_of_entries
 from abbe.compcore.tables.table import Table
 from abbe.daemon.config import Configuration
-from abbe.daemon.config.upload import UploadSetup
+from abbe.daemon.config.sections.upload import UploadSetup
 from abbe.daemon.upload.history import backups
 from abbe.daemon.upload.history.content import Content
 from abbe.drivers.controllers import Controller

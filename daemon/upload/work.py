@@ -14,7 +14,7 @@ from typing import Any
 
 from abbe.compcore.model.model import Model
 from abbe.daemon.answers.inputs import abbe_version
-from abbe.daemon.config.upload import UploadSetup
+from abbe.daemon.config.sections.upload import UploadSetup
 from abbe.daemon.upload.changeover import Changeover
 from abbe.daemon.upload.history.content import Content
 from abbe.daemon.upload.history.upload_log import Journal

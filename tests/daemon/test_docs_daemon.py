@@ -7,10 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import get_args
 
-from pydantic import BaseModel
-
-from abbe.daemon.config.http import HttpSection
-from abbe.daemon.config.sections import ConfigFile, PerDirection
+from abbe.daemon.config.sections.config_file import ConfigFile
+from abbe.daemon.config.sections.guard import PerDirection
+from abbe.daemon.config.sections.http import HttpSection
+from abbe.daemon.config.sections.section import Section
+from abbe.daemon.config.sections.upload import UploadSection
 from abbe.daemon.guard import GuardState
 from abbe.daemon.status.run_status import AxisStatus, RunStatus
 from abbe.daemon.status_word import Status
@@ -18,16 +19,19 @@ from abbe.daemon.status_word import Status
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "daemon.md").read_text(encoding="utf-8")
 DEMO = (ROOT / "docs" / "demo.md").read_text(encoding="utf-8")
-PAGES = {"RecordsSection": (ROOT / "docs" / "records.md").read_text("utf-8")}
+PAGES = {
+    "RecordsSection": (ROOT / "docs" / "records.md").read_text("utf-8"),
+    "HttpSection": (ROOT / "docs" / "status.md").read_text("utf-8"),
+}
 """Section → the page of its keys, where it is not the service's."""
 
 
-def sections(kind: type[BaseModel]) -> Iterator[type[BaseModel]]:
+def sections(kind: type[Section]) -> Iterator[type[Section]]:
     yield kind
     for field in kind.model_fields.values():
         for part in (field.annotation, *get_args(field.annotation)):
-            ours = isinstance(part, type) and part.__module__ == kind.__module__
-            if ours and issubclass(part, BaseModel) and part is not PerDirection:
+            ours = isinstance(part, type) and issubclass(part, Section)
+            if ours and part not in (PerDirection, UploadSection):
                 yield from sections(part)
 
 

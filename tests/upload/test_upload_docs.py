@@ -8,7 +8,7 @@ import pytest
 
 from abbe.daemon.application import app
 from abbe.daemon.config import load_config
-from abbe.daemon.config.upload import UploadSection
+from abbe.daemon.config.sections.upload import UploadSection
 from abbe.daemon.table_watch.watch import words
 from abbe.drivers.stores.modbus.config import ModbusStoreConfig
 from abbe.drivers.stores.modbus.registers import RegisterMap

@@ -44,7 +44,7 @@ def control_socket(config: Path) -> Path | None:
     """
     from abbe.compcore.files.text.toml_source import TomlSource
     from abbe.daemon.config.folders import data_folder
-    from abbe.daemon.config.sections import ControlSection
+    from abbe.daemon.config.sections.config_file import ControlSection
 
     source = TomlSource.read(config)
     section = source.data.get("control")

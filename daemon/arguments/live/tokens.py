@@ -30,7 +30,7 @@ def token_file(config: Path) -> Path:
         When it cannot be read, or has no section ``[http]``.
     """
     from abbe.compcore.files.text.toml_source import TomlSource
-    from abbe.daemon.config.http import HttpSection
+    from abbe.daemon.config.sections.http import HttpSection
 
     source = TomlSource.read(config)
     section = source.data.get("http")

@@ -11,7 +11,7 @@ from abbe.compcore.machine.plausible import position_range, signal_range
 from abbe.compcore.machine.structure import is_rotary
 from abbe.daemon.config import Configuration
 from abbe.daemon.config.channels import split, transducer_of
-from abbe.daemon.config.sections import SignalSection
+from abbe.daemon.config.sections.readings import SignalSection
 from abbe.daemon.pipeline.reading.plausible import PlausibleBounds, SimilarSensors
 from abbe.daemon.pipeline.reading.poll import Channel
 from abbe.drivers.link import Link, Sample

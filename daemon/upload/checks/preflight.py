@@ -9,7 +9,7 @@ from typing import Any
 from abbe.compcore.errors import AbbeError, InputError
 from abbe.compcore.model.model import Model
 from abbe.compcore.tables.table import Table
-from abbe.daemon.config.upload import UploadSetup
+from abbe.daemon.config.sections.upload import UploadSetup
 from abbe.daemon.upload.checks.bounds import Extent, Limits, check, extent, largest_change
 from abbe.daemon.upload.history.content import Content, short
 from abbe.daemon.upload.settle import check_identity, check_ready

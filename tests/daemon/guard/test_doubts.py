@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Signal
 from abbe.daemon.config import Configuration, load_config
-from abbe.daemon.config.sections import SignalSection
+from abbe.daemon.config.sections.readings import SignalSection
 from abbe.daemon.guard import GuardState
 from abbe.daemon.pipeline.reading.controller_watch import Beat, DeviceClock
 from abbe.daemon.pipeline.reading.expected import bounds_of, expected_of

@@ -15,7 +15,7 @@ import pytest
 
 from abbe.compcore.errors import InputError
 from abbe.daemon.config import load_config
-from abbe.daemon.config.http import split_address
+from abbe.daemon.config.sections.http import split_address
 from abbe.daemon.config.tokens import Token, TokenFile, add_token, read_tokens, token_of
 from abbe.daemon.http.gate import LOCAL, Gate
 from tests.daemon.commands.test_commands import abbe
@@ -227,7 +227,7 @@ def test_another_ones_key_is_refused(tmp_path: Path) -> None:
 def test_without_the_packages_it_is_said_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("abbe.daemon.config.http.importlib.util.find_spec", lambda _: None)
+    monkeypatch.setattr("abbe.daemon.config.sections.http.importlib.util.find_spec", lambda _: None)
     with pytest.raises(InputError, match=r"HTTP needs fastapi and .*pip install 'abbe\[http\]'"):
         load_config(configured(tmp_path, ""))
 

@@ -12,7 +12,7 @@ import pytest
 
 from abbe.compcore.errors import InputError
 from abbe.daemon.config import load_config
-from abbe.daemon.config.http import HttpSetup
+from abbe.daemon.config.sections.http import HttpSetup
 from abbe.daemon.config.tokens import add_token, read_tokens
 from abbe.daemon.systemd.install import install, machine_name, plan, uninstall
 from abbe.daemon.systemd.renewal import renew

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.daemon.config.folders import data_folder
+from abbe.daemon.config.sections.section import Section
 from abbe.drivers.link import LinkConfigError
 from abbe.drivers.stores.base import Store, StoreConfig, store_class
 
@@ -22,10 +23,8 @@ Positive = Annotated[float, Field(gt=0.0, le=1e5, allow_inf_nan=False)]
 """µm, µrad, s: no table, and nothing that is waited for, is larger."""
 
 
-class UploadSection(BaseModel):
+class UploadSection(Section):
     """What is uploaded to which controller, and within which bounds."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
     store: dict[str, Any]
     """The controller's memory: ``driver`` names the store, the other keys are its own."""

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, Field
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.daemon.config.folders import data_folder
+from abbe.daemon.config.sections.section import Section
 from abbe.daemon.config.tokens import read_tokens
 from abbe.daemon.socket_path import check_path
 
@@ -63,10 +64,8 @@ def _network(text: str) -> str:
     return text
 
 
-class HttpSection(BaseModel):
+class HttpSection(Section):
     """Where a run can be looked at over HTTP; without this section nowhere."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
     socket: Annotated[str, Field(min_length=1)] = "http.sock"
     """Unix socket, relative to the configuration (of a service: to its state folder); for the user

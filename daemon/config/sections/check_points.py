@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from abbe.daemon.config.sections.section import Section
 
 
-class ChecksSection(BaseModel):
+class ChecksSection(Section):
     """Where check measurements are kept, and how often a sound machine may be accused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
     file: Annotated[str, Field(pattern=r"^.+\.csv$", max_length=1000)] = "checks.csv"
     """Path, relative as the journal's; ends in ``.csv``."""
