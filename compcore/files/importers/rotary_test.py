@@ -94,7 +94,13 @@ class RotaryTest:
         placing: ForeignPlacing,
         options: RotaryTestOptions,
     ) -> RotaryTest:
-        """The test that the columns, the comments above them and the options describe."""
+        """The test that the columns, the comments above them and the options describe.
+
+        Raises
+        ------
+        InputError
+            Naming file, line, column, what was found and what was expected.
+        """
         sheet, where = columns.sheet, columns.where
         rotary = [a for a in machine.structure.rotary if a in where]
         names = [k for k in (*_SENSORS, *_AROUND) if k in where]
@@ -117,7 +123,13 @@ class RotaryTest:
         )
 
     def read(self, sphere: str, rows: Rows) -> Iterator[Readings]:
-        """The readings at one sphere, one for each column."""
+        """The readings at one sphere, one for each column.
+
+        Raises
+        ------
+        InputError
+            Naming file, line, column, what was found and what was expected.
+        """
         columns = self.columns
         positions, tool = _positions(columns, rows, self.machine, self.placing, self.rotary, sphere)
         along = self._directions(Chain(self.machine, Conditions(positions, tool=tool)))
