@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from abbe.compcore.compensator.folding.group import EffectGroup
 from abbe.compcore.compensator.folding.metric import Metric, influences
 from abbe.compcore.compensator.folding.narrow import Ranges, narrow_places, slow_keys
+from abbe.compcore.compensator.folding.nodes.variable import FoldingVariable
 from abbe.compcore.compensator.folding.plan import FoldingPlan
 from abbe.compcore.compensator.folding.slow_state import (
     SlowState,
@@ -20,7 +21,6 @@ from abbe.compcore.compensator.folding.slow_state import (
 from abbe.compcore.compensator.folding.source import FoldedEffect
 from abbe.compcore.compensator.folding.tables import FoldedTables, Table
 from abbe.compcore.compensator.folding.union import Union
-from abbe.compcore.compensator.folding.variable import FoldingVariable
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.model.model import Model

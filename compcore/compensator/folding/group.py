@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.compensator.folding.cross import Cross
-from abbe.compcore.compensator.folding.line import NodeLine
+from abbe.compcore.compensator.folding.nodes.line import NodeLine
+from abbe.compcore.compensator.folding.nodes.variable import FoldingVariable
 from abbe.compcore.compensator.folding.slow_state import SlowState
 from abbe.compcore.compensator.folding.source import FoldedEffect
 from abbe.compcore.compensator.folding.tables import (
@@ -24,7 +25,6 @@ from abbe.compcore.compensator.folding.tables import (
     Products,
     Table,
 )
-from abbe.compcore.compensator.folding.variable import FoldingVariable
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.compensator.folding.distinct import distinct
+from abbe.compcore.compensator.folding.nodes.distinct import distinct
 from abbe.compcore.compensator.folding.slow_state import SlowState
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.error_motion import ErrorMotion

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from abbe.compcore.compensator.folding.cross import NotSeparableError, find_cross
 from abbe.compcore.compensator.folding.group import EffectGroup, Interaction
-from abbe.compcore.compensator.folding.layout import SampledFunctions, TooManyNodesError
-from abbe.compcore.compensator.folding.line import NodeLine
 from abbe.compcore.compensator.folding.metric import Metric
+from abbe.compcore.compensator.folding.nodes.layout import SampledFunctions, TooManyNodesError
+from abbe.compcore.compensator.folding.nodes.line import NodeLine
+from abbe.compcore.compensator.folding.nodes.variable import DIRECTIONS, FoldingVariable
 from abbe.compcore.compensator.folding.slow_state import SlowState
 from abbe.compcore.compensator.folding.source import FoldedEffect
-from abbe.compcore.compensator.folding.variable import DIRECTIONS, FoldingVariable
 from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.machine.machine import Machine
 

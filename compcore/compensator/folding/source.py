@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.compensator.folding.nodes.variable import FoldingVariable
 from abbe.compcore.compensator.folding.slow_state import SlowState
-from abbe.compcore.compensator.folding.variable import FoldingVariable
 from abbe.compcore.effects.expressions.expression import FormulaNode
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.error_motion import INSTRUMENT, ErrorMotion

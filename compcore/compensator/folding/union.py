@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.compensator.folding.distinct import increasing
 from abbe.compcore.compensator.folding.group import EffectGroup
+from abbe.compcore.compensator.folding.nodes.distinct import increasing
 from abbe.compcore.compensator.folding.tables import FoldedAxisTable
 
 F64 = NDArray[np.float64]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.tables.capability import Capability
-from abbe.compcore.tables.projection.curve import Curve
+from abbe.compcore.tables.projection.curves.curve import Curve
 
 _LEVER = 3.0
 """A lever's offset from the middle has a third of the mean square of its greatest."""

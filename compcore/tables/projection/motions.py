@@ -19,8 +19,8 @@ from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.machine import own_component
 from abbe.compcore.multilinear import interpolate
 from abbe.compcore.tables.field import ErrorField
-from abbe.compcore.tables.projection.hats import hats
-from abbe.compcore.tables.projection.marginal import marginal
+from abbe.compcore.tables.projection.curves.hats import hats
+from abbe.compcore.tables.projection.curves.marginal import marginal
 from abbe.compcore.tables.volume import Volume
 
 F64 = NDArray[np.float64]

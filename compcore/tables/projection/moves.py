@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from abbe.compcore.tables.capability import Capability
 from abbe.compcore.tables.field import ErrorField
 from abbe.compcore.tables.projection.choice import chosen
-from abbe.compcore.tables.projection.curve import Curve, fit_tables
-from abbe.compcore.tables.projection.marginal import Marginal
+from abbe.compcore.tables.projection.curves.curve import Curve, fit_tables
+from abbe.compcore.tables.projection.curves.marginal import Marginal
 from abbe.compcore.tables.projection.orientation import constant_turns, turning_curves
 from abbe.compcore.tables.projection.plane import plane_tables
 from abbe.compcore.tables.projection.present import (

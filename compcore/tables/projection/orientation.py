@@ -27,8 +27,8 @@ from abbe.compcore.machine.machine import Machine, own_component
 from abbe.compcore.model.pose import DAMPING, MOST_TURN, POLE, spinning_axes, tool_letter
 from abbe.compcore.tables.capability import Capability, Holds
 from abbe.compcore.tables.field import ErrorField
-from abbe.compcore.tables.projection.curve import Curve
-from abbe.compcore.tables.projection.marginal import marginal
+from abbe.compcore.tables.projection.curves.curve import Curve
+from abbe.compcore.tables.projection.curves.marginal import marginal
 from abbe.compcore.tables.projection.motions import LETTERS
 from abbe.compcore.tables.table import Table
 from abbe.compcore.tables.volume import Volume

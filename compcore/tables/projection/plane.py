@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from abbe.compcore.tables.capability import Holds
 from abbe.compcore.tables.field import ErrorField
-from abbe.compcore.tables.projection.hats import operator
-from abbe.compcore.tables.projection.nodes import place
+from abbe.compcore.tables.projection.curves.hats import operator
+from abbe.compcore.tables.projection.curves.nodes import place
+from abbe.compcore.tables.projection.curves.quantise import quantise
 from abbe.compcore.tables.projection.present import counterparts
-from abbe.compcore.tables.projection.quantise import quantise
 from abbe.compcore.tables.table import Table, move
 from abbe.compcore.tables.volume import Volume
 
@@ -35,7 +35,7 @@ def plane_tables(
     """Tables over two inputs, one for each output of a family: the mean over the other axes.
 
     What is wanted of them is the mean over all other axes of what other tables leave, which of all
-    functions of two axes leaves least (see `abbe.compcore.tables.projection.marginal`).
+    functions of two axes leaves least (see `abbe.compcore.tables.projection.curves.marginal`).
 
     Parameters
     ----------

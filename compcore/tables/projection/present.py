@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from abbe.compcore.tables.capability import Holds
 from abbe.compcore.tables.field import ErrorField
-from abbe.compcore.tables.projection.curve import Curve
-from abbe.compcore.tables.projection.marginal import fine_positions
+from abbe.compcore.tables.projection.curves.curve import Curve
+from abbe.compcore.tables.projection.curves.marginal import fine_positions
 from abbe.compcore.tables.projection.products import counted_from, lever_origin
 from abbe.compcore.tables.table import Table
 from abbe.compcore.tables.volume import Volume

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.tables.capability import Holds
-from abbe.compcore.tables.projection.curve import Curve
-from abbe.compcore.tables.projection.marginal import Marginal
+from abbe.compcore.tables.projection.curves.curve import Curve
+from abbe.compcore.tables.projection.curves.marginal import Marginal
 from abbe.compcore.tables.table import Table, move
 from abbe.compcore.tables.volume import Volume
 

@@ -13,7 +13,7 @@ from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.tables.capability import Capability, Holds
 from abbe.compcore.tables.field import ErrorField
 from abbe.compcore.tables.grid import spatial_grid
-from abbe.compcore.tables.projection.curve import Curve, fit_tables
+from abbe.compcore.tables.projection.curves.curve import Curve, fit_tables
 from abbe.compcore.tables.projection.motions import LETTERS, axis_motions
 from abbe.compcore.tables.projection.moves import move_tables
 from abbe.compcore.tables.projection.orientation import longest_lever, require_turning

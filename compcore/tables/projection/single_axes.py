@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from abbe.compcore.tables.capability import Capability, Holds
 from abbe.compcore.tables.field import ErrorField
-from abbe.compcore.tables.projection.curve import Curve
-from abbe.compcore.tables.projection.marginal import Marginal, marginal
+from abbe.compcore.tables.projection.curves.curve import Curve
+from abbe.compcore.tables.projection.curves.marginal import Marginal, marginal
 from abbe.compcore.tables.projection.orientation import Fine
 from abbe.compcore.tables.table import move
 from abbe.compcore.tables.volume import Volume

@@ -10,8 +10,8 @@ from hypothesis.extra.numpy import arrays
 
 from abbe.compcore.compensator.batch import Finder
 from abbe.compcore.compensator.folding.cross import NotSeparableError, find_cross
-from abbe.compcore.compensator.folding.layout import SampledFunctions, TooManyNodesError
 from abbe.compcore.compensator.folding.metric import Metric
+from abbe.compcore.compensator.folding.nodes.layout import SampledFunctions, TooManyNodesError
 from abbe.compcore.compensator.folding.slow_state import SlowState, plausible_states
 from abbe.compcore.compensator.folding.tables import FoldedAxisTable
 from abbe.compcore.compensator.rotation import about, apply, product, solved, transposed

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from abbe.compcore.tables.capability import Capability, Holds
 from abbe.compcore.tables.projection.choice import chosen
-from abbe.compcore.tables.projection.curve import Curve
+from abbe.compcore.tables.projection.curves.curve import Curve
 from abbe.compcore.tables.table import Table, move
 from abbe.compcore.tables.volume import Volume
 

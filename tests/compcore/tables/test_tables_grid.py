@@ -12,7 +12,7 @@ from abbe.compcore.model.model import Model
 from abbe.compcore.tables.change import predicted_change
 from abbe.compcore.tables.field import ErrorField, table_state
 from abbe.compcore.tables.grid import spatial_grid
-from abbe.compcore.tables.projection.marginal import marginal
+from abbe.compcore.tables.projection.curves.marginal import marginal
 from abbe.compcore.tables.remainder import TrialPoints
 from abbe.compcore.tables.volume import Volume
 from tests.support.compcore.table_models import (

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.tables.capability import Spacing
-from abbe.compcore.tables.projection.nodes import (
+from abbe.compcore.tables.projection.curves.nodes import (
     best,
     equidistant,
     fewest,

@@ -13,7 +13,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.model.inverse import invert_model
 from abbe.compcore.tables.capability import RIGID, Capability, Holds, Increment, Spacing
 from abbe.compcore.tables.field import ErrorField
-from abbe.compcore.tables.projection.curve import Curve, fit_tables
+from abbe.compcore.tables.projection.curves.curve import Curve, fit_tables
 from abbe.compcore.tables.projection.project import project
 from abbe.compcore.tables.remainder import TrialPoints
 from abbe.compcore.tables.table import Sign, Table, move

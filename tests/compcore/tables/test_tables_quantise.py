@@ -9,8 +9,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from abbe.compcore.tables.projection.hats import node_weights
-from abbe.compcore.tables.projection.quantise import quantise, rounded, slope_limited
+from abbe.compcore.tables.projection.curves.hats import node_weights
+from abbe.compcore.tables.projection.curves.quantise import quantise, rounded, slope_limited
 
 numbers = st.lists(st.floats(-40.0, 40.0), min_size=3, max_size=40).map(np.array)
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.machine.machine import Axis, Machine, own_component
 from abbe.compcore.machine.structure import Structure
-from abbe.compcore.tables.projection.curve import Curve, fit_tables
+from abbe.compcore.tables.projection.curves.curve import Curve, fit_tables
 from abbe.compcore.tables.table import Table, move
 from abbe.drivers.controllers import controller_kinds, make_controller
 

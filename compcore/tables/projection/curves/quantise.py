@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.tables.projection.hats import node_weights
+from abbe.compcore.tables.projection.curves.hats import node_weights
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]

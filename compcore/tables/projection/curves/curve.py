@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.tables.capability import Capability, Holds
-from abbe.compcore.tables.projection.hats import deviation, operator
-from abbe.compcore.tables.projection.nodes import place
-from abbe.compcore.tables.projection.quantise import QuantisedValues, quantise
+from abbe.compcore.tables.projection.curves.hats import deviation, operator
+from abbe.compcore.tables.projection.curves.nodes import place
+from abbe.compcore.tables.projection.curves.quantise import QuantisedValues, quantise
 from abbe.compcore.tables.table import Table
 
 F64 = NDArray[np.float64]

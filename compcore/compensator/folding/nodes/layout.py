@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.compensator.folding.distinct import distinct, increasing
+from abbe.compcore.compensator.folding.nodes.distinct import distinct, increasing
 
 F64 = NDArray[np.float64]
 Profile = Callable[[F64], F64]

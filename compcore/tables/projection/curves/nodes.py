@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.tables.capability import Spacing
-from abbe.compcore.tables.projection.marginal import distinct
+from abbe.compcore.tables.projection.curves.marginal import distinct
 
 F64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]

@@ -8,13 +8,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.compensator.folding.nodes.variable import FoldingVariable
 from abbe.compcore.compensator.folding.tables import (
     DirectionTable,
     FoldedAxisTable,
     PhaseTable,
     Table,
 )
-from abbe.compcore.compensator.folding.variable import FoldingVariable
 
 F64 = NDArray[np.float64]
 

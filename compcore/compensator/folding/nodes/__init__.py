@@ -1,0 +1,1 @@
+"""Nodes: the variables of folded tables, where their nodes stand, and the rows at them."""
