@@ -115,7 +115,8 @@ class LagState:
         if dt > 0.0:
             step = max(dt / self.tau, _SHORTEST)
             followed = -math.expm1(-step)
-            gain = followed * self.value + (1.0 - followed / step) * (value - self.value)
-            self.state = math.exp(-step) * self.state + gain
+            # as a change of the state, so that one in equilibrium stays as it is to the last bit
+            self.state += followed * (self.value - self.state)
+            self.state += (1.0 - followed / step) * (value - self.value)
             self.time, self.value = time, value
         return self.state
