@@ -89,6 +89,13 @@ def test_a_sample_at_almost_the_same_time_hardly_moves_the_lag(step):
     assert y[1] == pytest.approx(20.0 + 35.0 * step / 4.0, abs=1e-12)
 
 
+@given(st.floats(-40.0, 90.0), st.floats(1e-3, 1e4), st.floats(1.0, 2e4))
+def test_a_signal_that_stands_still_changes_nothing_to_the_last_digit(value, step, tau):
+    state = LagState(tau)
+    for k in range(5):
+        assert state.step(step * k, value) == value
+
+
 def test_a_late_or_repeated_sample_changes_nothing():
     state = LagState(10.0)
     assert state.step(0.0, 20.0) == 20.0
