@@ -15,6 +15,9 @@ from tests.support.daemon.command_line import abbe
 from tests.support.daemon.shop_floor import MODEL, furnish, line_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "bridge-cmm" / "config.toml"
+# six commands one after the other, on a busy computer
+pytestmark = pytest.mark.timeout(600)
+
 PRINTING = [
     "--version",
     "--help",
@@ -30,8 +33,8 @@ PRINTING = [
     "remove fitted.toml positioning axis=X shape=polynomial:2 -o out.toml",
     "table fitted.toml --controller linuxcnc -o out",
     f"check {EXAMPLE}",
-    f"run --duration 0.2 {EXAMPLE}",
-    f"run --duration 0.2 --json {EXAMPLE}",
+    f"run --duration 3 {EXAMPLE}",
+    f"run --duration 3 --json {EXAMPLE}",
 ]
 
 
@@ -58,7 +61,7 @@ def test_a_full_standard_output_is_one_line_and_a_status(shop: Path, line: str, 
         running = process(
             *line.split(), stdout=full, env={**os.environ, "PYTHONUNBUFFERED": unbuffered}
         )
-        _, said = running.communicate(timeout=60)
+        _, said = running.communicate(timeout=300)
     lines = [x for x in said.decode().splitlines() if x.startswith("abbe: ")]
     [message] = lines
     assert message.startswith("abbe: standard output c")
@@ -76,7 +79,7 @@ def test_a_reader_that_goes_away_is_no_error(shop: Path, line: str):
     os.close(read)
     running = process(*line.split(), stdout=write)
     os.close(write)
-    assert running.communicate(timeout=60)[1] == b""
+    assert running.communicate(timeout=300)[1] == b""
 
 
 INTERRUPT_AT = """
@@ -98,7 +101,7 @@ sys.meta_path.insert(0, Interrupt())
 def test_an_interruption_while_python_imports_is_one_line(shop: Path, name: str):
     words = ["fit", "model.toml", "day.csv", "-o", "out.toml"]
     running = process(*words, code=INTERRUPT_AT.format(name=name), stdout=subprocess.PIPE)
-    out, said = running.communicate(timeout=60)
+    out, said = running.communicate(timeout=300)
     assert (running.returncode, out, said) == (130, b"", b"abbe: interrupted\n")
     assert not (shop / "out.toml").exists()
 
@@ -142,7 +145,7 @@ def test_names_that_are_no_utf_8(shop: Path):
     ):
         words = [names.get(word, word) for word in line.split()]
         running = process(*map(os.fsencode, words), stdout=subprocess.PIPE)
-        out, said = running.communicate(timeout=60)
+        out, said = running.communicate(timeout=300)
         assert (running.returncode, said) == (0, b""), line
         json.loads(out)
         assert (shop / names["r"]).read_text(encoding="utf-8")
