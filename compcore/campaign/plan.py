@@ -137,16 +137,16 @@ def measurement_plan(
             )
     plan: list[PlannedMeasurement] = []
     done: list[str] = []
-    order = _from_the_bed(machine)
+    order = from_the_bed(machine)
     for name in (a for a in order if not machine.axes[a].rotary):
-        plan += _linear(machine, name, done, _steps(machine.axes[name], waves.get(name), held))
+        plan += _linear(machine, name, done, line_steps(machine.axes[name], waves.get(name), held))
         done.append(name)
     for name in (a for a in order if machine.axes[a].rotary):
-        plan += _rotary(machine, name, _steps(machine.axes[name], waves.get(name), held))
+        plan += _rotary(machine, name, line_steps(machine.axes[name], waves.get(name), held))
     return tuple(plan)
 
 
-def _from_the_bed(machine: Machine) -> list[str]:
+def from_the_bed(machine: Machine) -> list[str]:
     """All axes, the nearer to the bed the earlier; of two alike the workpiece's first."""
     structure = machine.structure
     sides = (structure.workpiece_side[::-1], structure.tool_side)
@@ -154,7 +154,16 @@ def _from_the_bed(machine: Machine) -> list[str]:
     return [a for _, _, a in sorted(ranked)]
 
 
-def _steps(axis: Axis, wave: float | None, held: float) -> tuple[PlannedSteps, ...]:
+def line_steps(axis: Axis, wave: float | None, held: float = HELD) -> tuple[PlannedSteps, ...]:
+    """Targets along an axis: usual ones, and a short line where a wave needs finer ones.
+
+    Parameters
+    ----------
+    wave
+        The shortest wave that is to be seen, mm or rad; None: none in particular.
+    held
+        Part of its amplitude that straight lines between the targets shall hold.
+    """
     low, high = axis.travel
     length = high - low
     if axis.rotary:

@@ -1,0 +1,1 @@
+"""Plans of measurements: which set-ups make the corrected machine surest in the time there is."""

@@ -1,0 +1,183 @@
+"""The choice of set-ups: the mean variance in the volume falls most per hour (I-optimal).
+
+Greedy first, once by the fall of the variance and once by that of its logarithm; then every chosen
+set-up is exchanged for whatever makes more of its time, until nothing does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.planning.knowledge import Volume
+from abbe.compcore.planning.planned_setup import PlannedSetup
+
+F64 = NDArray[np.float64]
+
+RUNS = (1, 2, 4)
+"""How often a set-up's targets may be visited each way."""
+_PASSES = 3
+_WORTH = 1e-3
+"""Part of the variance by which an exchange must be better."""
+_LEAST = 1e-4
+"""Part of the variance that a set-up must take away."""
+
+
+class Knowledge:
+    """What is known with some set-ups: precision and covariance of the scaled unknowns.
+
+    Attributes
+    ----------
+    variance
+        Mean square of the error that is left over the volume, mm².
+    """
+
+    def __init__(self, precision: F64, volume: Volume) -> None:
+        self.precision = precision
+        self.covariance = inverse(precision)
+        self.volume = volume
+        self.variance = volume.mean(self.covariance) ** 2
+
+    @classmethod
+    def beforehand(cls, covariance: F64, volume: Volume) -> Knowledge:
+        """What is known before any set-up (`knowledge.prior`)."""
+        return cls(inverse(covariance), volume)
+
+    def with_(self, root: F64, runs: int = 1) -> Knowledge:
+        """With some runs of a set-up more; `root` as of `knowledge.added`."""
+        return Knowledge(self.precision + runs * (root.T @ root), self.volume)
+
+    def without(self, root: F64, runs: int) -> Knowledge:
+        """Without those that it has."""
+        return Knowledge(self.precision - runs * (root.T @ root), self.volume)
+
+
+class Candidates:
+    """Set-ups that may be chosen, each with several numbers of runs.
+
+    Attributes
+    ----------
+    setups, runs
+        Of each candidate: the set-up's index in `roots`, how many runs.
+    seconds
+        Shape (c,).
+    """
+
+    def __init__(self, setups: Sequence[PlannedSetup], roots: Sequence[F64]) -> None:
+        self.setups = tuple(setups)
+        self.roots = tuple(roots)
+        ends = np.cumsum([len(r) for r in roots])
+        self._rows = [slice(e - len(r), e) for e, r in zip(ends.tolist(), roots, strict=True)]
+        self._stacked = np.vstack(roots) if roots else np.zeros((0, 0))
+        self.index = [(i, runs) for i in range(len(setups)) for runs in RUNS]
+        self.seconds = np.array([replace(setups[i], runs=n).seconds for i, n in self.index])
+
+    def falls(self, known: Knowledge) -> F64:
+        """By how much each candidate would make the mean variance fall, (c,), mm²."""
+        half = self._stacked @ known.covariance
+        weighed = half @ known.volume.weight
+        runs = np.array(RUNS)[:, None]
+        found = []
+        for root, rows in zip(self.roots, self._rows, strict=True):
+            mine = half[rows]
+            inner, turned = np.linalg.eigh(mine @ root.T)
+            inner = np.maximum(inner, 0.0)
+            felt = np.einsum("ik,ik->k", turned, (weighed[rows] @ mine.T) @ turned)
+            found.append((runs * felt / (1.0 + runs * inner)).sum(axis=1))
+        return np.concatenate(found) if found else np.zeros(0)
+
+    def chosen(self, number: int) -> Chosen:
+        """One of them."""
+        i, runs = self.index[number]
+        return Chosen(replace(self.setups[i], runs=runs), self.roots[i])
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """A set-up of a plan, and what one run of it adds."""
+
+    setup: PlannedSetup
+    root: F64
+
+
+def inverse(precision: F64) -> F64:
+    """The inverse of a positive definite matrix, symmetric."""
+    size = 1.0 / np.sqrt(np.diag(precision))
+    half = np.linalg.inv(np.linalg.cholesky(precision * np.outer(size, size)))
+    found = (half.T @ half) * np.outer(size, size)
+    return np.asarray(0.5 * (found + found.T))
+
+
+def choose(
+    candidates: Candidates,
+    start: Knowledge,
+    seconds: float,
+    *,
+    required: Sequence[Chosen] = (),
+    progress: Callable[[str], None] | None = None,
+) -> list[Chosen]:
+    """The set-ups that make the machine surest within a time.
+
+    Parameters
+    ----------
+    start
+        What is known beforehand.
+    seconds
+        The time there is.
+    required
+        Set-ups that are in the plan in any case; their time counts.
+    """
+    tell = progress or (lambda _: None)
+    for one in required:
+        start, seconds = start.with_(one.root, one.setup.runs), seconds - one.setup.seconds
+    best: tuple[float, list[Chosen]] = (start.variance, [])
+    for logarithmic in (False, True):
+        tell("choosing set-ups")
+        chosen, known = _greedy(candidates, start, seconds, logarithmic)
+        tell("exchanging set-ups")
+        chosen, known = _exchanged(candidates, chosen, known, seconds)
+        if known.variance < best[0]:
+            best = (known.variance, chosen)
+    return [*required, *best[1]]
+
+
+def _greedy(
+    candidates: Candidates, known: Knowledge, seconds: float, logarithmic: bool
+) -> tuple[list[Chosen], Knowledge]:
+    chosen: list[Chosen] = []
+    while (candidates.seconds <= seconds).any():
+        falls = np.minimum(candidates.falls(known), known.variance * (1.0 - 1e-12))
+        falls[candidates.seconds > seconds] = 0.0
+        if falls.max() <= _LEAST * known.variance:
+            break
+        gain = -np.log1p(-falls / known.variance) if logarithmic else falls
+        best = candidates.chosen(int(np.argmax(gain / candidates.seconds)))
+        chosen.append(best)
+        known = known.with_(best.root, best.setup.runs)
+        seconds -= best.setup.seconds
+    return chosen, known
+
+
+def _exchanged(
+    candidates: Candidates, chosen: list[Chosen], known: Knowledge, seconds: float
+) -> tuple[list[Chosen], Knowledge]:
+    for _ in range(_PASSES):
+        better = False
+        for i, old in enumerate(chosen):
+            free = seconds - sum(c.setup.seconds for j, c in enumerate(chosen) if j != i)
+            without = known.without(old.root, old.setup.runs)
+            falls = np.where(candidates.seconds <= free, candidates.falls(without), 0.0)
+            best = int(np.argmax(falls))
+            if without.variance - falls[best] < known.variance * (1.0 - _WORTH):
+                chosen[i] = candidates.chosen(best)
+                known = without.with_(chosen[i].root, chosen[i].setup.runs)
+                better = True
+        left = seconds - sum(c.setup.seconds for c in chosen)
+        more, known = _greedy(candidates, known, left, False)
+        chosen += more
+        if not better and not more:
+            break
+    return chosen, known

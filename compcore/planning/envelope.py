@@ -1,0 +1,91 @@
+"""Where the machine may go: travels, keep-out boxes, and the tool that must not touch them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.planning.planned_setup import PlannedSetup
+
+F64 = NDArray[np.float64]
+
+_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class KeepOut:
+    """A box that neither the tool's tip nor the tool may enter; mm, as X, Y, Z + tool count.
+
+    Attributes
+    ----------
+    low, high
+        Its corners.
+    """
+
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class WorkingSpace:
+    """Where a plan may send a machine.
+
+    Attributes
+    ----------
+    keep_out
+        Boxes that the tool must not enter.
+    radius
+        Of the tool with its holder, mm: the tool reaches from its tip to the spindle.
+    beyond
+        How far axes go beyond a target to come back to it from the other side, mm; rotary axes the
+        same number of degrees / 10.
+    """
+
+    keep_out: tuple[KeepOut, ...] = ()
+    radius: float = 0.0
+    beyond: float = 2.0
+
+    def hindrance(self, machine: Machine, setup: PlannedSetup) -> str | None:
+        """Why a set-up cannot be done, or None: targets outside the travels, ways through a box."""
+        senses = setup.senses()
+        order, _ = setup.visits()
+        for axis, at in setup.targets.items():
+            own = machine.axes[axis]
+            more = np.radians(0.1 * self.beyond) if own.rotary else self.beyond
+            moves = bool(np.ptp(at) > 0.0)
+            whole = own.rotary and own.half_travel >= np.pi * (1 - 1e-9)
+            before = at[order] - senses[axis] * (more if moves and not whole else 0.0)
+            low, high = min(before.min(), at.min()), max(before.max(), at.max())
+            if low < own.travel[0] - _ROUNDING or high > own.travel[1] + _ROUNDING:
+                return f"{axis} would leave its travel"
+        way = setup.path()[order]
+        for i, box in enumerate(self.keep_out, start=1):
+            if self._enters(way, box, setup):
+                return f"the tool would enter keep-out box {i}"
+        return None
+
+    def _enters(self, way: F64, box: KeepOut, setup: PlannedSetup) -> bool:
+        """Whether tip or tool enter a box on the way: the box is widened by the tool instead."""
+        to_spindle = -np.asarray(setup.offset)
+        low = np.asarray(box.low) - np.maximum(to_spindle, 0.0) - self.radius
+        high = np.asarray(box.high) - np.minimum(to_spindle, 0.0) + self.radius
+        if any(np.ptp(q) > 0.0 for a, q in setup.targets.items() if a[0] in "ABC"):
+            # a head that turns may swing the tool anywhere about its tip
+            reach = float(np.linalg.norm(to_spindle)) + self.radius
+            low, high = np.asarray(box.low) - reach, np.asarray(box.high) + reach
+        low, high = low - self.beyond, high + self.beyond
+        start, move = way[:-1], np.diff(way, axis=0)
+        if not len(move):
+            start, move = way, np.zeros_like(way)
+        still = np.abs(move) < 1e-12
+        step = np.where(still, 1.0, move)
+        one, two = (low - start) / step, (high - start) / step
+        inside = (start >= low) & (start <= high)
+        enter = np.where(still, np.where(inside, -np.inf, np.inf), np.minimum(one, two))
+        leave = np.where(still, np.where(inside, np.inf, -np.inf), np.maximum(one, two))
+        return bool(
+            (np.maximum(enter.max(axis=1), 0.0) <= np.minimum(leave.min(axis=1), 1.0)).any()
+        )

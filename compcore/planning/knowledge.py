@@ -1,0 +1,198 @@
+"""What is known of a machine, and what a set-up adds: information from the fit's design matrix.
+
+The unknowns are those of `abbe.compcore.fitting`: the effects' linear parameters, in units of their
+believable sizes, so that prior knowledge is the unit matrix (or the covariance of a fit). A set-up
+adds ``JᵀWJ`` of the rows that it would give, with everything taken out that its placing leaves
+unknown: zero, slope, frame, base point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.campaign.campaign import Campaign, Kind, Setup
+from abbe.compcore.effects.base import SPINDLE, WORKPIECE, ErrorMotion
+from abbe.compcore.errors import InputError
+from abbe.compcore.fitting.design.design_matrix import Problem
+from abbe.compcore.linalg import svd
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.kinematics import Chain
+from abbe.compcore.model.model import Model
+from abbe.compcore.planning.planned_setup import PlannedSetup, resting
+from abbe.compcore.planning.targets import Task
+
+F64 = NDArray[np.float64]
+
+_RANK = 1e-10
+_POINTS = 150
+CHANGED = 0.05
+"""Part of its believable size by which a parameter may have changed since a model was fitted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Volume:
+    """The corrected machine's error over the volume, as a linear map of the unknowns.
+
+    Attributes
+    ----------
+    field
+        Shape (3·points, m): what one believable size of each unknown does to X, Y and Z, mm; moves
+        of the workpiece as a whole, and of the tool in the spindle, are taken out.
+    weight
+        Shape (m, m): ``fieldᵀ field / points``; the trace of its product with a covariance is the
+        mean square of the error left.
+    """
+
+    field: F64
+    weight: F64
+
+    @classmethod
+    def of(cls, task: Task, count: int = _POINTS) -> Volume:
+        """Points spread over all travels, from both sides, with every tool."""
+        rng = np.random.default_rng(16907)
+        machine = task.machine
+        tools = np.array(list(task.tools.values()))
+        at = Conditions(
+            positions={a: _spread(rng, *task.ends(a), count) for a in machine.structure.axes},
+            directions={a: rng.choice([-1.0, 1.0], count) for a in machine.structure.axes},
+            tool=tools[np.arange(count) % len(tools)],
+            signals={name: np.full(count, resting(machine, name)) for name in machine.signals},
+        )
+        parts = [_field(task.model, at, u) for u in np.eye(3)]
+        field = np.stack(parts, axis=1).reshape(3 * count, -1)
+        chain = Chain(machine, at)
+        moves = [(WORKPIECE, k) for k in "XYZABC"] + [(SPINDLE, k) for k in "XYZ"]
+        moved = [chain.influence(ErrorMotion(p, k))[0].reshape(-1) for p, k in moves]  # type: ignore[arg-type]
+        left, size, _ = svd(np.stack(moved, axis=1) / _sizes(np.stack(moved, axis=1)))
+        left = left[:, size > 1e-9 * size[0]]
+        field = field - left @ (left.T @ field)
+        return cls(field, field.T @ field / count)
+
+    @classmethod
+    def of_parameters(cls, task: Task, terms: tuple[int, ...]) -> Volume:
+        """In place of the volume the parameters of some effects, in units of believable sizes.
+
+        What tells these effects apart determines them all at once.
+        """
+        problem = Problem(task.model, _empty(task.model))
+        wanted = np.concatenate([np.arange(problem.layout.model_size)[problem.layout.terms[t]]
+                                 for t in terms])  # fmt: skip
+        field = np.eye(problem.layout.model_size)[wanted]
+        return cls(field, field.T @ field / len(wanted))
+
+    def mean(self, covariance: F64) -> float:
+        """Root of the mean square of what is left, over the volume, mm."""
+        return float(np.sqrt(max(np.einsum("ij,ji->", self.weight, covariance), 0.0)))
+
+
+def _sizes(columns: F64) -> F64:
+    size = np.linalg.norm(columns, axis=0)
+    return np.where(size > 0.0, size, 1.0)
+
+
+def _spread(rng: np.random.Generator, low: float, high: float, count: int) -> F64:
+    return np.asarray(rng.permutation(np.linspace(low, high, count)))
+
+
+def _field(model: Model, at: Conditions, u: F64) -> F64:
+    n = at.n
+    seen = replace(at, u=np.tile(u, (n, 1)), setup=np.full(n, "volume"))
+    none = np.full(n, "", dtype="<U1")
+    campaign = Campaign(
+        "volume", seen, np.full(n, Kind.DISPLACEMENT, dtype=np.int8), np.zeros(n), np.ones(n),
+        none, none, np.arange(n), {"volume": Setup("volume", ())},
+    )  # fmt: skip
+    return _columns(model, campaign)
+
+
+def _empty(model: Model) -> Campaign:
+    """One row, for the layout of the unknowns."""
+    machine = model.machine
+    one = np.array(["x"])
+    at = Conditions(
+        positions={a: np.array([axis.middle]) for a, axis in machine.axes.items()},
+        signals={name: np.array([resting(machine, name)]) for name in machine.signals},
+        setup=one,
+        u=np.array([[1.0, 0.0, 0.0]]),
+    )
+    none = np.array([""])
+    return Campaign(
+        "", at, np.zeros(1, dtype=np.int8), np.zeros(1), np.ones(1), none, none, np.arange(1),
+        {"x": Setup("x", ())},
+    )  # fmt: skip
+
+
+def _columns(model: Model, campaign: Campaign) -> F64:
+    """Weighted columns of the model's unknowns in units of their scales; nuisances taken out."""
+    problem = Problem(model, campaign)
+    layout = problem.layout
+    theta = layout.of_model(model, campaign)
+    columns = problem.eliminator(theta).project(problem.columns(theta) * layout.scale)
+    own, placed = columns[:, : layout.model_size], columns[:, layout.model_size :]
+    if placed.shape[1]:
+        left, size, _ = svd(placed / _sizes(placed))
+        left = left[:, size > _RANK * size[0]]
+        own = own - left @ (left.T @ own)
+    return own
+
+
+def added(task: Task, setup: PlannedSetup) -> F64:
+    """What one run of a set-up adds: a matrix R with ``RᵀR`` its information, (k, m).
+
+    More runs of it multiply that by their number, since they share what the placing leaves unknown.
+    """
+    columns = _columns(task.model, setup.rows(task.machine))
+    _, size, turned = svd(columns)
+    kept = size > _RANK * max(float(size[0]) if len(size) else 0.0, 1e-300)
+    return np.asarray(size[kept, None] * turned[kept]) / np.sqrt(setup.runs)
+
+
+def scales(model: Model) -> F64:
+    """Believable size of each unknown of a model, (m,), in its unit."""
+    problem = Problem(model, _empty(model))
+    return np.asarray(problem.layout.scale[: problem.layout.model_size])
+
+
+def prior(model: Model, changed: float = CHANGED) -> F64:
+    """What is known beforehand: covariance in units of the unknowns' scales, (m, m).
+
+    Of a new model every parameter is as uncertain as it is believable; of a fitted one as its fit
+    says, and by what it may have `changed` since, as a part of its believable size.
+
+    Raises
+    ------
+    InputError
+        When the covariance is not that of the model's parameters.
+    """
+    scale = scales(model)
+    if model.covariance is None:
+        return np.eye(len(scale))
+    fitted = [t.fitted for t in model.terms for _ in _parameters(model, t)]
+    if model.covariance.shape[0] != sum(fitted):
+        raise InputError(
+            "the covariance is not that of the model's parameters",
+            field="covariance",
+            found=model.covariance.shape[0],
+            expected=str(sum(fitted)),
+        )
+    at = np.flatnonzero(fitted)
+    found = np.eye(len(scale))
+    size = scale[at]
+    found[np.ix_(at, at)] = model.covariance / np.outer(size, size)
+    found[at, at] += changed**2
+    return found
+
+
+def _parameters(model: Model, term: object) -> tuple[str, ...]:
+    effect = term.effect  # type: ignore[attr-defined]
+    own = (*effect.linear(model.machine), *effect.nonlinear(model.machine))
+    return tuple(p.name for p in own)
+
+
+def unknowns(model: Model) -> NDArray[np.int64]:
+    """The index of the effect that each unknown belongs to, (m,)."""
+    layout = Problem(model, _empty(model)).layout
+    return np.array([u.owner for u in layout.unknowns[: layout.model_size]], dtype=np.int64)

@@ -1,0 +1,222 @@
+"""A plan: set-ups in their order, what each leaves uncertain, and what stays undetermined."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.campaign.join import join_campaigns
+from abbe.compcore.campaign.plan import from_the_bed
+from abbe.compcore.errors import InputError
+from abbe.compcore.linalg import threads_for
+from abbe.compcore.planning.candidates import possible
+from abbe.compcore.planning.choice import Candidates, Chosen, Knowledge, choose
+from abbe.compcore.planning.instruments import PlannedInstrument
+from abbe.compcore.planning.knowledge import CHANGED, Volume, added, prior
+from abbe.compcore.planning.lines import waves
+from abbe.compcore.planning.planned_setup import PlannedSetup
+from abbe.compcore.planning.presets import PRESETS, Preset, filled, possible_of
+from abbe.compcore.planning.targets import Task
+from abbe.compcore.planning.undetermined import Undecided, undecided
+
+F64 = NDArray[np.float64]
+
+WARM_UP = 3600.0
+"""s that the machine moves as in use before the first reading; not part of the plan's time."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanStep:
+    """One set-up of a plan.
+
+    Attributes
+    ----------
+    setup
+        The set-up, with its name.
+    before, after
+        Root of the mean square of the error that is left over the volume, without and with it,
+        mm: standard uncertainty, three directions together.
+    """
+
+    setup: PlannedSetup
+    before: float
+    after: float
+
+
+@dataclass(frozen=True, eq=False)
+class SurveyPlan:
+    """Set-ups that make the corrected machine as sure as the time allows.
+
+    Attributes
+    ----------
+    task
+        What was planned for.
+    steps
+        The set-ups in their order.
+    left
+        What stays undetermined.
+    presets
+        Preset → what the same time spent on it would leave, mm; empty where not asked for.
+    warm_up
+        Before the first reading, s.
+    """
+
+    task: Task
+    steps: tuple[PlanStep, ...]
+    before: float
+    left: tuple[Undecided, ...] = ()
+    presets: Mapping[str, float] | None = None
+    warm_up: float = WARM_UP
+
+    @property
+    def seconds(self) -> float:
+        """How long all of it takes, s, without warming up."""
+        return sum(step.setup.seconds for step in self.steps)
+
+    @property
+    def after(self) -> float:
+        """What is left over the volume with all set-ups, mm."""
+        return self.steps[-1].after if self.steps else self.before
+
+    def rows(self) -> Campaign:
+        """The campaign that the plan will give, values 0."""
+        return campaign_of(self.task, [step.setup for step in self.steps], self.warm_up)
+
+
+def campaign_of(task: Task, setups: Sequence[PlannedSetup], start: float = 0.0) -> Campaign:
+    """The rows that named set-ups will give one after the other, on one clock, values 0."""
+    parts = []
+    for setup in setups:
+        parts.append(setup.rows(task.machine, start))
+        start += setup.seconds
+    joined = join_campaigns(parts)
+    conditions = replace(joined.conditions, run=None)
+    return replace(joined, conditions=conditions)
+
+
+def plan_survey(
+    task: Task,
+    instruments: Sequence[PlannedInstrument],
+    seconds: float,
+    *,
+    apart: tuple[int, ...] = (),
+    changed: float = CHANGED,
+    compare: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> SurveyPlan:
+    """Choose set-ups for a machine, its instruments at hand and a time.
+
+    Parameters
+    ----------
+    seconds
+        The time there is, without warming up.
+    apart
+        Indices of the model's effects that are to be told apart, in place of a sure volume.
+    changed
+        Part of its believable size by which a fitted parameter may have changed since.
+    compare
+        Whether the presets are weighed as well.
+
+    Raises
+    ------
+    InputError
+        When nothing can be done: no set-up of these instruments fits travels and time.
+    """
+    tell = progress or (lambda _: None)
+    with threads_for(1):
+        tell("set-ups that can be done")
+        found = list(possible(task, instruments))
+        fine = [s for i in instruments if i.key == "laser" for s in waves(task, i)]
+        fine = [s for s in fine if task.space.hindrance(task.machine, s) is None]
+        tell("what each of them adds")
+        pool = Candidates(found, [added(task, s) for s in found])
+        if not found or float(pool.seconds.min()) > seconds:
+            raise InputError(
+                "no set-up of these instruments can be done on this machine in this time",
+                field="instruments",
+                found=", ".join(i.key for i in instruments),
+                expected="instruments that reach, room in the travels, more time",
+            )
+        volume = Volume.of(task)
+        start = Knowledge.beforehand(prior(task.model, changed), volume)
+        aim = start
+        if apart:
+            aim = Knowledge(start.precision, Volume.of_parameters(task, apart))
+        required = [Chosen(s, added(task, s)) for s in fine]
+        chosen = choose(pool, aim, seconds, required=required, progress=tell)
+        made = _ordered(task, chosen, start)
+        return replace(made, presets=_weighed(task, start, seconds) if compare else None)
+
+
+def plan_preset(
+    task: Task, preset: Preset, seconds: float, *, changed: float = CHANGED
+) -> SurveyPlan:
+    """The plan that spends a time on a preset, again and again where it is short.
+
+    Raises
+    ------
+    InputError
+        When the machine or the time allows nothing of it.
+    """
+    with threads_for(1):
+        setups = possible_of(preset, task)
+        roots = [added(task, s) for s in setups]
+        numbers = filled(setups, seconds)
+        if not numbers:
+            raise InputError(
+                "nothing of this preset can be done on this machine in this time",
+                field="preset",
+                found=preset.key,
+                expected="another preset, more time",
+            )
+        start = Knowledge.beforehand(prior(task.model, changed), Volume.of(task))
+        return _ordered(task, [Chosen(setups[i], roots[i]) for i in numbers], start)
+
+
+def _weighed(task: Task, start: Knowledge, seconds: float) -> dict[str, float]:
+    found = {}
+    for preset in PRESETS.values():
+        setups = possible_of(preset, task)
+        roots = [added(task, s) for s in setups]
+        known = start
+        for i in filled(setups, seconds):
+            known = known.with_(roots[i], setups[i].runs)
+        found[preset.key] = float(np.sqrt(known.variance))
+    return found
+
+
+_RANK = {
+    "level": 0, "angle": 0, "laser": 1, "step-gauge": 1, "gauge-block": 1, "straightness": 2,
+    "indicator": 2,
+}  # fmt: skip
+
+
+def _ordered(task: Task, chosen: Sequence[Chosen], start: Knowledge) -> SurveyPlan:
+    """Set-ups in the order of ISO/TR 16907, 10.3, with what each leaves."""
+    axes = from_the_bed(task.machine)
+
+    def rank(one: Chosen) -> tuple[int, int, int, str]:
+        setup = one.setup
+        rotary = setup.axis in task.machine.structure.rotary
+        alone = 0 if setup.axis else 1
+        place = axes.index(setup.axis) if setup.axis else len(axes)
+        return (int(rotary), alone, place * 10 + _RANK.get(setup.instrument.key, 5), setup.what)
+
+    known, steps = start, []
+    for number, one in enumerate(sorted(chosen, key=rank), start=1):
+        then = known.with_(one.root, one.setup.runs)
+        name = f"{number:02d}_{one.setup.instrument.key.replace('-', '_')}"
+        steps.append(
+            PlanStep(
+                replace(one.setup, name=name),
+                float(np.sqrt(known.variance)),
+                float(np.sqrt(then.variance)),
+            )
+        )
+        known = then
+    before = float(np.sqrt(start.variance))
+    return SurveyPlan(task, tuple(steps), before, tuple(undecided(task, known, start)))

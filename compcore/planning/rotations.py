@@ -1,0 +1,95 @@
+"""Set-ups of rotary axes: the tool follows a sphere while an axis turns (ISO 10791-6, R-test)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.iso10791.poses import following
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.kinematics import Chain
+from abbe.compcore.planning.instruments import PlannedInstrument
+from abbe.compcore.planning.planned_setup import PlannedSetup
+from abbe.compcore.planning.targets import Task
+
+F64 = NDArray[np.float64]
+
+_OUT = (80.0, 160.0)
+"""How far from the axis's line a sphere stands, mm."""
+_UP = (60.0, 200.0)
+"""How high above the table, mm."""
+
+
+def spheres(task: Task, instrument: PlannedInstrument) -> Iterator[PlannedSetup]:
+    """A sphere on the table is followed while one rotary axis turns, others at two angles."""
+    machine = task.machine
+    rotary = machine.structure.rotary
+    if any(a not in machine.axes for a in "XYZ"):
+        return
+    for axis in rotary:
+        angles = _angles(task, axis)
+        others = [a for a in rotary if a != axis]
+        for out, up, (tool, offset) in product(_OUT, _UP, task.tools.items()):
+            for part in (0.5, 0.8) if others else (0.5,):
+                stand = task.standing()
+                if part != 0.5:
+                    stand |= {a: task.at(a, part) for a in others}
+                sphere = _sphere(task, out, up)
+                turned = {a: np.full(len(angles), stand[a]) for a in others} | {axis: angles}
+                tools = np.tile(np.asarray(offset), (len(angles), 1))
+                point = np.tile(sphere, (len(angles), 1))
+                targets = following(machine, turned, point, tools)
+                kept = _reached(task, targets)
+                if kept.sum() < max(5, len(angles) // 2):
+                    continue
+                targets = {a: np.round(q[kept], 5) for a, q in targets.items()}
+                place = "".join(f", {a} {np.degrees(stand[a]):.0f}°" for a in others)
+                beside = f", tool {tool}" if len(task.tools) > 1 else ""
+                count = int(kept.sum())
+                yield PlannedSetup(
+                    instrument,
+                    f"{axis} turns, sphere {out:.0f} mm out, {up:.0f} mm up{place}{beside}", axis,
+                    targets, np.broadcast_to(np.eye(3), (count, 3, 3)).copy(), Kind.DISPLACEMENT,
+                    ("frame",), np.full(count, instrument.uncertainty(0.0)), tool, offset,
+                    optics={"the sphere stands": (sphere[0], sphere[1], sphere[2])},
+                )  # fmt: skip
+
+
+def _angles(task: Task, axis: str) -> F64:
+    low, high = task.ends(axis)
+    count = task.count(axis)
+    whole = high - low >= 2.0 * np.pi * (1.0 - 1e-9)
+    return np.linspace(low, high, count, endpoint=not whole)
+
+
+def _sphere(task: Task, out: float, up: float) -> F64:
+    """A place on the table: beside the line of its axis, or in the middle of the travels."""
+    machine = task.machine
+    table = [a for a in machine.structure.rotary if a in machine.structure.workpiece_side]
+    if table:
+        own = machine.axes[table[0]]
+        along = np.asarray(own.direction)
+        across = np.eye(3)[int(np.argmin(np.abs(along)))]
+        return np.asarray(own.location) + out * across + up * along
+    stand = task.standing()
+    middle = np.array([stand[a] for a in "XYZ"]) + next(iter(task.tools.values()))
+    return middle + np.array([out, 0.0, up - _UP[0]])
+
+
+def _reached(task: Task, targets: dict[str, F64]) -> NDArray[np.bool_]:
+    """Which poses lie inside the travels with room to come from both sides."""
+    kept = np.ones(len(next(iter(targets.values()))), dtype=np.bool_)
+    for a in task.machine.structure.linear:
+        low, high = task.ends(a)
+        kept &= (targets[a] >= low) & (targets[a] <= high)
+    return kept
+
+
+def functional_points(task: Task, setup: PlannedSetup) -> F64:
+    """The functional point at each target, (k, 3), mm, in the workpiece's frame."""
+    tools = np.tile(np.asarray(setup.offset), (setup.count, 1))
+    return Chain(task.machine, Conditions(dict(setup.targets), tool=tools)).point
