@@ -58,7 +58,10 @@ DRIVERS: tuple[Rooms, ...] = (
     ),
 )
 COMPCORE: tuple[Rooms, ...] = (
-    (("monitoring", "is the model still true: check measurements on control charts"),),
+    (
+        ("planning", "which set-ups make the machine surest"),
+        ("monitoring", "is the model still true: control charts"),
+    ),
     (
         ("tables", "what controllers hold"),
         ("diagnosis", "what is missing"),

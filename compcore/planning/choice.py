@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.planning.knowledge import Volume
+from abbe.compcore.planning.knowledge import VolumeError
 from abbe.compcore.planning.planned_setup import PlannedSetup
 
 F64 = NDArray[np.float64]
@@ -35,14 +35,14 @@ class Knowledge:
         Mean square of the error that is left over the volume, mm².
     """
 
-    def __init__(self, precision: F64, volume: Volume) -> None:
+    def __init__(self, precision: F64, volume: VolumeError) -> None:
         self.precision = precision
         self.covariance = inverse(precision)
         self.volume = volume
         self.variance = volume.mean(self.covariance) ** 2
 
     @classmethod
-    def beforehand(cls, covariance: F64, volume: Volume) -> Knowledge:
+    def beforehand(cls, covariance: F64, volume: VolumeError) -> Knowledge:
         """What is known before any set-up (`knowledge.prior`)."""
         return cls(inverse(covariance), volume)
 

@@ -9,12 +9,13 @@ unknown: zero, slope, frame, base point.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind, Setup
-from abbe.compcore.effects.base import SPINDLE, WORKPIECE, ErrorMotion
+from abbe.compcore.effects.base import SPINDLE, WORKPIECE, Component, Effect, ErrorMotion
 from abbe.compcore.errors import InputError
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.linalg import svd
@@ -22,7 +23,7 @@ from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.model.model import Model
 from abbe.compcore.planning.planned_setup import PlannedSetup, resting
-from abbe.compcore.planning.targets import Task
+from abbe.compcore.planning.targets import SurveyTask
 
 F64 = NDArray[np.float64]
 
@@ -33,7 +34,7 @@ CHANGED = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Volume:
+class VolumeError:
     """The corrected machine's error over the volume, as a linear map of the unknowns.
 
     Attributes
@@ -50,7 +51,7 @@ class Volume:
     weight: F64
 
     @classmethod
-    def of(cls, task: Task, count: int = _POINTS) -> Volume:
+    def of(cls, task: SurveyTask, count: int = _POINTS) -> VolumeError:
         """Points spread over all travels, from both sides, with every tool."""
         rng = np.random.default_rng(16907)
         machine = task.machine
@@ -64,15 +65,17 @@ class Volume:
         parts = [_field(task.model, at, u) for u in np.eye(3)]
         field = np.stack(parts, axis=1).reshape(3 * count, -1)
         chain = Chain(machine, at)
-        moves = [(WORKPIECE, k) for k in "XYZABC"] + [(SPINDLE, k) for k in "XYZ"]
-        moved = [chain.influence(ErrorMotion(p, k))[0].reshape(-1) for p, k in moves]  # type: ignore[arg-type]
-        left, size, _ = svd(np.stack(moved, axis=1) / _sizes(np.stack(moved, axis=1)))
+        every = get_args(Component)
+        moves = [ErrorMotion(WORKPIECE, k) for k in every]
+        moves += [ErrorMotion(SPINDLE, k) for k in every if k in "XYZ"]
+        moved = np.stack([chain.influence(m)[0].reshape(-1) for m in moves], axis=1)
+        left, size, _ = svd(moved / _sizes(moved))
         left = left[:, size > 1e-9 * size[0]]
         field = field - left @ (left.T @ field)
         return cls(field, field.T @ field / count)
 
     @classmethod
-    def of_parameters(cls, task: Task, terms: tuple[int, ...]) -> Volume:
+    def of_parameters(cls, task: SurveyTask, terms: tuple[int, ...]) -> VolumeError:
         """In place of the volume the parameters of some effects, in units of believable sizes.
 
         What tells these effects apart determines them all at once.
@@ -136,10 +139,10 @@ def _columns(model: Model, campaign: Campaign) -> F64:
         left, size, _ = svd(placed / _sizes(placed))
         left = left[:, size > _RANK * size[0]]
         own = own - left @ (left.T @ own)
-    return own
+    return np.asarray(own)
 
 
-def added(task: Task, setup: PlannedSetup) -> F64:
+def added(task: SurveyTask, setup: PlannedSetup) -> F64:
     """What one run of a set-up adds: a matrix R with ``RᵀR`` its information, (k, m).
 
     More runs of it multiply that by their number, since they share what the placing leaves unknown.
@@ -147,7 +150,7 @@ def added(task: Task, setup: PlannedSetup) -> F64:
     columns = _columns(task.model, setup.rows(task.machine))
     _, size, turned = svd(columns)
     kept = size > _RANK * max(float(size[0]) if len(size) else 0.0, 1e-300)
-    return np.asarray(size[kept, None] * turned[kept]) / np.sqrt(setup.runs)
+    return np.asarray(size[kept, None] * turned[kept] / np.sqrt(setup.runs))
 
 
 def scales(model: Model) -> F64:
@@ -170,7 +173,7 @@ def prior(model: Model, changed: float = CHANGED) -> F64:
     scale = scales(model)
     if model.covariance is None:
         return np.eye(len(scale))
-    fitted = [t.fitted for t in model.terms for _ in _parameters(model, t)]
+    fitted = [t.fitted for t in model.terms for _ in _parameters(model, t.effect)]
     if model.covariance.shape[0] != sum(fitted):
         raise InputError(
             "the covariance is not that of the model's parameters",
@@ -186,10 +189,9 @@ def prior(model: Model, changed: float = CHANGED) -> F64:
     return found
 
 
-def _parameters(model: Model, term: object) -> tuple[str, ...]:
-    effect = term.effect  # type: ignore[attr-defined]
-    own = (*effect.linear(model.machine), *effect.nonlinear(model.machine))
-    return tuple(p.name for p in own)
+def _parameters(model: Model, effect: Effect) -> tuple[str, ...]:
+    names = [p.name for p in effect.linear(model.machine)]
+    return (*names, *(p.name for p in effect.nonlinear(model.machine)))
 
 
 def unknowns(model: Model) -> NDArray[np.int64]:

@@ -13,14 +13,14 @@ from abbe.compcore.campaign.join import join_campaigns
 from abbe.compcore.campaign.plan import from_the_bed
 from abbe.compcore.errors import InputError
 from abbe.compcore.linalg import threads_for
-from abbe.compcore.planning.candidates import possible
 from abbe.compcore.planning.choice import Candidates, Chosen, Knowledge, choose
 from abbe.compcore.planning.instruments import PlannedInstrument
-from abbe.compcore.planning.knowledge import CHANGED, Volume, added, prior
-from abbe.compcore.planning.lines import waves
+from abbe.compcore.planning.knowledge import CHANGED, VolumeError, added, prior
 from abbe.compcore.planning.planned_setup import PlannedSetup
-from abbe.compcore.planning.presets import PRESETS, Preset, filled, possible_of
-from abbe.compcore.planning.targets import Task
+from abbe.compcore.planning.setups.candidates import possible
+from abbe.compcore.planning.setups.lines import waves
+from abbe.compcore.planning.setups.presets import PRESETS, Preset, filled, possible_of
+from abbe.compcore.planning.targets import SurveyTask
 from abbe.compcore.planning.undetermined import Undecided, undecided
 
 F64 = NDArray[np.float64]
@@ -65,7 +65,7 @@ class SurveyPlan:
         Before the first reading, s.
     """
 
-    task: Task
+    task: SurveyTask
     steps: tuple[PlanStep, ...]
     before: float
     left: tuple[Undecided, ...] = ()
@@ -87,7 +87,7 @@ class SurveyPlan:
         return campaign_of(self.task, [step.setup for step in self.steps], self.warm_up)
 
 
-def campaign_of(task: Task, setups: Sequence[PlannedSetup], start: float = 0.0) -> Campaign:
+def campaign_of(task: SurveyTask, setups: Sequence[PlannedSetup], start: float = 0.0) -> Campaign:
     """The rows that named set-ups will give one after the other, on one clock, values 0."""
     parts = []
     for setup in setups:
@@ -99,7 +99,7 @@ def campaign_of(task: Task, setups: Sequence[PlannedSetup], start: float = 0.0) 
 
 
 def plan_survey(
-    task: Task,
+    task: SurveyTask,
     instruments: Sequence[PlannedInstrument],
     seconds: float,
     *,
@@ -141,11 +141,11 @@ def plan_survey(
                 found=", ".join(i.key for i in instruments),
                 expected="instruments that reach, room in the travels, more time",
             )
-        volume = Volume.of(task)
+        volume = VolumeError.of(task)
         start = Knowledge.beforehand(prior(task.model, changed), volume)
         aim = start
         if apart:
-            aim = Knowledge(start.precision, Volume.of_parameters(task, apart))
+            aim = Knowledge(start.precision, VolumeError.of_parameters(task, apart))
         required = [Chosen(s, added(task, s)) for s in fine]
         chosen = choose(pool, aim, seconds, required=required, progress=tell)
         made = _ordered(task, chosen, start)
@@ -153,7 +153,7 @@ def plan_survey(
 
 
 def plan_preset(
-    task: Task, preset: Preset, seconds: float, *, changed: float = CHANGED
+    task: SurveyTask, preset: Preset, seconds: float, *, changed: float = CHANGED
 ) -> SurveyPlan:
     """The plan that spends a time on a preset, again and again where it is short.
 
@@ -173,11 +173,11 @@ def plan_preset(
                 found=preset.key,
                 expected="another preset, more time",
             )
-        start = Knowledge.beforehand(prior(task.model, changed), Volume.of(task))
+        start = Knowledge.beforehand(prior(task.model, changed), VolumeError.of(task))
         return _ordered(task, [Chosen(setups[i], roots[i]) for i in numbers], start)
 
 
-def _weighed(task: Task, start: Knowledge, seconds: float) -> dict[str, float]:
+def _weighed(task: SurveyTask, start: Knowledge, seconds: float) -> dict[str, float]:
     found = {}
     for preset in PRESETS.values():
         setups = possible_of(preset, task)
@@ -195,7 +195,7 @@ _RANK = {
 }  # fmt: skip
 
 
-def _ordered(task: Task, chosen: Sequence[Chosen], start: Knowledge) -> SurveyPlan:
+def _ordered(task: SurveyTask, chosen: Sequence[Chosen], start: Knowledge) -> SurveyPlan:
     """Set-ups in the order of ISO/TR 16907, 10.3, with what each leaves."""
     axes = from_the_bed(task.machine)
 

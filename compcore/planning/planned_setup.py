@@ -151,8 +151,10 @@ class PlannedSetup:
             positions={a: q[at] for a, q in self.targets.items()},
             directions={a: s[visit] for a, s in self.senses().items()},
             tool=np.tile(np.asarray(self.offset), (n, 1)),
-            time=start + self.instrument.setup + pace * visit,
-            signals={s.name: np.full(n, resting(machine, s.name)) for s in machine.signals.values()},
+            time=np.asarray(start + self.instrument.setup + pace * visit, dtype=np.float64),
+            signals={
+                s.name: np.full(n, resting(machine, s.name)) for s in machine.signals.values()
+            },
             setup=np.full(n, name),
             u=self.u.reshape(-1, 3)[at * parts + np.tile(np.arange(parts), len(order))],
             base=base,

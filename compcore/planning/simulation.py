@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.fit import fit
-from abbe.compcore.planning.knowledge import Volume, scales
+from abbe.compcore.planning.knowledge import VolumeError, scales
 from abbe.compcore.planning.plan import SurveyPlan
 
 F64 = NDArray[np.float64]
@@ -43,6 +43,11 @@ def carry_out(plan: SurveyPlan, seed: int = 1, amount: float = AMOUNT) -> Reache
     ----------
     amount
         Standard deviation of the machine's parameters, in believable sizes.
+
+    Raises
+    ------
+    ValueError
+        When the model has nothing to be fitted.
     """
     rng = np.random.default_rng(seed)
     model = plan.task.model
@@ -55,13 +60,14 @@ def carry_out(plan: SurveyPlan, seed: int = 1, amount: float = AMOUNT) -> Reache
     noise = blank.sd * rng.standard_normal(blank.n)
     measured = replace(blank, value=problem.predicted(truth) + noise)
     result = fit(model, measured)
-    volume = Volume.of(plan.task)
+    volume = VolumeError.of(plan.task)
     scale = scales(model)
     points = len(volume.field) / 3
     found = result.theta[:size] / scale
     true = truth[:size] / scale
     covariance = result.model.covariance
-    assert covariance is not None
+    if covariance is None:
+        raise ValueError("a fitted model has a covariance")
     return Reached(
         float(np.linalg.norm(volume.field @ true) / np.sqrt(points)),
         float(np.linalg.norm(volume.field @ (found - true)) / np.sqrt(points)),

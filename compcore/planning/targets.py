@@ -25,7 +25,7 @@ _EDGE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class SurveyTask:
     """What set-ups are planned for.
 
     Attributes
@@ -102,9 +102,11 @@ class Task:
         steps = line_steps(self.machine.axes[name], self.waves.get(name), self.held)
         if len(steps) < 2:
             return None
-        return steps[1].first, steps[1].first + steps[1].step * (
-            steps[1].targets - 1
-        ), steps[1].targets
+        return (
+            steps[1].first,
+            steps[1].first + steps[1].step * (steps[1].targets - 1),
+            steps[1].targets,
+        )
 
     def _unknowns(self, axis: Axis) -> int:
         most = 0

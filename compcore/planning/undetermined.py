@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from abbe.compcore.linalg import svd
 from abbe.compcore.planning.choice import Knowledge
 from abbe.compcore.planning.knowledge import unknowns
-from abbe.compcore.planning.targets import Task
+from abbe.compcore.planning.targets import SurveyTask
 
 F64 = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ class Undecided:
         return f"{' with '.join(self.effects)}: {self.size * 1e3:.3g} µm over the volume"
 
 
-def undecided(task: Task, known: Knowledge, start: Knowledge) -> Iterator[Undecided]:
+def undecided(task: SurveyTask, known: Knowledge, start: Knowledge) -> Iterator[Undecided]:
     """Combinations that the rows say less of than was known before, largest in the volume first."""
     told = known.precision - start.precision
     half = np.linalg.cholesky(start.covariance)

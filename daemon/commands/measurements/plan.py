@@ -1,15 +1,22 @@
-"""``abbe plan``: what to measure on a machine, in which order and in which steps."""
+"""``abbe plan``: what to measure: a list by the standard, or the best use of a time."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from abbe.daemon.arguments.bounded import within
 from abbe.daemon.arguments.options import AsJson, Force
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from abbe.compcore.model.model import Model
+    from abbe.compcore.planning.plan import SurveyPlan
+    from abbe.compcore.planning.targets import SurveyTask
 
 
 def register(app: typer.Typer) -> None:
@@ -34,6 +41,41 @@ def plan(
             callback=within(0.41, 0.999, ""), help="Part of its amplitude that tables shall hold."
         ),
     ] = 0.8,
+    instruments: Annotated[
+        str | None, typer.Option(help="Instruments at hand: laser,ball-bar,…; all: every one.")
+    ] = None,
+    time: Annotated[str, typer.Option(help="Time there is: 4h, 90min.")] = "4h",
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="The plan.", metavar="PLAN.toml")
+    ] = None,
+    preset: Annotated[
+        str | None, typer.Option(help="A usual programme instead: iso230-2, iso230-6, …")
+    ] = None,
+    tool: Annotated[
+        list[str] | None,
+        typer.Option(help="A tool's offset, mm; may be repeated.", metavar="NAME=x,y,z"),
+    ] = None,
+    keep_out: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A box the tool must not enter, mm; may be repeated.", metavar="x,y,z:x,y,z"
+        ),
+    ] = None,
+    tool_radius: Annotated[
+        float,
+        typer.Option(callback=within(0.0, 1000.0, "mm"), help="Tool with its holder, mm."),
+    ] = 0.0,
+    apart: Annotated[
+        list[str] | None,
+        typer.Option(help="Tell these causes apart instead; give two or more.", metavar="EFFECT"),
+    ] = None,
+    changed: Annotated[
+        float,
+        typer.Option(
+            callback=within(0.001, 1.0, ""),
+            help="Part of its believable size by which a fitted value may have changed.",
+        ),
+    ] = 0.05,
     as_json: AsJson = False,
     report: Annotated[
         Path | None, typer.Option(help="A page to take along.", metavar="FILE.html")
@@ -42,30 +84,111 @@ def plan(
 ) -> None:
     """List what to measure on a machine, in the order of ISO/TR 16907, 10.3, with steps.
 
-    An example: abbe plan model.toml --wave X=10 --report plan.html
+    With --instruments: the set-ups that make the corrected machine surest in the time there is.
+
+    An example: abbe plan model.toml --instruments laser,ball-bar --time 4h -o plan.toml
     """
     from math import radians
 
-    from abbe.compcore.campaign.plan import measurement_plan
     from abbe.compcore.files.model_file import load_model
     from abbe.compcore.machine.plausible import Range
     from abbe.compcore.machine.structure import is_rotary
-    from abbe.daemon.answers.measurements import plan as answer
     from abbe.daemon.arguments.assignments import number, split_assignments
-    from abbe.daemon.outputs import REPORT, check_outputs
+    from abbe.daemon.outputs import PLAN, REPORT, check_outputs
 
-    say = check_outputs([model], [(report, REPORT)], force=force, as_json=as_json)
+    say = check_outputs([model], [(out, PLAN), (report, REPORT)], force=force, as_json=as_json)
     waves = {}
     for axis, text in split_assignments(wave or []).items():
         rotary = bool(axis) and is_rotary(axis)
         length = number("wave", text, "degrees" if rotary else "mm", Range(1e-6, 1e5, ""))
         waves[axis] = radians(length) if rotary else length
-    machine = load_model(model).machine
+    loaded = load_model(model)
+    if instruments is None and preset is None:
+        _list(loaded, model, waves, held, out, report, say, as_json=as_json)
+        return
+
+    from abbe.compcore.files.plan_file import write_plan
+    from abbe.compcore.planning.envelope import WorkingSpace
+    from abbe.compcore.planning.targets import SurveyTask
+    from abbe.daemon.answers.measurements import survey as answer
+    from abbe.daemon.arguments.plan_arguments import (
+        keep_out_of,
+        seconds_of,
+        tools_of,
+        with_effects,
+    )
+
+    grown, places = with_effects(_determined(loaded), apart or [])
+    task = SurveyTask(
+        grown, WorkingSpace(keep_out_of(keep_out or []), tool_radius), tools_of(tool or []),
+        waves, held,
+    )  # fmt: skip
+    made = _planned(task, instruments, preset, seconds_of(time), places, changed)
+    if out is not None:
+        write_plan(made, out, str(model))
+    if report is not None:
+        from abbe.daemon.report.measurements.survey import page
+
+        page(made, model).write(report)
+    if as_json:
+        say(json.dumps(answer.as_json(made), ensure_ascii=False))
+        return
+    for line in answer.as_text(made):
+        say(line)
+    written = ", ".join(str(p) for p in (out, report) if p is not None)
+    if written:
+        say(f"written: {written}")
+
+
+def _determined(loaded: Model) -> Model:
+    """The model whose parameters are to be determined; the start model where it has no effects."""
+    from abbe.compcore.model.start_model import StartOptions, start_model
+
+    if loaded.effects:
+        return loaded
+    rotary = bool(loaded.machine.structure.rotary)
+    return start_model(loaded.machine, StartOptions(play=True, rotary_motions=rotary))
+
+
+def _planned(
+    task: SurveyTask, instruments: str | None, preset: str | None, seconds: float,
+    places: tuple[int, ...], changed: float,
+) -> SurveyPlan:  # fmt: skip
+    from abbe.compcore.planning.instruments import instruments_called
+    from abbe.compcore.planning.plan import plan_preset, plan_survey
+    from abbe.compcore.planning.setups.presets import preset_called
+    from abbe.daemon.progress import shown
+
+    if preset is not None:
+        return plan_preset(task, preset_called(preset), seconds, changed=changed)
+    called = instruments_called([w.strip() for w in (instruments or "").split(",")])
+    with shown("set-ups that can be done") as tell:
+        return plan_survey(
+            task, called, seconds, apart=places, changed=changed, compare=True, progress=tell
+        )
+
+
+def _list(
+    loaded: Model, path: Path, waves: dict[str, float], held: float, out: Path | None,
+    report: Path | None, say: Callable[[str], None], *, as_json: bool,
+) -> None:  # fmt: skip
+    """The direct measurements of the machine, whatever instruments there are."""
+    from abbe.compcore.campaign.plan import measurement_plan
+    from abbe.compcore.errors import InputError
+    from abbe.daemon.answers.measurements import plan as answer
+
+    if out is not None:
+        raise InputError(
+            "a plan needs to know what it may use",
+            field="instruments",
+            expected="--instruments laser,ball-bar,… or --preset iso230-2",
+        )
+    machine = loaded.machine
     made = measurement_plan(machine, waves, held)
     if report is not None:
         from abbe.daemon.report.measurements.plan import page
 
-        page(machine, made, model).write(report)
+        page(machine, made, path).write(report)
     if as_json:
         say(json.dumps(answer.as_json(machine, made), ensure_ascii=False))
         return

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from abbe.compcore.planning import lines, points, rotations
 from abbe.compcore.planning.instruments import PlannedInstrument
 from abbe.compcore.planning.planned_setup import PlannedSetup
-from abbe.compcore.planning.targets import Task
+from abbe.compcore.planning.setups import lines, points, rotations
+from abbe.compcore.planning.targets import SurveyTask
 
 
-
-def possible(task: Task, instruments: Sequence[PlannedInstrument]) -> Iterator[PlannedSetup]:
+def possible(task: SurveyTask, instruments: Sequence[PlannedInstrument]) -> Iterator[PlannedSetup]:
     """Set-ups within travels and outside keep-out boxes, one run each."""
     for instrument in instruments:
         for setup in _of(task, instrument):
@@ -19,7 +18,7 @@ def possible(task: Task, instruments: Sequence[PlannedInstrument]) -> Iterator[P
                 yield setup
 
 
-def _of(task: Task, instrument: PlannedInstrument) -> Iterator[PlannedSetup]:
+def _of(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[PlannedSetup]:
     key = instrument.key
     if key in ("laser", "straightness", "angle", "level", "indicator", "step-gauge"):
         yield from lines.axis_lines(task, instrument)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.machine.machine import nominal_direction
 from abbe.compcore.planning.instruments import PlannedInstrument
-from abbe.compcore.planning.lines import PARTS, line
 from abbe.compcore.planning.planned_setup import PlannedSetup
-from abbe.compcore.planning.targets import Task
+from abbe.compcore.planning.setups.lines import PARTS, line
+from abbe.compcore.planning.targets import SurveyTask
 
 F64 = NDArray[np.float64]
 
@@ -25,11 +25,11 @@ _BALLS = 5
 _BLOCKS = (100.0, 300.0, 500.0)
 
 
-def _whole(task: Task) -> bool:
+def _whole(task: SurveyTask) -> bool:
     return all(a in task.machine.axes for a in "XYZ")
 
 
-def ball_bars(task: Task, instrument: PlannedInstrument) -> Iterator[PlannedSetup]:
+def ball_bars(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[PlannedSetup]:
     """Circles in the three planes, at two heights each, as large as travels and bar allow."""
     for pair in ("XY", "YZ", "ZX"):
         if any(a not in task.machine.axes for a in pair):
@@ -60,7 +60,7 @@ def ball_bars(task: Task, instrument: PlannedInstrument) -> Iterator[PlannedSetu
 
 
 def distances(
-    task: Task, instrument: PlannedInstrument, *, seed: int = 16907, count: int = _POINTS
+    task: SurveyTask, instrument: PlannedInstrument, *, seed: int = 16907, count: int = _POINTS
 ) -> Iterator[PlannedSetup]:
     """Distances from base points at the corners below the volume to points spread in it."""
     if not _whole(task):
@@ -92,13 +92,11 @@ def distances(
 
 def _spread(rng: np.random.Generator, count: int) -> F64:
     """Points spread evenly and at random over the unit cube; the ends included (Latin square)."""
-    columns = []
-    for _ in range(3):
-        columns.append(rng.permutation(np.linspace(0.0, 1.0, count)))
+    columns = [rng.permutation(np.linspace(0.0, 1.0, count)) for _ in range(3)]
     return np.stack(columns, axis=1)
 
 
-def ball_plates(task: Task, instrument: PlannedInstrument) -> Iterator[PlannedSetup]:
+def ball_plates(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[PlannedSetup]:
     """A plate of 5 × 5 balls in the three planes, at two places each."""
     if not _whole(task):
         return
@@ -123,7 +121,7 @@ def ball_plates(task: Task, instrument: PlannedInstrument) -> Iterator[PlannedSe
             yield made
 
 
-def gauge_blocks(task: Task, instrument: PlannedInstrument) -> Iterator[PlannedSetup]:
+def gauge_blocks(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[PlannedSetup]:
     """Gauge blocks along the axes and on diagonals of planes, near the middle."""
     for axes in ("X", "Y", "Z", "XY", "YZ", "XZ"):
         if any(a not in task.machine.axes for a in axes):

@@ -14,7 +14,7 @@ from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.planning.instruments import PlannedInstrument
 from abbe.compcore.planning.planned_setup import PlannedSetup
-from abbe.compcore.planning.targets import Task
+from abbe.compcore.planning.targets import SurveyTask
 
 F64 = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ _UP = (60.0, 200.0)
 """How high above the table, mm."""
 
 
-def spheres(task: Task, instrument: PlannedInstrument) -> Iterator[PlannedSetup]:
+def spheres(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[PlannedSetup]:
     """A sphere on the table is followed while one rotary axis turns, others at two angles."""
     machine = task.machine
     rotary = machine.structure.rotary
@@ -59,14 +59,14 @@ def spheres(task: Task, instrument: PlannedInstrument) -> Iterator[PlannedSetup]
                 )  # fmt: skip
 
 
-def _angles(task: Task, axis: str) -> F64:
+def _angles(task: SurveyTask, axis: str) -> F64:
     low, high = task.ends(axis)
     count = task.count(axis)
     whole = high - low >= 2.0 * np.pi * (1.0 - 1e-9)
-    return np.linspace(low, high, count, endpoint=not whole)
+    return np.asarray(np.linspace(low, high, count, endpoint=not whole))
 
 
-def _sphere(task: Task, out: float, up: float) -> F64:
+def _sphere(task: SurveyTask, out: float, up: float) -> F64:
     """A place on the table: beside the line of its axis, or in the middle of the travels."""
     machine = task.machine
     table = [a for a in machine.structure.rotary if a in machine.structure.workpiece_side]
@@ -74,13 +74,13 @@ def _sphere(task: Task, out: float, up: float) -> F64:
         own = machine.axes[table[0]]
         along = np.asarray(own.direction)
         across = np.eye(3)[int(np.argmin(np.abs(along)))]
-        return np.asarray(own.location) + out * across + up * along
+        return np.asarray(np.asarray(own.location) + out * across + up * along)
     stand = task.standing()
     middle = np.array([stand[a] for a in "XYZ"]) + next(iter(task.tools.values()))
-    return middle + np.array([out, 0.0, up - _UP[0]])
+    return np.asarray(middle + np.array([out, 0.0, up - _UP[0]]))
 
 
-def _reached(task: Task, targets: dict[str, F64]) -> NDArray[np.bool_]:
+def _reached(task: SurveyTask, targets: dict[str, F64]) -> NDArray[np.bool_]:
     """Which poses lie inside the travels with room to come from both sides."""
     kept = np.ones(len(next(iter(targets.values()))), dtype=np.bool_)
     for a in task.machine.structure.linear:
@@ -89,7 +89,7 @@ def _reached(task: Task, targets: dict[str, F64]) -> NDArray[np.bool_]:
     return kept
 
 
-def functional_points(task: Task, setup: PlannedSetup) -> F64:
+def functional_points(task: SurveyTask, setup: PlannedSetup) -> F64:
     """The functional point at each target, (k, 3), mm, in the workpiece's frame."""
     tools = np.tile(np.asarray(setup.offset), (setup.count, 1))
     return Chain(task.machine, Conditions(dict(setup.targets), tool=tools)).point

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.planning import lines, points, rotations
 from abbe.compcore.planning.instruments import INSTRUMENTS
 from abbe.compcore.planning.planned_setup import PlannedSetup
-from abbe.compcore.planning.targets import Task
+from abbe.compcore.planning.setups import lines, points, rotations
+from abbe.compcore.planning.targets import SurveyTask
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,21 +28,21 @@ class Preset:
 
     key: str
     title: str
-    setups: Callable[[Task], Iterator[PlannedSetup]]
+    setups: Callable[[SurveyTask], Iterator[PlannedSetup]]
 
 
-def _iso230_2(task: Task) -> Iterator[PlannedSetup]:
+def _iso230_2(task: SurveyTask) -> Iterator[PlannedSetup]:
     laser = INSTRUMENTS["laser"]
     for setup in lines.axis_lines(task, laser, lines.PARTS[:1]):
         yield replace(setup, runs=5)
 
 
-def _iso230_6(task: Task) -> Iterator[PlannedSetup]:
+def _iso230_6(task: SurveyTask) -> Iterator[PlannedSetup]:
     for setup in lines.diagonals(task, INSTRUMENTS["laser"], faces=False):
         yield replace(setup, runs=5)
 
 
-def _iso10360_2(task: Task) -> Iterator[PlannedSetup]:
+def _iso10360_2(task: SurveyTask) -> Iterator[PlannedSetup]:
     """Five lengths, three times, in seven positions: 6 ends of a step gauge on each line."""
     gauge = replace(INSTRUMENTS["step-gauge"], reach=1e5)
     for setup in lines.axis_lines(task, gauge, lines.PARTS[:1], targets=6):
@@ -51,14 +51,14 @@ def _iso10360_2(task: Task) -> Iterator[PlannedSetup]:
         yield replace(setup, runs=3)
 
 
-def _krulewich(task: Task) -> Iterator[PlannedSetup]:
+def _krulewich(task: SurveyTask) -> Iterator[PlannedSetup]:
     """Distances from three bases, with every tool, to random positions."""
     for setup in points.distances(task, INSTRUMENTS["tracker"], seed=1995, count=100):
         if "corner 4" not in setup.what:
             yield setup
 
 
-def _iso10791_6(task: Task) -> Iterator[PlannedSetup]:
+def _iso10791_6(task: SurveyTask) -> Iterator[PlannedSetup]:
     seen: set[str] = set()
     for setup in rotations.spheres(task, INSTRUMENTS["r-test"]):
         if setup.axis not in seen:
@@ -66,7 +66,7 @@ def _iso10791_6(task: Task) -> Iterator[PlannedSetup]:
             yield replace(setup, runs=2)
 
 
-def _iso16907(task: Task) -> Iterator[PlannedSetup]:
+def _iso16907(task: SurveyTask) -> Iterator[PlannedSetup]:
     """The direct measurements of 10.3: angles, positioning, straightness, squareness, rotary."""
     for key, runs in (("angle", 2), ("level", 2), ("laser", 5), ("straightness", 2)):
         for setup in lines.axis_lines(task, INSTRUMENTS[key], lines.PARTS[:1]):
@@ -111,7 +111,7 @@ def preset_called(name: str) -> Preset:
     return PRESETS[name]
 
 
-def possible_of(preset: Preset, task: Task) -> list[PlannedSetup]:
+def possible_of(preset: Preset, task: SurveyTask) -> list[PlannedSetup]:
     """The set-ups of a preset that travels and keep-out boxes allow."""
     return [s for s in preset.setups(task) if task.space.hindrance(task.machine, s) is None]
 

@@ -12,7 +12,7 @@ from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.machine.machine import nominal_direction, own_component
 from abbe.compcore.planning.instruments import PlannedInstrument
 from abbe.compcore.planning.planned_setup import PlannedSetup
-from abbe.compcore.planning.targets import Task
+from abbe.compcore.planning.targets import SurveyTask
 
 F64 = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ _AWAY = 150.0
 
 
 def line(
-    task: Task,
+    task: SurveyTask,
     instrument: PlannedInstrument,
     ends: Mapping[str, tuple[float, float]],
     count: int,
@@ -75,7 +75,7 @@ def _place(at: F64) -> tuple[float, float, float]:
 
 
 def through(
-    task: Task, axis: str, parts: tuple[float, float], part: tuple[float, float] = (0.0, 1.0)
+    task: SurveyTask, axis: str, parts: tuple[float, float], part: tuple[float, float] = (0.0, 1.0)
 ) -> tuple[dict[str, tuple[float, float]], str]:
     """A line along one axis: ends of all axes, and its place in words."""
     others = [a for a in "XYZ" if a in task.machine.axes and a != axis]
@@ -88,7 +88,7 @@ def through(
 
 
 def axis_lines(
-    task: Task,
+    task: SurveyTask,
     instrument: PlannedInstrument,
     places: Sequence[tuple[float, float]] = PARTS,
     targets: int = 0,
@@ -126,8 +126,11 @@ def _readings(
     others = [k for k in "XYZ" if k != own]
     unit = dict(zip("XYZ", np.eye(3), strict=True))
     if instrument.key in ("laser", "step-gauge"):
-        yield np.asarray(nominal_direction(axis)), f"positioning of {axis}", Kind.DISPLACEMENT, (
-            "zero",
+        yield (
+            np.asarray(nominal_direction(axis)),
+            f"positioning of {axis}",
+            Kind.DISPLACEMENT,
+            ("zero",),
         )
     elif instrument.key in ("straightness", "indicator"):
         for k in others:
@@ -141,7 +144,7 @@ def _readings(
 
 
 def diagonals(
-    task: Task, instrument: PlannedInstrument, *, faces: bool = True, count: int = 0
+    task: SurveyTask, instrument: PlannedInstrument, *, faces: bool = True, count: int = 0
 ) -> Iterator[PlannedSetup]:
     """Body diagonals (ISO 230-6) and, where asked for, face diagonals, read by a laser."""
     if any(a not in task.machine.axes for a in "XYZ"):
@@ -158,7 +161,7 @@ def diagonals(
 
 
 def _diagonal(
-    task: Task,
+    task: SurveyTask,
     instrument: PlannedInstrument,
     turned: Mapping[str, int],
     parts: Mapping[str, float],
@@ -180,7 +183,7 @@ def _diagonal(
     )
 
 
-def waves(task: Task, instrument: PlannedInstrument) -> Iterator[PlannedSetup]:
+def waves(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[PlannedSetup]:
     """Short lines in fine steps, which show the waves that are asked for (rule of steps)."""
     for axis in task.waves:
         fine = task.fine(axis)

@@ -1,0 +1,84 @@
+"""The answer of ``abbe plan --instruments``: set-ups, times, what is left, as JSON and as text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from abbe.compcore.planning.plan import PlanStep, SurveyPlan
+from abbe.compcore.planning.setups.presets import PRESETS
+from abbe.daemon.answers.measurements.plan import BEFORE
+
+MEANING = (
+    "µm: standard uncertainty of the corrected machine's error vector, root of the mean square "
+    "over the volume"
+)
+
+
+def as_json(plan: SurveyPlan) -> dict[str, Any]:
+    """One object for ``--json``."""
+    return {
+        "machine": plan.task.machine.name,
+        "structure": str(plan.task.machine.structure),
+        "warm_up_minutes": plan.warm_up / 60.0,
+        "hours": plan.seconds / 3600.0,
+        "before_um": plan.before * 1e3,
+        "after_um": plan.after * 1e3,
+        "setups": [
+            {
+                "name": step.setup.name,
+                "what": step.setup.what,
+                "instrument": step.setup.instrument.key,
+                "targets": step.setup.count,
+                "runs": step.setup.runs,
+                "both_ways": step.setup.both_ways,
+                "tool": step.setup.tool,
+                "minutes": step.setup.seconds / 60.0,
+                "before_um": step.before * 1e3,
+                "after_um": step.after * 1e3,
+            }
+            for step in plan.steps
+        ],
+        "undetermined": [
+            {"effects": list(one.effects), "size_um": one.size * 1e3} for one in plan.left
+        ],
+        "presets_um": None
+        if plan.presets is None
+        else {name: left * 1e3 for name, left in plan.presets.items()},
+    }
+
+
+def runs_words(step: PlanStep) -> str:
+    """``2 × both ways``."""
+    setup = step.setup
+    return f"{setup.runs} × {'both ways' if setup.both_ways else 'one way'}"
+
+
+def as_text(plan: SurveyPlan) -> Iterator[str]:
+    """Lines for people."""
+    task = plan.task
+    name = task.machine.name or "this machine"
+    yield f"Plan for {name}, {task.machine.structure}: {plan.seconds / 3600.0:.1f} h"
+    for line in BEFORE:
+        yield f"  before: {line}"
+    yield f"  warm up {plan.warm_up / 60.0:.0f} min; after a pause of more than 10 min again"
+    yield f"  uncertain beforehand: {_microns(plan.before)}"
+    wide = max((len(step.setup.what) for step in plan.steps), default=0)
+    tall = max((len(step.setup.name) for step in plan.steps), default=0)
+    for step in plan.steps:
+        setup = step.setup
+        yield (
+            f"  {setup.name:<{tall}}  {setup.what:<{wide}}  {setup.count:>3} targets, "
+            f"{runs_words(step)}  {setup.seconds / 60.0:>4.0f} min  then {_microns(step.after)}"
+        )
+    yield f"  ({MEANING})"
+    for one in plan.left:
+        yield f"  undetermined: {one}"
+    if plan.presets is not None:
+        yield "  the same time spent on:"
+        for key, left in plan.presets.items():
+            yield f"    {PRESETS[key].title}: {_microns(left)}"
+
+
+def _microns(value: float) -> str:
+    return f"{value * 1e3:.3g} µm"

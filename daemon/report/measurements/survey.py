@@ -1,0 +1,138 @@
+"""The page of ``abbe plan --instruments``: every set-up with its picture, to be taken along."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.figures.figure import COLOURS, GREY, Figure, figure, line
+from abbe.compcore.planning.plan import PlanStep, SurveyPlan
+from abbe.compcore.planning.planned_setup import PlannedSetup
+from abbe.compcore.planning.setups.presets import PRESETS
+from abbe.compcore.planning.targets import SurveyTask
+from abbe.daemon.answers.measurements.plan import AFTER, BEFORE
+from abbe.daemon.answers.measurements.survey import MEANING, runs_words
+from abbe.daemon.report.head import PageHead, facts_of, file_on_page
+from abbe.daemon.report.page import Page, number
+
+F64 = NDArray[np.float64]
+
+_MOST_PICTURES = 40
+
+
+def page(plan: SurveyPlan, model: Path) -> Page:
+    """Lay out a plan."""
+    task = plan.task
+    machine = task.machine
+    head = PageHead(facts_of([], machine), [file_on_page("model", model)])
+    made = Page(f"Plan of measurements for {machine.name or 'this machine'}", head=head)
+    made.key_figures(
+        [
+            ("measuring", f"{plan.seconds / 3600.0:.1f}", "h"),
+            ("uncertain before", number(plan.before * 1e3, 3), "µm"),
+            ("uncertain after", number(plan.after * 1e3, 3), "µm"),
+        ]
+    )
+    made.text(f"{MEANING}.")
+    warm = f"warm up {plan.warm_up / 60.0:.0f} min; after a pause of more than 10 min again"
+    made.notes([*BEFORE, warm])
+    made.section("Set-ups")
+    made.table(
+        ["", "What", "With", "Targets", "Runs", "Tool", "min", "Before, µm", "After, µm", "Done"],
+        [_row(step) for step in plan.steps],
+        digits=3,
+    )
+    steps = np.arange(len(plan.steps) + 1)
+    left = [plan.before * 1e3, *(step.after * 1e3 for step in plan.steps)]
+    made.figure(
+        figure([line(steps, left, mode="lines+markers")], "set-ups done", "left, µm",
+               yaxis={"type": "log"}),
+        "What is uncertain over the volume after each set-up.",
+    )  # fmt: skip
+    made.section("What stays undetermined")
+    made.notes([str(one) for one in plan.left] or ["nothing that would be felt in the volume"])
+    if plan.presets is not None:
+        made.section("The same time spent otherwise")
+        rows: list[list[str | float]] = [["this plan", plan.after * 1e3]]
+        rows += [[PRESETS[key].title, v * 1e3] for key, v in plan.presets.items()]
+        made.table(["", "Left, µm"], rows, digits=3)
+    for step in plan.steps[:_MOST_PICTURES]:
+        setup = step.setup
+        made.section(f"{setup.name}: {setup.what}")
+        made.text(
+            f"{setup.instrument.title}, {setup.count} targets, {runs_words(step)}, tool "
+            f"{setup.tool} {tuple(setup.offset)}, {setup.seconds / 60.0:.0f} min; unknown: "
+            f"{', '.join(setup.free) or 'nothing'}."
+        )
+        made.figure(picture(task, setup), "Red: what moves and its targets.")
+    made.notes([AFTER])
+    return made
+
+
+def _row(step: PlanStep) -> list[str | float | int | None]:
+    setup = step.setup
+    return [
+        setup.name,
+        setup.what,
+        setup.instrument.title,
+        setup.count,
+        runs_words(step),
+        setup.tool,
+        setup.seconds / 60.0,
+        step.before * 1e3,
+        step.after * 1e3,
+        "",
+    ]
+
+
+def picture(task: SurveyTask, setup: PlannedSetup) -> Figure:
+    """The volume, keep-out boxes, the way of the tool's tip, and where the optics stand; mm."""
+    shared: dict[str, Any] = {"type": "scatter3d", "hoverinfo": "text"}
+    tool = np.asarray(setup.offset)
+    ends = [task.machine.axes[a].travel if a in task.machine.axes else (0.0, 0.0) for a in "XYZ"]
+    low, high = (np.array([e[i] for e in ends]) + tool for i in (0, 1))
+    traces = [_box(low, high, GREY, "reach of the tip")]
+    traces += [
+        _box(np.array(box.low), np.array(box.high), COLOURS[6], "keep out")
+        for box in task.space.keep_out
+    ]
+    way = setup.path()
+    traces.append(
+        shared | {"mode": "lines+markers", "name": "targets", "line": {"color": COLOURS[1]},
+                  "marker": {"size": 3, "color": COLOURS[1]},
+                  "x": way[:, 0], "y": way[:, 1], "z": way[:, 2]}
+    )  # fmt: skip
+    for i, (title, place) in enumerate(setup.optics.items()):
+        beam = np.stack([np.asarray(place), way[0]])
+        traces.append(
+            shared | {"mode": "lines+markers+text" if i == 0 else "markers+text", "name": title,
+                      "text": [title, ""], "textposition": "top center",
+                      "line": {"color": COLOURS[0], "dash": "dot"},
+                      "marker": {"size": [7, 0], "color": COLOURS[0]},
+                      "x": beam[:, 0], "y": beam[:, 1], "z": beam[:, 2]}
+        )  # fmt: skip
+    scene = {
+        "aspectmode": "data",
+        **{f"{k}axis": {"title": {"text": f"{k.upper()}, mm"}} for k in "xyz"},
+    }
+    return figure(traces, scene=scene, height=480, showlegend=True)
+
+
+def _box(low: F64, high: F64, colour: str, name: str) -> dict[str, Any]:
+    """The twelve edges of a box, in one line with gaps."""
+    corners = np.array(list(product(*zip(low, high, strict=True))))
+    points = []
+    for i, one in enumerate(corners):
+        for two in corners[i + 1 :]:
+            if (one != two).sum() == 1:
+                points += [one, two, np.full(3, np.nan)]
+    edges = np.array(points) if points else np.zeros((0, 3))
+    return {
+        "type": "scatter3d", "mode": "lines", "name": name, "hoverinfo": "skip",
+        "line": {"color": colour, "width": 2},
+        "x": edges[:, 0], "y": edges[:, 1], "z": edges[:, 2],
+    }  # fmt: skip
