@@ -81,10 +81,12 @@ def main() -> None:
         "plan",
         f"""## Plans of measurements
 
-`abbe plan` on five structures (start models with splines by travel, play and rotary motions), with {", ".join(LINEAR)} (and an
-R-test where axes turn) at hand. Volumetric standard uncertainty after correction, µm: of the plan, and of the same time spent on each
-preset with the instruments that it asks for; then what a simulated campaign of {len(SEEDS)} machines reaches, with each set-up's zero,
-slope, frame and base point unknown: what the fit's covariance states, what is really left, what the machine erred before.
+`abbe plan` on five structures (start models with splines by travel, play and rotary motions), with
+{", ".join(LINEAR)} (and an R-test where axes turn)
+at hand. Volumetric standard uncertainty after correction, µm: of the plan, and of the same time
+spent on each preset with the instruments that it asks for; then what a simulated campaign of
+{len(SEEDS)} machines reaches, with each set-up's zero, slope, frame and base point unknown: what
+the fit's covariance states, what is really left, what the machine erred before.
 
 {table(head, rows)}
 """,

@@ -1,6 +1,7 @@
 """Plans of set-ups: what they predict, what a simulated campaign reaches, what presets leave."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -107,10 +108,10 @@ def test_no_way_enters_a_keep_out_box_or_leaves_the_travels():
         way = setup.path()[setup.visits()[0]]
         fine = np.concatenate(
             [a + np.linspace(0.0, 1.0, 40)[:, None] * (b - a)
-             for a, b in zip(way[:-1], way[1:], strict=True)]
+             for a, b in pairwise(way)]
         )  # fmt: skip
         for up in np.linspace(0.0, 100.0, 5):
-            at = fine + [0.0, 0.0, up]
+            at = fine + np.array([0.0, 0.0, up])
             inside = (at >= np.array(box.low) - 30.0) & (at <= np.array(box.high) + 30.0)
             assert not inside.all(axis=1).any(), setup.what
         for axis, at in setup.targets.items():

@@ -1,0 +1,68 @@
+"""abbe plan --instruments: the answer, the page, the plan file; what is refused."""
+
+import json
+
+import pytest
+
+from abbe.compcore.files.model_file import load_model
+from abbe.compcore.files.plan_file import read_plan
+from tests.support.daemon.command_line import abbe
+
+NEW = (
+    "new", "--structure", "w b Y X Z t", "--travel", "Y=0,900", "--travel", "X=0,700",
+    "--travel", "Z=-500,0", "--shape", "polynomial:2", "--play",
+)  # fmt: skip
+
+
+@pytest.fixture
+def model(tmp_path):
+    assert abbe(*NEW, "-o", tmp_path / "m.toml").status == 0
+    return tmp_path / "m.toml"
+
+
+def test_a_plan_its_page_and_its_file_say_the_same(model, tmp_path):
+    out, page = tmp_path / "plan.toml", tmp_path / "p.html"
+    done = abbe(
+        "plan", model, "--instruments", "laser,angle,ball-bar", "--time", "100min", "-o", out,
+        "--report", page, "--keep-out", "0,0,-900:50,50,-580", "--tool", "P=0,0,-80", "--json",
+    )  # fmt: skip
+    assert done.status == 0, done.err
+    found = json.loads(done.out)
+    assert found["hours"] <= 100.0 / 60.0
+    assert found["after_um"] < found["before_um"]
+    work = read_plan(out, load_model(model).machine)
+    assert [s.name for s in work.setups] == [s["name"] for s in found["setups"]]
+    assert work.tools == {"P": (0.0, 0.0, -80.0)}
+    text = page.read_text("utf-8")
+    for setup in found["setups"]:
+        assert setup["what"] in text
+    assert "keep out" in text
+
+
+def test_a_preset_is_planned_as_it_is(model):
+    done = abbe("plan", model, "--preset", "iso230-6", "--time", "3h")
+    assert done.status == 0, done.err
+    assert done.out.count("body diagonal") >= 4
+    assert "undetermined" in done.out
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--instruments", "ruler"), ("no such instrument", "ruler", "ball-bar")),
+        (("--instruments", "laser", "--time", "soon"), ("not a time", "4h")),
+        (("--instruments", "laser", "--time", "1e9h"), ("not a time",)),
+        (("--instruments", "laser", "--time", "2min"), ("in this time",)),
+        (("--instruments", "laser", "--keep-out", "1,2:3"), ("not a box", "two corners")),
+        (("--instruments", "laser", "--tool", "T=1,2"), ("three numbers",)),
+        (("--instruments", "laser", "--apart", "nonsense"), ("nonsense",)),
+        (("--preset", "iso9000"), ("no such preset", "iso230-2")),
+        (("-o", "x.toml"), ("--instruments",)),
+    ],
+)
+def test_what_cannot_be_planned_is_said_in_one_line(model, words, says):
+    done = abbe("plan", model, *words)
+    assert done.status != 0
+    for word in says:
+        assert word in done.err
+    assert "Traceback" not in done.err
