@@ -77,7 +77,7 @@ class SurveyTask:
         axis = self.machine.axes[name]
         if axis.rotary:
             whole = axis.half_travel >= math.pi * (1.0 - 1e-9)
-            edge = 0.0 if whole else math.radians(0.1 * self.space.beyond)
+            edge = 0.0 if whole else math.radians(0.1 * self.space.beyond + 0.01)
         else:
             edge = max(self.space.beyond, _EDGE * 2.0 * axis.half_travel)
             edge = min(edge, 0.25 * axis.half_travel)

@@ -22,6 +22,8 @@ _OUT = (80.0, 160.0)
 """How far from the axis's line a sphere stands, mm."""
 _UP = (60.0, 200.0)
 """How high above the table, mm."""
+_OTHERS = (None, 0.25, 0.6)
+"""Where other rotary axes stand: at 0, or at a part of their travel."""
 
 
 def spheres(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[PlannedSetup]:
@@ -34,19 +36,22 @@ def spheres(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[Planned
         angles = _angles(task, axis)
         others = [a for a in rotary if a != axis]
         for out, up, (tool, offset) in product(_OUT, _UP, task.tools.items()):
-            for part in (0.5, 0.8) if others else (0.5,):
+            for part in _OTHERS if others else _OTHERS[:1]:
                 stand = task.standing()
-                if part != 0.5:
-                    stand |= {a: task.at(a, part) for a in others}
+                if part is not None:
+                    turned = {a: round(np.degrees(task.at(a, part)), 1) for a in others}
+                    stand |= {a: float(np.radians(v)) for a, v in turned.items()}
                 sphere = _sphere(task, out, up)
-                turned = {a: np.full(len(angles), stand[a]) for a in others} | {axis: angles}
+                turning = {a: np.full(len(angles), stand[a]) for a in others}
                 tools = np.tile(np.asarray(offset), (len(angles), 1))
                 point = np.tile(sphere, (len(angles), 1))
-                targets = following(machine, turned, point, tools)
+                targets = following(machine, turning | {axis: angles}, point, tools)
                 kept = _reached(task, targets)
                 if kept.sum() < max(5, len(angles) // 2):
                     continue
-                targets = {a: np.round(q[kept], 5) for a, q in targets.items()}
+                targets = {
+                    a: q[kept] if a in rotary else np.round(q[kept], 4) for a, q in targets.items()
+                }
                 place = "".join(f", {a} {np.degrees(stand[a]):.0f}°" for a in others)
                 beside = f", tool {tool}" if len(task.tools) > 1 else ""
                 count = int(kept.sum())
@@ -63,7 +68,8 @@ def _angles(task: SurveyTask, axis: str) -> F64:
     low, high = task.ends(axis)
     count = task.count(axis)
     whole = high - low >= 2.0 * np.pi * (1.0 - 1e-9)
-    return np.asarray(np.linspace(low, high, count, endpoint=not whole))
+    angles = np.linspace(low, high, count, endpoint=not whole)
+    return np.asarray(np.radians(np.round(np.degrees(angles), 2)))
 
 
 def _sphere(task: SurveyTask, out: float, up: float) -> F64:
