@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -23,7 +24,9 @@ class Overlap:
     Attributes
     ----------
     rows
-        Rows of the second that stand in the first too, with the same value.
+        Rows of the second that stand in the first too: same place, value and signals. Rows of the
+        first that agree among themselves, as coarse readings of one place do, prove nothing: unless
+        most rows stand there once, they are in both only at the same time.
     of
         Rows of the second.
     setups
@@ -46,14 +49,26 @@ def overlap(fitted: Campaign, unseen: Campaign) -> Overlap:
     """What of a campaign is not new beside another of the same machine."""
     axes = [a for a in unseen.conditions.positions if a in fitted.conditions.positions]
     points, others = _points(fitted, axes), _points(unseen, axes)
-    measured = set(_keys(np.column_stack([points, fitted.value])))
-    rows = sum(k in measured for k in _keys(np.column_stack([others, unseen.value])))
+    rows = _rows_in_both(fitted, unseen, points, others)
     known = set(_keys(points))
     again = np.array([k in known for k in _keys(others)], dtype=bool)
     setup = unseen.conditions.setup
     names = [] if setup is None else list(dict.fromkeys(setup.tolist()))
     shared = [n for n in names if again[setup == n].all() or _same_placing(fitted, unseen, n, axes)]
     return Overlap(rows, unseen.n, tuple(shared))
+
+
+def _rows_in_both(fitted: Campaign, unseen: Campaign, points: F64, others: F64) -> int:
+    one, two = fitted.conditions, unseen.conditions
+    signals = sorted(set(one.signals) & set(two.signals))
+    read = np.column_stack([points, fitted.value, *(one.signals[s] for s in signals)])
+    again = np.column_stack([others, unseen.value, *(two.signals[s] for s in signals)])
+    times = Counter(_keys(read))
+    at = set(_keys(np.column_stack([read, one.time])))
+    rows = list(_keys(again))
+    if 2 * sum(times[row] == 1 for row in rows) > len(rows):
+        return sum(row in times for row in rows)
+    return sum(moment in at for moment in _keys(np.column_stack([again, two.time])))
 
 
 def _same_placing(fitted: Campaign, unseen: Campaign, name: str, axes: list[str]) -> bool:

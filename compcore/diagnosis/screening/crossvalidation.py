@@ -30,6 +30,12 @@ FOLDS = 8
 _OUTSIDE = 1e-9
 """Eigenvalues of QᵀQ below this are zeros with rounding."""
 
+_AGAIN = 2
+"""Visits of every place from which on they are left out in place of the places."""
+
+_DECIMALS = 2
+"""Of mm, and of rad ten times finer: what a machine that returns to a place does not repeat."""
+
 _ALONE = 0.02
 """Eigenvalues of I − H_BB below this: combinations that the left-out rows alone determine."""
 
@@ -55,7 +61,10 @@ def folds(conditions: Conditions, count: int = FOLDS) -> list[Index]:
         if few:
             pieces = max(1, min(math.ceil(2 * count * len(rows) / n), len(rows) // 2))
             timed = np.ptp(conditions.time[rows]) > 0.0
-            parts = np.array_split(rows, pieces) if timed else _by_place(conditions, rows, pieces)
+            if timed:
+                parts = np.array_split(rows, pieces)
+            else:
+                parts = _by_visit(conditions, rows) or _by_place(conditions, rows, pieces)
         elif extent > 4 * len(rows) and len(rows) >= 2 * count:
             # a set-up spread over much more of the clock than its own rows is cut by time
             parts = np.array_split(rows, count)
@@ -85,6 +94,26 @@ def setup_rows(conditions: Conditions) -> list[Index]:
     unique, inverse = np.unique(names, return_inverse=True)
     inverse = inverse.reshape(-1)
     return [np.flatnonzero(inverse == i) for i in range(len(unique))]
+
+
+def _by_visit(conditions: Conditions, rows: Index) -> list[Index]:
+    """First visits of all places, second visits and so on; empty where a place was visited once."""
+    c = conditions.rows(rows)
+    measured = np.zeros((c.n, 4))
+    if c.u is not None:
+        measured[:, :3] = c.u
+    if c.kind is not None:
+        measured[:, 3] = c.kind
+    told = (*c.positions.values(), *c.directions.values(), *measured.T, *c.tool.T)
+    places = np.round(np.column_stack(told), _DECIMALS)
+    _, place, visits = np.unique(places, axis=0, return_inverse=True, return_counts=True)
+    if len(visits) < 2 or visits.min() < _AGAIN:
+        return []
+    place = place.reshape(-1)
+    by_place = np.argsort(place, kind="stable")
+    visit = np.empty(c.n, dtype=np.int64)
+    visit[by_place] = np.arange(c.n) - np.repeat(np.cumsum(visits) - visits, visits)
+    return [rows[visit == k] for k in range(int(visits.max()))]
 
 
 def _by_place(conditions: Conditions, rows: Index, pieces: int) -> list[Index]:
