@@ -26,7 +26,8 @@ class Overlap:
     rows
         Rows of the second that stand in the first too: same place, value and signals. Rows of the
         first that agree among themselves, as coarse readings of one place do, prove nothing: unless
-        most rows stand there once, they are in both only at the same time.
+        most rows stand there once, they are in both only at the same time; without a clock, only
+        where all are.
     of
         Rows of the second.
     setups
@@ -68,6 +69,9 @@ def _rows_in_both(fitted: Campaign, unseen: Campaign, points: F64, others: F64) 
     rows = list(_keys(again))
     if 2 * sum(times[row] == 1 for row in rows) > len(rows):
         return sum(row in times for row in rows)
+    if not (fitted.clocked and unseen.clocked):
+        copied = all(count <= times[row] for row, count in Counter(rows).items())
+        return len(rows) if copied else 0
     return sum(moment in at for moment in _keys(np.column_stack([again, two.time])))
 
 

@@ -31,7 +31,7 @@ ALIKE = 0.9
 _MOST = 40
 """Causes that are taken out together; as many as a course has steps."""
 
-_WORTH = 0.01
+WORTH = 0.01
 """Least part of the left-out χ² that a further one removes; as of what is worth a cause."""
 
 
@@ -80,7 +80,7 @@ def _together(
             # time constants as they were tried: a finer one makes the noise no more alike
             if not f.established(basis.n):
                 continue
-            if foretold(pool, current, f, rows, pool.joined(current, [f])) > _WORTH:
+            if foretold(pool, current, f, rows, pool.joined(current, [f])) > WORTH:
                 kept.append(f)
                 break
             refused.add(f.key)

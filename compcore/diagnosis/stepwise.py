@@ -15,6 +15,8 @@ import numpy as np
 
 from abbe.compcore.campaign.campaign import LENGTHS, Campaign, Kind
 from abbe.compcore.diagnosis.findings import measured_kinds
+from abbe.compcore.diagnosis.foretelling import WORTH
+from abbe.compcore.diagnosis.screening.candidates import RIGID
 from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut, folds
 from abbe.compcore.diagnosis.screening.screening import Basis
 from abbe.compcore.diagnosis.thermometers import further_thermometers
@@ -35,6 +37,9 @@ MOST_STEPS = 40
 
 OF_THE_CLOCK = ("warm_up", "drift", "event")
 """Causes that read no signal: what follows a recorded one is looked for in all detail before."""
+
+ALONG_AN_AXIS = ("cyclic", "local_defect")
+"""Causes that are a function of one linear axis's position, as an error motion of any detail is."""
 
 _NEXT = 6
 """So many of the leading candidates are tried where none of those established is taken."""
@@ -184,14 +189,19 @@ def to_the_verdict(
     diagnosis = course.diagnosed()
     while len(course.steps) < MOST_STEPS:
         found = [e.found.candidate.effect for e in diagnosis.established]
-        new = [e for e in found if not course.refused_now(e)]
+        new = _motions_first([e for e in found if not course.refused_now(e)])
         read = [e for e in new if e.kind not in OF_THE_CLOCK]
         if new and not read and course.bodies():
             diagnosis = course.diagnosed()
             continue
         if course.add_all(read or new) or course.add_another(diagnosis):
             course.lag()
-        elif not (course.detail(diagnosis) or course.sharpen(diagnosis) or course.prune()):
+        elif not (
+            course.detail(diagnosis)
+            or course.sharpen(diagnosis)
+            or course.complete_motions(diagnosis)
+            or course.prune()
+        ):
             break
         diagnosis = course.diagnosed()
     else:
@@ -255,14 +265,14 @@ class _StepwiseCourse:
             left = waiting
         return len(self.steps) > before
 
-    def add(self, effect: Effect) -> bool:
-        """Add an effect if left-out blocks are predicted better with it."""
+    def add(self, effect: Effect, *, falls: float = _FALLS) -> bool:
+        """Add an effect if left-out blocks are predicted better with it, χ² falling to a part."""
         if self.refused_now(effect):
             return False
         self._progress(f"adding {effect.kind}")
         before = self._last.result.model
         more, added = with_effect(before, effect.kind, effect.where())
-        if not self._try("added", added, more, _FALLS):
+        if not self._try("added", added, more, falls):
             self.refused[effect] = len(self.steps)
             return False
         self._adopt(more, added)
@@ -279,6 +289,23 @@ class _StepwiseCourse:
         behind = [f.candidate.effect for f in diagnosis.ranked if f.established(n)]
         others = [e for e in behind if e.scope != "instrument" and e.kind not in OF_THE_CLOCK]
         return any(self.add(effect) for effect in others[:_NEXT])
+
+    def complete_motions(self, diagnosis: Diagnosis) -> bool:
+        """Add another error motion of an axis of which some are added and more is left.
+
+        Every axis has all of its motions. Where some of them are established and structure is
+        left, another one comes before any description of it: if the data speak for it at all, and
+        left-out blocks are predicted better by what is worth a cause.
+        """
+        if diagnosis.verdict != "unexplained":
+            return False
+        known = {getattr(e, "axis", "") for e in self._added if e.kind in RIGID}
+        for found in diagnosis.ranked[:_NEXT]:
+            effect = found.candidate.effect
+            rest = effect.kind in RIGID and getattr(effect, "axis", None) in known
+            if rest and found.evidence.value > 0.0 and self.add(effect, falls=1.0 - WORTH):
+                return True
+        return False
 
     def sharpen(self, diagnosis: Diagnosis) -> bool:
         """Add further thermometers where warmth is established and they predict better."""
@@ -399,6 +426,18 @@ class _StepwiseCourse:
         if self._last.held_out.falls_to(out, result, bound=bound) > falls:
             return None
         return (result, out) if all(_apart(result.model, e) for e in changed) else None
+
+
+def _motions_first(effects: Sequence[Effect]) -> list[Effect]:
+    """Effects without waves and dents along an axis whose error motion is yet to be added.
+
+    What they show may be only what the motion's first shape is too coarse for, so its detail is
+    asked first.
+    """
+    moving = {getattr(e, "axis", None) for e in effects if e.kind in RIGID}
+    return [
+        e for e in effects if e.kind not in ALONG_AN_AXIS or getattr(e, "axis", "") not in moving
+    ]
 
 
 def _apart(model: Model, effect: Effect) -> bool:

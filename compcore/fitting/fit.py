@@ -248,6 +248,7 @@ def _with_uncertainty(
     problem: Problem, theta: F64, uncertainty: Uncertainty
 ) -> tuple[Problem, F64, Decomposition, Uncertainty]:
     """The solution, and the uncertainties that no row states, found together."""
+    origin = theta
     theta, decomposition = gauss_newton(problem, theta)
     if uncertainty.open:
         for _ in range(_UNCERTAINTY_ROUNDS):
@@ -256,5 +257,5 @@ def _with_uncertainty(
             absorbed = leverage(problem, theta, decomposition)
             uncertainty = uncertainty.updated(problem.campaign, left, absorbed)
             problem = problem.with_sd(uncertainty.sd)
-            theta, decomposition = gauss_newton(problem, theta)
+            theta, decomposition = gauss_newton(problem, theta, origin=origin)
     return problem, theta, decomposition, uncertainty

@@ -22,13 +22,20 @@ _ROUNDING = 1e-6
 
 
 def gauss_newton(
-    problem: Problem, theta: F64, free: Index | None = None
+    problem: Problem, theta: F64, free: Index | None = None, *, origin: F64 | None = None
 ) -> tuple[F64, Decomposition]:
     """Minimise ½χ² from θ: the solution of least norm, (m,), and its decomposition.
 
-    `free` are the indices of the unknowns that may move, default all; the decomposition is theirs.
+    Parameters
+    ----------
+    free
+        Indices of the unknowns that may move, default all; the decomposition is theirs.
+    origin
+        Where the unknowns stood before anything was fitted, (m,), default θ: a combination that
+        the residuals moved from there beyond doubt stays determined when the fit is repeated.
     """
     start = theta
+    origin = start if origin is None else origin
     direct = problem.linear and not problem.layout.searched
     free = np.arange(problem.layout.size) if free is None else free
     scale = problem.layout.scale[free]
@@ -39,7 +46,7 @@ def gauss_newton(
         before = 0.5 * float(reduced[:, m] @ reduced[:, m])
         decomposition = Decomposition(reduced[:m, :m], scale, problem.n)
         left = float(np.linalg.norm(reduced[m:, m])) / np.sqrt(max(problem.n - m, 1))
-        decomposition.follow(reduced[:m, m], (theta - start)[free], left)
+        decomposition.follow(reduced[:m, m], (theta - origin)[free], left)
         if cost - before <= _CONVERGED * max(before, 1e-3 * problem.n):
             break
         cost = before

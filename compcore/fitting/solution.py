@@ -230,7 +230,7 @@ class Solution:
             covariance[i, i] = width**2
         m = problem.layout.model_size
         fitted = problem.model.with_values(
-            problem.layout.values(theta, np.sqrt(np.diag(covariance)))
+            problem.layout.values(theta, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
         )
         return cls(
             replace(fitted, covariance=covariance[:m, :m]),
@@ -252,7 +252,10 @@ class Solution:
         """The same model fitted to some of the rows, with the uncertainties and readings of all."""
         problem = self.problem.part(rows, self.theta)
         with threads_for(problem.n * problem.layout.size):
-            theta, decomposition = gauss_newton(problem, self.theta)
+            origin = problem.start()
+            searched = list(problem.layout.searched)
+            origin[searched] = self.theta[searched]
+            theta, decomposition = gauss_newton(problem, self.theta, origin=origin)
             at = {int(row): i for i, row in enumerate(rows)}
             aside = tuple(replace(o, row=at[o.row]) for o in self.set_aside if o.row in at)
             return self.of(problem, theta, decomposition, ReferenceFrame(), self.uncertainty, aside)

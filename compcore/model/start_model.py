@@ -24,7 +24,7 @@ _BY_LENGTH = 100.0
 _ENDS = 4
 """… beyond these …"""
 _FEWEST, _MOST = 6, 16
-_WHOLE_TURN = math.radians(300.0)
+WHOLE_TURN = math.radians(300.0)
 """A rotary axis that turns at least so far repeats after a turn."""
 
 
@@ -117,7 +117,7 @@ def _linear(axis: Axis, wanted: StartOptions) -> Iterator[Effect]:
 def _rotary(axis: Axis, wanted: StartOptions) -> Iterator[Effect]:
     """Where the axis's line lies, and how far the axis turns too far; its other motions on wish."""
     form: dict[str, str] = {"axis": axis.name}
-    if 2.0 * axis.half_travel < _WHOLE_TURN:
+    if 2.0 * axis.half_travel < WHOLE_TURN:
         form["shape"] = "spline:6"
     yield make_effect("rotary_location", {"axis": axis.name})
     yield make_effect("rotary_positioning", form)

@@ -20,6 +20,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.revise import identity
+from abbe.compcore.model.start_model import WHOLE_TURN
 
 RIGID = (
     "positioning",
@@ -129,23 +130,30 @@ def _refinements(model: Model, campaign: Campaign) -> Iterator[Candidate]:
         axis = getattr(effect, "axis", None)
         if axis is None or axis not in campaign.conditions.positions:
             continue
-        detail = _finer(effect, len(np.unique(campaign.conditions.position(axis))))
-        if detail:
+        at = campaign.conditions.position(axis)
+        for detail in _finer(effect, len(np.unique(at)), float(np.ptp(at))):
             refined = effect.model_copy(update=detail)
             yield Candidate(refined, cost_of(refined, machine, 1))
 
 
-def _finer(effect: Effect, distinct: int) -> dict[str, object]:
-    """Where-keys with twice the detail, as far as so many positions show it; empty for none."""
+def _finer(effect: Effect, distinct: int, extent: float) -> Iterator[dict[str, object]]:
+    """Where-keys with twice the detail, as far as so many positions show it.
+
+    Of a rotary axis that was not turned around (`extent`, rad) waves of a turn imitate one another
+    with huge amplitudes: there a spline of as many coefficients.
+    """
     match = re.fullmatch(r"(spline|polynomial):(\d+)", getattr(effect, "shape", None) or "")
     if match is not None:
         order = int(match[2])
         finer = min(2 * order, distinct, 20 if match[1] == "polynomial" else 200)
-        return {"shape": f"{match[1]}:{finer}"} if finer > order else {}
-    if isinstance(effect, RotaryMotion) and effect.shape is None:
+        if finer > order:
+            yield {"shape": f"{match[1]}:{finer}"}
+    elif isinstance(effect, RotaryMotion) and effect.shape is None:
         finer = min(2 * effect.waves, (distinct - 1) // 2, 32)
-        return {"harmonics": finer} if finer > effect.waves else {}
-    return {}
+        if finer > effect.waves:
+            turned = extent >= WHOLE_TURN
+            spline: dict[str, object] = {"harmonics": None, "shape": f"spline:{2 * finer}"}
+            yield {"harmonics": finer} if turned else spline
 
 
 def _choices(effect: Effect, machine: Machine, coverage: Coverage) -> Iterator[Mapping[str, float]]:

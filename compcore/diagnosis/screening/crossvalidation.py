@@ -30,8 +30,9 @@ FOLDS = 8
 _OUTSIDE = 1e-9
 """Eigenvalues of QᵀQ below this are zeros with rounding."""
 
-_AGAIN = 2
-"""Visits of every place from which on they are left out in place of the places."""
+_AGAIN = 3
+"""Visits of every place from which on they are left out in place of the places: two may be one part
+that was measured twice."""
 
 _DECIMALS = 2
 """Of mm, and of rad ten times finer: what a machine that returns to a place does not repeat."""

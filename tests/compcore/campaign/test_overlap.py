@@ -28,9 +28,10 @@ def machine():
 def homed(tmp_path, machine, name, times, seed):
     """One place, homed again and again: read in steps of 5 µm, temperatures in 0.01 mK."""
     rng = np.random.default_rng(seed)
+    errors, warmth = rng.normal(0.0, 2.0, 200), rng.uniform(20.0, 30.0, 200)
     lines = [
-        f"{t:.0f},pin,displacement,0,0,0,1,{5 * round(rng.normal(0, 2))},{rng.uniform(20, 30):.5f}\n"
-        for t in times
+        f"{t:.0f},pin,displacement,0,0,0,1,{5 * round(e)},{w:.5f}\n"
+        for t, e, w in zip(times, errors, warmth, strict=False)
     ]
     path = tmp_path / f"{name}.csv"
     path.write_text(HEAD + COLUMNS + "".join(lines), encoding="utf-8")

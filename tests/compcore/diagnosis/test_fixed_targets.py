@@ -1,0 +1,96 @@
+"""Targets approached again and again, as by ISO 230-2; rotary axes that do not turn around."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.comparison.compare import compare
+from abbe.compcore.diagnosis.screening.crossvalidation import folds
+from abbe.compcore.diagnosis.stepwise import to_the_verdict
+from abbe.compcore.files.model_file import parse_model
+from abbe.compcore.files.text.toml_source import TomlSource
+from abbe.compcore.fitting.fit import fit
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.model.model import Model
+from abbe.compcore.model.revise import with_effect
+from benchmarks.hidden.judging.trial import as_campaign
+
+TARGETS = np.arange(-20.0, 21.0, 5.0)
+NOISE = 1.0
+HEAD = '# format = "abbe-campaign/1"\n# [setups.line]\n# free = ["zero"]\n'
+
+
+def machine(structure: str, **travels: tuple[float, float]) -> Model:
+    text = ['format = "abbe-model/1"', "[machine]", 'name = "m"', f'structure = "{structure}"']
+    text += [f"[machine.axes.{a}]\ntravel = [{lo}, {hi}]" for a, (lo, hi) in travels.items()]
+    return parse_model(TomlSource("\n".join(text)))
+
+
+def runs(seed: int, model: Model, which: range) -> Campaign:
+    """A screw whose error has nothing in common from target to target, and 20 µm of play."""
+    error = np.random.default_rng(seed).normal(0.0, 30.0, len(TARGETS))
+    rng = np.random.default_rng([seed, which.start])
+    lines = [
+        f"line,displacement,{x},{s},1,0,0,{e - 10.0 * s + rng.normal(0.0, NOISE):.3f}\n"
+        for _ in which
+        for s in (1, -1)
+        for x, e in list(zip(TARGETS, error, strict=True))[::s]
+    ]
+    return as_campaign(HEAD + "setup,kind,X,X_dir,ux,uy,uz,value\n" + "".join(lines), model)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_table_of_targets_is_found_and_holds_in_further_runs(seed: int) -> None:
+    model = machine("w b X t", X=(-21.0, 21.0))
+    course = to_the_verdict(model, runs(seed, model, range(3)))
+    kinds = {e.kind for e in course.last.result.model.effects}
+    assert kinds == {"positioning", "backlash"}
+    reached = course.last.result.model
+    check = runs(seed, model, range(3, 5))
+    left = 1e3 * compare(reached, check).residual
+    assert np.std(left) < 1.3 * NOISE
+
+
+def test_repeated_targets_are_left_out_run_by_run() -> None:
+    model = machine("w b X t", X=(-21.0, 21.0))
+    for rows in folds(runs(1, model, range(3)).conditions):
+        assert len(rows) == 2 * len(TARGETS)
+
+
+def test_places_that_were_measured_twice_are_left_out_as_places() -> None:
+    """A hole that is measured twice was drilled once."""
+    x = np.repeat(np.arange(40.0), 2)
+    c = Conditions({"X": x}, time=np.zeros(80), setup=np.full(80, "a"))
+    for rows in folds(c):
+        assert not np.isin(np.delete(x, rows), x[rows]).any()
+
+
+def test_what_was_fitted_against_all_belief_is_a_degree_of_freedom() -> None:
+    """An encoder that is off by 0.1 rad: no sound one is; what was fitted is not fitted twice."""
+    model, _ = with_effect(machine("w b C t", C=(-95.0, 95.0)), "rotary_positioning", {"axis": "C"})
+    campaign = encoder(model)
+    result = fit(model, campaign)
+    assert campaign.kind[0] == Kind.ROTATION
+    assert result.decomposition.rank == result.thin.basis.shape[1] > 0
+    assert [abs(t.values["A1"].value) > 0.01 for t in result.model.terms] == [True]
+
+
+def encoder(model: Model) -> Campaign:
+    """A worn encoder on half a turn, 0.02 rad of three waves in it, 1 mrad of noise."""
+    rng = np.random.default_rng(5)
+    angle = np.linspace(-90.0, 90.0, 181)
+    error = 2e4 * np.sin(np.deg2rad(4.0 * angle)) + 1e5 * np.cos(np.deg2rad(angle))
+    values = error - error.mean() + rng.normal(0.0, 1e3, len(angle))
+    rows = [f"line,rotation,{c:.3f},0,0,1,{v:.1f}\n" for c, v in zip(angle, values, strict=True)]
+    return as_campaign(HEAD + "setup,kind,C,ux,uy,uz,value\n" + "".join(rows), model)
+
+
+def test_half_a_turn_is_given_a_spline_and_no_waves_that_cancel() -> None:
+    model = machine("w b C t", C=(-95.0, 95.0))
+    last = to_the_verdict(model, encoder(model)).last
+    (term,) = last.result.model.terms
+    assert getattr(term.effect, "shape", "").startswith("spline:")
+    assert all(abs(value.value) < 0.5 for value in term.values.values())
+    assert last.held_out.rotations < 2e-3
