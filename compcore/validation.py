@@ -131,6 +131,13 @@ def invalid_key(
     )
 
 
+def in_one_line(error: ValidationError) -> str:
+    """The first error for a log or a program that asked: what, where, found, expected."""
+    first = first_invalid(error)
+    field = ".".join(str(part) for part in first.path) or None
+    return str(InputError(first.problem, field=field, found=first.found, expected=first.expected))
+
+
 def _short(found: Any) -> Any:
     text = repr(found)
     return found if len(text) <= _LONGEST else text[:_LONGEST] + "…"

@@ -17,6 +17,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from abbe.compcore.errors import AbbeError
+from abbe.compcore.validation import in_one_line
 from abbe.daemon.control.doors import Door, Peer
 from abbe.daemon.control.requests import LONGEST, REQUEST, Request
 
@@ -87,7 +88,7 @@ class ControlServer:
         try:
             request = REQUEST.validate_json(line)
         except ValidationError as error:
-            return {"ok": False, "error": f"not a request: {error.errors()[0]['msg']}"}
+            return {"ok": False, "error": f"not a request: {in_one_line(error)}"}
         if not self._door.lets(request):
             return {"ok": False, "error": "nothing can be changed here: ask at control.socket"}
         try:

@@ -16,6 +16,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from abbe.compcore.errors import AbbeError
+from abbe.compcore.validation import in_one_line
 from abbe.daemon.control.controls import Controls
 from abbe.daemon.control.requests import changes
 from abbe.daemon.http.packing import CyclePacker
@@ -141,7 +142,7 @@ class Feed:
         try:
             message = MESSAGE.validate_json(line)
         except ValidationError as error:
-            raise ValueError(str(error.errors()[0]["msg"])) from None
+            raise ValueError(in_one_line(error)) from None
         self.last_message_at = time.monotonic()
         if isinstance(message, WantStatus):
             self._want_status()

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.text.json_source import shaped
 from abbe.compcore.files.text.toml_source import TomlSource
-from abbe.compcore.validation import invalid_key
+from abbe.compcore.validation import in_one_line, invalid_key
 
 
 def below_ten(value: float) -> float:
@@ -112,3 +112,23 @@ def test_what_was_found_is_cut_to_a_line():
     with pytest.raises(InputError) as caught:
         shaped({"name": list(range(1000))}, File)
     assert len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"name": 3}, "field 'name': wrong kind of value: found 3, expected a text in quotes"),
+        (
+            {"name": "a", "parts": [{"type": "line", "scale": "much"}]},
+            "field 'parts.0.line.scale': wrong kind of value: found 'much', expected a number",
+        ),
+        ({"name": list(range(1000))}, "field 'name': wrong kind of value: found '[0, 1,"),
+    ],
+)
+def test_one_line_for_a_log(keys: dict[str, Any], words: str):
+    with pytest.raises(ValidationError) as caught:
+        File(**keys)
+    line = in_one_line(caught.value)
+    assert line.startswith(words)
+    assert len(line) < 200
+    assert "\n" not in line

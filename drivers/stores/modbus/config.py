@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from abbe.compcore.validation import in_one_line
 from abbe.drivers.modbus.config import ModbusChannelConfig, ModbusConfig
 from abbe.drivers.stores.base import StoreConfig
 from abbe.drivers.stores.modbus.registers import RegisterMap
@@ -68,5 +69,5 @@ class ModbusStoreConfig(StoreConfig):
         try:
             self.link()
         except ValidationError as error:
-            raise ValueError(str(error.errors()[0]["msg"])) from None
+            raise ValueError(in_one_line(error)) from None
         return self
