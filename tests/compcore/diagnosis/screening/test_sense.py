@@ -18,7 +18,7 @@ from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.model.model import Model
 from benchmarks.hidden.judging.trial import as_campaign
 
-DATA = Path(__file__).parents[2] / "data" / "p02-bridge"
+DATA = Path(__file__).parents[3] / "data" / "p02-bridge"
 
 
 @pytest.fixture(scope="module")

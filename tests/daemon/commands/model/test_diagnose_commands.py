@@ -18,7 +18,7 @@ from benchmarks.hidden.scenario import Scenario, hide
 from benchmarks.hidden.scenes.scene import scene
 from tests.support.daemon.some_setups import some_setups
 
-DATA = Path(__file__).parents[2] / "data" / "p01-mill"
+DATA = Path(__file__).parents[3] / "data" / "p01-mill"
 SPEC = ["thermal_tilt", "axis=Y", "about=X", "signals=T_col_front,T_col_rear"]
 
 

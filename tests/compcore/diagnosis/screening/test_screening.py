@@ -24,7 +24,7 @@ from abbe.compcore.model.model import Model
 
 F64 = NDArray[np.float64]
 
-DATA = Path(__file__).parents[2] / "data"
+DATA = Path(__file__).parents[3] / "data"
 SPECS = (
     ("backlash", {"axis": "Z"}),
     ("thermal_offset", {"direction": "X", "signal": "T_spindle"}),

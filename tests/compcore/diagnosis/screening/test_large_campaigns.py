@@ -16,7 +16,7 @@ from abbe.compcore.files.model_file import load_model
 from abbe.compcore.fitting.fit import fit
 from abbe.compcore.model.model import Model
 
-DATA = Path(__file__).parents[2] / "data"
+DATA = Path(__file__).parents[3] / "data"
 
 
 @pytest.fixture(scope="module")
