@@ -210,7 +210,7 @@ def _diagnosed(
     )
     if whole is not result and established:
         progress("what was found, on all rows")
-        established, left = _on_all_rows(whole, result, established, len(tried))
+        established, left = _on_all_rows(whole, result, established, pool.causes)
         variance = variance if unexplained else left
     holds = None
     if given is not None:

@@ -58,7 +58,7 @@ def measured(
     found
         The causes, as some of the rows show them.
     tests
-        Number of candidates of which they were chosen.
+        Number of causes of which they were chosen.
     """
     with threads_for(whole.problem.n * whole.problem.layout.size):
         for _ in range(_ROUNDS):

@@ -86,7 +86,7 @@ class Evidence:
 
 
 def weigh(
-    basis: Basis, screened: ScreenedCandidate, tests: int, cost: float, nonlinear_count: int
+    basis: Basis, screened: ScreenedCandidate, tests: float, cost: float, nonlinear_count: int
 ) -> Evidence:
     """Weigh one screened candidate.
 
@@ -95,8 +95,8 @@ def weigh(
     basis
         What the model leaves.
     tests
-        Number of candidates tried together; each choice of non-linear parameters counts as a part
-        of a test (neighbouring choices are alike).
+        Number of causes tried together; each choice of non-linear parameters, or detail of the
+        same cause, counts as a part of a test (neighbouring choices are alike).
     cost
         Cost in units of E, from `cost_of` or the caller.
     nonlinear_count
@@ -117,7 +117,7 @@ def weigh(
 def weigh_all(
     basis: Basis,
     screened: Sequence[ScreenedCandidate],
-    tests: int,
+    tests: Sequence[float],
     costs: Sequence[float],
     nonlinear_counts: Sequence[int],
 ) -> list[Evidence]:
@@ -130,7 +130,7 @@ def weigh_all(
     nonlinear = np.asarray(nonlinear_counts)
     left = np.maximum(basis.chi2 - drop, 1e-12 * basis.chi2)
     dof = np.maximum(1, basis.dof - rank - nonlinear)
-    log_tests = math.log(max(1.0, tests)) + 0.5 * np.log(tried)
+    log_tests = np.log(np.maximum(1.0, tests)) + 0.5 * np.log(tried)
     one = math.log(basis.independent)
     price = np.maximum((rank + nonlinear) * one + np.asarray(costs), one)
     # where the model leaves nothing there is nothing to explain: those are not seen, below

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -98,7 +99,7 @@ class Pool:
     machine
         The machine.
     tests
-        Number of candidates of which these were chosen; default these are all.
+        Number of causes of which these were chosen; default these are all.
     placed
         The same columns where they are seen (`Frames.columns`); default `columns`.
     """
@@ -114,7 +115,10 @@ class Pool:
         placed: Callable[[Candidate, Mapping[str, float]], F64 | Placed] | None = None,
     ) -> None:
         self.candidates = list(candidates)
-        self._tests = len(self.candidates) if tests is None else tests
+        details = Counter(c.cause for c in self.candidates)
+        self.causes = len(details) if tests is None else tests
+        # details of one cause are as alike as neighbouring choices, and count like those
+        self._tests = [self.causes * math.sqrt(details[c.cause]) for c in self.candidates]
         self.machine = machine
         self._columns = columns
         self._placed = columns if placed is None else placed
@@ -171,7 +175,8 @@ class Pool:
         chosen = [self.candidates[s.key] for s in screened]
         costs = [c.cost for c in chosen]
         counts = [c.nonlinear_count for c in chosen]
-        weighed = weigh_all(basis, screened, self._tests, costs, counts)
+        tests = [self._tests[s.key] for s in screened]
+        weighed = weigh_all(basis, screened, tests, costs, counts)
         found = list(map(WeighedCandidate, chosen, screened, weighed))
         found.sort(key=lambda f: -f.evidence.value)
         return found
@@ -194,7 +199,7 @@ class Pool:
         return weigh(
             basis,
             screened,
-            self._tests,
+            self._tests[screened.key],
             candidate.cost + cost,
             candidate.nonlinear_count,
         )
