@@ -15,7 +15,7 @@ from abbe.compcore.diagnosis.screening.candidates import Candidate, candidates
 from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut, folds
 from abbe.compcore.diagnosis.screening.frames import Frames
 from abbe.compcore.diagnosis.screening.pool import Pool
-from abbe.compcore.diagnosis.screening.screening import Bank, Basis, Placed, screen
+from abbe.compcore.diagnosis.screening.screening import Bank, Basis, Frame, Placed, screen
 from abbe.compcore.effects import make_effect
 from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.model_file import load_model
@@ -167,3 +167,40 @@ def test_folds_keep_setups_whole_and_cut_the_master_point_by_time(
     }
     assert all(len(v) == 1 for name, v in where.items() if not name.startswith("master"))
     assert len(where["master_x"]) > 1
+
+
+def test_details_of_one_cause_are_choices_of_it_and_no_further_causes(
+    case: tuple[Model, Campaign, FitResult],
+) -> None:
+    model, campaign, result = case
+    tried = candidates(model, campaign)
+
+    def columns(candidate: Candidate, nonlinear: Mapping[str, float]) -> F64:
+        return result.effect_columns(candidate.effect, nonlinear)
+
+    def chances(chosen: list[Candidate]) -> dict[str, float]:
+        pool = Pool(chosen, columns, Basis.of(result), model.machine)
+        ranked = pool.ranked(Basis.of(result))
+        return {f.candidate.effect.spec: f.evidence.log_tests for f in ranked}
+
+    harmonics = [c for c in tried if c.effect.kind == "cyclic"]
+    plain = [c for c in harmonics if "harmonics" not in c.effect.where()]
+    others = [c for c in tried if c.effect.kind == "backlash"]
+    assert len(harmonics) == 2 * len(plain) > 0
+    few, many = chances([*plain, *others]), chances([*harmonics, *others])
+    for spec in few:
+        # a second detail of a cause costs as twice the choices do, and other causes nothing
+        more = 0.5 * np.log(2.0) if spec.startswith("cyclic") else 0.0
+        assert many[spec] == pytest.approx(few[spec] + more, abs=1e-12)
+
+
+def test_a_frame_of_all_rows_takes_setups_one_by_one_as_all_of_them_together(
+    case: tuple[Model, Campaign, FitResult],
+) -> None:
+    fitted = Basis.of(case[2])
+    rows = np.random.default_rng(3).standard_normal((5, fitted.n))
+    frame = Frame.whole(fitted)
+    assert frame.setups
+    whole = rows @ fitted.imitable
+    one_by_one = frame.imitated(rows)
+    assert one_by_one @ one_by_one.T == pytest.approx(whole @ whole.T, rel=1e-10)
