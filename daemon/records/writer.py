@@ -2,7 +2,7 @@
 
 Items are handed over by a bounded queue. A disk that is full or read-only is said once, tried again
 every few seconds, and what came meanwhile is counted as lost; a file that is damaged is put aside
-and a new one begun.
+and a new one begun. Which model runs is never lost: every file knows it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import queue
 import sqlite3
 import threading
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -31,6 +31,8 @@ _THIN_EVERY = 900.0
 """s from one look at what has grown old to the next."""
 _WAITING = 20_000
 """Items that may wait; about ten minutes of a slow disk."""
+_OWED = 1000
+"""Beginnings of runs that wait at most for a disk that can be written."""
 _END = 5.0
 """s that the last items are given at the end."""
 
@@ -83,6 +85,9 @@ class RecordWriter:
         self._lost = 0
         self._problem = ""
         self._series: dict[str, int] = {}
+        self._latest: RunRow | None = None
+        self._owed: list[RunRow] = []
+        self._inode = 0
         self._connection: sqlite3.Connection | None = None
         self._thin_at = time.monotonic() + _THIN_EVERY / 10
         self._thread = threading.Thread(target=self._run, name="records", daemon=True)
@@ -105,7 +110,7 @@ class RecordWriter:
         while True:
             ending = self._end.wait(COMMIT_EVERY)
             if time.monotonic() >= retry_at or ending:
-                items = list(self._waiting())
+                items = self._waiting()
                 try:
                     self._write(items)
                 except sqlite3.Error as error:
@@ -116,23 +121,34 @@ class RecordWriter:
                 self._close()
                 return
 
-    def _waiting(self) -> Iterable[_Item]:
+    def _waiting(self) -> list[_Item]:
+        """What has come; beginnings of runs are kept apart until they are written."""
+        items: list[_Item] = []
         for _ in range(self._queue.qsize()):
-            yield self._queue.get_nowait()
+            item = self._queue.get_nowait()
+            if isinstance(item, RunRow):
+                self._owed = [*self._owed, item][-_OWED:]
+                self._latest = item
+            else:
+                items.append(item)
+        return items
 
     def _write(self, items: Sequence[_Item]) -> None:
-        if not items and self._connection is not None:
+        self._notice_loss()
+        if not items and not self._owed and self._connection is not None:
             self._thin()
             return
         if self._connection is None:
             self._connection = open_to_write(self._path)
+            self._inode = _inode(self._path)
             self._series = dict(
                 self._connection.execute("SELECT name, series FROM series").fetchall()
             )
         with self._connection as connection:
             connection.execute("BEGIN IMMEDIATE")
-            for item in items:
+            for item in (*self._owed, *items):
                 self._one(connection, item)
+        self._owed = []
         if self._problem:
             self._problem = ""
             logger.warning("records are written again; %d are missing", self._lost)
@@ -193,6 +209,20 @@ class RecordWriter:
             logger.error("records cannot be written: %s (%s)", error, self._path)
         self._problem = str(error) or type(error).__name__
 
+    def _notice_loss(self) -> None:
+        """A file that somebody took away would be written on, and be lost with its last reader."""
+        if self._connection is None or _inode(self._path) == self._inode:
+            return
+        self._series = {}
+        self._close()
+        self._begin_anew()
+        logger.warning("the records were taken away (%s): begun anew", self._path)
+
+    def _begin_anew(self) -> None:
+        """The next file is a new one: it has to know what runs."""
+        if self._latest is not None and self._latest not in self._owed:
+            self._owed.insert(0, self._latest)
+
     def _put_aside(self, error: sqlite3.Error) -> None:
         """A damaged file keeps what can be rescued from it, under another name."""
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
@@ -213,6 +243,7 @@ class RecordWriter:
                 )
             self._problem = str(error)
             return
+        self._begin_anew()
         logger.error("the records were damaged (%s): put aside as %s, begun anew", error, aside)
 
     def _close(self) -> None:
@@ -220,3 +251,11 @@ class RecordWriter:
             with contextlib.suppress(sqlite3.Error):
                 self._connection.close()
             self._connection = None
+
+
+def _inode(path: Path) -> int:
+    """Which file it is; 0: there is none."""
+    try:
+        return path.stat().st_ino
+    except OSError:
+        return 0

@@ -159,6 +159,58 @@ def test_a_damaged_file_is_put_aside_and_a_new_one_begun(
     assert "put aside" in caplog.text
 
 
+@pytest.mark.parametrize("how", ["replaced by rubbish", "taken away"])
+def test_a_new_file_knows_which_model_runs(
+    path: Path, how: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    run = RunRow(1.0, "0.1.0", "c.toml", "c" * 64, "m.toml", "a" * 64, "Mill 7")
+    writer = RecordWriter(path, Retention())
+    try:
+        writer.put(run)
+        writer.put([("a", "mm", 2.0, 1.0)])
+        until(lambda: there(path))
+        if how == "replaced by rubbish":
+            other = path.with_name("other")
+            other.write_bytes(b"what is this?" * 4000)
+            other.replace(path)
+        else:
+            for file in path.parent.glob("records.sqlite*"):
+                file.unlink()
+
+        def begun_anew() -> bool:
+            writer.put([("a", "mm", time.time(), 1.0)])
+            return "begun anew" in caplog.text and there(path)
+
+        until(begun_anew)
+    finally:
+        writer.close()
+    with opened(path) as records:
+        assert records.runs(10.0, 20.0) == [run]
+
+
+def test_what_model_ran_outlives_a_disk_that_could_not_be_written(
+    path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("abbe.daemon.records.writer._AGAIN", 0.1)
+    runs = [
+        RunRow(n, "0.1.0", "c.toml", "c" * 64, "m.toml", f"{n:.0f}" * 64, "Mill")
+        for n in (1.0, 2.0)
+    ]
+    path.mkdir()
+    writer = RecordWriter(path, Retention())
+    try:
+        for run in runs:
+            writer.put(run)
+            writer.put([("a", "mm", run.began, 1.0)])
+        until(lambda: "records cannot be written" in caplog.text)
+        path.rmdir()
+        until(lambda: "records are written again" in caplog.text)
+    finally:
+        writer.close()
+    with opened(path) as records:
+        assert records.runs(1.5, 20.0) == runs
+
+
 def test_the_database_of_another_program_is_left_alone(
     path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
