@@ -157,9 +157,12 @@ class RecordWriter:
 
     def _one(self, connection: sqlite3.Connection, item: _Item) -> None:
         if isinstance(item, RunRow):
+            # what is written again after a loss may be there all the same
             connection.execute(
                 "INSERT INTO runs (began, abbe, configuration, configuration_sha256, model, "
-                "model_sha256, machine) VALUES (?, ?, ?, ?, ?, ?, ?)",
+                "model_sha256, machine) SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7 WHERE NOT EXISTS "
+                "(SELECT 1 FROM runs WHERE began = ?1 AND model_sha256 = ?6 "
+                "AND configuration_sha256 = ?4)",
                 (
                     item.began,
                     item.abbe,
