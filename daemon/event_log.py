@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import queue
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from logging.handlers import QueueHandler, QueueListener, RotatingFileHandler
 from pathlib import Path
+from queue import SimpleQueue
 
 from abbe.compcore.errors import InputError
 from abbe.daemon.systemd.journald import JournaldHandler
 
 _FORMAT = "%(asctime)s %(levelname)-7s %(message)s"
+_WAITING = 10_000
+"""Events that wait at most for a disk that hangs."""
 logger = logging.getLogger("abbe.journal")
 
 
@@ -74,6 +76,40 @@ class JournalFile(RotatingFileHandler):
             )
 
 
+class BoundedQueueHandler(QueueHandler):
+    """Hands events to the thread that writes them; where that hangs, memory does not grow for ever.
+
+    Parameters
+    ----------
+    waiting
+        The thread's queue.
+    most
+        Events that may wait.
+    """
+
+    queue: SimpleQueue[logging.LogRecord]
+
+    def __init__(self, waiting: SimpleQueue[logging.LogRecord], most: int = _WAITING) -> None:
+        super().__init__(waiting)
+        self._most, self._lost = most, 0
+
+    def enqueue(self, record: logging.LogRecord) -> None:
+        """Hand one event over, or lose it; when there is room again, say how many were lost."""
+        if self.queue.qsize() >= self._most:
+            self._lost += 1
+            return
+        if self._lost:
+            words = f"the journal's disk did not keep up: {self._lost} events are missing"
+            self._lost = 0
+            self.queue.put(
+                logging.makeLogRecord(
+                    {"name": logger.name, "levelno": logging.WARNING, "levelname": "WARNING",
+                     "msg": words}
+                )
+            )  # fmt: skip
+        self.queue.put(record)
+
+
 @contextmanager
 def journal(
     file: Path | None,
@@ -116,10 +152,10 @@ def journal(
         slow.append(JournaldHandler.of_environment() or logging.StreamHandler(sys.stderr))
     for handler in slow:
         handler.setFormatter(logging.Formatter(_FORMAT))
-    waiting: queue.SimpleQueue[logging.LogRecord] = queue.SimpleQueue()
+    waiting: SimpleQueue[logging.LogRecord] = SimpleQueue()
     listener = QueueListener(waiting, *slow)
     root = logging.getLogger("abbe")
-    handlers: list[logging.Handler] = [QueueHandler(waiting), *more]
+    handlers: list[logging.Handler] = [BoundedQueueHandler(waiting), *more]
     level, root.level = root.level, logging.INFO
     for handler in handlers:
         root.addHandler(handler)

@@ -15,6 +15,8 @@ from abbe.daemon.records.writer import EventRow, RunRow
 
 _UM = 1e3
 _SHOWN = 12
+_EVENTS = 20
+"""Events that are shown of many."""
 _SMALL = ("correction_", "plus_minus_")
 BITS = frozenset({"status", "outside"})
 """Series of bits, of which least, mean and greatest say nothing."""
@@ -39,13 +41,23 @@ def summary(records: Records) -> Iterator[str]:
     )
 
 
-def between(records: Records, first: float, last: float, names: Sequence[str]) -> Iterator[str]:
-    """Least, mean and greatest of each series between two times, and what was said."""
+def between(
+    records: Records,
+    first: float,
+    last: float,
+    names: Sequence[str],
+    levels: Sequence[str] = (),
+) -> Iterator[str]:
+    """Least, mean and greatest of each series between two times, and the last events.
+
+    `levels`: only events of these; empty: of all.
+    """
     yield f"{clock(first)} to {clock(last)}"
     yield from span_lines(records.spans(first, last, names))
-    events = records.events(first, last)
-    yield f"events: {len(events)}"
-    yield from (_event(event) for event in events[-20:])
+    events = records.events(first, last, levels)
+    older = f", the last {_EVENTS}" if len(events) > _EVENTS else ""
+    yield f"events: {len(events)}{older}"
+    yield from (_event(event) for event in events[-_EVENTS:])
 
 
 def export_csv(

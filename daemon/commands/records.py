@@ -15,6 +15,11 @@ _PLACE = typer.Argument(
 )
 _FROM = typer.Option("--from", help="2026-11-22 14:03, 14:03, 2h, 30min, 7d; default: 1h.")
 _TO = typer.Option("--to", help="Likewise; default: now.")
+_LEVELS = {
+    "info": (),
+    "warning": ("WARNING", "ERROR", "CRITICAL"),
+    "error": ("ERROR", "CRITICAL"),
+}
 _SERIES = typer.Option("--series", help="Only this; may be repeated.")
 
 
@@ -35,15 +40,21 @@ def show(
     since: Annotated[str, _FROM] = "",
     until: Annotated[str, _TO] = "now",
     series: Annotated[list[str] | None, _SERIES] = None,
+    level: Annotated[
+        str, typer.Option("--level", help="Only events as grave: info, warning, error.")
+    ] = "info",
 ) -> None:
-    """What is kept; with --from, least, mean and greatest of each series, and the events."""
+    """What is kept; with --from, least, mean and greatest of each series, and the last events."""
+    from abbe.compcore.errors import InputError
     from abbe.daemon.answers.records import between, summary
     from abbe.daemon.records.reading import opened
 
+    if level not in _LEVELS:
+        raise InputError("not a level", field="--level", found=level, expected=", ".join(_LEVELS))
     with opened(_file(place)) as records:
-        if since or series:
+        if since or series or level != "info":
             first, last = _times(since or "1h", until)
-            lines = between(records, first, last, series or [])
+            lines = between(records, first, last, series or [], _LEVELS[level])
         else:
             lines = summary(records)
         for line in lines:

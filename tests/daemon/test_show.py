@@ -7,6 +7,7 @@ import json
 import logging
 import math
 import os
+import queue
 import threading
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import pytest
 from rich.console import Console
 
 from abbe.daemon.config import load_config
-from abbe.daemon.event_log import journal
+from abbe.daemon.event_log import BoundedQueueHandler, journal
 from abbe.daemon.guard import Decision, GuardState
 from abbe.daemon.pipeline.faults import StandingFaults
 from abbe.daemon.pipeline.headline import headline
@@ -232,6 +233,18 @@ def test_the_journal_is_written_and_rotated(tmp_path: Path) -> None:
     assert "event 399" in text
     assert "not ours" not in text
     assert not logging.getLogger("abbe").handlers
+
+
+def test_a_journal_that_hangs_costs_events_and_no_memory() -> None:
+    waiting: queue.SimpleQueue[logging.LogRecord] = queue.SimpleQueue()
+    handler = BoundedQueueHandler(waiting, 100)
+    for number in range(1000):
+        handler.emit(logging.makeLogRecord({"msg": f"event {number}"}))
+    assert waiting.qsize() == 100
+    assert [waiting.get().getMessage() for _ in range(100)][-1] == "event 99"
+    handler.emit(logging.makeLogRecord({"msg": "later"}))
+    said = [waiting.get().getMessage() for _ in range(waiting.qsize())]
+    assert said == ["the journal's disk did not keep up: 900 events are missing", "later"]
 
 
 def test_a_fault_is_logged_once_when_it_comes_and_once_when_it_is_over(

@@ -156,6 +156,21 @@ def test_what_is_kept_is_shown(records: Path) -> None:
     assert "T_x (degC)" in text
     text = run("records", "show", records, "--from", "2026-11-22 14:00", "--series", "T_x").out
     assert "20.99" in text
+    connection = open_to_write(records)
+    for n in range(30):
+        connection.execute(
+            "INSERT INTO events (time, level, part, message) VALUES (?, 'INFO', 'abbe.x', ?)",
+            (BEGAN + n, f"event {n}"),
+        )
+    connection.close()
+    text = run("records", "show", records, "--from", "2026-11-22 14:00").out
+    assert "events: 31, the last 20" in text
+    assert "event 29" in text
+    assert "event 3\n" not in text
+    text = run("records", "show", records, "--from", "2026-11-22 14:00", "--level", "warning").out
+    assert "events: 1\n" in text
+    assert "X: stale" in text
+    assert "not a level" in run("records", "show", records, "--level", "loud").err
     done = run("records", "show", records, "--from", "1h", "--series", "T_y")
     assert done.status == 1
     assert "no such series" in done.err
