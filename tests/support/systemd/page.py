@@ -7,7 +7,7 @@ import re
 from tests.support.systemd.image import ROOT
 
 PAGE = ROOT / "docs" / "install.md"
-_BLOCK = re.compile(r"^```(?:sh)?\n(.*?)^```", re.MULTILINE | re.DOTALL)
+_BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 NOT_HERE = {
     "sudo python3 -m venv /opt/abbe": "an index of Python packages is not within reach",
     "sudo /opt/abbe/bin/pip install abbe": "the same",
@@ -15,6 +15,7 @@ NOT_HERE = {
     "/opt/abbe/bin/pip freeze > abbe-before.txt": "the same",
     "sudo /opt/abbe/bin/pip install --upgrade abbe": "the same",
     "sudo /opt/abbe/bin/abbe service renew --restart": "the same",
+    "sudo /opt/abbe/bin/pip install -r abbe-before.txt": "the same",
     "sudo systemctl edit abbe@mill-7": "a person edits",
     "sudo systemctl enable --now systemd-networkd": "the machine's kernel has no CAN",
     "networkctl status can0": "the machine's kernel has no CAN",
@@ -25,7 +26,9 @@ NOT_HERE = {
 def commands() -> list[str]:
     """All commands of the page, without their comments."""
     found = []
-    for block in _BLOCK.findall(PAGE.read_text(encoding="utf-8")):
+    for language, block in _BLOCK.findall(PAGE.read_text(encoding="utf-8")):
+        if language not in ("", "sh"):
+            continue
         for line in block.replace("\\\n", "").splitlines():
             command = re.sub(r"\s+# .*$", "", line).strip()
             if command and not command.startswith("#"):

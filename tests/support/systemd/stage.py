@@ -22,7 +22,7 @@ from tests.support.systemd.witness import Seen, Witness, witness
 
 RATE = 0.5
 """mm/s by which the correction may change."""
-_PLACES = {"mill-7": "600,800,-300", "mill-8": "500,700,-250"}
+_PLACES = {"mill-7": "350,450,-180", "mill-8": "50,850,-350"}
 """Machine → where it stands, mm: somewhere with some 10 µm of error."""
 _SLOW = (
     ("timeout = 0.3 ", "timeout = 3.0 "),
