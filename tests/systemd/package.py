@@ -18,7 +18,9 @@ def installed(stage: Stage) -> str:
     version = stage.page("abbe --version")
     user = stage.machine.do("getent passwd abbe")
     assert user.endswith("/nologin"), user
-    leftover = stage.machine.do("dpkg --audit; dpkg --verify abbe")
+    # the machine's Debian leaves manuals away
+    verified = "dpkg --audit; dpkg --verify abbe | grep -v /usr/share/man || true"
+    leftover = stage.machine.do(verified)
     assert leftover == "", leftover
     return f"{version}; {user}"
 

@@ -8,7 +8,7 @@ import socket
 import struct
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -80,36 +80,8 @@ class Witness:
         raise AssertionError(f"the controller did not see it in {within:g} s; {self.seen[-1:]}")
 
     def ramp(self, since: int, rate: float) -> str:
-        """Check that the correction was led to zero from index `since` on; in words.
-
-        Parameters
-        ----------
-        since
-            Where the correction was still there in full.
-        rate
-            mm/s that it may change by.
-
-        Raises
-        ------
-        AssertionError
-            When it was dropped instead, or its end was not told.
-        """
-        looks = self.seen[since:]
-        end = next((i for i, look in enumerate(looks) if look.status == 0), None)
-        assert end is not None, "the status word 0 was never written"
-        path = [look for look in looks[:end] if look.correction]
-        sizes = [size for size, _ in itertools.groupby(look.size for look in path)]
-        assert len(sizes) > 5, f"no ramp: {sizes}"
-        assert sizes[0] > 5.0, f"there was no correction before: {sizes}"
-        assert sizes[-1] < 0.05 * sizes[0], f"it did not come to zero before its end: {sizes}"
-        for one, two in itertools.pairwise(path):
-            step = max(abs(a - b) for a, b in zip(one.correction, two.correction, strict=True))  # type: ignore[arg-type]
-            allowed = _SPEEDS * rate * (two.sample - one.sample) + 0.02
-            assert step <= allowed, f"{step:.2f} µm in {two.sample - one.sample} ms"
-        steps = len(sizes) - 1
-        falling = [look for look in path if look.size < 0.99 * sizes[0]]
-        lasted = (falling[-1].sample - falling[0].sample) / 1e3
-        return f"{sizes[0]:.1f} µm to {sizes[-1]:.1f} in {steps} steps, {lasted:.1f} s; status 0"
+        """`ramp` of what was seen from index `since` on."""
+        return ramp(self.seen[since:], rate)
 
     def _look(self) -> None:
         while not self._over.is_set():
@@ -123,6 +95,38 @@ class Witness:
                     if self._over.wait(_PACE):
                         return
             self._over.wait(_PACE)
+
+
+def ramp(looks: Sequence[Seen], rate: float) -> str:
+    """Check that the correction was led to zero; in words.
+
+    Parameters
+    ----------
+    looks
+        From one on where the correction was still there in full.
+    rate
+        mm/s that it may change by.
+
+    Raises
+    ------
+    AssertionError
+        When it was dropped instead, or its end was not told.
+    """
+    end = next((i for i, look in enumerate(looks) if look.status == 0), None)
+    assert end is not None, "the status word 0 was never written"
+    path = [look for look in looks[:end] if look.correction]
+    sizes = [size for size, _ in itertools.groupby(look.size for look in path)]
+    assert len(sizes) > 5, f"no ramp: {sizes}"
+    assert sizes[0] > 5.0, f"there was no correction before: {sizes}"
+    assert sizes[-1] < 0.05 * sizes[0], f"it did not come to zero before its end: {sizes}"
+    for one, two in itertools.pairwise(path):
+        step = max(abs(a - b) for a, b in zip(one.correction, two.correction, strict=True))  # type: ignore[arg-type]
+        allowed = _SPEEDS * rate * (two.sample - one.sample) + 0.02
+        assert step <= allowed, f"{step:.2f} µm in {two.sample - one.sample} ms"
+    steps = len(sizes) - 1
+    falling = [look for look in path if look.size < 0.99 * sizes[0]]
+    lasted = (falling[-1].sample - falling[0].sample) / 1e3
+    return f"{sizes[0]:.1f} µm to {sizes[-1]:.1f} in {steps} steps, {lasted:.1f} s; status 0"
 
 
 @contextmanager
