@@ -28,7 +28,8 @@ STATUS_NAME = "abbe-run "
 _CREDENTIALS = struct.Struct("3i")
 _PEER_GROUPS = 59
 """SO_PEERGROUPS of socket(7), which Python does not name."""
-_MOST_GROUPS = 65_536
+_MOST_GROUPS = 256
+"""Python's getsockopt gives no more than 1024 bytes, and refuses to be asked for more."""
 
 
 @dataclass(frozen=True)
