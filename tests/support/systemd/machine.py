@@ -18,7 +18,7 @@ from pathlib import Path
 
 from tests.support.systemd.image import Image
 
-PATIENCE = 300.0
+PATIENCE = 900.0
 """s that anything may take: the machine may be emulated, beside other tests."""
 _FIRST_WORDS = 10.0
 HOST = "10.0.2.2"

@@ -31,7 +31,7 @@ _SLOW = (
 )
 """An emulated processor is some twenty times slower than a real one."""
 # no part of the product: patience with an emulated processor
-_PATIENCE = "[Service]\nTimeoutStartSec=300s\n"
+_PATIENCE = "[Service]\nTimeoutStartSec=900s\n"
 _RUNNING, _FULL = 1, 2
 
 
