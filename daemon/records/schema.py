@@ -54,6 +54,8 @@ CREATE TABLE events (
 );
 CREATE INDEX events_by_time ON events (time);
 """
+CACHE = 512
+"""KiB of the file that its writer keeps in memory."""
 _APPLICATION = 0x41626265
 """``Abbe``, in the file's head: tells its databases from others."""
 
@@ -81,6 +83,8 @@ def open_to_write(path: Path) -> sqlite3.Connection:
         # what is committed is on the disk, also when the power fails
         connection.execute("PRAGMA synchronous = FULL")
         connection.execute("PRAGMA wal_autocheckpoint = 2000")
+        # enough for the last page of every series; SQLite's own 2 MB would fill for an hour
+        connection.execute(f"PRAGMA cache_size = -{CACHE}")
         if not tables:
             with connection:
                 connection.execute("BEGIN IMMEDIATE")

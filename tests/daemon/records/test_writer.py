@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from abbe.daemon.records.reading import opened
+from abbe.daemon.records.schema import CACHE, open_to_write
 from abbe.daemon.records.thinning import Retention
 from abbe.daemon.records.writer import EventRow, RecordWriter, RunRow
 
@@ -245,3 +246,9 @@ def test_putting_never_waits(path: Path) -> None:
         holder.rollback()
         writer.close()
     holder.close()
+
+
+def test_the_writer_keeps_little_of_the_file_in_memory(path: Path) -> None:
+    connection = open_to_write(path)
+    assert connection.execute("PRAGMA cache_size").fetchone() == (-CACHE,)
+    connection.close()
