@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 
 from abbe.compcore.campaign.campaign import Campaign
@@ -40,8 +39,3 @@ def load(
 def now() -> str:
     """The date and time of a fit, UTC, ISO 8601."""
     return datetime.now(UTC).isoformat(timespec="seconds")
-
-
-def abbe_version() -> str:
-    """The installed version of Abbe."""
-    return version("abbe")

@@ -23,6 +23,11 @@ def sha256_of(path: Path) -> str:
         return ""
 
 
+def abbe_version() -> str:
+    """The installed version of Abbe."""
+    return version("abbe")
+
+
 @dataclass(frozen=True)
 class RunIdentity:
     """The version and the files of a run.
@@ -50,7 +55,7 @@ class RunIdentity:
         }
         paths = (configuration.path, model, *sorted(grids))
         seen = tuple(_stamp(path) for path in paths)
-        return cls(version("abbe"), tuple((path, sha256_of(path)) for path in paths), seen)
+        return cls(abbe_version(), tuple((path, sha256_of(path)) for path in paths), seen)
 
     def words(self) -> str:
         """In one line, for people.

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from abbe.compcore.model.model import Model
-from abbe.daemon.answers.inputs import abbe_version
+from abbe.daemon.config.identity import abbe_version
 from abbe.daemon.config.sections.upload import UploadSetup
 from abbe.daemon.upload.changeover import Changeover
 from abbe.daemon.upload.history.content import Content

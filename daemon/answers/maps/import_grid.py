@@ -18,9 +18,9 @@ from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.machine.structure import Structure, is_rotary
 from abbe.compcore.model.model import Model, Term
 from abbe.compcore.tables.table import Sign, Table, unit_of_position
-from abbe.daemon.answers.inputs import abbe_version
 from abbe.daemon.arguments.ranges import ranges
 from abbe.daemon.arguments.tables.arguments import present_files
+from abbe.daemon.config.identity import abbe_version
 from abbe.drivers.controllers import make_controller
 
 _WIDEST = 1e5

@@ -18,9 +18,10 @@ from abbe.compcore.files.model_toml.campaign_record import campaign_records, noi
 from abbe.compcore.files.model_toml.fit_record import recorded
 from abbe.compcore.model.model import Model
 from abbe.compcore.units import display, with_uncertainty
-from abbe.daemon.answers.inputs import abbe_version, now
+from abbe.daemon.answers.inputs import now
 from abbe.daemon.answers.model.fit import finite
 from abbe.daemon.answers.model.held_out import HeldOutCampaigns, shares
+from abbe.daemon.config.identity import abbe_version
 
 _SAID = {
     "began": "the model as it is",

@@ -24,9 +24,10 @@ from abbe.compcore.model.as_built import average_line_words, reversed_parameters
 from abbe.compcore.model.model import Model
 from abbe.compcore.units import display, with_uncertainty
 from abbe.daemon.answers import as_built
-from abbe.daemon.answers.inputs import abbe_version, now
+from abbe.daemon.answers.inputs import now
 from abbe.daemon.answers.model.fit import finite
 from abbe.daemon.answers.model.held_out import HeldOutCampaigns, read_held_out, shares
+from abbe.daemon.config.identity import abbe_version
 
 _RISEN = 1.005
 _ROUNDING = 1e-3

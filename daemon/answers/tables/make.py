@@ -31,8 +31,9 @@ from abbe.compcore.tables.projection.project import TOLERANCE, project
 from abbe.compcore.tables.remainder import Remainder, TrialPoints
 from abbe.compcore.tables.table import Table
 from abbe.compcore.tables.volume import Volume
-from abbe.daemon.answers.inputs import abbe_version, now
+from abbe.daemon.answers.inputs import now
 from abbe.daemon.answers.switches import not_applied
+from abbe.daemon.config.identity import abbe_version
 from abbe.drivers.controllers import Controller
 
 F64 = NDArray[np.float64]

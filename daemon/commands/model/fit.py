@@ -51,10 +51,11 @@ def fit(
     from abbe.compcore.files.model_toml.fit_record import recorded
     from abbe.compcore.fitting.fit import fit as fit_model
     from abbe.compcore.fitting.frame import ReferenceFrame
-    from abbe.daemon.answers.inputs import abbe_version, load, now
+    from abbe.daemon.answers.inputs import load, now
     from abbe.daemon.answers.model import expected_times as expected
     from abbe.daemon.answers.model import fit as answer
     from abbe.daemon.arguments.assignments import tool_offset
+    from abbe.daemon.config.identity import abbe_version
     from abbe.daemon.outputs import MODEL, REPORT, check_outputs
     from abbe.daemon.progress import shown
 
