@@ -65,7 +65,7 @@ def install(
         steps.run(["chmod", "-R", "u=rwX,g=rX,o=", str(folder)])
     steps.run(["systemctl", "daemon-reload"])
     if start:
-        steps.run(["systemctl", "enable", "--now", done.unit])
+        steps.run(["systemctl", "enable", "--now", done.unit], steps.RAMPS)
         typer.echo(f"running: {done.unit}; look at it with: systemctl status {done.unit}")
     else:
         typer.echo(f"start it, now and with the computer: systemctl enable --now {done.unit}")
@@ -83,7 +83,7 @@ def remove(
     check_machine(name)
     if here:
         steps.require_root()
-        steps.run(["systemctl", "disable", "--now", f"abbe@{name}.service"])
+        steps.run(["systemctl", "disable", "--now", f"abbe@{name}.service"], steps.RAMPS)
     for path in steps.uninstall(name, root):
         typer.echo(f"removed: {path}")
     if here:

@@ -36,6 +36,8 @@ from abbe.daemon.systemd.unit import (
 
 _UNITS = "/etc/systemd/system"
 _SYSUSERS = "/etc/sysusers.d/abbe.conf"
+RAMPS = 600.0
+"""s that a start, or a ramp down and an end, may take: the unit itself says when it is too long."""
 _HIDDEN = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
 """Folders that a confined service does not see."""
 

@@ -15,10 +15,8 @@ from pathlib import Path
 from abbe.compcore.errors import AbbeError
 from abbe.daemon.config import load_config
 from abbe.daemon.config.folders import CONFIGURATIONS
-from abbe.daemon.systemd.install import install, installed, own_command, plan, run
+from abbe.daemon.systemd.install import RAMPS, install, installed, own_command, plan, run
 
-_RESTART = 600.0
-"""s that a ramp down, the end, and a new beginning may take."""
 Say = Callable[[str], None]
 
 
@@ -57,7 +55,7 @@ def restart(sound: list[str], bad: list[str], say: Say, complain: Say) -> bool:
         unit = f"abbe@{machine}.service"
         say(f"restarting {unit}: the correction is ramped to zero and in again")
         try:
-            run(["systemctl", "restart", unit], _RESTART)
+            run(["systemctl", "restart", unit], RAMPS)
         except AbbeError as error:
             complain(f"{error}; see: journalctl -u {unit} -n 20")
             well = False
