@@ -56,6 +56,8 @@ def _key(name: str, behind: str = "") -> re.Pattern[bytes]:
 MODEL = OutputKind("a model of Abbe", _key(formats.MODEL))
 CAMPAIGN = OutputKind("a campaign of Abbe", _key(formats.CAMPAIGN, '"?#'))
 PLAN = OutputKind("a plan of Abbe", _key(formats.PLAN))
+PROGRAM = OutputKind("a program of Abbe", re.compile(rb"made by abbe program", re.IGNORECASE))
+TARGETS = OutputKind("a list of targets of Abbe", re.compile(rb"\Anumber,setup,[A-Z]"))
 CORRECTED = OutputKind("points that Abbe corrected", re.compile(rb"^[^#\n]*\bX_corrected\b", re.M))
 ERROR_MAP = OutputKind("an error map of Abbe", re.compile(rb"\A[^#\n]*\berror_X_um\b"))
 REPORT = OutputKind("a report of Abbe", re.compile(rb'<meta name="generator" content="Abbe '))

@@ -52,9 +52,10 @@ DRIVERS: tuple[Rooms, ...] = (
     ),
     (
         ("transducers", "counts, ohms → mm, °C"),
-        ("controllers", "dialects of tables"),
-        ("stores", "where tables are kept"),
-        ("simulated", "devices to try on"),
+        ("controllers", "tables' dialects"),
+        ("programs", "targets as NC"),
+        ("stores", "tables' places"),
+        ("simulated", "to try on"),
     ),
 )
 COMPCORE: tuple[Rooms, ...] = (

@@ -147,6 +147,22 @@ def read_plan(path: str | Path, machine: Machine) -> PlannedWork:
     return PlannedWork(tuple(setups), space, found.tools, found.model, 60.0 * found.warm_up)
 
 
+def model_of(path: str | Path) -> Path:
+    """The model's file that a plan names; where it is not there, beside the plan.
+
+    Raises
+    ------
+    InputError
+        When the plan names none.
+    """
+    source = TomlSource.read(path)
+    name = source.data.get("model")
+    if not isinstance(name, str) or not name:
+        raise source.error("the plan names no model", ("model",), found=name, expected="--model")
+    found = Path(name)
+    return found if found.exists() or found.is_absolute() else Path(path).parent / found
+
+
 def _setup(
     source: TomlSource,
     i: int,

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.machine.machine import Machine
+from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.planned_setup import PlannedSetup
 
 F64 = NDArray[np.float64]
@@ -55,26 +57,38 @@ class WorkingSpace:
         for axis, at in setup.targets.items():
             own = machine.axes[axis]
             more = np.radians(0.1 * self.beyond) if own.rotary else self.beyond
-            moves = bool(np.ptp(at) > 0.0)
-            whole = own.rotary and own.half_travel >= np.pi * (1 - 1e-9)
-            before = at[order] - senses[axis] * (more if moves and not whole else 0.0)
+            before = at[order] - senses[axis] * (more if np.ptp(at) > 0.0 else 0.0)
             low, high = min(before.min(), at.min()), max(before.max(), at.max())
             if low < own.travel[0] - _ROUNDING or high > own.travel[1] + _ROUNDING:
                 return f"{axis} would leave its travel"
-        way = setup.path()[order]
+        turns = any(np.ptp(q) > 0.0 for a, q in setup.targets.items() if is_rotary(a))
+        hit = self.entered(setup.path()[order], setup.offset, turns=turns)
+        return None if hit is None else f"the tool would enter keep-out box {hit}"
+
+    def entered(self, way: F64, offset: Sequence[float], *, turns: bool) -> int | None:
+        """The number of the first keep-out box that a tool enters on its way, from 1; None: none.
+
+        Parameters
+        ----------
+        way
+            The tip's places, (n, 3), mm, with straight lines between them.
+        offset
+            The tool's, mm.
+        turns
+            Whether rotary axes turn meanwhile.
+        """
         for i, box in enumerate(self.keep_out, start=1):
-            if self._enters(way, box, setup):
-                return f"the tool would enter keep-out box {i}"
+            if self._enters(way, box, np.asarray(offset), turns=turns):
+                return i
         return None
 
-    def _enters(self, way: F64, box: KeepOut, setup: PlannedSetup) -> bool:
+    def _enters(self, way: F64, box: KeepOut, offset: F64, *, turns: bool) -> bool:
         """Whether tip or tool enter a box on the way: the box is widened by the tool instead."""
-        to_spindle = -np.asarray(setup.offset)
-        low = np.asarray(box.low) - np.maximum(to_spindle, 0.0) - self.radius
-        high = np.asarray(box.high) - np.minimum(to_spindle, 0.0) + self.radius
-        if any(np.ptp(q) > 0.0 for a, q in setup.targets.items() if a[0] in "ABC"):
+        low = np.asarray(box.low) - np.maximum(-offset, 0.0) - self.radius
+        high = np.asarray(box.high) - np.minimum(-offset, 0.0) + self.radius
+        if turns:
             # a head that turns may swing the tool anywhere about its tip
-            reach = float(np.linalg.norm(to_spindle)) + self.radius
+            reach = float(np.linalg.norm(offset)) + self.radius
             low, high = np.asarray(box.low) - reach, np.asarray(box.high) + reach
         low, high = low - self.beyond, high + self.beyond
         start, move = way[:-1], np.diff(way, axis=0)

@@ -76,8 +76,7 @@ class SurveyTask:
         """The travel of an axis less what is needed to come from both sides, mm or rad."""
         axis = self.machine.axes[name]
         if axis.rotary:
-            whole = axis.half_travel >= math.pi * (1.0 - 1e-9)
-            edge = 0.0 if whole else math.radians(0.1 * self.space.beyond + 0.01)
+            edge = math.radians(0.1 * self.space.beyond + 0.01)
         else:
             edge = max(self.space.beyond, _EDGE * 2.0 * axis.half_travel)
             edge = min(edge, 0.25 * axis.half_travel)

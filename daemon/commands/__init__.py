@@ -29,6 +29,7 @@ NAMES = (
     "model.history",
     "effects",
     "measurements.plan",
+    "measurements.program",
     "measurements.import_campaign",
     "measurements.iso230",
     "measurements.iso10360",

@@ -67,8 +67,11 @@ def spheres(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[Planned
 def _angles(task: SurveyTask, axis: str) -> F64:
     low, high = task.ends(axis)
     count = task.count(axis)
-    whole = high - low >= 2.0 * np.pi * (1.0 - 1e-9)
-    angles = np.linspace(low, high, count, endpoint=not whole)
+    turn = 2.0 * np.pi
+    if 2.0 * task.machine.axes[axis].half_travel >= turn * (1.0 - 1e-9):
+        angles = np.linspace(low, low + turn, count, endpoint=False)
+    else:
+        angles = np.linspace(low, high, count)
     return np.asarray(np.radians(np.round(np.degrees(angles), 2)))
 
 

@@ -1,0 +1,184 @@
+"""What a machine does for a plan, move by move: the programme of which dialects make their text.
+
+A target is met from the side that the plan says: where an axis would come from the other one, it
+goes beyond first and comes back. Between set-ups the tool is drawn back along the axis that is
+nearest to it, and the program stops for the instrument to be set up.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.machine import Machine, nominal_direction
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.planning.envelope import WorkingSpace
+from abbe.compcore.planning.planned_setup import PlannedSetup
+
+F64 = NDArray[np.float64]
+
+_ROUNDING = 1e-6
+_NEAR = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramStep:
+    """One step of a program.
+
+    Attributes
+    ----------
+    kind
+        ``note``: words; ``stop``: words, waits for a person; ``move``: straight, at feed;
+        ``target``: stands still there and is read.
+    text
+        Of notes and stops.
+    at
+        Of moves and targets: axis → position, mm or rad.
+    number
+        Of a target, counted through the program from 1.
+    seconds
+        Of a target: how long it stands.
+    setup, directions
+        Of a target: its set-up, and axis → the sense in which it arrived, 1 or −1.
+    """
+
+    kind: Literal["note", "stop", "move", "target"]
+    text: str = ""
+    at: Mapping[str, float] = field(default_factory=dict)
+    number: int = 0
+    seconds: float = 0.0
+    setup: str = ""
+    directions: Mapping[str, int] = field(default_factory=dict)
+
+
+def steps_of(
+    machine: Machine, setups: Sequence[PlannedSetup], space: WorkingSpace
+) -> tuple[ProgramStep, ...]:
+    """All steps for some set-ups.
+
+    Raises
+    ------
+    InputError
+        Naming set-up, target and axis, for a move outside the travels or through a keep-out box.
+    """
+    return tuple(_Way(machine, space).through(setups))
+
+
+def drawn_back(machine: Machine, offset: Sequence[float]) -> tuple[str, float]:
+    """The axis along which a tool is drawn back, and where to, mm.
+
+    It is the linear axis nearest to the tool, drawn towards the spindle.
+
+    Raises
+    ------
+    InputError
+        When the machine has no linear axis.
+    """
+    near = [a for a in machine.structure.axes if not is_rotary(a)]
+    if not near:
+        raise InputError("a machine without linear axes", field="structure")
+    axis = near[-1] if near[-1] in machine.structure.tool_side else near[0]
+    towards = -float(np.dot(offset, nominal_direction(axis)))
+    low, high = machine.axes[axis].travel
+    edge = min(1.0, 0.01 * (high - low))
+    return axis, low + edge if towards < 0.0 else high - edge
+
+
+class _Way:
+    """The way through a program, checked move by move."""
+
+    def __init__(self, machine: Machine, space: WorkingSpace) -> None:
+        self._machine = machine
+        self._space = space
+        self._at: dict[str, float] = {}
+        self._number = 0
+
+    def through(self, setups: Sequence[PlannedSetup]) -> Iterator[ProgramStep]:
+        for setup in setups:
+            yield ProgramStep("note", f"set-up {setup.name}: {setup.what}")
+            yield ProgramStep("note", f"{setup.instrument.title}, tool {setup.tool}")
+            for title, place in setup.optics.items():
+                where = ", ".join(f"{v:.0f}" for v in place)
+                yield ProgramStep("note", f"{title} at {where} (X, Y, Z + tool, mm)")
+            yield from self._setup(setup)
+
+    def _setup(self, setup: PlannedSetup) -> Iterator[ProgramStep]:
+        order, _ = setup.visits()
+        senses = setup.senses()
+        moving = [a for a, q in setup.targets.items() if float(np.ptp(q)) > 0.0]
+        back, height = drawn_back(self._machine, setup.offset)
+        if self._at:
+            yield self._move(setup, {back: height})
+        else:
+            yield ProgramStep("note", f"the way of {back} to {height:.3f} must be free")
+            yield ProgramStep("move", at={back: height})
+        before: dict[str, float] = {}
+        for i, k in enumerate(order.tolist()):
+            target = {a: float(q[k]) for a, q in setup.targets.items()}
+            sense = {a: float(senses[a][i]) for a in moving}
+            if i == 0:
+                first = target | {a: target[a] - sense[a] * self._more(a) for a in moving}
+                high = first | {back: height}
+                if not self._at:
+                    self._at = dict(high)
+                yield self._move(setup, high)
+                yield ProgramStep("stop", f"set up the instrument: {setup.what}")
+                yield self._move(setup, first)
+            else:
+                late = [a for a in moving if self._wrong(a, target[a], sense[a], before[a])]
+                if late:
+                    beyond = {a: target[a] - sense[a] * self._more(a) for a in late}
+                    yield self._move(setup, beyond)
+            yield self._move(setup, target)
+            self._number += 1
+            yield ProgramStep(
+                "target", at=target, number=self._number, seconds=setup.instrument.reading,
+                setup=setup.name, directions={a: int(s) for a, s in sense.items()},
+            )  # fmt: skip
+            before = sense
+        yield self._move(setup, {back: height})
+
+    def _wrong(self, axis: str, target: float, sense: float, before: float) -> bool:
+        """Whether an axis would come to a target from the other side, or has not come to it."""
+        way = target - self._at[axis]
+        return way * sense < 0.0 if abs(way) > _NEAR else sense != before
+
+    def _more(self, axis: str) -> float:
+        beyond = self._space.beyond
+        return math.radians(0.1 * beyond) if is_rotary(axis) else beyond
+
+    def _move(self, setup: PlannedSetup, to: Mapping[str, float]) -> ProgramStep:
+        then = self._at | dict(to)
+        for axis, value in to.items():
+            low, high = self._machine.axes[axis].travel
+            if not low - _ROUNDING <= value <= high + _ROUNDING:
+                raise InputError(
+                    f"{axis} would leave its travel on the way to target {self._number + 1}",
+                    field=f"setups.{setup.name}",
+                    found=round(math.degrees(value) if is_rotary(axis) else value, 4),
+                    expected="a position within the travel, with room to come from both sides",
+                )
+        turns = any(is_rotary(a) and abs(then[a] - v) > _NEAR for a, v in self._at.items())
+        hit = self._space.entered(self._tip(setup, self._at, then), setup.offset, turns=turns)
+        if hit is not None:
+            raise InputError(
+                f"the tool would enter keep-out box {hit} on the way to target {self._number + 1}",
+                field=f"setups.{setup.name}",
+                expected="a free way; plan with the box, or change the order of set-ups",
+            )
+        self._at = then
+        return ProgramStep("move", at=dict(to))
+
+    def _tip(self, setup: PlannedSetup, *places: Mapping[str, float]) -> F64:
+        at = np.tile(np.asarray(setup.offset), (len(places), 1))
+        for row, place in zip(at, places, strict=True):
+            for axis, value in place.items():
+                if not is_rotary(axis):
+                    row += value * np.asarray(nominal_direction(axis))
+        return at

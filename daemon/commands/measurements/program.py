@@ -1,0 +1,77 @@
+"""``abbe program``: a plan's set-ups as a program of a controller."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from abbe.daemon.arguments.bounded import within
+from abbe.daemon.arguments.options import Force
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("program")(program)
+
+
+def program(
+    plan: Annotated[Path, typer.Argument(help="Plan, from abbe plan.", metavar="PLAN.toml")],
+    controller: Annotated[
+        str, typer.Option(help="linuxcnc, fanuc, siemens, heidenhain or ipp.", metavar="NAME")
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The program.", metavar="FILE")],
+    model: Annotated[
+        Path | None,
+        typer.Option(help="Model, if not the one that the plan names.", metavar="MODEL.toml"),
+    ] = None,
+    targets: Annotated[
+        Path | None, typer.Option(help="List of the targets.", metavar="FILE.csv")
+    ] = None,
+    setup: Annotated[
+        list[str] | None, typer.Option(help="Only this set-up; may be repeated.", metavar="NAME")
+    ] = None,
+    feed: Annotated[
+        float, typer.Option(callback=within(1.0, 20000.0, "mm/min"), help="Of all moves, mm/min.")
+    ] = 3000.0,
+    force: Force = False,
+) -> None:
+    """Write the program that moves a machine through a plan, target by target.
+
+    An example: abbe program plan.toml --controller linuxcnc -o plan.ngc --targets targets.csv
+    """
+    from abbe.compcore.errors import InputError
+    from abbe.compcore.files.model_file import load_model
+    from abbe.compcore.files.plan_file import model_of, read_plan
+    from abbe.compcore.files.text.atomic import write_together
+    from abbe.compcore.planning.motion import steps_of
+    from abbe.daemon.outputs import PROGRAM, TARGETS, check_outputs
+    from abbe.drivers.programs.dialect import dialect_called, targets_csv
+
+    named = model_of(plan) if model is None else model
+    say = check_outputs([plan, named], [(out, PROGRAM), (targets, TARGETS)], force=force)
+    dialect = dialect_called(controller)
+    machine = load_model(named).machine
+    work = read_plan(plan, machine)
+    wanted = [s for s in work.setups if not setup or s.name in setup]
+    for name in setup or []:
+        if name not in {s.name for s in work.setups}:
+            raise InputError(
+                "the plan has no such set-up",
+                file=plan,
+                field="setup",
+                found=name,
+                expected="one of " + ", ".join(s.name for s in work.setups),
+            )
+    steps = steps_of(machine, wanted, work.space)
+    title = f"{machine.name or 'machine'}, {machine.structure}"
+    # all that could be refused comes before anything is written
+    contents: dict[Path, str] = {out: dialect.text(steps, machine, title, feed)}
+    if targets is not None:
+        contents[targets] = targets_csv(steps, machine)
+    write_together(contents)
+    count = sum(step.kind == "target" for step in steps)
+    say(f"{dialect.title}: {len(wanted)} set-ups, {count} targets, {feed:g} mm/min")
+    say("before it runs: warm up, tool in, way back free; try it above the machine first")
+    say("written: " + ", ".join(map(str, contents)))

@@ -1,0 +1,105 @@
+"""What a dialect of programs is, and which there are."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.planning.motion import ProgramStep
+
+MADE_BY = "made by abbe program"
+"""Stands in every program, so that one may be overwritten by the next."""
+_PLAIN = str.maketrans(
+    {"µ": "u", "−": "-", "°": " deg", "×": "x", "…": "..", "ä": "ae", "ö": "oe", "ü": "ue"}
+)
+
+
+class Dialect(ABC):
+    """The language of one kind of controller.
+
+    Attributes
+    ----------
+    name
+        On the command line.
+    title
+        For people.
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+
+    @abstractmethod
+    def text(self, steps: Sequence[ProgramStep], machine: Machine, title: str, feed: float) -> str:
+        """The program.
+
+        Parameters
+        ----------
+        title
+            What it is, for people.
+        feed
+            Of all moves, mm/min; where only rotary axes move, degrees/min.
+
+        Raises
+        ------
+        InputError
+            When the language cannot say it.
+        """
+
+
+def shown(at: Mapping[str, float]) -> dict[str, float]:
+    """Positions as controllers spell them: mm and degrees."""
+    return {a: (math.degrees(v) if is_rotary(a) else v) + 0.0 for a, v in at.items()}
+
+
+def plain(text: str) -> str:
+    """ASCII without brackets and line ends, as comments of every controller may hold it.
+
+    >>> plain("laser (XL−80): 5 µm")
+    'laser [XL-80]: 5 um'
+    """
+    ascii_ = text.translate(_PLAIN).encode("ascii", "replace").decode("ascii")
+    one_line = "".join(c if c.isprintable() else " " for c in ascii_)
+    return one_line.replace("(", "[").replace(")", "]").replace(";", ",").replace('"', "'")
+
+
+def targets_csv(steps: Sequence[ProgramStep], machine: Machine) -> str:
+    """The list of targets: number, set-up, positions (mm, degrees), directions, s of standing."""
+    axes = machine.structure.axes
+    lines = [",".join(["number", "setup", *axes, *(f"{a}_dir" for a in axes), "seconds"])]
+    for step in steps:
+        if step.kind == "target":
+            at = shown(step.at)
+            cells = [str(step.number), step.setup, *(f"{at[a]:.4f}" for a in axes)]
+            cells += [str(step.directions.get(a, 0)) for a in axes]
+            lines.append(",".join([*cells, f"{step.seconds:g}"]))
+    return "\n".join(lines) + "\n"
+
+
+def dialect_called(name: str) -> Dialect:
+    """The dialect of a name.
+
+    Raises
+    ------
+    InputError
+        When there is none; lists those that there are.
+    """
+    from abbe.drivers.programs.gcode import Fanuc, LinuxCnc, Siemens
+    from abbe.drivers.programs.heidenhain import Klartext
+    from abbe.drivers.programs.ipp import IppCommands
+
+    known: dict[str, Dialect] = {
+        d.name: d for d in (LinuxCnc(), Fanuc(), Siemens(), Klartext(), IppCommands())
+    }
+    if name not in known:
+        raise InputError(
+            "no such controller",
+            field="controller",
+            found=name,
+            expected="one of " + ", ".join(known),
+        )
+    return known[name]

@@ -1,0 +1,41 @@
+"""Heidenhain Klartext: straight lines in machine coordinates (``M91``), cycle 9 for standing still.
+
+Source: user's manual TNC 640, Klartext programming: L, M91, CYCL DEF 9 DWELL TIME, STOP.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import ClassVar
+
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.planning.motion import ProgramStep
+from abbe.drivers.programs.dialect import MADE_BY, Dialect, plain, shown
+
+
+class Klartext(Dialect):
+    """Heidenhain TNC and iTNC, TNC7."""
+
+    name: ClassVar[str] = "heidenhain"
+    title: ClassVar[str] = "Heidenhain TNC"
+
+    def text(self, steps: Sequence[ProgramStep], machine: Machine, title: str, feed: float) -> str:
+        """The program; mm, degrees, mm/min."""
+        lines = ["BEGIN PGM ABBE MM", *self._lines(steps, title, feed), "END PGM ABBE MM"]
+        return "\n".join(f"{i} {line}" for i, line in enumerate(lines)) + "\n"
+
+    def _lines(self, steps: Sequence[ProgramStep], title: str, feed: float) -> Iterator[str]:
+        yield f"; {plain(title)}, {MADE_BY}"
+        for step in steps:
+            if step.kind == "note":
+                yield f"; {plain(step.text)}"
+            elif step.kind == "stop":
+                yield f"; {plain(step.text)}"
+                yield "STOP"
+            elif step.kind == "move":
+                words = " ".join(f"{a}{v:+.4f}" for a, v in shown(step.at).items())
+                yield f"L {words} R0 F{feed:.0f} M91"
+            else:
+                yield f"; target {step.number}"
+                yield "CYCL DEF 9.0 DWELL TIME"
+                yield f"CYCL DEF 9.1 DWELL {step.seconds:.3f}"

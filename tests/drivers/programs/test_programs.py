@@ -1,0 +1,235 @@
+"""Programs of plans, read back: by LinuxCNC's own interpreter, others by parsers of their own."""
+
+import math
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.planning.envelope import KeepOut, WorkingSpace
+from abbe.compcore.planning.instruments import instruments_called
+from abbe.compcore.planning.motion import steps_of
+from abbe.compcore.planning.setups.candidates import possible
+from abbe.drivers.programs.dialect import dialect_called, plain, targets_csv
+from tests.support.compcore.survey_machines import task
+
+NAMES = {
+    "rotary table": ["laser", "r-test", "tracker", "ball-bar"],
+    "bridge": ["laser", "straightness", "ball-plate", "gauge-block"],
+    "horizontal-arm": ["laser"],
+}
+AXES = "XYZABC"
+
+
+def chosen(name):
+    """A few set-ups of each instrument; each with a name."""
+    aim = task(name)
+    found = []
+    for key in NAMES[name]:
+        some = list(possible(aim, instruments_called([key])))
+        found += [some[0], replace(some[-1], runs=2)]
+    return aim, [replace(s, name=f"s{i:02d}") for i, s in enumerate(found)]
+
+
+def expected(aim, setups):
+    """Machine positions in mm and degrees at every target, from the set-ups alone."""
+    for setup in setups:
+        for k, senses in zip(
+            setup.visits()[0],
+            np.stack([setup.senses()[a] for a in setup.targets], axis=1),
+            strict=True,
+        ):
+            at = {a: math.degrees(q[k]) if is_rotary(a) else q[k] for a, q in setup.targets.items()}
+            moving = {a for a, q in setup.targets.items() if np.ptp(q) > 0.0}
+            yield at, {a: s for a, s in zip(setup.targets, senses, strict=True) if a in moving}
+
+
+def check(aim, setups, events):
+    """Every stop is at its target, and was met from the side that the plan says."""
+    wanted = list(expected(aim, setups))
+    at, came, seen = {}, {}, 0
+    for event in events:
+        if isinstance(event, dict):
+            for axis, value in event.items():
+                if axis in at and abs(value - at[axis]) > 1e-9:
+                    came[axis] = math.copysign(1.0, value - at[axis])
+                low, high = aim.machine.axes[axis].travel
+                if is_rotary(axis):
+                    low, high = math.degrees(low), math.degrees(high)
+                assert low - 1e-4 <= value <= high + 1e-4, (axis, value)
+            at = at | event
+        else:
+            position, senses = wanted[seen]
+            assert event > 0.0
+            for axis, value in position.items():
+                assert at[axis] == pytest.approx(value, abs=1e-4), (seen, axis)
+            for axis, sense in senses.items():
+                assert came[axis] == sense, (seen, axis)
+            seen += 1
+    assert seen == len(wanted)
+
+
+@pytest.mark.skipif(shutil.which("rs274") is None, reason="needs LinuxCNC's interpreter")
+@pytest.mark.parametrize("name", NAMES)
+def test_linuxcncs_own_interpreter_stops_at_every_target(name, tmp_path):
+    aim, setups = chosen(name)
+    steps = steps_of(aim.machine, setups, aim.space)
+    (tmp_path / "tool.tbl").touch()
+    (tmp_path / "p.ngc").write_text(
+        dialect_called("linuxcnc").text(steps, aim.machine, "test (µ)", 3000.0), "ascii"
+    )
+    done = subprocess.run(
+        ["rs274", "-t", "tool.tbl", "-g", "p.ngc"],
+        cwd=tmp_path, capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    assert "PROGRAM_END()" in done.stdout
+
+    def events():
+        for line in done.stdout.splitlines():
+            if found := re.search(r"STRAIGHT_FEED\((.*)\)", line):
+                numbers = [float(v) for v in found[1].split(",")]
+                yield {a: v for a, v in zip(AXES, numbers, strict=True) if a in aim.machine.axes}
+            elif found := re.search(r"DWELL\((.*)\)", line):
+                yield float(found[1])
+            assert "STRAIGHT_TRAVERSE" not in line
+
+    stream = list(events())
+    # before its first word of an axis the interpreter has it at 0
+    first = next(i for i, e in enumerate(stream) if isinstance(e, dict))
+    check(aim, setups, stream[first + 1 :])
+    assert done.stdout.count("PROGRAM_STOP()") == len(setups)
+
+
+def words(text, pattern):
+    return {a: float(v) for a, v in re.findall(pattern, text)}
+
+
+def klartext(text):
+    """A reader of the few words of Klartext, apart from the writer."""
+    lines = text.splitlines()
+    assert [int(line.split(" ", 1)[0]) for line in lines] == list(range(len(lines)))
+    body = [line.split(" ", 1)[1] for line in lines]
+    assert body[0] == "BEGIN PGM ABBE MM"
+    assert body[-1] == "END PGM ABBE MM"
+    for line in body[1:-1]:
+        if line.startswith("L "):
+            assert line.endswith(" M91")
+            yield words(line, r"\b([A-CX-Z])([+-]\d+\.\d+)")
+        elif found := re.fullmatch(r"CYCL DEF 9\.1 DWELL (\d+\.\d+)", line):
+            yield float(found[1])
+        else:
+            assert line.startswith(";") or line in ("STOP", "CYCL DEF 9.0 DWELL TIME")
+
+
+def siemens(text):
+    for line in text.splitlines():
+        if line.startswith("SUPA G1 "):
+            yield words(line, r"\b([A-CX-Z])=(-?\d+\.\d+)")
+        elif found := re.fullmatch(r"G4 F([\d.]+)", line):
+            yield float(found[1])
+        else:
+            assert line.startswith(";") or line in ("M0", "M30", "G71 G90 G94 G40 G500 D0")
+
+
+def fanuc(text):
+    lines = text.splitlines()
+    assert lines[0] == lines[-1] == "%"
+    assert text == text.upper()
+    for line in lines:
+        if line.startswith("G1 "):
+            yield words(line, r"\b([A-CX-Z])(-?\d+\.\d+)")
+        elif found := re.fullmatch(r"G4 X([\d.]+)", line):
+            yield float(found[1])
+
+
+READERS = {"heidenhain": klartext, "siemens": siemens, "fanuc": fanuc}
+
+
+@pytest.mark.parametrize("controller", READERS)
+@pytest.mark.parametrize("name", NAMES)
+def test_other_languages_say_the_same(name, controller):
+    aim, setups = chosen(name)
+    steps = steps_of(aim.machine, setups, aim.space)
+    text = dialect_called(controller).text(steps, aim.machine, "test", 2000.0)
+    check(aim, setups, READERS[controller](text))
+
+
+def test_ipp_commands_have_their_tags_and_go_to_every_target():
+    aim, setups = chosen("bridge")
+    text = dialect_called("ipp").text(
+        steps_of(aim.machine, setups, aim.space), aim.machine, "", 600
+    )
+    commands = [line for line in text.split("\r\n") if line and not line.startswith("#")]
+    assert [line[:6] for line in commands] == [f"{i:05d} " for i in range(1, len(commands) + 1)]
+    assert commands[0].endswith("StartSession()")
+    assert commands[-1].endswith("EndSession()")
+    assert "SetProp(Tool.GoToPar.Speed(10.000))" in commands[1]
+
+    def events():
+        for line in commands:
+            if " GoTo(" in line:
+                yield words(line, r"\b([XYZ])\((-?\d+\.\d+)\)")
+            elif line.endswith("Get(X(), Y(), Z())"):
+                yield 1.0
+
+    check(aim, setups, events())
+
+
+def test_ipp_has_no_rotary_axes():
+    aim, setups = chosen("rotary table")
+    steps = steps_of(aim.machine, setups, aim.space)
+    with pytest.raises(InputError, match="X, Y and Z only"):
+        dialect_called("ipp").text(steps, aim.machine, "", 600.0)
+
+
+def test_what_lies_outside_the_travels_is_refused():
+    aim, setups = chosen("bridge")
+    low = {**setups[0].targets, "Z": np.full(setups[0].count, 0.5)}
+    with pytest.raises(InputError, match="Z would leave its travel"):
+        steps_of(aim.machine, [replace(setups[0], targets=low)], aim.space)
+    edge = {**setups[0].targets, "Y": setups[0].targets["Y"] - 9.0}
+    with pytest.raises(InputError, match="Y would leave its travel"):
+        steps_of(aim.machine, [replace(setups[0], targets=edge)], aim.space)
+
+
+def test_a_way_between_set_ups_through_a_box_is_refused():
+    """Both set-ups are free; the way at the height of drawing back is not."""
+    aim, _ = chosen("bridge")
+    box = KeepOut((300.0, 400.0, -140.0), (400.0, 500.0, -80.0))
+    space = WorkingSpace((box,))
+    lines = [s for s in possible(replace(aim, space=space), instruments_called(["laser"]))
+             if s.axis == "Z"]  # fmt: skip
+    here, there = lines[0], lines[-1]
+    assert len(lines) > 1
+    with pytest.raises(InputError, match="keep-out box 1"):
+        steps_of(aim.machine, [replace(here, name="a"), replace(there, name="b")], space)
+
+
+def test_the_list_of_targets_counts_them_all():
+    aim, setups = chosen("rotary table")
+    steps = steps_of(aim.machine, setups, aim.space)
+    lines = targets_csv(steps, aim.machine).splitlines()
+    assert lines[0] == "number,setup,C,Y,X,Z,C_dir,Y_dir,X_dir,Z_dir,seconds"
+    wanted = list(expected(aim, setups))
+    assert len(lines) == len(wanted) + 1
+    for line, (at, senses) in zip(lines[1:], wanted, strict=True):
+        cells = line.split(",")
+        assert [float(c) for c in cells[2:6]] == pytest.approx([at[a] for a in "CYXZ"], abs=1e-4)
+        assert [int(c) for c in cells[6:10]] == [int(senses.get(a, 0)) for a in "CYXZ"]
+
+
+@pytest.mark.parametrize("bad", ["(M2)", "a\nM30", "x;G0", "5 µm − 3°"])
+def test_words_of_people_cannot_become_commands(bad):
+    said = plain(bad)
+    assert said.isascii()
+    assert not set(said) & set('();"\n')
+
+
+def test_an_unknown_controller_is_named():
+    with pytest.raises(InputError, match="linuxcnc, fanuc, siemens, heidenhain, ipp"):
+        dialect_called("mazak")
