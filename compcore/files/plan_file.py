@@ -126,6 +126,14 @@ def read_plan(path: str | Path, machine: Machine) -> PlannedWork:
             found=found.structure,
             expected=str(machine.structure),
         )
+    for i, b in enumerate(found.keep_out):
+        if not all(low < high for low, high in zip(b.low, b.high, strict=True)):
+            raise source.error(
+                "not a box",
+                ("keep_out", i, "low"),
+                found=list(b.low),
+                expected="every number below that of high",
+            )
     boxes = tuple(KeepOut(b.low, b.high) for b in found.keep_out)
     space = WorkingSpace(boxes, found.tool_radius, found.beyond)
     setups, names = [], set()

@@ -88,12 +88,12 @@ def dialect_called(name: str) -> Dialect:
     InputError
         When there is none; lists those that there are.
     """
-    from abbe.drivers.programs.gcode import Fanuc, LinuxCnc, Siemens
+    from abbe.drivers.programs.gcode import FanucProgram, LinuxCnc, Siemens
     from abbe.drivers.programs.heidenhain import Klartext
     from abbe.drivers.programs.ipp import IppCommands
 
     known: dict[str, Dialect] = {
-        d.name: d for d in (LinuxCnc(), Fanuc(), Siemens(), Klartext(), IppCommands())
+        d.name: d for d in (LinuxCnc(), FanucProgram(), Siemens(), Klartext(), IppCommands())
     }
     if name not in known:
         raise InputError(

@@ -68,7 +68,7 @@ class LinuxCnc(_GCode):
     move: ClassVar[str] = "G53 G1"
 
 
-class Fanuc(_GCode):
+class FanucProgram(_GCode):
     """Fanuc 0i, 30i and those that read like them."""
 
     name: ClassVar[str] = "fanuc"
