@@ -35,6 +35,7 @@ _STATUS_WITHIN = 2.0
 """s in which the run has to say something."""
 _ANSWER_WITHIN = 30.0
 """s for an operation: a model is folded anew."""
+_OVER = "the run is over"
 _QUEUE = 256
 """Cycles that wait for one client."""
 
@@ -143,6 +144,9 @@ class Hub:
                 self._take(*await next_frame(self._reader))
         except (asyncio.IncompleteReadError, ConnectionError):
             self.ended = True
+            for waiting in (self._asked, *self._answers.values()):
+                if waiting is not None and not waiting.done():
+                    waiting.set_exception(SilentRunError(_OVER))
 
     def _take(self, kind: FeedFrame, content: bytes) -> None:
         if kind is FeedFrame.STATUS:
@@ -188,6 +192,8 @@ class Hub:
         """
         if time.monotonic() - self._status_at < _GOOD_FOR:
             return self._status
+        if self.ended:
+            raise SilentRunError(_OVER)
         if self._asked is None:
             self._asked = asyncio.get_running_loop().create_future()
             self.say(WantStatus())

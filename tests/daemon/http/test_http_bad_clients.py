@@ -21,9 +21,10 @@ import pytest
 import uvicorn
 
 from abbe.daemon.control.controls import Controls
+from abbe.daemon.control.requests import StateRequest
 from abbe.daemon.http import bounded, feed, hub
 from abbe.daemon.http.feed import Feed
-from abbe.daemon.http.hub import Subscription
+from abbe.daemon.http.hub import Hub, SilentRunError, Subscription
 from abbe.daemon.http.wire import next_frame, unpacked_cycles
 from tests.daemon.pipeline.test_live_control import running
 from tests.daemon.pipeline.test_pipeline import compensating
@@ -367,3 +368,22 @@ def _lives(process: int) -> bool:
         return Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
     except OSError:
         return False
+
+
+async def test_who_asks_while_the_run_dies_is_told_so() -> None:
+    """A cancelled request would be an internal error."""
+    mine, its = socket.socketpair()
+    reader, writer = await asyncio.open_unix_connection(sock=its)
+    hub = Hub(reader, writer)
+    taking = asyncio.create_task(hub.run())
+    asking = asyncio.create_task(hub.status())
+    changing = asyncio.create_task(hub.do(StateRequest(), "me"))
+    await until(lambda: len(hub._answers) == 1)
+    mine.close()
+    for asked in (asking, changing):
+        with pytest.raises(SilentRunError, match="the run is over"):
+            await asked
+    with pytest.raises(SilentRunError, match="the run is over"):
+        await hub.status()
+    await taking
+    writer.close()
