@@ -19,7 +19,7 @@ from abbe.compcore.diagnosis.foretelling import WORTH
 from abbe.compcore.diagnosis.screening.candidates import RIGID
 from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut, folds
 from abbe.compcore.diagnosis.screening.screening import Basis
-from abbe.compcore.diagnosis.thermometers import further_thermometers
+from abbe.compcore.diagnosis.thermometers import further_thermometers, warmth_together
 from abbe.compcore.diagnosis.verdict import Diagnosis, lacking
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.temperature.lengths import ThermalOffset
@@ -310,7 +310,10 @@ class _StepwiseCourse:
     def sharpen(self, diagnosis: Diagnosis) -> bool:
         """Add further thermometers where warmth is established and they predict better."""
         warm = [e for e in self._added if e in self._last.result.model.effects]
-        for effects in further_thermometers(diagnosis, warm)[:_NEXT]:
+        further = further_thermometers(diagnosis, warm)
+        if not further and diagnosis.verdict == "unexplained":
+            further = warmth_together(diagnosis)
+        for effects in further[:_NEXT]:
             if len(effects) == 1:
                 if self.add(effects[0]):
                     return True

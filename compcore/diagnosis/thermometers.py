@@ -26,6 +26,9 @@ Rows = Sequence[NDArray[np.int64]]
 LEAST = 0.02
 """Part of the left-out χ² that further thermometers must remove."""
 
+MOST = 0.5
+"""Part of the left-out χ² that the thermometers together must remove where no cause stands."""
+
 _SENSORS = ("signal", "signals", "tau", "tau2", "start")
 """Keys that say which sensors an effect reads and how, not what moves."""
 
@@ -66,6 +69,33 @@ def further_thermometers(diagnosis: Findings, warm: Sequence[Effect]) -> list[li
     for effects, extended in _tried(diagnosis, basis, places):
         better = gain(before, diagnosis.pool.left_out(extended, rows))
         if better > LEAST:
+            found.append((better, effects))
+    found.sort(key=lambda pair: -pair[0])
+    return [effects for _, effects in found]
+
+
+def warmth_together(diagnosis: Findings) -> list[list[Effect]]:
+    """What a spreadsheet's regression on all thermometers would find, where no cause stands.
+
+    A description in products and curves of two temperatures says more than either thermometer, and
+    so leaves no cause standing, also where both together, straight, foretell most of what was left
+    out. What moves by the largest part of it is named then.
+
+    Returns
+    -------
+    As `further_thermometers`: offsets in one direction, of all thermometers as they are read.
+    """
+    machine = diagnosis.result.problem.model.machine
+    offsets = [
+        f.candidate.effect for f in diagnosis.ranked if f.candidate.effect.kind == "thermal_offset"
+    ]
+    places = {place(e) for e in offsets if of_temperatures(e, machine)}
+    rows = folds(diagnosis.result.problem.campaign.conditions)
+    before = diagnosis.pool.left_out(diagnosis.basis, rows)
+    found: list[tuple[float, list[Effect]]] = []
+    for effects, extended in _tried(diagnosis, diagnosis.basis, places):
+        better = gain(before, diagnosis.pool.left_out(extended, rows))
+        if better > MOST:
             found.append((better, effects))
     found.sort(key=lambda pair: -pair[0])
     return [effects for _, effects in found]

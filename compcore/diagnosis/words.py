@@ -27,8 +27,8 @@ NO_CLOCK = (
 
 
 _MORE_THAN_NOISE = (
-    "complete: no cause can be established; but what is left is more than the stated uncertainty "
-    "(χ² per degree of freedom {0:.3g}): too few independent rows, or it was stated too small."
+    "complete: no cause can be established; but what is left is more than {1} "
+    "(χ² per degree of freedom {0:.3g}): too few independent rows, or {2}."
 )
 
 
@@ -84,7 +84,12 @@ def diagnosis_words(
         yield NO_CLOCK
     names = " and ".join(e.found.candidate.effect.spec for e in diagnosis.established)
     if diagnosis.verdict == "complete" and diagnosis.whole.misfit:
-        yield _MORE_THAN_NOISE.format(diagnosis.whole.chi2_per_dof)
+        said = (
+            ("the stated uncertainty", "it was stated too small")
+            if uncertainty_stated(diagnosis)
+            else ("the scatter of repeated readings", "these were taken in too short a time")
+        )
+        yield _MORE_THAN_NOISE.format(diagnosis.whole.chi2_per_dof, *said)
     else:
         yield _SAID[diagnosis.verdict].format(names)
     if diagnosis.verdict == "changed" and diagnosis.standing is not None:
