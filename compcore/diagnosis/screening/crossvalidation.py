@@ -63,8 +63,7 @@ def folds(conditions: Conditions, count: int = FOLDS) -> list[Index]:
             pieces = max(1, min(math.ceil(2 * count * len(rows) / n), len(rows) // 2))
             timed = np.ptp(conditions.time[rows]) > 0.0
             if timed:
-                # in two stretches a fold, whatever drifts is all but known from its neighbours
-                parts = np.array_split(rows, max(1, pieces // 2))
+                parts = np.array_split(rows, pieces)
             else:
                 parts = _by_visit(conditions, rows) or _by_place(conditions, rows, pieces)
         elif extent > 4 * len(rows) and len(rows) >= 2 * count:

@@ -1,4 +1,4 @@
-"""Thermometers that say nothing one by one, and blocks of time as long as there are."""
+"""Thermometers that say nothing one by one."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from abbe.compcore.campaign.campaign import Campaign
-from abbe.compcore.diagnosis.screening.crossvalidation import folds
 from abbe.compcore.diagnosis.stepwise import to_the_verdict
 from abbe.compcore.files.model_file import parse_model
 from abbe.compcore.files.text.toml_source import TomlSource
-from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.model.model import Model
 from benchmarks.hidden.judging.trial import as_campaign
 
@@ -55,11 +53,3 @@ def test_what_two_thermometers_say_together_is_found(seed: int) -> None:
     read = {s for e in last.result.model.effects for s in e.signals_needed()}
     assert read == {"bed", "chamber"}
     assert last.held_out.lengths < 0.3 * float(np.std(campaign.value))
-
-
-def test_one_set_up_with_a_clock_is_left_out_in_its_longest_stretches() -> None:
-    t = np.arange(0.0, 1600.0, 10.0)
-    c = Conditions({"Z": np.zeros(160)}, time=t, setup=np.full(160, "a"))
-    parts = folds(c)
-    assert [len(p) for p in parts] == [20] * 8
-    assert all(np.ptp(p) == 19 for p in parts)
