@@ -25,6 +25,7 @@ DAEMON: tuple[Rooms, ...] = (
         ("report", "HTML pages"),
         ("show", "live screens"),
         ("demo", "all at once"),
+        ("workbench", "in a browser"),
     ),
     (
         ("upload", "tables, safely"),

@@ -27,6 +27,7 @@ NAMES = (
     "model.add",
     "model.remove",
     "model.history",
+    "model.open",
     "effects",
     "measurements.plan",
     "measurements.program",

@@ -216,12 +216,29 @@ def _decimals(column: Sequence[str | float | None], digits: int) -> int:
 
 
 def _cell(value: str | float | None, decimals: int) -> str:
+    right = "" if isinstance(value, str) else _NUMBER
+    return f"<td{right}>{escape(_text(value, decimals))}</td>"
+
+
+def _text(value: str | float | None, decimals: int) -> str:
     if isinstance(value, str):
-        return f"<td>{escape(value)}</td>"
+        return value
     if value is None or not isfinite(value):
-        return f"<td{_NUMBER}>–</td>"
+        return "–"
     text = str(value) if isinstance(value, int) else f"{value:z.{min(decimals, 9)}f}"
-    return f"<td{_NUMBER}>{text.replace('-', '−')}</td>"
+    return text.replace("-", "−")
+
+
+Cell = str | float | int | None
+"""What stands in a table; None becomes a dash."""
+
+
+def in_words(rows: Sequence[Sequence[Cell]], digits: int = 4) -> list[list[str]]:
+    """The cells of a table as `Page.table` writes them: a column has the same decimals."""
+    if not rows:
+        return []
+    decimals = [_decimals([row[i] for row in rows], digits) for i in range(len(rows[0]))]
+    return [[_text(v, d) for v, d in zip(row, decimals, strict=True)] for row in rows]
 
 
 def number(value: float, digits: int = 4) -> str:
@@ -240,25 +257,29 @@ def _in_space(trace: Mapping[str, Any]) -> bool:
 
 def _json(figure: Figure) -> str:
     """JSON that may stand inside a script element."""
-    text = json.dumps(_plain(figure), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    text = json.dumps(plain(figure), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Arrays to lists, what is not finite to null: gaps in a curve."""
     if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
+        return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
+        return [plain(v) for v in value]
     if isinstance(value, np.generic):
-        return _plain(value.item())
+        return plain(value.item())
     if isinstance(value, float) and not np.isfinite(value):
         return None
     return value
 
 
 def _plotly() -> str:
-    source = files("plotly").joinpath("package_data", "plotly.min.js").read_text(encoding="utf-8")
-    return source.replace("</script", "<\\/script")
+    return plotly_script().decode("utf-8").replace("</script", "<\\/script")
+
+
+def plotly_script() -> bytes:
+    """Plotly.js as its package has it."""
+    return files("plotly").joinpath("package_data", "plotly.min.js").read_bytes()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 from abbe.compcore.campaign.noise import NoiseLevel
 from abbe.compcore.campaign.sampling import sampling_words
@@ -25,9 +25,9 @@ def comparison_page(comparison: Comparison, head: PageHead) -> Page:
     problem = comparison.problem
     machine = problem.model.machine
     subtitle = f"{machine.name or 'Machine'}: model beside measurements"
-    page = Page(_title(comparison), subtitle, head)
+    page = Page(verdict_title(comparison), subtitle, head)
     _verdict(page, comparison)
-    _key_figures(page, comparison)
+    page.key_figures(key_figures(comparison))
     if fitted := comparison.fitted_files:
         page.notes([fitted_note(fitted)], warning=True)
     page.notes([str(level) for level in comparison.noise.levels.values()])
@@ -78,7 +78,7 @@ def comparison_page(comparison: Comparison, head: PageHead) -> Page:
     return page
 
 
-def _title(comparison: Comparison) -> str:
+def verdict_title(comparison: Comparison) -> str:
     """Whether the model holds, and if not, the most that is wrong, in the shop's words."""
     if comparison.sides and not comparison.holds:
         return comparison.sides[0].short
@@ -92,7 +92,8 @@ def _verdict(page: Page, comparison: Comparison) -> None:
     page.notes(list(comparison.verdict()), warning=not comparison.holds)
 
 
-def _key_figures(page: Page, comparison: Comparison) -> None:
+def key_figures(comparison: Comparison) -> list[tuple[str, str, str]]:
+    """Label, value and unit of what the reader came for."""
     figures = []
     for part, name, unit, factor, kinds in (
         (comparison.lengths, "lengths", "µm", 1e3, ("displacement", "distance")),
@@ -110,7 +111,7 @@ def _key_figures(page: Page, comparison: Comparison) -> None:
         level = _known(comparison, kinds)
         if level is not None and level.value is not None:
             figures.append(("noise floor", number(level.value * factor, 3), unit))
-    page.key_figures(figures)
+    return figures
 
 
 def _known(comparison: Comparison, kinds: tuple[str, ...]) -> NoiseLevel | None:
@@ -152,22 +153,13 @@ def draw_residuals(page: Page, figures: Mapping[str, Callable[[], Figure]], what
 
 def _tables(page: Page, comparison: Comparison, part: ComparedRows, unit: str) -> None:
     page.subsection("Told apart")
-    for title, groups in (
-        ("Side of approach, by what was measured", comparison.by_side(part)),
-        ("Set-ups", part.tables.setups),
-        ("Regions of the axes", part.tables.regions),
-        ("Tools", part.tables.tools),
-        ("Signals, in parts with equal numbers of rows", part.tables.signals),
-        ("Time, s", part.tables.time),
-    ):
-        if groups:
-            worst = sorted(groups, key=lambda g: -g.rms)[:_MOST_ROWS]
-            page.table(
-                ["", "n", f"rms, {unit}", f"largest, {unit}", f"mean, {unit}"],
-                [[_where(g), g.n, g.rms, g.max, g.mean] for g in worst],
-                caption=f"{title}, worst first",
-                digits=3,
-            )
+    for title, groups in told_apart(comparison, part):
+        page.table(
+            ["", "n", f"rms, {unit}", f"largest, {unit}", f"mean, {unit}"],
+            [[where_of(g), g.n, g.rms, g.max, g.mean] for g in groups],
+            caption=title,
+            digits=3,
+        )
     campaign = comparison.problem.campaign
     factor = 1e6 if unit == "µrad" else 1e3
     page.table(
@@ -178,7 +170,24 @@ def _tables(page: Page, comparison: Comparison, part: ComparedRows, unit: str) -
     )
 
 
-def _where(group: ResidualGroup) -> str:
+def told_apart(
+    comparison: Comparison, part: ComparedRows
+) -> Iterator[tuple[str, list[ResidualGroup]]]:
+    """Titles, and the residuals of one kind told apart, the worst groups first."""
+    for title, groups in (
+        ("Side of approach, by what was measured", comparison.by_side(part)),
+        ("Set-ups", part.tables.setups),
+        ("Regions of the axes", part.tables.regions),
+        ("Tools", part.tables.tools),
+        ("Signals, in parts with equal numbers of rows", part.tables.signals),
+        ("Time, s", part.tables.time),
+    ):
+        if groups:
+            yield f"{title}, worst first", sorted(groups, key=lambda g: -g.rms)[:_MOST_ROWS]
+
+
+def where_of(group: ResidualGroup) -> str:
+    """What some rows have in common, in words."""
     parts = dict(group.of)
     if "from" in parts and "to" in parts:
         ends = f"{number(parts.pop('from'))} … {number(parts.pop('to'))}"

@@ -22,7 +22,9 @@ from abbe.compcore.diagnosis.explain import (
 from abbe.compcore.diagnosis.findings import Established
 from abbe.compcore.diagnosis.measure_next import Advice
 from abbe.compcore.diagnosis.pictures import CANDIDATES, IN_VOLUME, OVER_TIME
+from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.diagnosis.shop_words import in_the_shop
+from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
 from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.compcore.diagnosis.words import (
     NO_UNCERTAINTY,
@@ -38,7 +40,7 @@ from abbe.daemon.report.page import Page, number
 
 F64 = NDArray[np.float64]
 
-_TITLES = {
+TITLES = {
     "complete": "Nothing is missing",
     "missing": "A cause is missing",
     "changed": "The machine has changed",
@@ -55,8 +57,8 @@ def page(
 ) -> Page:
     """The whole story on one page."""
     machine = diagnosis.whole.problem.model.machine
-    subtitle = f"{machine.name or 'Machine'}: {_TITLES[diagnosis.verdict]}"
-    out = Page(_title(diagnosis), subtitle, head)
+    subtitle = f"{machine.name or 'Machine'}: {TITLES[diagnosis.verdict]}"
+    out = Page(verdict_title(diagnosis), subtitle, head)
     if diagnosis.verdict == "changed" and diagnosis.standing is not None:
         out.section("What has changed")
         out.notes(list(changed(diagnosis.standing)))
@@ -72,7 +74,7 @@ def page(
     return out
 
 
-def _title(diagnosis: Diagnosis) -> str:
+def verdict_title(diagnosis: Diagnosis) -> str:
     """What the reader came for, in the shop's words."""
     if diagnosis.verdict == "changed" and diagnosis.standing is not None:
         change = diagnosis.standing.changes[:1]
@@ -82,11 +84,11 @@ def _title(diagnosis: Diagnosis) -> str:
             said = in_the_shop(change[0].effect, change[0].largest * factor, unit, by)
             return f"It has changed: {said[0].lower() if said[1].islower() else said[0]}{said[1:]}"
     if diagnosis.established:
-        return _said(diagnosis, diagnosis.established[0])
-    return _TITLES[diagnosis.verdict]
+        return said_in_the_shop(diagnosis, diagnosis.established[0])
+    return TITLES[diagnosis.verdict]
 
 
-def _said(diagnosis: Diagnosis, established: Established) -> str:
+def said_in_the_shop(diagnosis: Diagnosis, established: Established) -> str:
     """A cause in the shop's words, with the largest error of it that the campaign shows."""
     unit, _, factor = diagnosis.unit
     campaign = diagnosis.result.problem.campaign
@@ -142,20 +144,11 @@ def _why(out: Page, diagnosis: Diagnosis, figures: Mapping[str, Callable[[], Fig
     out.section("Why")
     for i, established in enumerate(diagnosis.established, start=1):
         effect = established.found.candidate.effect
-        out.subsection(f"{i}. {_said(diagnosis, established)}", effect.spec)
+        out.subsection(f"{i}. {said_in_the_shop(diagnosis, established)}", effect.spec)
         out.text(explanation(established, diagnosis))
         out.table(
             ["parameter", "fitted", "plausible", "what it is"],
-            [
-                [
-                    e.name,
-                    parameter(e).split(" = ", 1)[1] if moved(e) else "not determined",
-                    f"{amount(e.range[0], e.unit)} … {amount(e.range[1], e.unit)}"
-                    + ("" if e.plausible else "  ← outside"),
-                    e.description,
-                ]
-                for e in established.estimates
-            ],
+            [parameter_row(e) for e in established.estimates],
         )
         spec = effect.spec
         others = ", and with the other causes," if len(diagnosis.established) > 1 else ""
@@ -166,6 +159,28 @@ def _why(out: Page, diagnosis: Diagnosis, figures: Mapping[str, Callable[[], Fig
         )
 
 
+def parameter_row(estimate: Estimate) -> list[str]:
+    """A parameter, as it would be fitted, what is plausible, and what it is."""
+    e = estimate
+    return [
+        e.name,
+        parameter(e).split(" = ", 1)[1] if moved(e) else "not determined",
+        f"{amount(e.range[0], e.unit)} … {amount(e.range[1], e.unit)}"
+        + ("" if e.plausible else "  ← outside"),
+        e.description,
+    ]
+
+
+def structure_words(structure: ResidualPattern, diagnosis: Diagnosis) -> str:
+    """What no cause explains, in two sentences."""
+    share = structure.drop / diagnosis.basis.chi2
+    words = description(structure)
+    return (
+        f"{words[0].upper()}{words[1:]}. It makes up {share:.0%} of the residuals' χ²; depends "
+        f"on {', '.join(structure.depends_on)}."
+    )
+
+
 def _structure(
     out: Page,
     diagnosis: Diagnosis,
@@ -174,12 +189,7 @@ def _structure(
 ) -> None:
     out.section("What no cause explains")
     for i, s in enumerate(diagnosis.structure, start=1):
-        share = s.drop / diagnosis.basis.chi2
-        words = description(s)
-        out.text(
-            f"{words[0].upper()}{words[1:]}. It makes up {share:.0%} of the residuals' χ²; depends "
-            f"on {', '.join(s.depends_on)}."
-        )
+        out.text(structure_words(s, diagnosis))
         out.figure(
             figures[f"structure {i}"](),
             "Residuals of the model as it is against what this describes. Means on the dashed "

@@ -40,14 +40,14 @@ def history_page(model: Model, versions: Sequence[Mapping[str, Any]], file: Path
     """
     name = model.machine.name or "Machine"
     page = Page(
-        _title(versions), f"{name}: versions of the model",
+        error_title(versions), f"{name}: versions of the model",
         head_of(model, [file_on_page("model", file)]),
     )  # fmt: skip
     if not versions:
         page.text(f"This model has not been fitted yet: {fitting(file)}")
     else:
         _key_figures(page, versions)
-        _warnings(page, versions)
+        page.notes(warnings_of(versions), warning=True)
         _picture(page, versions)
         _table(page, versions)
         _measurements(page, versions)
@@ -59,7 +59,7 @@ def history_page(model: Model, versions: Sequence[Mapping[str, Any]], file: Path
     return page
 
 
-def _title(versions: Sequence[Mapping[str, Any]]) -> str:
+def error_title(versions: Sequence[Mapping[str, Any]]) -> str:
     """How the error fell, where it counts: on held-out campaigns, if there were any."""
     for key, what in (("holdout_rms", "The held-out error"), ("rms", "The error")):
         known = [v for v in (number_of(r, key) for r in versions) if v is not None]
@@ -119,7 +119,8 @@ def _picture(page: Page, versions: Sequence[Mapping[str, Any]]) -> None:
     )
 
 
-def _warnings(page: Page, versions: Sequence[Mapping[str, Any]]) -> None:
+def warnings_of(versions: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What the errors of the versions do not say."""
     notes = []
     fitted = [k for k, r in enumerate(versions, start=1) if number_of(r, "rms") is not None]
     if fitted and fitted[-1] < len(versions):
@@ -138,7 +139,7 @@ def _warnings(page: Page, versions: Sequence[Mapping[str, Any]]) -> None:
                 f"Not all versions have the same {name} campaigns; their errors compare only as "
                 "far as the campaigns do."
             )
-    page.notes(notes, warning=True)
+    return notes
 
 
 def _digests(record: Mapping[str, Any], key: str) -> list[str]:

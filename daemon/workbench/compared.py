@@ -1,0 +1,76 @@
+"""What the page *Compare* shows: the answer of ``abbe compare``, and every row for its pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from abbe.compcore.comparison.compare import Comparison
+from abbe.compcore.comparison.tabulate import ResidualGroup
+from abbe.compcore.comparison.words import fitted_note
+from abbe.daemon.report.model.compare import key_figures, told_apart, verdict_title, where_of
+from abbe.daemon.report.page import Cell, in_words, plain
+from abbe.daemon.workbench.rows import panels, rows_json, shown_rows, values_json
+
+
+def compared(comparison: Comparison) -> dict[str, Any]:
+    """One object for the page; lengths µm, angles µrad."""
+    problem = comparison.problem
+    campaign, machine = problem.campaign, problem.model.machine
+    rows = shown_rows(campaign, comparison.residual)
+    sides = [(s.axis, s.component) for s in comparison.sides]
+    # the last sentence says what to type next: here that is a button
+    sentences = [s for s in comparison.verdict() if not s.startswith("next: ")]
+    fitted = comparison.fitted_files
+    notes = [
+        *([fitted_note(fitted)] if fitted else []),
+        *(str(level) for level in comparison.noise.levels.values()),
+    ]
+    found: dict[str, Any] = {
+        "title": verdict_title(comparison),
+        "holds": comparison.holds,
+        "verdict": sentences,
+        "suspicions": list(comparison.suspicions),
+        "notes": notes,
+        "key": [list(figure) for figure in key_figures(comparison)],
+        "rows": rows_json(campaign, machine, rows),
+        "values": values_json(campaign, rows, comparison.residual),
+        "of": campaign.n,
+        "panels": panels(campaign, rows, comparison.residual, sides),
+        "tables": list(_tables(comparison)),
+    }
+    answer: dict[str, Any] = plain(found)
+    return answer
+
+
+def _tables(comparison: Comparison) -> Iterator[dict[str, Any]]:
+    campaign = comparison.problem.campaign
+    for k, (part, unit, factor) in enumerate(
+        ((comparison.lengths, "µm", 1e3), (comparison.rotations, "µrad", 1e6))
+    ):
+        if not part.n:
+            continue
+        worst: list[list[Cell]] = [
+            [campaign.file_of(p.row), int(p.line), p.setup, p.residual * factor, p.sd * factor]
+            for p in part.worst
+        ]
+        yield {
+            "title": "Worst points",
+            "part": k,
+            "columns": ["File", "Line", "Set-up", f"residual, {unit}", "its uncertainty"],
+            "cells": in_words(worst, 3),
+            "select": [{"row": p.row} for p in part.worst],
+        }
+        for title, groups in told_apart(comparison, part):
+            yield {
+                "title": title,
+                "part": k,
+                "columns": ["", "n", f"rms, {unit}", f"largest, {unit}", f"mean, {unit}"],
+                "cells": in_words([[where_of(g), g.n, g.rms, g.max, g.mean] for g in groups], 3),
+                "select": [_selected(g, k) for g in groups],
+            }
+
+
+def _selected(group: ResidualGroup, part: int) -> dict[str, Any]:
+    """What makes a row one of a group."""
+    return {"part": part, **group.of}

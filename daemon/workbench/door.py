@@ -1,0 +1,158 @@
+"""The door of the workbench: who may ask. One person's browser on this computer, nobody else.
+
+Any page of the internet that this browser shows could try to ask a server on 127.0.0.1. So a
+request counts only if it names this server (else a foreign name was pointed at 127.0.0.1: DNS
+rebinding), has the cookie of this session (set once, for the address that was printed), and, where
+it changes something, was sent by a page of this very server.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable
+from http.cookies import CookieError, SimpleCookie
+from urllib.parse import parse_qs
+
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+ENTRANCE = "/enter"
+"""Path of the address that is printed."""
+LONGEST = 65_536
+"""Bytes of a request's body that are read."""
+
+HEADERS = {
+    # Plotly lays its pictures out by styles of its own; no script but the files of this server runs
+    "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self' "
+    "'unsafe-inline'; img-src 'self' data: blob:; connect-src 'self'; frame-ancestors 'none'; "
+    "base-uri 'none'; form-action 'none'",
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "cache-control": "no-store",
+}
+"""Of every answer that says nothing else."""
+
+
+class Door:
+    """ASGI application that lets one session into another application.
+
+    Parameters
+    ----------
+    app
+        What is behind it.
+    port
+        Where the server listens on 127.0.0.1.
+    invite
+        Called with a new address, good for one browser: at first, and whenever one was used.
+    """
+
+    def __init__(self, app: ASGIApp, port: int, invite: Callable[[str], None]) -> None:
+        self._app = app
+        self._hosts = frozenset({f"127.0.0.1:{port}", f"localhost:{port}"})
+        # a cookie counts for all ports of a host
+        self._cookie = f"abbe-{port}"
+        self._secret = secrets.token_urlsafe(32)
+        self._port, self._invite = port, invite
+        self._key = ""
+        self._new_key()
+
+    def _new_key(self) -> None:
+        self._key = secrets.token_urlsafe(24)
+        self._invite(f"http://127.0.0.1:{self._port}{ENTRANCE}?key={self._key}")
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request, or hand it on."""
+        if scope["type"] != "http":
+            return
+
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                known = {name.lower() for name, _ in message["headers"]}
+                message["headers"] += [
+                    (name.encode(), value.encode())
+                    for name, value in HEADERS.items()
+                    if name.encode() not in known
+                ]
+            await send(message)
+
+        refused = self._refusal(scope)
+        if refused is not None:
+            await refused(scope, receive, with_headers)
+            return
+        body = await _body(receive)
+        if body is None:
+            await _no(413, f"no more than {LONGEST} bytes")(scope, receive, with_headers)
+            return
+        said: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
+
+        async def again() -> Message:
+            return said.pop() if said else await receive()
+
+        await self._app(scope, again, with_headers)
+
+    def _refusal(self, scope: Scope) -> Response | None:
+        """What is said instead of an answer; None: the request may pass."""
+        headers: dict[str, list[str]] = {}
+        for name, value in scope["headers"]:
+            headers.setdefault(name.decode("latin-1"), []).append(value.decode("latin-1"))
+        host = headers.get("host", [])
+        if len(host) != 1 or host[0] not in self._hosts:
+            return _no(421, "this is the workbench of Abbe on 127.0.0.1, and answers to no name")
+        if scope["method"] not in ("GET", "HEAD", "POST"):
+            return _no(405, "GET and POST only")
+        if scope["path"] == ENTRANCE and scope["method"] == "GET":
+            return self._enter(scope)
+        if not self._known(headers.get("cookie", [])):
+            return _no(
+                403,
+                "This browser has not entered. Open the address that the terminal shows, in which "
+                "'abbe open' runs. Each address is good for one browser.",
+            )
+        if scope["method"] == "POST":
+            own = f"http://{host[0]}"
+            kind = headers.get("content-type", [""])[0].partition(";")[0].strip().lower()
+            if headers.get("origin") != [own] or kind != "application/json":
+                return _no(403, "only pages of this workbench change anything")
+        return None
+
+    def _enter(self, scope: Scope) -> Response:
+        key = parse_qs(scope["query_string"].decode("latin-1")).get("key", [""])[0]
+        if not secrets.compare_digest(key.encode(), self._key.encode()):
+            return _no(
+                403,
+                "This address was used already. The terminal shows another one for each browser.",
+            )
+        self._new_key()
+        entered = RedirectResponse("/", 303)
+        entered.set_cookie(self._cookie, self._secret, httponly=True, samesite="strict", path="/")
+        return entered
+
+    def _known(self, cookies: list[str]) -> bool:
+        found = SimpleCookie()
+        try:
+            found.load("; ".join(cookies))
+        except CookieError:
+            return False
+        mine = found.get(self._cookie)
+        return mine is not None and secrets.compare_digest(
+            mine.value.encode(), self._secret.encode()
+        )
+
+
+def _no(status: int, why: str) -> Response:
+    return PlainTextResponse(f"{why}\n", status)
+
+
+async def _body(receive: Receive) -> bytes | None:
+    """A request's body; None where it is too long."""
+    parts, taken, more = [], 0, True
+    while more:
+        message = await receive()
+        parts.append(message.get("body", b""))
+        taken += len(parts[-1])
+        more = message["type"] == "http.request" and message.get("more_body", False)
+        if taken > LONGEST:
+            return None
+    return b"".join(parts)

@@ -1,0 +1,71 @@
+// Elements, requests and numbers. Text goes into the page as text only, never as HTML.
+
+/** An element: tag, properties (`class`, `on…`, attributes), children (elements or text). */
+export function el(tag, properties = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [key, value] of Object.entries(properties)) {
+    if (value === null || value === undefined || value === false) continue;
+    if (key.startsWith("on")) made.addEventListener(key.slice(2), value);
+    else if (value === true) made.setAttribute(key, "");
+    else made.setAttribute(key, String(value));
+  }
+  made.append(...children.filter((child) => child !== null && child !== undefined));
+  return made;
+}
+
+/** A table of text cells; `last(i)` makes a further cell of row i. */
+export function table(title, columns, cells, last = null) {
+  const numeric = columns.map((_, k) => cells.some((row) => /^[−–]?[\d.]+$/.test(row[k])));
+  const side = (k) => (numeric[k] ? "number" : null);
+  const head = columns.map((name, k) => el("th", {scope: "col", class: side(k)}, name));
+  const body = cells.map((row, i) => el("tr", {},
+    ...row.map((text, k) => el("td", {class: side(k)}, text)),
+    last ? el("td", {}, last(i)) : null));
+  return el("div", {class: "wide"}, el("table", {},
+    title ? el("caption", {}, title) : null,
+    el("thead", {}, el("tr", {}, ...head, last ? el("th", {}) : null)),
+    el("tbody", {}, ...body)));
+}
+
+/** A number for people: three significant digits, a true minus sign. */
+export function number(value, digits = 3) {
+  if (value === null || !Number.isFinite(value)) return "–";
+  const size = Math.abs(value);
+  const text = size >= 1000 && size < 1e6 ? value.toFixed(0)
+    : size !== 0 && (size < 1e-3 || size >= 1e6) ? value.toExponential(digits - 1)
+    : String(Number(value.toPrecision(digits)));
+  return text.replace(/-/g, "−");
+}
+
+export class Refusal extends Error {}
+
+/** JSON of this server; null where it is not known yet. */
+export async function get(path) {
+  return answer(await fetch(path, {cache: "no-store"}));
+}
+
+export async function post(path, body = {}) {
+  return answer(await fetch(path, {
+    method: "POST", headers: {"content-type": "application/json"}, body: JSON.stringify(body),
+  }));
+}
+
+async function answer(response) {
+  const type = response.headers.get("content-type") ?? "";
+  const found = type.startsWith("application/json") ? await response.json() : await response.text();
+  if (!response.ok) throw new Refusal(found.detail ?? found);
+  return found;
+}
+
+let plotly = null;
+
+/** Draw a Plotly figure; the library is fetched when the first is drawn. */
+export async function draw(place, figure) {
+  plotly ??= new Promise((resolve, reject) => {
+    document.head.append(el("script", {src: "plotly.min.js", onload: resolve, onerror: reject}));
+  });
+  await plotly;
+  const layout = {...figure.layout, autosize: true};
+  await Plotly.newPlot(place, figure.data, layout,
+    {responsive: true, displaylogo: false, showSendToCloud: false, displayModeBar: false});
+}

@@ -1,0 +1,226 @@
+// A picture of residuals against something, on a canvas: thousands of points, redrawn in a blink.
+import {el, number} from "./dom.js";
+
+export const COLOURS = {1: "#0072b2", "-1": "#d55e00", 0: "#6b7580"};
+const INK = "#1b1f24", GRID = "#e6e9ec", FAINT = 0.13;
+const EDGE = {left: 46, right: 8, top: 8, bottom: 34};
+const HEIGHT = 210, PARTS = 12;
+
+/** Round numbers between two ends. */
+export function ticks(low, high, count = 5) {
+  const rough = (high - low) / count || 1;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((k) => k * power).find((s) => s >= rough);
+  const out = [];
+  for (let v = Math.ceil(low / step) * step; v <= high + 1e-9 * step; v += step)
+    out.push(Math.abs(v) < 1e-9 * step ? 0 : v);
+  return out;
+}
+
+export class Scatter {
+  /**
+   * One panel: `panel` as the server lists it, `reach` the greatest residual that is shown; the
+   * element is `node`.
+   */
+  constructor(panel, linked, reach) {
+    this.linked = linked;
+    this.reach = reach;
+    this.unit = linked.rows.units[panel.part];
+    [this.x, this.label, this.side] = across(panel, linked.rows);
+    const measured = panel.measured;
+    this.indices = [...linked.rows.row.keys()].filter((i) => linked.rows.part[i] === panel.part
+      && (measured === undefined || linked.rows.measured[i] === measured)
+      && this.x[i] !== null && this.x[i] !== undefined);
+    const own = this.indices.map((i) => this.x[i]);
+    [this.low, this.high] = [min(own), max(own)];
+    if (this.low === this.high) [this.low, this.high] = [this.low - 0.5, this.high + 0.5];
+    const pad = 0.03 * (this.high - this.low);
+    [this.low, this.high] = [this.low - pad, this.high + pad];
+    this.canvas = el("canvas", {role: "img",
+      "aria-label": `Residuals ${panel.title}: ${own.length} rows. The tables select rows, too.`});
+    this.tip = el("output", {class: "tip", hidden: true});
+    this.node = el("figure", {class: "scatter", "data-panel": `${panel.part} ${panel.title}`},
+      el("figcaption", {}, panel.title), el("div", {}, this.canvas, this.tip));
+    this.#listen();
+    linked.pictures.push(this);
+    new ResizeObserver(() => this.draw()).observe(this.canvas);
+  }
+
+  get #wide() { return this.canvas.clientWidth - EDGE.left - EDGE.right; }
+  get #tall() { return HEIGHT - EDGE.top - EDGE.bottom; }
+  #px(i) { return EDGE.left + ((this.x[i] - this.low) / (this.high - this.low)) * this.#wide; }
+  #py(v) { return EDGE.top + (0.5 - (0.5 * v) / this.reach) * this.#tall; }
+
+  draw() {
+    if (!this.canvas.clientWidth) return;
+    const pen = sharp(this.canvas, HEIGHT);
+    this.#axes(pen);
+    const {values, before, chosen} = this.linked;
+    if (before) {
+      pen.fillStyle = "#b9c0c7";
+      for (const i of this.indices) pen.fillRect(this.#px(i) - 1.5, this.#py(before[i]) - 1.5, 3, 3);
+    }
+    const faint = chosen.size > 0;
+    pen.globalAlpha = faint ? FAINT : before ? 0.8 : 0.45;
+    for (const i of this.indices) if (!chosen.has(i)) this.#mark(pen, i, values[i], 3);
+    pen.globalAlpha = 1;
+    if (!faint && !before) this.#means(pen, values);
+    if (faint) for (const i of this.indices) if (chosen.has(i)) this.#mark(pen, i, values[i], 4.5);
+    this.node.dataset.selected = this.indices.filter((i) => chosen.has(i)).length;
+    if (this.from && this.to) {
+      pen.strokeStyle = INK;
+      pen.setLineDash([4, 3]);
+      pen.strokeRect(this.from[0], this.from[1], this.to[0] - this.from[0], this.to[1] - this.from[1]);
+      pen.setLineDash([]);
+    }
+  }
+
+  /** Up and down by shape as well as by colour. */
+  #mark(pen, i, value, size) {
+    if (value === null) return;
+    const [x, y, side] = [this.#px(i), this.#py(value), this.side[i] ?? 0];
+    pen.fillStyle = COLOURS[side];
+    pen.beginPath();
+    if (side === 0) pen.arc(x, y, 0.7 * size, 0, 7);
+    else {
+      pen.moveTo(x, y - side * size);
+      pen.lineTo(x - size, y + 0.7 * side * size);
+      pen.lineTo(x + size, y + 0.7 * side * size);
+    }
+    pen.fill();
+  }
+
+  /** The mean of each side, along the picture. */
+  #means(pen, values) {
+    for (const side of [0, 1, -1]) {
+      const own = this.indices.filter((i) => (this.side[i] ?? 0) === side && values[i] !== null);
+      if (own.length < 6) continue;
+      const sums = Array.from({length: PARTS}, () => [0, 0, 0]);
+      for (const i of own) {
+        const k = Math.min(PARTS - 1,
+          Math.floor(((this.x[i] - this.low) / (this.high - this.low)) * PARTS));
+        sums[k][0] += this.#px(i); sums[k][1] += values[i]; sums[k][2] += 1;
+      }
+      for (const [width, colour] of [[6, "#fff"], [3, COLOURS[side]]]) {
+        pen.strokeStyle = colour; pen.lineWidth = width; pen.lineJoin = "round";
+        pen.beginPath();
+        for (const [x, v, n] of sums) if (n) pen.lineTo(x / n, this.#py(v / n));
+        pen.stroke();
+      }
+      pen.lineWidth = 1;
+    }
+  }
+
+  #axes(pen) {
+    pen.font = "12px system-ui, sans-serif";
+    pen.lineWidth = 1;
+    pen.textBaseline = "middle"; pen.textAlign = "right";
+    for (const v of ticks(-this.reach, this.reach, 7)) {
+      pen.strokeStyle = v === 0 ? "#9aa4ae" : GRID;
+      line(pen, EDGE.left, this.#py(v), EDGE.left + this.#wide, this.#py(v));
+      pen.fillStyle = "#57606a";
+      pen.fillText(number(v), EDGE.left - 6, this.#py(v));
+    }
+    pen.textAlign = "center"; pen.textBaseline = "top";
+    if (this.label) {
+      for (const v of ticks(this.low, this.high, Math.max(2, this.#wide / 80))) {
+        const x = EDGE.left + ((v - this.low) / (this.high - this.low)) * this.#wide;
+        pen.strokeStyle = GRID;
+        line(pen, x, EDGE.top, x, EDGE.top + this.#tall);
+        pen.fillStyle = "#57606a";
+        pen.fillText(number(v, 4), x, HEIGHT - EDGE.bottom + 4);
+      }
+      pen.fillText(this.label, EDGE.left + this.#wide / 2, HEIGHT - 14);
+    } else pen.fillText("one column for each set-up", EDGE.left + this.#wide / 2, HEIGHT - 22);
+    pen.save();
+    pen.translate(9, EDGE.top + this.#tall / 2);
+    pen.rotate(-Math.PI / 2);
+    pen.fillText(this.unit, 0, -5);
+    pen.restore();
+  }
+
+  #listen() {
+    const at = (event) => {
+      const box = this.canvas.getBoundingClientRect();
+      return [event.clientX - box.left, event.clientY - box.top];
+    };
+    this.canvas.addEventListener("pointerdown", (event) => {
+      if (event.button) return;
+      this.canvas.setPointerCapture(event.pointerId);
+      this.from = at(event);
+      this.to = null;
+    });
+    this.canvas.addEventListener("pointermove", (event) => {
+      if (!this.from) { this.#point(at(event)); return; }
+      this.to = at(event);
+      this.draw();
+    });
+    const stop = () => { this.from = this.to = null; this.draw(); };
+    this.canvas.addEventListener("pointerup", () => {
+      if (!this.from) return;
+      const [a, b] = [this.from, this.to];
+      this.from = this.to = null;
+      if (!b || Math.hypot(b[0] - a[0], b[1] - a[1]) < 4) { this.linked.choose([]); return; }
+      this.linked.choose(this.indices.filter((i) => {
+        const [x, y] = [this.#px(i), this.#py(this.linked.values[i])];
+        return (x - a[0]) * (x - b[0]) <= 0 && (y - a[1]) * (y - b[1]) <= 0;
+      }));
+    });
+    this.canvas.addEventListener("pointercancel", stop);
+    this.canvas.addEventListener("pointerleave", () => { this.tip.hidden = true; });
+  }
+
+  #point([x, y]) {
+    let best = null, near = 8;
+    for (const i of this.indices) {
+      const away = Math.hypot(this.#px(i) - x, this.#py(this.linked.values[i]) - y);
+      if (away < near) [best, near] = [i, away];
+    }
+    this.tip.hidden = best === null;
+    if (best === null) return;
+    this.tip.replaceChildren(...this.linked.label(best).map((text) => el("div", {}, text)));
+    this.tip.style.top = `${y + 14}px`;
+    this.tip.style.left = `${Math.max(0, Math.min(x, this.canvas.clientWidth - 190))}px`;
+  }
+}
+
+/** What lies across a panel: a value for each row, its title, the side of approach of each. */
+function across(panel, rows) {
+  if (panel.by === "axis") {
+    const axis = rows.axes[panel.axis];
+    return [axis.at, `${panel.axis} (${axis.unit})`, axis.side];
+  }
+  if (panel.by === "signal") {
+    const signal = rows.signals[panel.signal];
+    return [signal.at, `${panel.signal} (${signal.unit})`, []];
+  }
+  return panel.by === "time" ? [rows.time, "time (h)", []] : [rows.setup, "", []];
+}
+
+/** A canvas's pen, as sharp as the screen. */
+export function sharp(canvas, height) {
+  const scale = window.devicePixelRatio || 1;
+  const [wide, tall] = [Math.round(canvas.clientWidth * scale), Math.round(height * scale)];
+  if (canvas.width !== wide || canvas.height !== tall) [canvas.width, canvas.height] = [wide, tall];
+  const pen = canvas.getContext("2d");
+  pen.setTransform(scale, 0, 0, scale, 0, 0);
+  pen.clearRect(0, 0, canvas.clientWidth, height);
+  return pen;
+}
+
+export function line(pen, x, y, toX, toY) {
+  pen.beginPath();
+  pen.moveTo(x, y);
+  pen.lineTo(toX, toY);
+  pen.stroke();
+}
+
+export const min = (values) => values.reduce((a, b) => Math.min(a, b), Infinity);
+export const max = (values) => values.reduce((a, b) => Math.max(a, b), -Infinity);
+
+/** The greatest residual of each part. */
+export function reaches(rows, values) {
+  const reach = [0, 0];
+  values.forEach((v, i) => { reach[rows.part[i]] = Math.max(reach[rows.part[i]], Math.abs(v)); });
+  return reach.map((v) => 1.05 * v || 1);
+}

@@ -1,0 +1,83 @@
+"""What the page *Watch* shows: every version's error, each campaign against its own noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import PurePath
+from typing import Any
+
+from abbe.daemon.report.campaign_courses import course_figure, courses_of
+from abbe.daemon.report.model.history import error_title, versions_of, warnings_of
+from abbe.daemon.report.page import in_words, plain
+from abbe.daemon.report.versions import change, number_of
+from abbe.daemon.workbench.versions import ModelVersion
+
+
+def watched(
+    versions: Sequence[ModelVersion], current: ModelVersion, said: Sequence[str]
+) -> dict[str, Any]:
+    """One object for the page.
+
+    Parameters
+    ----------
+    versions
+        All files, the model that was opened first.
+    current
+        The one that is looked at.
+    said
+        What the last addition said of itself.
+    """
+    listed = list(_listed(versions))
+    records = [record for _, record in listed]
+    courses = courses_of(records)
+    rows: list[list[str | float | int | None]] = [
+        [
+            k,
+            _change(version, record),
+            number_of(record, "rms"),
+            number_of(record, "holdout_rms"),
+            number_of(record, "noise_floor"),
+            str(record.get("date", "–"))[:16].replace("T", " "),
+            "–" if version is None else PurePath(version.path).name,
+        ]
+        for k, (version, record) in enumerate(listed, start=1)
+    ]
+    found = {
+        "title": error_title(records),
+        "said": list(said),
+        "warnings": warnings_of(records) if any(records) else [],
+        "columns": ["Version", "Change", "Fitted, µm", "Held out, µm", "Noise floor, µm", "Date",
+                    "File"],
+        "cells": in_words(rows, 3),
+        "go_back": [None if v is None else versions.index(v) for v, _ in listed],
+        "current": next((k for k, (v, _) in enumerate(listed) if v is current), None),
+        "courses": [
+            {"figure": course_figure(course, courses), "caption": course.caption}
+            for course in courses
+        ],
+    }  # fmt: skip
+    answer: dict[str, Any] = plain(found)
+    return answer
+
+
+def _change(version: ModelVersion | None, record: Mapping[str, Any]) -> str:
+    if version is not None and version.record is None:
+        words = "as it was opened: not fitted"
+        return f"{words}; the error is that once it is" if record else words
+    return change(record)
+
+
+def _listed(
+    versions: Sequence[ModelVersion],
+) -> list[tuple[ModelVersion | None, Mapping[str, Any]]]:
+    """Every version with its record, oldest first; None for those that have no file here."""
+    first, *others = versions
+    own = first.record
+    listed: list[tuple[ModelVersion | None, Mapping[str, Any]]] = [
+        (None, record) for record in first.model.history
+    ]
+    if own is None:
+        # it was fitted for the first time together with what was made of it
+        own = next((v.model.history[-1] for v in others if len(v.model.history) == 1), None)
+    listed.append((first, own or {}))
+    return [*listed, *((v, versions_of(v.model)[-1]) for v in others if v.model.fit)]
