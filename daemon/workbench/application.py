@@ -54,7 +54,7 @@ class Nothing(_Asked):
 
 
 def application(bench: Workbench, end: Callable[[], None]) -> FastAPI:
-    """The ASGI application, to be set behind a `Door`.
+    """The ASGI application, to be set behind a `WorkbenchDoor`.
 
     Parameters
     ----------

@@ -22,16 +22,14 @@ def compared(comparison: Comparison) -> dict[str, Any]:
     # the last sentence says what to type next: here that is a button
     sentences = [s for s in comparison.verdict() if not s.startswith("next: ")]
     fitted = comparison.fitted_files
-    notes = [
-        *([fitted_note(fitted)] if fitted else []),
-        *(str(level) for level in comparison.noise.levels.values()),
-    ]
     found: dict[str, Any] = {
         "title": verdict_title(comparison),
         "holds": comparison.holds,
         "verdict": sentences,
         "suspicions": list(comparison.suspicions),
-        "notes": notes,
+        "fitted": fitted_note(fitted) if fitted else "",
+        "unfitted": bool(problem.model.terms) and not any(t.fitted for t in problem.model.terms),
+        "notes": str(comparison.noise).splitlines(),
         "key": [list(figure) for figure in key_figures(comparison)],
         "rows": rows_json(campaign, machine, rows),
         "values": values_json(campaign, rows, comparison.residual),

@@ -35,7 +35,7 @@ HEADERS = {
 """Of every answer that says nothing else."""
 
 
-class Door:
+class WorkbenchDoor:
     """ASGI application that lets one session into another application.
 
     Parameters

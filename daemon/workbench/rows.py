@@ -89,7 +89,8 @@ def panels(
     def place(panel: dict[str, Any]) -> tuple[float, ...]:
         pair = (panel["axis"], panel["measured"])
         late = at_first.index(pair) if pair in at_first else len(at_first)
-        return (panel["part"], late, -panel["rms"])
+        # diagonals mix all components: they show that something is wrong, not what
+        return (panel["part"], late, panel["measured"] == "oblique", -panel["rms"])
 
     found.sort(key=place)
     return [*found, *_beside_axes(campaign, rows)]

@@ -14,7 +14,7 @@ import uvicorn
 from abbe.compcore.errors import InputError
 from abbe.daemon.http.bounded import BoundedProtocol
 from abbe.daemon.workbench.application import application
-from abbe.daemon.workbench.door import Door
+from abbe.daemon.workbench.door import WorkbenchDoor
 from abbe.daemon.workbench.session import Workbench
 
 _HOST = "127.0.0.1"
@@ -52,12 +52,12 @@ def serve(bench: Workbench, port: int, invite: Callable[[str], None]) -> None:
     with made:
         # from here on a browser waits instead of being refused
         made.listen(64)
-        server: _Server
+        server: _LoopbackServer
 
         def end() -> None:
             server.should_exit = True
 
-        door = Door(application(bench, end), made.getsockname()[1], invite)
+        door = WorkbenchDoor(application(bench, end), made.getsockname()[1], invite)
         config = uvicorn.Config(
             door,
             http=BoundedProtocol,
@@ -72,14 +72,14 @@ def serve(bench: Workbench, port: int, invite: Callable[[str], None]) -> None:
             timeout_graceful_shutdown=1,
             h11_max_incomplete_event_size=_HEAD,
         )
-        server = _Server(config)
+        server = _LoopbackServer(config)
         try:
             server.run(sockets=[made])
         finally:
             bench.close()
 
 
-class _Server(uvicorn.Server):
+class _LoopbackServer(uvicorn.Server):
     """A server for which Ctrl-C is the ordinary end."""
 
     @contextlib.contextmanager

@@ -26,7 +26,7 @@ from abbe.daemon.arguments.assignments import split_assignments
 from abbe.daemon.report.head import file_on_page, head_of
 from abbe.daemon.workbench.compared import compared
 from abbe.daemon.workbench.learned import learned, sliders, tried, what_if
-from abbe.daemon.workbench.task import Task, Tell
+from abbe.daemon.workbench.task import Tell, WorkbenchTask
 from abbe.daemon.workbench.versions import ModelVersion, VersionFolder
 from abbe.daemon.workbench.watched import watched
 
@@ -66,7 +66,7 @@ class Workbench:
         self._said: list[str] = list(held.notes()) if held is not None else []
         self._lock = threading.RLock()
         self._changes = 0
-        self._task: Task | None = None
+        self._task: WorkbenchTask | None = None
         self._compared: bytes | None = None
         self._learned: bytes | None = None
         self._diagnosis: Diagnosis | None = None
@@ -212,7 +212,7 @@ class Workbench:
     def _start(self, what: str, stages: Any, work: Callable[[Tell], None]) -> None:
         with self._lock:
             self._require_idle()
-            self._task = Task(what, stages, work, self._changed)
+            self._task = WorkbenchTask(what, stages, work, self._changed)
             self._changes += 1
             self._task.start()
 

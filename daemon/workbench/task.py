@@ -13,11 +13,11 @@ Tell = Callable[[str], None]
 """Takes what is being done, in a few words."""
 
 
-class StoppedError(AbbeError):
+class TaskEndedError(AbbeError):
     """The workbench ends: what is being computed is not wanted any more."""
 
 
-class Task:
+class WorkbenchTask:
     """One computation in a thread of its own.
 
     Parameters
@@ -73,7 +73,7 @@ class Task:
         try:
             self._work(self._tell)
             failed = ""
-        except StoppedError:
+        except TaskEndedError:
             failed = ""
         except AbbeError as error:
             failed = str(error)
@@ -85,6 +85,6 @@ class Task:
 
     def _tell(self, stage: str) -> None:
         if self._stop:
-            raise StoppedError("the workbench ends")
+            raise TaskEndedError("the workbench ends")
         self._stage = stage
         self._time.begin(stage)

@@ -62,8 +62,7 @@ def watched(
 
 def _change(version: ModelVersion | None, record: Mapping[str, Any]) -> str:
     if version is not None and version.record is None:
-        words = "as it was opened: not fitted"
-        return f"{words}; the error is that once it is" if record else words
+        return "as opened, not fitted" + (" (errors: once fitted)" if record else "")
     return change(record)
 
 

@@ -24,6 +24,9 @@ export function compareView(found, next) {
   const verdict = el("section", {class: "verdict"},
     el("h1", {class: found.holds ? "good" : "bad"}, found.title),
     ...found.verdict.map((text) => el("p", {}, text)),
+    found.unfitted ? el("p", {class: "note"}, "No value of this model has been fitted yet: what is "
+      + "left is the whole error. Looking for causes fits it first.") : null,
+    found.fitted ? el("p", {class: "note"}, found.fitted) : null,
     el("dl", {class: "key"}, ...found.key.map(([name, value, unit]) =>
       el("div", {}, el("dt", {}, name), el("dd", {}, `${value} `, el("small", {}, unit))))),
     el("p", {}, el("button", {class: "main", id: "why", onclick: next},
@@ -62,16 +65,20 @@ function partSection(found, linked, part, reach) {
     section.append(details);
   };
   more(`${along.length - FIRST} more along the axes`, along.slice(FIRST));
-  section.append(make(own.filter((panel) => panel.by === "setup" || panel.by === "time")));
-  section.append(new Volume(linked, part, reach[part]).node);
+  section.append(el("div", {class: "beside"},
+    make(own.filter((panel) => panel.by === "setup" || panel.by === "time")),
+    new Volume(linked, part, reach[part]).node));
   more("Against signals", own.filter((panel) => panel.by === "signal"));
   const tables = found.tables.filter((t) => t.part === part);
   section.append(el("h2", {}, `${NAMES[part]}: worst first`));
+  const listed = el("div", {class: "beside"});
+  section.append(listed);
   tables.forEach((t, k) => {
     const choose = (i) => el("button", {class: "small", onclick: () =>
-      linked.choose(linked.matching(t.select[i]))}, "Show");
+      linked.choose(linked.matching(t.select[i])),
+      "aria-label": `Show ${t.cells[i].slice(0, 3).join(" ")} in all pictures`}, "Show");
     const able = t.select.every((s) => s.tool === undefined);
-    section.append(el("details", {open: k < 2}, el("summary", {}, t.title),
+    listed.append(el("details", {open: k < 2}, el("summary", {}, t.title),
       table("", t.columns, t.cells, able ? choose : null)));
   });
   return section;

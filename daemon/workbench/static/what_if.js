@@ -75,7 +75,7 @@ function panelsOf(found, where) {
     if (where.about && p.part && p.measured === where.about && p.axis === where.axis) return 0;
     if (p.by === "axis" && p.axis === where.axis)
       return 2 * p.part + (p.measured === (where.direction ?? p.axis) ? 0 : 1);
-    if (p.by === "signal" && named(p.signal)) return 0.5;
+    if (p.by === "signal" && named(p.signal)) return p.part - 0.5;
     if (p.by === "time" && !where.axis) return 0.7;
     if (p.by === "axis" && p.measured === where.direction) return 1.5 + p.part;
     return p.by === "time" ? 3 : 4;
@@ -109,7 +109,9 @@ class Slider {
       this.#say(value);
       moved(value);
     });
-    this.node = el("label", {class: "slider"}, el("span", {title: s.what}, s.name), this.range, this.said);
+    const words = s.amount === undefined ? s.name : s.what || s.name;
+    this.node = el("label", {class: "slider"}, el("span", {title: `${s.name}: ${s.what}`}, words),
+      this.range, this.said);
     this.set(s.value);
   }
 
