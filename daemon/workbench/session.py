@@ -15,7 +15,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_file import require_signals
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.revise import with_effect
-from abbe.daemon.answers.inputs import abbe_version, load, now
+from abbe.daemon.answers.inputs import load, now
 from abbe.daemon.answers.model import compare as compare_answer
 from abbe.daemon.answers.model import expected_times as expected
 from abbe.daemon.answers.model import revise
@@ -23,6 +23,7 @@ from abbe.daemon.answers.model.first_fit import fitted_version
 from abbe.daemon.answers.model.held_out import read_held_out
 from abbe.daemon.answers.typed import Adding
 from abbe.daemon.arguments.assignments import split_assignments
+from abbe.daemon.config.identity import abbe_version
 from abbe.daemon.report.head import file_on_page, head_of
 from abbe.daemon.workbench.compared import compared
 from abbe.daemon.workbench.learned import learned, sliders, tried, what_if

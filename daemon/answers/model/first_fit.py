@@ -16,8 +16,9 @@ from abbe.compcore.files.model_toml.campaign_record import campaign_records, noi
 from abbe.compcore.files.model_toml.fit_record import recorded
 from abbe.compcore.fitting.fit import fit
 from abbe.compcore.model.model import Model
-from abbe.daemon.answers.inputs import abbe_version, now
+from abbe.daemon.answers.inputs import now
 from abbe.daemon.answers.model.held_out import read_held_out
+from abbe.daemon.config.identity import abbe_version
 
 
 def fitted_version(
