@@ -109,7 +109,7 @@ def test_the_whole_loop_by_clicking(browser: Browser, tmp_path: Path) -> None:
         assert chosen > 10
         for other in ("0 by set-up", "0 over time", "0 volume"):
             assert selected(page, other) == chosen
-        assert selected(page, "0 along Z, measured obliquely") == 0
+        assert selected(page, "0 along Y, measured in Y") == 0
         assert f"{chosen} rows" in page.locator("#selection").inner_text()
         # a row of a table as well
         page.locator("#selection button").click()
