@@ -17,6 +17,7 @@ from abbe.compcore.errors import AbbeError
 from abbe.compcore.model.model import Switch
 from abbe.daemon.answers.typed import uploading
 from abbe.daemon.beside import beside
+from abbe.daemon.checks.live import LiveChecks
 from abbe.daemon.config import Configuration
 from abbe.daemon.config.identity import RunIdentity
 from abbe.daemon.control.live_switches import back_words, start_words
@@ -67,6 +68,8 @@ class Service:
         Version and files of what runs.
     uncertainty
         How sure the correction is.
+    checks
+        What check measurements say of the machine.
     logbook
         What the status says of the run so far.
     switches_in_file
@@ -93,6 +96,7 @@ class Service:
         self._reported = ReportedUncertainty(
             configuration, self.links, self.pipeline, self.uncertainty
         )
+        self.checks = LiveChecks(lambda: self.configuration, self.links, self.pipeline)
         holds = held_by_run(configuration, self.links)
         self.logbook = Logbook(self.pipeline, configuration.model.machine, holds)
         self.add([self.uncertainty])
@@ -178,6 +182,7 @@ class Service:
             self.uncertainty.change_model(new.configuration.model)
             self.configuration, self.identity = new.configuration, new.identity
             self.switches_in_file = new.configuration.model.switches
+            self.checks.judge_anew()
             if self._recorder is not None:
                 self._recorder.began(new.identity, new.configuration.model.machine.name)
 
@@ -225,7 +230,13 @@ class Service:
                 )
                 logger.info(start_words(self.configuration.model, self.configuration.model_path))
                 self._warn_of_uploads()
-                async with beside(self, supervised=self._notifier.there), self._reported.running():
+                if self._recorder is not None:
+                    self.checks.keep = self._recorder.keep
+                async with (
+                    beside(self, supervised=self._notifier.there),
+                    self._reported.running(),
+                    self.checks.running(),
+                ):
                     await self._until_ended()
             finally:
                 gc.unfreeze()

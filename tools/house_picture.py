@@ -30,6 +30,7 @@ DAEMON: tuple[Rooms, ...] = (
     (
         ("upload", "tables, safely"),
         ("table_watch", "tables made anew"),
+        ("checks", "still true?"),
         ("records", "what was"),
         ("control", "by a person"),
         ("status", "what it says"),

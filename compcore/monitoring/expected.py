@@ -126,6 +126,7 @@ class _Filters:
         size = self._fixed + 2 * m
         usual = np.array([np.median(readings.sd[readings.of == k]) for k in range(m)])
         times = np.array([h.times for h in HYPOTHESES])
+        self._more = np.array([1.0 + h.more**2 for h in HYPOTHESES])
         self._lasts = np.array([h.lasts for h in HYPOTHESES])
         self._deviates = (times[:, None] * usual) ** 2
         self._wanders = (_WANDERS * readings.left_over) ** 2
@@ -190,7 +191,8 @@ class _Filters:
         """What a check reads beyond what was expected, (g, k), and its variance."""
         self._across = self._p @ seen.state.T
         known = seen.state @ self._across
-        known[:, np.arange(len(seen.series)), np.arange(len(seen.series))] += seen.variance
+        at = np.arange(len(seen.series))
+        known[:, at, at] += self._more[:, None] * seen.variance
         self._spread = known + _ANYWHERE**2 * (seen.free @ seen.free.T)
         self._beyond = seen.value - self._x @ seen.state.T
         return self._beyond, np.diagonal(self._spread, axis1=1, axis2=2)

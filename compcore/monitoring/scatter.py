@@ -32,20 +32,27 @@ class Scatter(NamedTuple):
         Time after which a deviation has fallen to 1/e, s; 0: the next check has a new one.
     chance
         Before the first check.
+    more
+        Standard deviation of what is new in every check and lasts no longer, beyond the stated one
+        of a reading, as a multiple of it.
     """
 
     times: float
     lasts: float
     chance: float
+    more: float = 0.0
 
 
-_TIMES = {0.0: 0.1, 0.5: 0.2, 1.0: 0.3, 1.5: 0.2, 2.0: 0.1, 3.0: 0.06, 4.0: 0.03, 6.0: 0.01}
+_TIMES = {0.0: 0.1, 0.5: 0.1, 1.0: 0.15, 1.5: 0.15, 2.0: 0.15, 3.0: 0.15, 4.0: 0.1, 6.0: 0.1}
+_MORE = {0.0: 0.5, 1.0: 0.5}
 _LASTS = {0.0: 0.4, 1.0 * DAY: 0.2, 2.0 * DAY: 0.1, 5.0 * DAY: 0.15, 15.0 * DAY: 0.15}
 
 HYPOTHESES: tuple[Scatter, ...] = tuple(
-    Scatter(times, lasts, chance * often)
+    Scatter(times, lasts, chance * often * share, more)
     for lasts, chance in _LASTS.items()
     for times, often in _TIMES.items()
+    # what does not last is all of one kind
+    for more, share in (_MORE.items() if lasts else ((0.0, 1.0),))
 )
 _KINDS = np.array([[h.lasts == lasts for h in HYPOTHESES] for lasts in _LASTS])
 """(lasts, hypothesis): which hypotheses say that deviations last so long."""

@@ -93,6 +93,12 @@ def _inputs(configuration: Configuration, links: dict[str, Link]) -> Iterator[di
         yield _row(links, f"reference {name}", reference.source, reference.transducer) | {
             "becomes": unit_of(name)
         }
+    for name, point in file.checks.points.items():
+        yield _row(links, f"check {name}, complete", point.trigger) | {"becomes": "watched"}
+        for letter, channel in zip("XYZ", point.found or (), strict=False):
+            yield _row(links, f"check {name}, found {letter}", channel) | {"becomes": "mm"}
+        if point.value is not None:
+            yield _row(links, f"check {name}", point.value) | {"becomes": "µm"}
 
 
 def _outputs(configuration: Configuration, links: dict[str, Link]) -> Iterator[dict[str, Any]]:
@@ -106,6 +112,11 @@ def _outputs(configuration: Configuration, links: dict[str, Link]) -> Iterator[d
     for name in ("status", "heartbeat"):
         if (channel := getattr(output, name)) is not None:
             yield _row(links, f"Abbe's {name}", channel) | {"from": "Abbe"}
+    for name, channel in output.plus_minus.items():
+        unit = links[split(channel)[0]].info(split(channel)[1]).unit
+        yield _row(links, f"± of {name}", channel) | {"from": unit}
+    if output.outside is not None:
+        yield _row(links, "never measured", output.outside) | {"from": "Abbe"}
 
 
 def _typed(name: str, unit: str, seconds: float) -> dict[str, Any]:

@@ -128,6 +128,13 @@ class Channels:
                 yield channel, ("controller", name)
         for i, echo in enumerate(file.output.echo):
             yield echo.source, ("output", "echo", i, "source")
+        for name, point in file.checks.points.items():
+            place: Key = ("checks", "points", name)
+            yield point.trigger, (*place, "trigger")
+            for i, channel in enumerate(point.found or ()):
+                yield channel, (*place, "found", i)
+            if point.value is not None:
+                yield point.value, (*place, "value")
 
 
 WATCHED = ("heartbeat", "status", "sample", "clock")

@@ -9,7 +9,7 @@ from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.machine.conditions import unit_of
 from abbe.daemon.config.channels import WATCHED, Channels, Key, split
 from abbe.daemon.config.configuration import Configuration
-from abbe.daemon.config.outputs import check_outputs
+from abbe.daemon.config.outputs import PER_MM, check_outputs
 from abbe.daemon.config.paces import check_paces
 from abbe.daemon.config.sections.readings import SignalSection
 from abbe.drivers.link import Link
@@ -58,6 +58,7 @@ class _Checks:
         self._tool()
         self._controller()
         self._output_units()
+        self._check_points()
         check_outputs(self.channels, self.model.machine)
         check_paces(self.channels)
 
@@ -167,6 +168,48 @@ class _Checks:
                     ("controller", name),
                     expected="a key 'status' in [controller]",
                 )
+
+    def _check_points(self) -> None:
+        axes = self.model.machine.structure.axes
+        for name, point in self.file.checks.points.items():
+            key: Key = ("checks", "points", name)
+            for i, channel in enumerate(point.found or ()):
+                self._channel(channel, (*key, "found", i))
+                self._units(channel, None, "mm", (*key, "found", i))
+            if point.value is not None:
+                self._channel(point.value, (*key, "value"))
+                unit = self.channels.info(point.value).unit
+                if unit not in PER_MM:
+                    raise self.source.error(
+                        f"channel {point.value} is "
+                        + (f"in {unit}" if unit else "of no stated unit"),
+                        (*key, "value"),
+                        expected='unit = "um" or unit = "mm" of the channel',
+                    )
+            if point.reference is not None and (
+                point.reference not in "XYZ" or point.reference not in self.file.reference
+            ):
+                known = [axis for axis in self.file.reference if axis in "XYZ"]
+                raise self.source.error(
+                    "nothing independent measures it",
+                    (*key, "reference"),
+                    found=point.reference,
+                    expected="one of " + (", ".join(known) or f"[reference.{point.reference}]"),
+                )
+            if point.sd is None and not self.model.fit.get("rms"):
+                raise self.source.error(
+                    "how sure the reading is, is not given, and the model's fit does not say",
+                    (*key, "sd"),
+                    expected="sd = .. (µm, standard uncertainty)",
+                )
+            for axis in point.at:
+                if axis not in axes:
+                    raise self.source.error(
+                        "the model's machine has no such axis",
+                        (*key, "at", axis),
+                        found=axis,
+                        expected="one of " + ", ".join(axes),
+                    )
 
     def _output_units(self) -> None:
         for name, section in self.file.output.axes.items():

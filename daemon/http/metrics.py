@@ -52,6 +52,7 @@ class RunCollector(Collector):
         yield from _axes(status)
         yield from _signals(status)
         yield from _links(status)
+        yield from _checks(status)
 
 
 def registry(*collectors: Collector) -> CollectorRegistry:
@@ -245,6 +246,48 @@ def _signals(status: RunStatus) -> Iterator[Metric]:
         "1 where the value is not fresh and good",
         [((n,), float(s.stale)) for n, s in status.signals.items()],
         signal,
+    )
+
+
+def _checks(status: RunStatus) -> Iterator[Metric]:
+    checks = status.checks
+    if checks is None:
+        return
+    verdicts = StateSetMetricFamily("abbe_check_verdict", "What check measurements say")
+    states = ("unknown", "sound", "changed")
+    verdicts.add_metric((), {state: state == checks.verdict for state in states})
+    yield verdicts
+    yield _gauge("abbe_checks_recorded", "Checks that count", [((), float(checks.checks))])
+    if checks.last is not None:
+        yield _gauge(
+            "abbe_check_last_time_seconds",
+            "When the last check was, since 1970",
+            [((), checks.last.timestamp())],
+        )
+    yield _gauge(
+        "abbe_check_chart_ratio",
+        "How full the fuller chart of a series is; 1 at its limit",
+        [((n,), s.full) for n, s in checks.series.items()],
+        ("series",),
+    )
+    for unit, ours in (("meters", "um"), ("radians", "urad")):
+        found = [
+            ((n,), _MICRO * s.surprise)
+            for n, s in checks.series.items()
+            if s.unit == ours and s.surprise is not None
+        ]
+        if found:
+            yield _gauge(
+                f"abbe_check_surprise_{unit}",
+                "What the last check read beyond what was expected",
+                found,
+                ("series",),
+            )
+    yield _gauge(
+        "abbe_check_refused",
+        "1 for each check point whose last measurement was not recorded",
+        [((n,), 1.0) for n in checks.refused],
+        ("point",),
     )
 
 

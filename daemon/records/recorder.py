@@ -113,6 +113,10 @@ class Recorder(logging.Handler):
                 values.append((name, self._signals.get(name, ""), now, reading.value))
         self._writer.put(values)
 
+    def keep(self, name: str, unit: str, value: float) -> None:
+        """Keep one value of now."""
+        self._writer.put([(name, unit, self._clock(), value)])
+
     def emit(self, record: logging.LogRecord) -> None:
         """Keep one event."""
         try:

@@ -96,7 +96,14 @@ async def _run(
     handlers: list[logging.Handler] = []
     if how == "screen":
         screen = LiveScreen(
-            machine, pipeline.axes, corrected, service.links, title, duration, service.uncertainty
+            machine,
+            pipeline.axes,
+            corrected,
+            service.links,
+            title,
+            duration,
+            service.uncertainty,
+            service.checks,
         )
         service.add([screen])
         handlers.append(screen.events)

@@ -17,6 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from abbe.compcore.machine.machine import Machine
+from abbe.daemon.checks.live import LiveChecks, LiveChecksState
 from abbe.daemon.guard import GuardState
 from abbe.daemon.pipeline.compensate import direction_index
 from abbe.daemon.pipeline.headline import headline
@@ -24,8 +25,10 @@ from abbe.daemon.pipeline.live_uncertainty import LiveUncertainty, PlusMinus
 from abbe.daemon.pipeline.record import CycleRecord
 from abbe.daemon.show.bars import deviation_bar, sparkline
 from abbe.daemon.status.ages import age_in_words
+from abbe.daemon.status.check_status import check_status
 from abbe.daemon.status.figures import ErrorFigures, volumetric_errors
 from abbe.daemon.status.last_cycles import LastCycles
+from abbe.daemon.status.text import check_lines
 from abbe.daemon.status_word import describe
 from abbe.drivers.link import Link, LinkState
 
@@ -84,6 +87,8 @@ class LiveScreen:
         s that the run will last, None: until it is ended.
     sure
         Says how sure the correction is.
+    checks
+        Say whether the machine is the one that its model describes.
     """
 
     def __init__(
@@ -95,9 +100,11 @@ class LiveScreen:
         title: str,
         duration: float | None = None,
         sure: LiveUncertainty | None = None,
+        checks: LiveChecks | None = None,
     ) -> None:
         self._machine = machine
         self._sure = sure
+        self._checks = checks
         self._axes = axes
         self._corrected = corrected_axes
         self._indices = tuple(axes.index(a) for a in corrected_axes if not machine.axes[a].rotary)
@@ -157,6 +164,8 @@ class LiveScreen:
         parts: list[RenderableType] = [self._state(record), Text(), self._axes_table(record, width)]
         if self._sure is not None and (latest := self._sure.latest) is not None:
             parts.append(_how_sure(latest))
+        if self._checks is not None and self._checks.wanted:
+            parts.append(_still_true(self._checks.state))
         if self._before:
             parts += [Text(), self._errors(width)]
         parts += [Text(), self._signals(record, width), Text(), self._health(record)]
@@ -316,6 +325,13 @@ def _how_sure(latest: PlusMinus) -> Text:
     for beyond in latest.beyond:
         text.append(f"\n{beyond}", "yellow")
     return text
+
+
+def _still_true(state: LiveChecksState) -> Text:
+    """What check measurements say of the machine."""
+    said = check_status(state)
+    style = {"changed": "bold red", "sound": "", "unknown": "dim"}[said.verdict]
+    return Text("\n".join(check_lines(said)), style)
 
 
 def _position(value: float, rotary: bool = False) -> str:

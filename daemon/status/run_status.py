@@ -123,6 +123,43 @@ class RunningFile(_Part):
     """Whether the file on disk is not what runs any more."""
 
 
+class CheckSeries(_Part):
+    """One place that is checked in one direction, at the last check."""
+
+    unit: Literal["um", "urad"]
+    surprise: float | None
+    """What was read beyond what was expected; null where the last check did not read it."""
+    uncertainty: float | None
+    """± of that, k = 2."""
+    full: float
+    """How full its fuller chart is: 1 at the limit."""
+
+
+class CheckStatus(_Part):
+    """What check measurements say of the machine."""
+
+    verdict: Literal["unknown", "sound", "changed"]
+    checks: int
+    """So many count."""
+    last: datetime | None
+    """The last of them."""
+    learning: int
+    """Checks that are still missing until it is known how the machine scatters."""
+    words: list[str]
+    """What they say, in sentences."""
+    component: list[str]
+    """Of a change: in what."""
+    along: list[str]
+    """Growing with what."""
+    next: str | None
+    """The commands that hand the readings to a diagnosis."""
+    series: dict[str, CheckSeries]
+    refused: dict[str, str]
+    """Check point → why its last measurement was not recorded."""
+    problem: str
+    """Why nothing can be judged."""
+
+
 class RunOwner(_Part):
     """The process that corrects, and what it holds."""
 
@@ -173,6 +210,8 @@ class RunStatus(_Part):
     """What lies outside of what was measured."""
     outside: list[str] = []
     """Names of it: axes, signals, ``tool x`` …"""
+    checks: CheckStatus | None = None
+    """Where check points are configured: whether the model is still true."""
     tool_mm: tuple[float, float, float]
     switches: dict[str, str]
     """Compensation → on, off or shown."""

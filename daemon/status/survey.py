@@ -13,6 +13,7 @@ from datetime import UTC, datetime
 from typing import Literal, Protocol
 
 from abbe.compcore.model.model import Model
+from abbe.daemon.checks.live import LiveChecks
 from abbe.daemon.config import Configuration
 from abbe.daemon.config.channels import split
 from abbe.daemon.config.identity import RunIdentity
@@ -22,6 +23,7 @@ from abbe.daemon.pipeline.cycle import Pipeline
 from abbe.daemon.pipeline.headline import headline
 from abbe.daemon.pipeline.live_uncertainty import LiveUncertainty
 from abbe.daemon.pipeline.record import CycleRecord
+from abbe.daemon.status.check_status import check_status
 from abbe.daemon.status.logbook import Logbook
 from abbe.daemon.status.run_status import (
     AxisStatus,
@@ -55,6 +57,7 @@ class SurveyedService(Protocol):
     links: dict[str, Link]
     uncertainty: LiveUncertainty
     logbook: Logbook
+    checks: LiveChecks
 
 
 class Survey:
@@ -107,6 +110,7 @@ class Survey:
             faults={} if record is None else dict(record.faults),
             beyond=[] if sure is None else [str(b) for b in sure.beyond],
             outside=[] if sure is None else [b.name for b in sure.beyond],
+            checks=check_status(service.checks.state) if service.checks.wanted else None,
             tool_mm=service.pipeline.tool,
             switches=self._switched(),
             files=self._files(),

@@ -5,7 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from abbe.daemon.status.ages import age_in_words
-from abbe.daemon.status.run_status import AxisStatus, LinkHealth, RunStatus, SignalStatus
+from abbe.daemon.status.run_status import (
+    AxisStatus,
+    CheckStatus,
+    LinkHealth,
+    RunStatus,
+    SignalStatus,
+)
 
 _SHA = 12
 """Digits of a SHA-256 that people are shown."""
@@ -18,6 +24,23 @@ _GUARD = {
     "falling": "ramped to zero",
 }
 _UNITS = {"degC": "°C", "um": "µm", "urad": "µrad", "deg": "°"}
+
+
+def check_lines(checks: CheckStatus) -> Iterator[str]:
+    """What check measurements say, in a few lines."""
+    if checks.verdict == "changed":
+        yield checks.words[0]
+        yield f"next: {checks.next}"
+    elif checks.verdict == "sound" and checks.last is not None:
+        full = max((s.full for s in checks.series.values()), default=0.0)
+        yield (
+            f"checks: sound, {checks.checks} of them, the last {checks.last:%Y-%m-%d %H:%M}, "
+            f"fullest chart {full:.0%}"
+        )
+    else:
+        yield f"checks: {checks.problem or 'none yet'}"
+    for name, why in checks.refused.items():
+        yield f"check {name} was not recorded: {why}"
 
 
 def summary(status: RunStatus) -> str:
@@ -36,6 +59,8 @@ def lines(status: RunStatus) -> Iterator[str]:
     yield from _table([_axis(name, axis) for name, axis in status.axes.items()], _HEADINGS)
     for words in status.beyond:
         yield f"  less sure: {words}"
+    if status.checks is not None:
+        yield from check_lines(status.checks)
     if any(status.tool_mm):
         x, y, z = status.tool_mm
         yield f"tool x {x:g}, y {y:g}, z {z:g} mm"

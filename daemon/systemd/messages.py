@@ -48,6 +48,23 @@ EVENTS = {
         "docs/daemon.md.",
     ),
     "fault over": ("Something is sound again", "Nothing has to be done."),
+    "check recorded": (
+        "A check measurement was recorded",
+        "It is in the file of checks; `abbe check-point CONFIG` shows the charts.",
+    ),
+    "check refused": (
+        "A check measurement was not recorded",
+        "The message says why. Have the controller measure it once more.",
+    ),
+    "machine changed": (
+        "The machine is not the one any more that its model describes",
+        "Since when, in what component, and growing with what is in the message, with the\n"
+        "commands that hand the readings to a diagnosis.",
+    ),
+    "machine sound": (
+        "No check measurement accuses the machine any more",
+        "Nothing has to be done.",
+    ),
     "correction changed": (
         "The correction's state changed",
         "Which axes, and whether they are corrected in full, held, ramped or not corrected.",

@@ -54,6 +54,13 @@ def numbers() -> Iterator[Case]:
         yield changed(
             'source = "cmm.R_T_x1"\n', f"entered_for = {number}\n#", "line", "signals.T_x1"
         )
+    for number in ("0", "-1.0", "nan", "inf", "true", '"1"', "1e300"):
+        for key in ("look_every", "false_alarm_every"):
+            line = f"[checks]\n{key} = {number}\n[journal]"
+            yield changed("[journal]", line, "line", f"checks.{key}")
+        point = f'[checks.points.a]\ntrigger = "cmm.sample"\nreference = "X"\nsd = {number}\n'
+        if number != "1e300":
+            yield changed("[journal]", f"{point}[journal]", "line", "checks.points.a.sd")
     for number in ("-1", "65536", "4.0", "true", '"4"', "1e300"):
         yield changed("require = 4", f"require = {number}", "line", "controller.require")
     for number in ("0", "-1.0", "1e300", "nan", "inf", "true"):
@@ -105,6 +112,14 @@ def words() -> Iterator[Case]:
         ('source = "cmm.count_X"', 'source = "cmm.count_X"\ndatum = true', "[control]"),
         ('source = "cmm.R_T_x1"', 'source = "cmm.R_T_x1"\nentered_for = 9.0', "signals.T_x1"),
         ("[journal]", "[control]\nsocket = 1\n[journal]", "control"),
+        ("[output]", "[output]\nplus_minus = 1", "output.plus_minus"),
+        ("[output]", '[output]\nplus_minus.X = "cmm.count_X"', "output.plus_minus.X"),
+        ("[output]", '[output]\nplus_minus.Q = "cmm.abbe_status"', "output.plus_minus.Q"),
+        ("[output]", "[output]\noutside = 1", "output.outside"),
+        ("[output]", '[output]\noutside = "cmm.corrected_X"', "output.outside"),
+        ("[journal]", "[checks]\npoints = 1\n[journal]", "checks.points"),
+        ("[journal]", "[checks.points.a]\n[journal]", "checks.points.a"),
+        ("[journal]", "[checks.points.a]\ntrigger = 1\n[journal]", "checks.points.a"),
         ("[journal]", "[control]\nsocket = ''\n[journal]", "control"),
         ("[journal]", "[control]\nsocket = 'model.toml'\n[journal]", "no socket"),
         ("[journal]", "[control]\nsocket = '" + "x" * 200 + "'\n[journal]", "too long"),

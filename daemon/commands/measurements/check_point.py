@@ -133,10 +133,12 @@ def _new(
     from abbe.compcore.fitting.design.superposition import uncompensated
     from abbe.compcore.monitoring.readings import check_readings
     from abbe.daemon.answers.measurements.check_point import placed
+    from abbe.daemon.answers.measurements.check_rows import check_rows
     from abbe.daemon.arguments.measurements.check_reading import TypedReading
     from abbe.daemon.arguments.moments import moment
 
     model, now = checked.model, time.time()
+    correcting = None if active is None else load_model(active)
     if campaign is not None:
         read = read_campaign(campaign, model.machine)
         require_signals(read, model)
@@ -144,11 +146,12 @@ def _new(
         new = placed(read, moved, now, lasting=lasting)
     elif arguments:
         typed = TypedReading.parse(arguments, model.machine)
-        new = typed.campaign(model, now, checked.recorded(), checked.signals(now))
+        before, known = checked.recorded(), checked.signals(now)
+        return check_rows(typed, model, now, before, known, correcting)
     else:
         return None
-    if active is not None:
-        corrected = load_model(active).switched()
+    if correcting is not None:
+        corrected = correcting.switched()
         require_signals(new, corrected)
         new = uncompensated(new, corrected)
     # what cannot be judged is not recorded either

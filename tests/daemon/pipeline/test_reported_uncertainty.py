@@ -329,3 +329,10 @@ def test_it_is_bounded_and_rounded_to_the_safe_side(info, wide, written) -> None
     reported = ReportedAxis("X", 0, ("plc", "pm"), info)
     assert reported.value(wide) == pytest.approx(written, abs=1e-9)
     assert info.low <= reported.value(wide) <= info.high
+
+
+def test_abbe_check_shows_what_is_written(folder, tmp_path) -> None:
+    done = abbe("check", config(folder, tmp_path))
+    assert done.status == 0, done.err
+    assert "± of X" in done.out
+    assert "never measured" in done.out

@@ -181,6 +181,31 @@ def test_what_was_read_while_abbe_corrected_is_put_back(shop: Path) -> None:
     assert series["beyond_prediction"] == pytest.approx(0.3, abs=0.01)
 
 
+def test_a_sphere_that_was_found_while_abbe_corrected_is_put_back(shop: Path) -> None:
+    """Corrected or not, on whichever day: it is the same sphere in the same place."""
+    at = (600.0, 700.0, -100.0)
+    where = dict(zip("XYZ", at, strict=True))
+    words = [f"{a}={q}" for a, q in where.items()]
+    asked = json.loads(
+        abbe("correct", "model.toml", *words, "tool=0,0,-150", *SIGNALS, "--json").out
+    )
+    corrected = ",".join(f"{q + asked['correction'][a]:.6f}" for a, q in where.items())
+    more = ["tool=0,0,-150", "sd=0.5", *SIGNALS]
+    said = [
+        typed("ball", f"found={corrected}", *more, "when=2026-02-01", "--active", "model.toml"),
+        typed("ball", f"found={','.join(map(str, at))}", *more, "when=2026-02-02"),
+        typed("ball", f"found={corrected}", *more, "when=2026-02-03", "--active", "model.toml"),
+    ]
+    assert [done.status for done in said] == [0, 0, 0], said[0].err
+    rows = (shop / "checks.csv").read_text("utf-8").splitlines()
+    header = next(k for k, line in enumerate(rows) if line.startswith("time,"))
+    names = rows[header].split(",")
+    cells = [dict(zip(names, line.split(","), strict=True)) for line in rows[header + 1 :]]
+    assert [float(c["value"]) for c in cells] == pytest.approx([0.0] * 9, abs=0.01)
+    for axis, q in where.items():
+        assert [float(c[axis]) for c in cells] == pytest.approx([q] * 9, abs=1e-5)
+
+
 def test_a_wild_reading_asks_to_be_repeated(shop: Path) -> None:
     campaign = year(shop, "nothing", checks=60)
     text = campaign.read_text("utf-8").splitlines()

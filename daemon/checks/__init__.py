@@ -1,0 +1,1 @@
+"""Check measurements by the controller while a correction runs: ``docs/check-points.md``."""
