@@ -17,7 +17,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from abbe.daemon.checks.triggers import Measured, NotTakenError, Trigger
+from abbe.daemon.checks.triggers import MeasuredPoint, NotTakenError, Trigger
 from abbe.daemon.config import Configuration
 from abbe.daemon.pipeline.cycle import Pipeline
 from abbe.daemon.pipeline.record import CycleRecord
@@ -167,7 +167,7 @@ class LiveChecks:
                         self._blind = True
                         logger.exception("check %s: cannot be looked at", trigger.name)
 
-    def _take(self, measured: Measured) -> None:
+    def _take(self, measured: MeasuredPoint) -> None:
         """Put a measurement in line, with the machine's state at this moment."""
         from abbe.daemon.checks.job import NewReading
         from abbe.daemon.checks.readings import reading_of

@@ -10,7 +10,7 @@ from abbe.compcore.machine.plausible import position_range
 from abbe.compcore.machine.structure import is_rotary
 from abbe.daemon.arguments.measurements.check_reading import TypedReading, Vec3
 from abbe.daemon.arguments.point_arguments import Given
-from abbe.daemon.checks.triggers import Measured, NotTakenError
+from abbe.daemon.checks.triggers import MeasuredPoint, NotTakenError
 from abbe.daemon.config.sections.check_points import CheckPointSection
 from abbe.daemon.pipeline.record import CycleRecord
 
@@ -22,7 +22,7 @@ _PER_UM = {"mm": 1e-3, "um": 1.0, "µm": 1.0}
 
 
 def reading_of(
-    measured: Measured,
+    measured: MeasuredPoint,
     section: CheckPointSection,
     unit: str,
     record: CycleRecord,

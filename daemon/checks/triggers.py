@@ -23,7 +23,7 @@ class NotTakenError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasuredPoint:
     """What a controller has measured of one check point.
 
     Attributes
@@ -58,7 +58,7 @@ class Trigger:
         self._known: float | None = None
         self._looked = -math.inf
 
-    async def look(self, now: float) -> Measured | None:
+    async def look(self, now: float) -> MeasuredPoint | None:
         """What was measured since the last look; None: nothing.
 
         Parameters
@@ -90,7 +90,7 @@ class Trigger:
                 f"it was measured while nobody looked, for {gap:.0f} s: the temperatures then are "
                 "not known"
             )
-        return Measured(self.name, self._values(measured))
+        return MeasuredPoint(self.name, self._values(measured))
 
     async def _read_trigger(self) -> float | None:
         samples = await self._links[self._link].read([self._channel])
