@@ -1,8 +1,9 @@
 """G-code: LinuxCNC, Fanuc, Siemens. All moves in machine coordinates, all at feed.
 
-LinuxCNC: manual 2.9, G-codes (``G53 G1``). Siemens: NC programming manual, ``SUPA`` suppresses all
-frames in its block. Fanuc: operator's manual B-64694EN; ``G53`` there is rapid only, so moves are
-in ``G54`` and the program ends with an alarm where that is not zero (variables #5201 …, #5221 …).
+LinuxCNC's (``G53 G1``) are run by its own interpreter in the tests. Those for Siemens (``SUPA``
+suppresses all frames in its block) and Fanuc (``G53`` is rapid only there, so moves are in ``G54``
+and the program ends with an alarm where that is not zero: variables #5201 …, #5221 …) were never run
+by a control, nor compared with its manual.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Heidenhain Klartext: straight lines in machine coordinates (``M91``), cycle 9 for standing still.
 
-Source: user's manual TNC 640, Klartext programming: L, M91, CYCL DEF 9 DWELL TIME, STOP.
+L, M91, CYCL DEF 9 DWELL TIME, STOP as known of the TNC 640; never run by a control, nor compared
+with its manual.
 """
 
 from __future__ import annotations
