@@ -32,7 +32,8 @@ _SLOW = (
 """An emulated processor is some twenty times slower than a real one."""
 # no part of the product: patience with an emulated processor
 _PATIENCE = "[Service]\nTimeoutStartSec=900s\n"
-_RUNNING, _FULL = 1, 2
+_PLUG_IN = "mkdir -p /media/stick && mount -o ro /dev/vdb /media/stick"
+_FULL = 2
 
 
 @dataclass
@@ -104,6 +105,7 @@ class Stage:
         """Restart the computer as ``systemctl reboot`` does; wait until it is back."""
         self.machine.tell("systemctl reboot")
         self.machine.booted()
+        self.machine.do(_PLUG_IN)
 
 
 @contextmanager
@@ -146,7 +148,7 @@ def stage(folder: Path) -> Iterator[Stage]:
 def _furnish(stage: Stage) -> None:
     """Put on the computer what its owner has there before Abbe comes."""
     machine = stage.machine
-    machine.do("mkdir -p /media/stick && mount -o ro /dev/vdb /media/stick")
+    machine.do(_PLUG_IN)
     machine.put("/usr/local/bin/sudo", '#!/bin/sh\nexec "$@"\n')
     machine.do("chmod 755 /usr/local/bin/sudo")
     for number, file in (("0.1.0", "first"), ("0.2.0", "later")):
