@@ -2,8 +2,8 @@
 
 LinuxCNC's (``G53 G1``) are run by its own interpreter in the tests. Those for Siemens (``SUPA``
 suppresses all frames in its block) and Fanuc (``G53`` is rapid only there, so moves are in ``G54``
-and the program ends with an alarm where that is not zero: variables #5201 …, #5221 …) were never run
-by a control, nor compared with its manual.
+and the program ends with an alarm where that is not zero: variables #5201 …, #5221 …) were never
+run by a control, nor compared with its manual.
 """
 
 from __future__ import annotations
