@@ -198,9 +198,11 @@ async def test_what_waits_too_long_for_room_is_never_sent(
         os.kill(own_bus.ready["pid"], signal.SIGSTOP)
         writes = list[asyncio.Task[None]]()
         try:
-            while not writes or writes[-1].done():
+            waits = False
+            while not waits:
                 writes.append(asyncio.create_task(link.write(new)))
-                await asyncio.sleep(0)
+                # a write may take its time; one that waits for room never ends
+                _, waits = await asyncio.wait({writes[-1]}, timeout=1.0)
             given_up = asyncio.create_task(link.write(old))
             await asyncio.sleep(0)
             given_up.cancel()
