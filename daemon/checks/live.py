@@ -14,13 +14,14 @@ import sys
 import time
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from abbe.daemon.checks.triggers import MeasuredPoint, NotTakenError, Trigger
 from abbe.daemon.config import Configuration
 from abbe.daemon.pipeline.cycle import Pipeline
 from abbe.daemon.pipeline.record import CycleRecord
+from abbe.daemon.status.live_checks import LiveChecksState
 from abbe.drivers.link import Link
 
 if TYPE_CHECKING:  # what judges is imported only where there are check points
@@ -39,33 +40,6 @@ _SHOWN = 3
 
 Keep = Callable[[str, str, float], None]
 """Takes (name, unit, value) for the records."""
-
-
-@dataclass(frozen=True)
-class LiveChecksState:
-    """What is known of the machine by its checks.
-
-    Attributes
-    ----------
-    answer
-        As ``abbe check-point --json``; None before anything was judged.
-    problem
-        Why nothing can be judged; empty where it can, or where there was no check.
-    last
-        Check point → when it was last recorded, s since 1970.
-    refused
-        Check point → why its last measurement was not.
-    """
-
-    answer: Mapping[str, Any] | None = None
-    problem: str = ""
-    last: Mapping[str, float] = field(default_factory=dict)
-    refused: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def changed(self) -> bool:
-        """Whether the machine has changed since its model was fitted."""
-        return self.answer is not None and self.answer["verdict"] == "changed"
 
 
 class LiveChecks:

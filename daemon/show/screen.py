@@ -17,7 +17,6 @@ from rich.table import Table
 from rich.text import Text
 
 from abbe.compcore.machine.machine import Machine
-from abbe.daemon.checks.live import LiveChecks, LiveChecksState
 from abbe.daemon.guard import GuardState
 from abbe.daemon.pipeline.compensate import direction_index
 from abbe.daemon.pipeline.headline import headline
@@ -28,6 +27,7 @@ from abbe.daemon.status.ages import age_in_words
 from abbe.daemon.status.check_status import check_status
 from abbe.daemon.status.figures import ErrorFigures, volumetric_errors
 from abbe.daemon.status.last_cycles import LastCycles
+from abbe.daemon.status.live_checks import AskedChecks, LiveChecksState
 from abbe.daemon.status.text import check_lines
 from abbe.daemon.status_word import describe
 from abbe.drivers.link import Link, LinkState
@@ -100,7 +100,7 @@ class LiveScreen:
         title: str,
         duration: float | None = None,
         sure: LiveUncertainty | None = None,
-        checks: LiveChecks | None = None,
+        checks: AskedChecks | None = None,
     ) -> None:
         self._machine = machine
         self._sure = sure

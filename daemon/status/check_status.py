@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from datetime import datetime
 
-from abbe.daemon.checks.live import LiveChecksState
+from abbe.daemon.status.live_checks import LiveChecksState
 from abbe.daemon.status.run_status import CheckSeries, CheckStatus
 
 

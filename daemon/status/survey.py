@@ -13,7 +13,6 @@ from datetime import UTC, datetime
 from typing import Literal, Protocol
 
 from abbe.compcore.model.model import Model
-from abbe.daemon.checks.live import LiveChecks
 from abbe.daemon.config import Configuration
 from abbe.daemon.config.channels import split
 from abbe.daemon.config.identity import RunIdentity
@@ -24,6 +23,7 @@ from abbe.daemon.pipeline.headline import headline
 from abbe.daemon.pipeline.live_uncertainty import LiveUncertainty
 from abbe.daemon.pipeline.record import CycleRecord
 from abbe.daemon.status.check_status import check_status
+from abbe.daemon.status.live_checks import AskedChecks
 from abbe.daemon.status.logbook import Logbook
 from abbe.daemon.status.run_status import (
     AxisStatus,
@@ -57,7 +57,10 @@ class SurveyedService(Protocol):
     links: dict[str, Link]
     uncertainty: LiveUncertainty
     logbook: Logbook
-    checks: LiveChecks
+
+    @property
+    def checks(self) -> AskedChecks:
+        """Its check points."""
 
 
 class Survey:

@@ -50,7 +50,7 @@ EVENTS = {
     "fault over": ("Something is sound again", "Nothing has to be done."),
     "check recorded": (
         "A check measurement was recorded",
-        "It is in the file of checks; `abbe check-point CONFIG` shows the charts.",
+        "It is in the file of checks; `abbe check-point` shows the charts.",
     ),
     "check refused": (
         "A check measurement was not recorded",

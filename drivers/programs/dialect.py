@@ -7,7 +7,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.motion import ProgramStep
@@ -78,28 +77,3 @@ def targets_csv(steps: Sequence[ProgramStep], machine: Machine) -> str:
             cells += [str(step.directions.get(a, 0)) for a in axes]
             lines.append(",".join([*cells, f"{step.seconds:g}"]))
     return "\n".join(lines) + "\n"
-
-
-def dialect_called(name: str) -> Dialect:
-    """The dialect of a name.
-
-    Raises
-    ------
-    InputError
-        When there is none; lists those that there are.
-    """
-    from abbe.drivers.programs.gcode import FanucProgram, LinuxCnc, Siemens
-    from abbe.drivers.programs.heidenhain import Klartext
-    from abbe.drivers.programs.ipp import IppCommands
-
-    known: dict[str, Dialect] = {
-        d.name: d for d in (LinuxCnc(), FanucProgram(), Siemens(), Klartext(), IppCommands())
-    }
-    if name not in known:
-        raise InputError(
-            "no such controller",
-            field="controller",
-            found=name,
-            expected="one of " + ", ".join(known),
-        )
-    return known[name]

@@ -47,7 +47,8 @@ def program(
     from abbe.compcore.files.text.atomic import write_together
     from abbe.compcore.planning.motion import steps_of
     from abbe.daemon.outputs import PROGRAM, TARGETS, check_outputs
-    from abbe.drivers.programs.dialect import dialect_called, targets_csv
+    from abbe.drivers.programs.dialect import targets_csv
+    from abbe.drivers.programs.dialects import dialect_called
 
     named = model_of(plan) if model is None else model
     say = check_outputs([plan, named], [(out, PROGRAM), (targets, TARGETS)], force=force)

@@ -15,7 +15,8 @@ from abbe.compcore.planning.envelope import KeepOut, WorkingSpace
 from abbe.compcore.planning.instruments import instruments_called
 from abbe.compcore.planning.motion import steps_of
 from abbe.compcore.planning.setups.candidates import possible
-from abbe.drivers.programs.dialect import dialect_called, plain, targets_csv
+from abbe.drivers.programs.dialect import plain, targets_csv
+from abbe.drivers.programs.dialects import dialect_called
 from tests.support.compcore.survey_machines import task
 
 NAMES = {
