@@ -63,6 +63,7 @@ DRIVERS: tuple[Rooms, ...] = (
 COMPCORE: tuple[Rooms, ...] = (
     (
         ("planning", "which set-ups make the machine surest"),
+        ("verification", "lines that were not fitted"),
         ("monitoring", "is the model still true: control charts"),
     ),
     (

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from abbe.compcore.artefacts.decision_rule import DecisionRule
+from abbe.compcore.artefacts.decision_rule import DecisionRule, zone
 from abbe.compcore.artefacts.measured_length import MeasuredLength
 from abbe.compcore.artefacts.permissible import PermissibleError
 from abbe.compcore.errors import InputError
@@ -283,8 +283,7 @@ def _judged(
 ) -> JudgedLength:
     permitted = permissible.at(length.calibrated.length)
     guard = 0.0 if decision is DecisionRule.SIMPLE else coverage * length.uncertainty
-    sign = 1.0 if decision is DecisionRule.REJECTION else -1.0
-    return JudgedLength(length, permitted, guard, permitted + sign * guard)
+    return JudgedLength(length, permitted, guard, zone(permitted, guard, decision))
 
 
 def _outcome(test: LengthTest, sets: Sequence[RepeatSet]) -> Outcome:

@@ -60,26 +60,36 @@ class Candidates:
 
     Attributes
     ----------
-    setups, runs
-        Of each candidate: the set-up's index in `roots`, how many runs.
+    setups, roots
+        The set-ups, and what one run of each adds.
+    runs
+        How often the targets of each may be visited.
+    index
+        Of each candidate: the set-up's number, how many runs.
     seconds
         Shape (c,).
     """
 
-    def __init__(self, setups: Sequence[PlannedSetup], roots: Sequence[F64]) -> None:
+    def __init__(
+        self,
+        setups: Sequence[PlannedSetup],
+        roots: Sequence[F64],
+        runs: Sequence[int] = RUNS,
+    ) -> None:
         self.setups = tuple(setups)
         self.roots = tuple(roots)
+        self.runs = tuple(runs)
         ends = np.cumsum([len(r) for r in roots])
         self._rows = [slice(e - len(r), e) for e, r in zip(ends.tolist(), roots, strict=True)]
         self._stacked = np.vstack(roots) if roots else np.zeros((0, 0))
-        self.index = [(i, runs) for i in range(len(setups)) for runs in RUNS]
+        self.index = [(i, n) for i in range(len(setups)) for n in self.runs]
         self.seconds = np.array([replace(setups[i], runs=n).seconds for i, n in self.index])
 
     def falls(self, known: Knowledge) -> F64:
         """By how much each candidate would make the mean variance fall, (c,), mm²."""
         half = self._stacked @ known.covariance
         weighed = half @ known.volume.weight
-        runs = np.array(RUNS)[:, None]
+        runs = np.array(self.runs)[:, None]
         found = []
         for root, rows in zip(self.roots, self._rows, strict=True):
             mine = half[rows]

@@ -148,7 +148,7 @@ def plan_survey(
             aim = Knowledge(start.precision, VolumeError.of_parameters(task, apart))
         required = [Chosen(s, added(task, s)) for s in fine]
         chosen = choose(pool, aim, seconds, required=required, progress=tell)
-        made = _ordered(task, chosen, start)
+        made = ordered(task, chosen, start)
         return replace(made, presets=_weighed(task, start, seconds) if compare else None)
 
 
@@ -174,7 +174,7 @@ def plan_preset(
                 expected="another preset, more time",
             )
         start = Knowledge.beforehand(prior(task.model, changed), VolumeError.of(task))
-        return _ordered(task, [Chosen(setups[i], roots[i]) for i in numbers], start)
+        return ordered(task, [Chosen(setups[i], roots[i]) for i in numbers], start)
 
 
 def _weighed(task: SurveyTask, start: Knowledge, seconds: float) -> dict[str, float]:
@@ -195,8 +195,8 @@ _RANK = {
 }  # fmt: skip
 
 
-def _ordered(task: SurveyTask, chosen: Sequence[Chosen], start: Knowledge) -> SurveyPlan:
-    """Set-ups in the order of ISO/TR 16907, 10.3, with what each leaves."""
+def ordered(task: SurveyTask, chosen: Sequence[Chosen], start: Knowledge) -> SurveyPlan:
+    """The plan of chosen set-ups: named, in the order of ISO/TR 16907, 10.3, what each leaves."""
     axes = from_the_bed(task.machine)
 
     def rank(one: Chosen) -> tuple[int, int, int, str]:

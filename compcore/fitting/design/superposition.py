@@ -11,11 +11,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.errors import require_type
 from abbe.compcore.fitting.design.observation import Observation
 from abbe.compcore.model.model import Model
+
+F64 = NDArray[np.float64]
 
 
 def uncompensated(campaign: Campaign, active: Model) -> Campaign:
@@ -30,10 +33,39 @@ def uncompensated(campaign: Campaign, active: Model) -> Campaign:
     """
     require_type(campaign, Campaign, "campaign")
     require_type(active, Model, "active")
-    conditions = campaign.conditions
-    error = active.predict(conditions).translation
+    return replace(campaign, value=campaign.value + _taken_away(campaign, active))
+
+
+def compensated(campaign: Campaign, model: Model) -> Campaign:
+    """The campaign as the machine would have shown it with a model's compensation active.
+
+    Parameters
+    ----------
+    campaign
+        Measured without compensation.
+    model
+        What would have been compensated in full; a controller's tables hold no more than that.
+    """
+    require_type(campaign, Campaign, "campaign")
+    require_type(model, Model, "model")
+    return replace(campaign, value=campaign.value - _taken_away(campaign, model))
+
+
+def predicted_rows(campaign: Campaign, model: Model) -> F64:
+    """What a model predicts that each row shows of the machine's error, (n,), mm or rad."""
+    seen = observation_of(campaign, model)
+    error = model.predict(campaign.conditions)
+    moved = np.einsum("ni,ni->n", seen.toward, error.translation)
+    return np.asarray(moved + np.einsum("ni,ni->n", seen.about, error.rotation))
+
+
+def observation_of(campaign: Campaign, model: Model) -> Observation:
+    """The directions in which a campaign's rows see the machine of a model."""
     bases = {name: np.asarray(place) for name, place in campaign.bases.items()}
-    seen = Observation(active.machine, campaign, conditions, bases)
-    back = np.einsum("ni,ni->n", seen.toward, error)
+    return Observation(model.machine, campaign, campaign.conditions, bases)
+
+
+def _taken_away(campaign: Campaign, model: Model) -> F64:
+    """What a compensation takes out of each row, (n,), mm: nothing of angles."""
     moved = (campaign.kind == Kind.DISPLACEMENT) | (campaign.kind == Kind.DISTANCE)
-    return replace(campaign, value=campaign.value + np.where(moved, back, 0.0))
+    return np.where(moved, predicted_rows(campaign, model), 0.0)

@@ -213,5 +213,5 @@ def where(judged: JudgedLength) -> str:
         limit += f" (zone ±{judged.limit * 1e3:.2f})"
     return (
         f"{length.error * 1e3:+.2f} µm of {limit} at {length.calibrated.length:.6g} mm, "
-        f"{length.position}, run {length.run} (line {length.line})"
+        f"{length.position}, run {length.run}" + (f" (line {length.line})" if length.line else "")
     )

@@ -9,6 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from abbe.daemon.arguments.bounded import within
+from abbe.daemon.arguments.measurements.survey_options import (
+    Instruments,
+    KeepOutBoxes,
+    PlanOut,
+    TimeThere,
+    ToolRadius,
+    Tools,
+)
 from abbe.daemon.arguments.options import AsJson, Force
 
 if TYPE_CHECKING:
@@ -41,30 +49,15 @@ def plan(
             callback=within(0.41, 0.999, ""), help="Part of its amplitude that tables shall hold."
         ),
     ] = 0.8,
-    instruments: Annotated[
-        str | None, typer.Option(help="Instruments at hand: laser,ball-bar,…; all: every one.")
-    ] = None,
-    time: Annotated[str, typer.Option(help="Time there is: 4h, 90min.")] = "4h",
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="The plan.", metavar="PLAN.toml")
-    ] = None,
+    instruments: Instruments = None,
+    time: TimeThere = "4h",
+    out: PlanOut = None,
     preset: Annotated[
         str | None, typer.Option(help="A usual programme instead: iso230-2, iso230-6, …")
     ] = None,
-    tool: Annotated[
-        list[str] | None,
-        typer.Option(help="A tool's offset, mm; may be repeated.", metavar="NAME=x,y,z"),
-    ] = None,
-    keep_out: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="A box the tool must not enter, mm; may be repeated.", metavar="x,y,z:x,y,z"
-        ),
-    ] = None,
-    tool_radius: Annotated[
-        float,
-        typer.Option(callback=within(0.0, 1000.0, "mm"), help="Tool with its holder, mm."),
-    ] = 0.0,
+    tool: Tools = None,
+    keep_out: KeepOutBoxes = None,
+    tool_radius: ToolRadius = 0.0,
     apart: Annotated[
         list[str] | None,
         typer.Option(help="Tell these causes apart instead; give two or more.", metavar="EFFECT"),

@@ -1,0 +1,1 @@
+"""Verification: lines that were not fitted, before and after, against stated tolerances."""

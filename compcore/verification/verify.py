@@ -1,0 +1,268 @@
+"""The verification of a machine: lines before and after, what was foretold, what is proven."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.artefacts.decision_rule import Conformity
+from abbe.compcore.artefacts.measured_length import MeasuredLength
+from abbe.compcore.artefacts.permissible import PermissibleError
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.comparison.compare import Comparison, compare
+from abbe.compcore.errors import InputError, require_type
+from abbe.compcore.fitting.design.superposition import (
+    compensated,
+    predicted_rows,
+    uncompensated,
+)
+from abbe.compcore.iso230.positioning import positioning_runs
+from abbe.compcore.model.model import Model
+from abbe.compcore.verification.budget import MeasuringUncertainty
+from abbe.compcore.verification.fitted import FittedPart, fitted_lines
+from abbe.compcore.verification.foretold import ForetoldLine, foretold_line
+from abbe.compcore.verification.lengths import (
+    LengthsVerified,
+    lengths_of_gauges,
+    lengths_of_lines,
+    lengths_verified,
+)
+from abbe.compcore.verification.line_test import LineTest, line_tests
+from abbe.compcore.verification.tolerance import JudgedFigure, Tolerance, judged_figures
+
+F64 = NDArray[np.float64]
+
+COVERAGE = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class VerificationRequest:
+    """What a verification is asked.
+
+    Attributes
+    ----------
+    before
+        The same lines measured without compensation; None: worked out.
+    active
+        The compensation that was active while the campaign was measured; None: none was, unless
+        `before` is given: then the model's own.
+    fitted
+        The campaigns that the model was fitted to, as far as they are at hand.
+    tolerances, permissible
+        What is stated: of figures of lines, of lengths (E0,MPE).
+    sure
+        How sure instrument, thermometers and set-up are.
+    coverage
+        The factor k of U = k·u.
+    planned
+        Set-ups of the check plan; only these count, and those that are missing are said. Empty:
+        all of the campaign.
+    """
+
+    before: Campaign | None = None
+    active: Model | None = None
+    fitted: Campaign | None = None
+    tolerances: Sequence[Tolerance] = ()
+    permissible: PermissibleError | None = None
+    sure: MeasuringUncertainty = field(default_factory=MeasuringUncertainty)
+    coverage: float = COVERAGE
+    planned: Sequence[str] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class VerifiedLine:
+    """One line, before and after.
+
+    Attributes
+    ----------
+    before, after
+        Without and with compensation; `before` None where nobody measured this line before.
+    foretold
+        What the model says of the line before; None likewise.
+    fitted
+        What of it the model was fitted to; None: it is new to the model.
+    """
+
+    before: LineTest | None
+    after: LineTest
+    foretold: ForetoldLine | None
+    fitted: FittedPart | None
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """A machine judged by lines.
+
+    Attributes
+    ----------
+    measured
+        Whether the state after was measured; else it is computed: measured less foretold.
+    before_measured
+        Whether the state before was measured; else it is put back: measured and foretold.
+    lines
+        In the campaign's order.
+    figures
+        What is stated, line by line.
+    lengths
+        E0 after and before; None where no limit is stated.
+    comparison
+        The model beside what was measured before, or was put back.
+    missing
+        Set-ups of the check plan that were not measured.
+    coverage
+        The factor k.
+    fitted_before
+        Set-ups measured before to whose readings the model was fitted.
+    """
+
+    measured: bool
+    before_measured: bool
+    lines: tuple[VerifiedLine, ...]
+    figures: tuple[JudgedFigure, ...]
+    lengths: LengthsVerified | None
+    lengths_before: LengthsVerified | None
+    comparison: Comparison
+    missing: tuple[str, ...]
+    coverage: float
+    fitted_before: tuple[str, ...] = ()
+
+    @property
+    def outcome(self) -> Conformity | None:
+        """Of everything that is stated together; None where nothing is."""
+        found = [f.outcome for f in self.figures]
+        if self.lengths is not None:
+            found.append(self.lengths.outcome)
+        if not found:
+            return None
+        if Conformity.FAILS in found:
+            return Conformity.FAILS
+        if Conformity.NEITHER in found or self.missing:
+            return Conformity.NEITHER
+        return Conformity.PASSES
+
+
+def verify(model: Model, campaign: Campaign, request: VerificationRequest) -> Verification:
+    """Judge a machine by the lines of a campaign, before and after its compensation.
+
+    Parameters
+    ----------
+    model
+        The model by which it is compensated.
+    campaign
+        Measured with the compensation active where `request` has a campaign before it or names
+        what was active; else without: then what is left is worked out.
+
+    Raises
+    ------
+    InputError
+        When the campaign has no line and no gauge, or a tolerance concerns none of them.
+    """
+    require_type(model, Model, "model")
+    require_type(campaign, Campaign, "campaign")
+    machine, sure = model.machine, request.sure
+    missing = tuple(n for n in request.planned if n not in campaign.setups)
+    if request.planned:
+        campaign = _only(campaign, [n for n in request.planned if n in campaign.setups])
+    measured = request.active is not None or request.before is not None
+    bare = campaign
+    if measured:
+        bare = uncompensated(campaign, request.active or model)
+    corrected = campaign if measured else _corrected(campaign, model)
+    after = line_tests(corrected, machine, sure)
+    lengths = [*lengths_of_lines(after, sure), *lengths_of_gauges(corrected, machine, sure)]
+    if not after and not lengths:
+        raise InputError(
+            "no line along an axis or a diagonal and no calibrated length",
+            found="set-ups " + ", ".join(campaign.setups),
+            expected="rows along one axis or a diagonal with u along it, or against a gauge",
+        )
+    fitted = fitted_lines(campaign, model, request.fitted)
+    earlier = bare if request.before is None else request.before
+    before = line_tests(earlier, machine, sure)
+    comparison = compare(model, earlier)
+    lines = tuple(
+        _line(model, one, _same(one, before, after), comparison, fitted.get(one.setup))
+        for one in after
+    )
+    if request.permissible is not None and not lengths:
+        raise InputError("no length that the limit could be held against", field="mpe")
+    old_lengths = [*lengths_of_lines(before, sure), *lengths_of_gauges(earlier, machine, sure)]
+    k = request.coverage
+    figures = tuple(judged_figures(after, request.tolerances, k, fitted))
+    seen = bool(_rows(fitted))
+    return Verification(
+        measured,
+        request.before is not None or not measured,
+        lines,
+        figures,
+        _lengths(lengths, request, fitted=seen),
+        _lengths(old_lengths, request, fitted=seen),
+        comparison,
+        missing,
+        k,
+        _rows(fitted_lines(earlier, model, request.fitted)) if request.before else (),
+    )
+
+
+def _rows(fitted: Mapping[str, FittedPart]) -> tuple[str, ...]:
+    """Set-ups to whose very readings the model was fitted."""
+    return tuple(name for name, part in fitted.items() if part is FittedPart.ROWS)
+
+
+def _only(campaign: Campaign, names: Sequence[str]) -> Campaign:
+    setup = campaign.conditions.setup
+    if setup is None or not names:
+        raise InputError(
+            "nothing of the check plan was measured",
+            field="setup",
+            found=", ".join(campaign.setups),
+            expected="set-ups with the plan's names",
+        )
+    return campaign.rows(np.isin(setup, list(names)))
+
+
+def _corrected(campaign: Campaign, model: Model) -> Campaign:
+    """What the machine would have shown, compensated: also its rotary axes' own positions."""
+    found = compensated(campaign, model)
+    turned = [r.setup for r in positioning_runs(campaign, model.machine) if r.unit == "rad"]
+    setup = campaign.conditions.setup
+    if not turned or setup is None:
+        return found
+    own = np.isin(setup, turned)
+    taken = np.where(own, predicted_rows(campaign, model), 0.0)
+    return replace(found, value=found.value - taken)
+
+
+def _same(one: LineTest, others: Sequence[LineTest], beside: Sequence[LineTest]) -> LineTest | None:
+    """The same line in another campaign: of the same set-up, else the only one of its name."""
+    alike = [t for t in others if t.name == one.name]
+    named = [t for t in alike if t.setup == one.setup]
+    if named:
+        return named[0]
+    alone = sum(t.name == one.name for t in beside) == 1
+    return alike[0] if len(alike) == 1 and alone else None
+
+
+def _line(
+    model: Model,
+    after: LineTest,
+    before: LineTest | None,
+    comparison: Comparison,
+    fitted: FittedPart | None,
+) -> VerifiedLine:
+    told = None if before is None else foretold_line(model, comparison, before)
+    return VerifiedLine(before, after, told, fitted)
+
+
+def _lengths(
+    lengths: Sequence[MeasuredLength], request: VerificationRequest, *, fitted: bool
+) -> LengthsVerified | None:
+    if request.permissible is None or not lengths:
+        return None
+    found = lengths_verified(lengths, request.permissible, request.coverage)
+    # readings to which the model was fitted prove nothing
+    hollow = fitted and found.outcome is Conformity.PASSES
+    return replace(found, outcome=Conformity.NEITHER) if hollow else found

@@ -1,0 +1,216 @@
+"""The answer of ``abbe verify`` as JSON and as text: errors µm or µrad, lengths mm."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from abbe.compcore.artefacts.decision_rule import Conformity
+from abbe.compcore.units import with_uncertainty
+from abbe.compcore.verification.budget import CAUSES, FIGURES
+from abbe.compcore.verification.foretold import ForetoldLine
+from abbe.compcore.verification.lengths import LengthsVerified
+from abbe.compcore.verification.line_test import BODY, FACE, LineTest
+from abbe.compcore.verification.tolerance import JudgedFigure
+from abbe.compcore.verification.verify import Verification, VerifiedLine
+from abbe.daemon.answers.measurements import iso10360
+from abbe.daemon.answers.measurements.iso230 import display
+from abbe.daemon.answers.measurements.verified import VerificationAnswer
+
+WORDS = {
+    Conformity.PASSES: "passes",
+    Conformity.FAILS: "fails",
+    Conformity.NEITHER: "neither is proven",
+    None: "no tolerance is stated: nothing is judged",
+}
+STATUS = {Conformity.PASSES: 0, Conformity.FAILS: 3, Conformity.NEITHER: 4, None: 0}
+"""Outcome → exit status."""
+
+
+def scaled(value: float | None, factor: float) -> float | None:
+    """A number in the unit of people; None stays."""
+    return None if value is None or not math.isfinite(value) else value * factor
+
+
+def as_json(answer: VerificationAnswer) -> dict[str, Any]:
+    """One object for ``--json``; what is not known is null."""
+    found = answer.verification
+    machine = answer.model.machine
+    outcome = found.outcome
+    left = found.comparison.lengths
+    return {
+        "machine": machine.name,
+        "serial": machine.serial,
+        "structure": str(machine.structure),
+        "model": str(answer.named.path),
+        "config": None if answer.named.config is None else str(answer.named.config),
+        "campaigns": dict(answer.campaign.files),
+        "campaigns_before": {} if answer.before is None else dict(answer.before.files),
+        "outcome": None if outcome is None else outcome.value,
+        "coverage_factor": found.coverage,
+        "after": "measured" if found.measured else "computed",
+        "before": "measured" if found.before_measured else "put back",
+        "warnings": list(answer.warnings()),
+        "tolerances": [_judged(f) for f in found.figures],
+        "lines": [_line(v, found.coverage) for v in found.lines],
+        "E_body": _greatest(found, BODY),
+        "E_face": _greatest(found, FACE),
+        "lengths": _lengths(answer, found.lengths),
+        "lengths_before": _lengths(answer, found.lengths_before),
+        "left": {
+            "unit": "um",
+            "rms": scaled(left.rms, 1e3),
+            "max": scaled(left.max, 1e3),
+            "chi2_per_dof": scaled(left.chi2_per_dof, 1.0),
+            "model_holds": found.comparison.holds,
+        },
+    }
+
+
+def _judged(one: JudgedFigure) -> dict[str, Any]:
+    unit, factor, _, _ = display(one.test.result)
+    return {
+        "tolerance": str(one.tolerance),
+        "setup": one.test.setup,
+        "line": one.test.name,
+        "figure": one.tolerance.figure,
+        "unit": unit.replace("µ", "u"),
+        "value": scaled(one.value, factor),
+        "U": scaled(one.expanded, factor),
+        "limit": one.tolerance.limit * factor,
+        "outcome": one.outcome.value,
+        "reason": one.reason,
+    }
+
+
+def _line(one: VerifiedLine, coverage: float) -> dict[str, Any]:
+    unit, factor, position_unit, position_factor = display(one.after.result)
+    return {
+        "setup": one.after.setup,
+        "line": one.after.name,
+        "kind": one.after.kind,
+        "unit": unit.replace("µ", "u"),
+        "length": one.after.length * position_factor,
+        "position_unit": {"°": "deg"}.get(position_unit, position_unit),
+        "temperature": one.after.temperature,
+        "fitted": None if one.fitted is None else one.fitted.value,
+        "before": None if one.before is None else _figures(one.before, factor, coverage),
+        "after": _figures(one.after, factor, coverage),
+        "foretold": None if one.foretold is None else _foretold(one.foretold, factor),
+        "notes": list(one.after.result.notes),
+    }
+
+
+def _foretold(told: ForetoldLine, factor: float) -> dict[str, Any]:
+    return {
+        "figures": {
+            name: {"value": said.value * factor, "sd": scaled(said.sd, factor)}
+            for name, said in told.figures.items()
+        },
+        "left_rms": told.left * factor,
+        "expected_rms": told.expected * factor,
+        "chance": told.chance,
+        "agrees": told.agrees,
+    }
+
+
+def _figures(test: LineTest, factor: float, coverage: float) -> dict[str, Any]:
+    return {
+        name: None
+        if (value := test.value(name)) is None
+        else {
+            "value": value * factor,
+            "U": scaled(test.sd(name), coverage * factor),
+            "budget": {cause: u * factor for cause, u in test.budgets[name].items()},
+        }
+        for name in FIGURES
+    }
+
+
+def _greatest(found: Verification, kind: str) -> float | None:
+    """ISO 230-6: the greatest systematic error of the diagonals of a kind, after, µm."""
+    values = [v.after.value("E") for v in found.lines if v.after.kind == kind]
+    return max((v * 1e3 for v in values if v is not None), default=None)
+
+
+def _lengths(answer: VerificationAnswer, found: LengthsVerified | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    files = tuple(answer.campaign.files)
+    own = iso10360.as_json(iso10360.LengthAnswer(files, found.evaluation))
+    return {"outcome": found.outcome.value, **own}
+
+
+def as_text(answer: VerificationAnswer) -> Iterator[str]:
+    """Lines for people."""
+    found = answer.verification
+    machine = answer.model.machine
+    name = machine.name or "this machine"
+    yield f"Verification of {name}, {machine.structure}: {WORDS[found.outcome]}"
+    yield f"  after: {answer.after_words}; before: {answer.before_words}"
+    for warning in answer.warnings():
+        yield f"  WARNING: {warning}"
+    if found.lines:
+        yield from _table(found)
+    for judged in found.figures:
+        if judged.reason:
+            where = f"{judged.test.name} {judged.test.setup}, {judged.tolerance.figure}"
+            yield f"  {where}: {judged.reason}"
+    if found.lengths is not None:
+        result = found.lengths.evaluation.tests[0]
+        yield f"lengths, ISO 10360-2 E0, limit {result.permissible}: {WORDS[found.lengths.outcome]}"
+        if found.lengths_before is not None:
+            yield f"  before: {WORDS[found.lengths_before.outcome]}"
+        yield f"  {len(result.judged)} values; worst {iso10360.where(result.worst)}"
+        for note in result.notes:
+            yield f"  {note}"
+    yield f"measured less foretold, without compensation: {found.comparison.summary()}"
+    yield (
+        f"± is U = {found.coverage:g} u: {', '.join(CAUSES)}; passes where the figure and U keep "
+        "the tolerance, fails where the figure less U does not (ISO 14253-1)"
+    )
+
+
+def _table(found: Verification) -> Iterator[str]:
+    heads = ("line", "", "before", "foretold", "after", "", "tolerance", "")
+    rows = [heads]
+    judged = {(f.test.setup, f.tolerance.figure): f for f in found.figures}
+    k = found.coverage
+    for one in found.lines:
+        unit, factor, _, _ = display(one.after.result)
+        stated = [name for name in FIGURES if (one.after.setup, name) in judged]
+        usual = ["A" if "A" in one.after.figures else "E"] if found.figures else [*FIGURES]
+        for i, figure in enumerate(stated or [n for n in usual if n in one.after.figures]):
+            limit = judged.get((one.after.setup, figure))
+            rows.append(
+                (
+                    "" if i else f"{one.after.name}  {one.after.setup}",
+                    figure,
+                    "–" if one.before is None else said(one.before, figure, factor, k),
+                    foretold_words(one, figure, factor, k),
+                    said(one.after, figure, factor, k),
+                    unit,
+                    "" if limit is None else f"{limit.tolerance.limit * factor:g} {unit}",
+                    "" if limit is None else WORDS[limit.outcome],
+                )
+            )
+    widths = [max(len(row[i]) for row in rows) for i in range(len(heads))]
+    for row in rows:
+        yield "  " + "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip()
+
+
+def said(test: LineTest, figure: str, factor: float, coverage: float) -> str:
+    """``4.2 ± 1.1``: a figure with U; a dash where it is not known."""
+    value, sd = test.value(figure), test.sd(figure)
+    if value is None or sd is None:
+        return "–"
+    return with_uncertainty(value * factor, coverage * sd * factor)
+
+
+def foretold_words(one: VerifiedLine, figure: str, factor: float, coverage: float) -> str:
+    """``23.0 ± 1.5``: what the model says of a figure before; empty where it says nothing."""
+    told = None if one.foretold is None else one.foretold.figures.get(figure)
+    if told is None:
+        return ""
+    return with_uncertainty(told.value * factor, scaled(told.sd, coverage * factor))

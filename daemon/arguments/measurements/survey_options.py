@@ -1,0 +1,27 @@
+"""Options of the commands that plan measurements, each written once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from abbe.daemon.arguments.bounded import within
+
+Instruments = Annotated[
+    str | None, typer.Option(help="Instruments at hand: laser,ball-bar,…; all: every one.")
+]
+TimeThere = Annotated[str, typer.Option(help="Time there is: 4h, 90min.")]
+PlanOut = Annotated[Path | None, typer.Option("-o", "--out", help="The plan.", metavar="PLAN.toml")]
+Tools = Annotated[
+    list[str] | None,
+    typer.Option(help="A tool's offset, mm; may be repeated.", metavar="NAME=x,y,z"),
+]
+KeepOutBoxes = Annotated[
+    list[str] | None,
+    typer.Option(help="A box the tool must not enter, mm; may be repeated.", metavar="x,y,z:x,y,z"),
+]
+ToolRadius = Annotated[
+    float, typer.Option(callback=within(0.0, 1000.0, "mm"), help="Tool with its holder, mm.")
+]

@@ -1,0 +1,281 @@
+"""The certificate of ``abbe verify``: what is proven, before and after, and how sure it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from abbe.compcore.artefacts.decision_rule import Conformity
+from abbe.compcore.campaign.measuring_conditions import of_files
+from abbe.compcore.figures.figure import COLOURS, Figure, Trace, figure
+from abbe.compcore.verification.budget import CAUSES, FIGURES, combined
+from abbe.compcore.verification.lengths import LengthsVerified
+from abbe.compcore.verification.verify import Verification, VerifiedLine
+from abbe.daemon.answers.measurements.iso230 import MEANINGS, display
+from abbe.daemon.answers.measurements.iso10360 import where
+from abbe.daemon.answers.measurements.verified import VerificationAnswer
+from abbe.daemon.answers.measurements.verify import WORDS, foretold_words, said
+from abbe.daemon.report.head import FileOnPage, PageHead, facts_of, file_on_page
+from abbe.daemon.report.page import Page, number
+
+_BEFORE, _AFTER, _LIMIT = COLOURS[4], COLOURS[0], "#1b1f24"
+
+
+def certificate(answer: VerificationAnswer) -> Page:
+    """Lay out a verification."""
+    found = answer.verification
+    machine = answer.model.machine
+    page = Page(
+        f"Certificate of verification: {machine.name or 'machine'}",
+        f"{machine.structure}; {WORDS[found.outcome]}",
+        _head(answer),
+    )
+    page.key_figures(list(_key(found)))
+    page.text(
+        f"State after: {answer.after_words}. State before: {answer.before_words}. Errors are "
+        "actual minus indicated (ISO 230-1); errors of indication of lengths are measured minus "
+        "true (ISO 10360-2)."
+    )
+    page.notes(list(answer.warnings()), warning=True)
+    if found.figures:
+        _judged(page, found)
+    if found.lines:
+        _figures(page, found)
+    if found.lengths is not None:
+        _lengths(page, found, found.lengths)
+    if any(v.foretold is not None for v in found.lines):
+        _foretold(page, found)
+    if found.lines:
+        _budget(page, found)
+    page.section("Issued")
+    page.table(["Place and date", "Name", "Signature"], [["\u00a0", "\u00a0", "\u00a0"]])
+    return page
+
+
+def _head(answer: VerificationAnswer) -> PageHead:
+    files = [file_on_page("model", answer.named.path)]
+    if answer.named.config is not None:
+        files.append(file_on_page("configuration", answer.named.config))
+    if answer.check is not None:
+        files.append(file_on_page("check plan", answer.check))
+    files += [FileOnPage("campaign, after", f, d) for f, d in answer.campaign.files.items()]
+    if answer.before is not None:
+        files += [FileOnPage("campaign, before", f, d) for f, d in answer.before.files.items()]
+    if answer.tables is not None:
+        files += [FileOnPage("table", f, d) for f, d in answer.tables.checksums.items()]
+    return PageHead(facts_of(of_files(answer.campaign), answer.model.machine), files)
+
+
+def _key(found: Verification) -> Iterator[tuple[str, str, str]]:
+    yield "outcome", WORDS[found.outcome] if found.outcome else "not judged", ""
+    outcomes = [f.outcome for f in found.figures]
+    if found.lengths is not None:
+        outcomes.append(found.lengths.outcome)
+    if outcomes:
+        kept = sum(o is Conformity.PASSES for o in outcomes)
+        yield "proven to be kept", f"{kept} of {len(outcomes)}", "tolerances"
+    pairs = [(v.before, v.after) for v in found.lines if v.before and not v.after.rotary]
+    worst = [
+        (max(values), name)
+        for name, values in (
+            ("before", [b.figures.get("E", 0.0) for b, _ in pairs]),
+            ("after", [a.figures.get("E", 0.0) for _, a in pairs]),
+        )
+        if values
+    ]
+    for value, name in worst:
+        yield f"greatest systematic error E, {name}", number(value * 1e3, 3), "µm"
+
+
+def _judged(page: Page, found: Verification) -> None:
+    page.section("Stated tolerances")
+    rows = []
+    for one in found.figures:
+        unit, factor, _, _ = display(one.test.result)
+        limit = one.tolerance.limit * factor
+        rows.append(
+            [
+                one.test.name,
+                one.test.setup,
+                one.tolerance.figure,
+                "–" if one.value is None else number(one.value * factor, 3),
+                "–" if one.expanded is None else number(one.expanded * factor, 2),
+                f"{limit:g} {unit}",
+                WORDS[one.outcome] + (f" ({one.reason})" if one.reason else ""),
+            ]
+        )
+    page.table(["Line", "Set-up", "Figure", "After", "U", "Tolerance", "Outcome"], rows)
+    page.text(
+        f"Decision rule (ISO 14253-1): guard band U = k·u on either side, k = {found.coverage:g}. "
+        "A tolerance is proven to be kept where the figure and U together do not exceed it, proven "
+        "not to be kept where the figure less U exceeds it; between the two neither is proven."
+    )
+
+
+def _figures(page: Page, found: Verification) -> None:
+    page.section("Before and after")
+    named = [n for n in FIGURES if n in MEANINGS]
+    page.text("; ".join(f"{n}: {MEANINGS[n]}" for n in named) + " (ISO 230-2; diagonals 230-6).")
+    bars = [
+        (_bars(found, figure_name), f"{figure_name}, {MEANINGS[figure_name]}; U at the bars' ends.")
+        for figure_name in ("A", "E", "R")
+        if any(figure_name in v.after.figures and not v.after.rotary for v in found.lines)
+    ]
+    page.figures(bars)
+    rows = []
+    for one in found.lines:
+        unit, factor, _, _ = display(one.after.result)
+        for name in FIGURES:
+            if one.after.value(name) is None:
+                continue
+            before = one.before
+            rows.append(
+                [
+                    one.after.name,
+                    one.after.setup,
+                    name,
+                    "–" if before is None else said(before, name, factor, found.coverage),
+                    said(one.after, name, factor, found.coverage),
+                    unit,
+                    "" if one.fitted is None else f"fitted ({one.fitted})",
+                ]
+            )
+    page.table(["Line", "Set-up", "Figure", "Before ± U", "After ± U", "Unit", ""], rows)
+    page.notes(
+        list(dict.fromkeys(n for v in found.lines for n in _notes(v))),
+        warning=True,
+    )
+
+
+def _notes(one: VerifiedLine) -> Iterator[str]:
+    for note in one.after.result.notes:
+        yield f"{one.after.name}, {one.after.setup}: {note}"
+
+
+def _bars(found: Verification, name: str) -> Figure:
+    """A figure of every line before and after, with U, and the tolerance where one is stated."""
+    lines = [v for v in found.lines if not v.after.rotary and v.after.value(name) is not None]
+    labels = [f"{v.after.name}<br>{v.after.setup}" for v in lines]
+    at = list(range(len(lines)))
+    traces: list[Trace] = []
+    for title, colour, tests in (
+        ("before", _BEFORE, [v.before for v in lines]),
+        ("after", _AFTER, [v.after for v in lines]),
+    ):
+        values = [None if t is None else t.value(name) for t in tests]
+        spread = [None if t is None else t.sd(name) for t in tests]
+        traces.append(
+            {
+                "type": "bar",
+                "x": at,
+                "y": [None if v is None else v * 1e3 for v in values],
+                "name": title,
+                "marker": {"color": colour},
+                "error_y": {
+                    "type": "data",
+                    "array": [0.0 if s is None else found.coverage * s * 1e3 for s in spread],
+                    "color": "#57606a",
+                    "thickness": 1,
+                },
+            }
+        )
+    x: list[float | None] = []
+    y: list[float | None] = []
+    stated = {f.test.setup: f.tolerance.limit for f in found.figures if f.tolerance.figure == name}
+    for i, v in enumerate(lines):
+        if v.after.setup in stated:
+            level = stated[v.after.setup] * 1e3
+            x += [i - 0.45, i + 0.45, None]
+            y += [level, level, None]
+    if x:
+        style = {"color": _LIMIT, "width": 2, "dash": "dash"}
+        traces.append({"type": "scatter", "mode": "lines", "x": x, "y": y, "name": "tolerance",
+                       "line": style})  # fmt: skip
+    return figure(
+        traces,
+        "",
+        f"{name} in µm",
+        height=360,
+        xaxis={"tickvals": at, "ticktext": labels, "showgrid": False,
+               "range": [-0.6, len(lines) - 0.4]},
+        yaxis={"rangemode": "tozero"},
+    )  # fmt: skip
+
+
+def _lengths(page: Page, found: Verification, lengths: LengthsVerified) -> None:
+    result = lengths.evaluation.tests[0]
+    page.section(f"Lengths, ISO 10360-2 E0: {WORDS[lengths.outcome]}")
+    page.text(
+        f"Limit {result.permissible}. Before: "
+        f"{WORDS[found.lengths_before.outcome] if found.lengths_before else 'not measured'}. "
+        f"Worst: {where(result.worst)}."
+    )
+    rows = [
+        [
+            s.position,
+            s.nominal,
+            *(s.repeats[k].length.error * 1e3 if k < len(s.repeats) else None for k in range(3)),
+            s.repeats[0].guard * 1e3,
+            s.repeats[0].permissible * 1e3,
+        ]
+        for s in result.sets
+    ]
+    heads = ["Position", "Length, mm", "run 1", "run 2", "run 3", "U", "MPE"]
+    page.table(heads, rows, caption="Errors of indication, µm", digits=3)
+    page.notes(list(result.notes), warning=True)
+
+
+def _foretold(page: Page, found: Verification) -> None:
+    page.section("Measured against foretold")
+    page.text(
+        "What the model says of each line without compensation, by its error motions and their "
+        f"covariance, beside what was measured; ± U, k = {found.coverage:g}. Left is measured less "
+        "foretold, root of the mean square; expected is what readings, instrument, expansion and "
+        "the model's own uncertainty would leave."
+    )
+    rows = []
+    for one in found.lines:
+        told, before = one.foretold, one.before
+        if told is None or before is None:
+            continue
+        unit, factor, _, _ = display(one.after.result)
+        outcome = {True: "agrees", False: "differs", None: "not known"}[told.agrees]
+        rows += [
+            [
+                one.after.name,
+                one.after.setup,
+                name,
+                said(before, name, factor, found.coverage),
+                foretold_words(one, name, factor, found.coverage),
+                number(told.left * factor, 3),
+                number(told.expected * factor, 3),
+                unit,
+                outcome,
+            ]
+            for name in told.figures
+        ]
+    heads = ["Line", "Set-up", "Figure", "Measured", "Foretold", "Left", "Expected", "Unit", ""]
+    page.table(heads, rows)
+    page.text(f"All rows, measured less foretold: {found.comparison.summary()}.")
+
+
+def _budget(page: Page, found: Verification) -> None:
+    page.section("Uncertainty budget")
+    page.text(
+        "Standard uncertainties of each figure after, by cause: the instrument's scale; the "
+        "thermal expansion of the length (coefficient and temperature); what means of few runs "
+        "are unsure by; the line of the instrument beside that of the axis. The scatter itself is "
+        "in A and R by their definition."
+    )
+    rows: list[list[str | float | None]] = []
+    for one in found.lines:
+        unit, factor, _, _ = display(one.after.result)
+        for name, budget in one.after.budgets.items():
+            parts = [number(budget[c] * factor, 2) if c in budget else "–" for c in CAUSES]
+            u = combined(budget) * factor
+            total = [number(u, 2), number(found.coverage * u, 2)]
+            warmth = one.after.temperature
+            warm = "–" if warmth is None else f"{warmth:.1f}"
+            rows.append([one.after.name, one.after.setup, name, warm, *parts, *total, unit])
+    causes = [c.capitalize() for c in CAUSES]
+    heads = ["Line", "Set-up", "Figure", "°C", *causes, "u", f"U, k = {found.coverage:g}", "Unit"]
+    page.table(heads, rows)
