@@ -50,6 +50,8 @@ def fitted_lines(
     found |= {n: FittedPart.POINTS for n in shared.setups if n not in found}
     if shared.rows:
         for name in campaign.setups:
-            if overlap(fitted, campaign.rows(setup == name)).rows:
+            mine = overlap(fitted, campaign.rows(setup == name))
+            # a few coarse readings agree by chance
+            if 2 * mine.rows > mine.of:
                 found[name] = FittedPart.ROWS
     return found

@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from abbe.compcore.verification.fitted import FittedPart
 from abbe.compcore.verification.verify import Verification
+
+_NAMED = 6
+
+
+def listed(names: Sequence[str]) -> str:
+    """Some names, and how many more there are.
+
+    >>> listed(["a", "b"]), listed(list("abcdefgh"))
+    ('a, b', 'a, b, c, d, e, f and 2 more')
+    """
+    more = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def verification_warnings(found: Verification) -> Iterator[str]:
@@ -14,27 +26,27 @@ def verification_warnings(found: Verification) -> Iterator[str]:
     points = [v.after.setup for v in found.lines if v.fitted is FittedPart.POINTS]
     if rows:
         yield (
-            f"NO VERIFICATION: the model was fitted to the readings of {', '.join(rows)}; what is "
+            f"NO VERIFICATION: the model was fitted to the readings of {listed(rows)}; what is "
             "left there says how close the fit is, and proves nothing"
         )
     if points:
         yield (
-            f"fitted lines: the model was fitted to the same targets of {', '.join(points)}; "
+            f"fitted lines: the model was fitted to the same targets of {listed(points)}; "
             "ISO/TR 16907, 11.3, asks for other lines and other points"
         )
     if found.fitted_before:
         yield (
-            f"the model was fitted to what was measured before ({', '.join(found.fitted_before)}): "
+            f"the model was fitted to what was measured before ({listed(found.fitted_before)}): "
             "what it says of these lines is no foretelling"
         )
     if found.missing:
-        yield f"not measured of the check plan: {', '.join(found.missing)}"
+        yield f"not measured of the check plan: {listed(found.missing)}"
     other = [
         v.after.setup for v in found.lines if v.foretold is not None and v.foretold.agrees is False
     ]
     if other:
         yield (
-            f"the model does not foretell {', '.join(other)} within both uncertainties: "
+            f"the model does not foretell {listed(other)} within both uncertainties: "
             "abbe diagnose says what is missing or has changed"
         )
     if not found.measured:
@@ -45,12 +57,12 @@ def verification_warnings(found: Verification) -> Iterator[str]:
     axes = found.comparison.problem.model.machine.structure.axes
     unseen = [a for a in axes if not any(a in v.after.name for v in found.lines)]
     if unseen and found.lines:
-        yield f"no line moves {', '.join(unseen)}"
+        yield f"no line moves {listed(unseen)}"
     cold = [
         v.after.setup for v in found.lines if not v.after.rotary and v.after.temperature is None
     ]
     if cold:
         yield (
-            f"no thermometer tells how warm {', '.join(cold)} was: its lengths are taken to be "
+            f"no thermometer tells how warm {listed(cold)} was: its lengths are taken to be "
             "at 20 °C, and expansion counts with the thermometer's uncertainty alone"
         )

@@ -1,0 +1,312 @@
+"""abbe verify: figures and decisions by hand, what was fitted, check plans, the certificate."""
+
+import hashlib
+import json
+import re
+from html import unescape
+from math import sqrt
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from abbe.compcore.campaign.overlap import overlap
+from abbe.compcore.files.campaign_file import read_campaigns
+from abbe.compcore.files.model_file import load_model
+from abbe.compcore.files.plan_file import read_plan
+from abbe.compcore.planning.plan import campaign_of
+from abbe.compcore.planning.targets import SurveyTask
+from abbe.daemon.answers.measurements.verified_files import named_model
+from tests.support.daemon.command_line import abbe
+from tests.support.daemon.verified_line import BY_HAND, DOWN, SCALE, UP, fitted, line, written
+
+ROOT = Path(__file__).parents[4]
+U_E = 2.0 * sqrt(0.1**2 + (200.0 * 11.5e-3 * 0.2) ** 2 + (250.0 / 400.0) ** 2 / 12.0 + 1.25 / 3.0)
+"""µm: 0.5 µm/m and 11.5 ppm/K · 0.2 K over 200 mm; 0.5²/400 mm; the means of three runs."""
+
+
+@pytest.fixture(scope="module")
+def shop(tmp_path_factory) -> Path:
+    """The fitted model, a line measured with and without compensation, and its opposite."""
+    folder = tmp_path_factory.mktemp("verify")
+    fitted(folder)
+    written(folder / "after.csv", line("x_check", 310.0, scale=0.0))
+    written(folder / "before.csv", line("x_check", 310.0, scale=SCALE))
+    return folder
+
+
+def verified(shop, *words):
+    done = abbe("verify", shop / "m.toml", *words, "--json")
+    return done, json.loads(done.out)
+
+
+def test_figures_of_a_line_measured_before_and_after_are_those_by_hand(shop):
+    done, found = verified(shop, shop / "after.csv", "--before", shop / "before.csv")
+    assert done.status == 0
+    (one,) = found["lines"]
+    for name, value in BY_HAND.items():
+        assert one["after"][name]["value"] == pytest.approx(value), name
+    # 200 ppm over 200 mm are 40 µm: from 1 (↑ at 0) to 10 + 40 (↓ at 200)
+    assert one["before"]["E"]["value"] == pytest.approx(49.0)
+    assert one["after"]["E"]["U"] == pytest.approx(U_E)
+    assert (found["after"], found["before"], found["outcome"]) == ("measured", "measured", None)
+    assert one["fitted"] is None
+
+
+def test_what_was_measured_without_compensation_is_computed(shop):
+    _, found = verified(shop, shop / "before.csv")
+    (one,) = found["lines"]
+    for name, value in BY_HAND.items():
+        assert one["after"][name]["value"] == pytest.approx(value, abs=1e-3), name
+    assert one["before"]["E"]["value"] == pytest.approx(49.0)
+    # the model's own: 40 µm, both ways alike
+    told = one["foretold"]["figures"]
+    assert told["E"]["value"] == pytest.approx(40.0, abs=1e-3)
+    assert told["B"]["value"] == pytest.approx(0.0, abs=1e-6)
+    assert one["foretold"]["agrees"] is False  # the readings are off by far more than their sd
+    assert found["after"] == "computed"
+    assert any("computed" in w for w in found["warnings"])
+
+
+def test_what_was_measured_with_compensation_is_put_back(shop):
+    _, found = verified(shop, shop / "after.csv", "--active", shop / "m.toml")
+    (one,) = found["lines"]
+    assert one["after"]["E"]["value"] == pytest.approx(9.0)
+    assert one["before"]["E"]["value"] == pytest.approx(49.0, abs=1e-3)
+    assert (found["after"], found["before"]) == ("measured", "put back")
+
+
+@pytest.mark.parametrize(
+    ("limit", "outcome", "status"),
+    [
+        (9.0 + U_E + 0.01, "passes", 0),
+        (9.0 + U_E - 0.01, "neither", 4),
+        (9.0 - U_E + 0.01, "neither", 4),
+        (9.0 - U_E - 0.01, "fails", 3),
+    ],
+)
+def test_a_tolerance_is_decided_by_the_guard_band(shop, limit, outcome, status):
+    done, found = verified(
+        shop, shop / "after.csv", "--before", shop / "before.csv", "--tolerance", f"E={limit:.4f}um"
+    )
+    assert (found["outcome"], done.status) == (outcome, status)
+    (judged,) = found["tolerances"]
+    assert judged["value"] == pytest.approx(9.0)
+    assert judged["U"] == pytest.approx(U_E)
+
+
+def test_k_widens_the_guard_band(shop):
+    words = (shop / "after.csv", "--before", shop / "before.csv", "--tolerance", "X.E=11um")
+    assert verified(shop, *words)[1]["outcome"] == "passes"
+    assert verified(shop, *words, "--coverage", "3")[1]["outcome"] == "neither"
+
+
+def test_all_tolerances_together_pass_only_if_each_does(shop):
+    words = ("--before", shop / "before.csv", "--tolerance", "A=20um", "--tolerance", "R=0.1um")
+    done, found = verified(shop, shop / "after.csv", *words)
+    assert [t["outcome"] for t in found["tolerances"]] == ["passes", "fails"]
+    assert (found["outcome"], done.status) == ("fails", 3)
+
+
+def test_a_figure_that_the_runs_do_not_give_is_not_passed(shop, tmp_path):
+    """One run each way: no scatter, no A."""
+    first = {"10", "20", "30", "40", "50", "60"}
+    text = (shop / "after.csv").read_text("utf-8").splitlines()
+    kept = [r for r in text if r.startswith(("#", "time")) or r.split(",")[0] in first]
+    once = tmp_path / "once.csv"
+    once.write_text("\n".join(kept) + "\n", "utf-8")
+    done, found = verified(shop, once, "--active", shop / "m.toml", "--tolerance", "A=50um")
+    assert done.status == 4
+    assert found["tolerances"][0]["value"] is None
+    assert "1 run upwards" in found["tolerances"][0]["reason"]
+
+
+def test_lengths_against_a_maximum_permissible_error(shop):
+    """Lengths of 100 and 200 mm from the first target; indicated less true is the opposite sign."""
+    words = (shop / "after.csv", "--before", shop / "before.csv", "--mpe")
+    done, found = verified(shop, *words, "10")
+    assert (found["outcome"], done.status) == ("passes", 0)
+    sets = {(s["position"], s["length"]): s for s in found["lengths"]["tests"][0]["sets"]}
+    errors = [v["error"] for v in sets["X x_check ↑", 200.0]["values"]]
+    assert errors == pytest.approx([-(b - a) for a, b in zip(UP[0], UP[2], strict=True)])
+    errors = [v["error"] for v in sets["X x_check ↓", 100.0]["values"]]
+    assert errors == pytest.approx([-(b - a) for a, b in zip(DOWN[0], DOWN[1], strict=True)])
+    # two readings of 0.3 µm, and half of what the whole line is unsure by
+    half = 0.25 * (0.1**2 + 0.46**2 + (250.0 / 400.0) ** 2 / 12.0)
+    u = sets["X x_check ↑", 100.0]["values"][0]["sd"]
+    assert u == pytest.approx(sqrt(2.0 * 0.3**2 + half))
+    assert found["lengths_before"]["outcome"] == "fails"
+    # the greatest is 7.5 µm at 200 mm (↓), U there 2·√(2·0.3² + 4·half) = 1.33
+    assert verified(shop, *words, "8.0")[1]["lengths"]["outcome"] == "neither"
+    assert verified(shop, *words, "8.9")[1]["lengths"]["outcome"] == "passes"
+    done, found = verified(shop, *words, "2")
+    assert (found["lengths"]["outcome"], done.status) == ("fails", 3)
+
+
+def test_fitted_readings_prove_nothing_also_under_another_name(shop, tmp_path):
+    copy = tmp_path / "copy.csv"
+    copy.write_text((shop / "fit.csv").read_text("utf-8") + "\n", "utf-8")
+    for file in (shop / "fit.csv", copy):
+        done, found = verified(shop, file)
+        assert [v["fitted"] for v in found["lines"]] == ["rows", "rows"]
+        assert any(w.startswith("NO VERIFICATION") for w in found["warnings"])
+        done = abbe("verify", shop / "m.toml", file, "--mpe", "50")
+        assert done.status == 4
+        assert "NO VERIFICATION" in done.out
+
+
+def test_fitted_targets_measured_again_are_told(shop, tmp_path):
+    rows = "".join(
+        f"{i},again,displacement,{x},50,-100,1,1,0,0,{0.1 * (i % 2)},0.3\n"
+        for i, x in enumerate((0.0, 60.0, 120.0, 180.0, 240.0, 300.0))
+    )
+    again = written(tmp_path / "again.csv", rows)
+    _, found = verified(shop, again, "--active", shop / "m.toml")
+    assert [v["fitted"] for v in found["lines"]] == ["points"]
+    assert any("same targets" in w for w in found["warnings"])
+
+
+def test_fitted_campaigns_that_are_gone_are_named(shop, tmp_path):
+    model = tmp_path / "m.toml"
+    text = (shop / "m.toml").read_text("utf-8")
+    model.write_text(re.sub(r'file = ".*fit.csv"', 'file = "gone.csv"', text), "utf-8")
+    words = ("verify", model, shop / "before.csv", "--json")
+    assert any("gone.csv" in w for w in json.loads(abbe(*words).out)["warnings"])
+    given = json.loads(abbe(*words, "--fitted", shop / "fit.csv").out)["warnings"]
+    assert not any("gone.csv" in w for w in given)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--tolerance", "A=8"), ("needs its unit", "um")),
+        (("--tolerance", "Q=8um"), ("no such figure", "A, R, E, M, B")),
+        (("--tolerance", "W.A=8um"), ("no such line", "X")),
+        (("--tolerance", "X.A=8urad"), ("unit of this line",)),
+        (("--tolerance", "A=99mm"), ("not believable",)),
+        (("--tolerance", "A=8um", "--tolerance", "A=9um"), ("twice",)),
+        (("--tolerance", "Y.A=8um"), ("no line that was measured", "X (axis)")),
+        (("--tolerance", "body.E=8um"), ("no line that was measured",)),
+        (("--mpe", "soon"), ("not a maximum permissible error",)),
+        (("-o", "x.toml"), ("before anything is measured",)),
+        (("--instrument", "ruler"), ("no such instrument", "laser")),
+    ],
+)
+def test_what_cannot_be_judged_is_said_in_one_line(shop, words, says):
+    done = abbe("verify", shop / "m.toml", shop / "after.csv", *words)
+    assert (done.status, done.out) == (1, "")
+    for word in says:
+        assert word in done.err
+    assert len(done.err.strip().splitlines()) == 1
+
+
+def test_nothing_to_judge_and_nothing_to_plan(shop):
+    done = abbe("verify", shop / "m.toml")
+    assert done.status == 1
+    assert "neither what was measured" in done.err
+
+
+def test_the_model_of_a_configuration(tmp_path):
+    named = named_model(ROOT / "examples" / "bridge-cmm" / "config.toml")
+    assert named.path == ROOT / "examples" / "bridge-cmm" / "model.toml"
+    assert named.config is not None
+    assert named_model(named.path).config is None
+
+
+CHECKED = ("--instruments", "laser", "--time", "4h", "--runs", "2", "--tool", "P=0,0,-80")
+
+
+@pytest.fixture(scope="module")
+def planned(shop) -> Path:
+    done = abbe("verify", shop / "m.toml", "-o", shop / "check.toml", *CHECKED)
+    assert done.status == 0, done.err
+    assert "WARNING" not in done.out
+    return shop / "check.toml"
+
+
+def test_a_check_plan_has_every_axis_and_no_fitted_line(shop, planned):
+    model = load_model(shop / "m.toml")
+    work = read_plan(planned, model.machine)
+    assert {s.axis for s in work.setups} >= {"X", "Y", "Z"}
+    assert any(s.what.startswith("body diagonal") for s in work.setups)
+    assert sum(s.seconds for s in work.setups) <= 4.0 * 3600.0
+    fit = read_campaigns([shop / "fit.csv"], model.machine)
+    assert overlap(fit, campaign_of(SurveyTask(model), work.setups)).setups == ()
+    for setup in work.setups:
+        if setup.axis == "X":
+            at = float(setup.targets["Y"][0])
+            # 0.05 of the travel of 400 mm from the fitted lines at Y 50 and 200, at Z −100
+            near = abs(float(setup.targets["Z"][0]) + 100.0) < 15.0
+            assert not (near and min(abs(at - 50.0), abs(at - 200.0)) < 20.0)
+
+
+def test_a_check_plan_goes_on_to_a_program(planned, tmp_path):
+    done = abbe("program", planned, "--controller", "linuxcnc", "-o", tmp_path / "check.ngc")
+    assert done.status == 0, done.err
+
+
+def test_what_of_the_check_plan_was_not_measured_is_no_pass(shop, planned, tmp_path):
+    """The plan's rows themselves as a campaign: without error everything passes."""
+    model = load_model(shop / "m.toml")
+    work = read_plan(planned, model.machine)
+    rows = campaign_of(SurveyTask(model), work.setups)
+    c = rows.conditions
+    assert c.setup is not None
+    assert c.u is not None
+    lines = []
+    for i in range(rows.n):
+        x, y, z = (float(c.position(a)[i]) for a in "XYZ")
+        s = int(c.direction("X")[i])
+        u = ",".join(repr(float(v)) for v in c.u[i])
+        lines.append(f"{c.time[i]},{c.setup[i]},displacement,{x},{y},{z},{s},{u},0.0,0.3\n")
+    whole = written(tmp_path / "whole.csv", *lines)
+    words = ("--check", planned, "--active", shop / "m.toml", "--tolerance", "E=9um")
+    done, found = verified(shop, whole, *words)
+    assert (found["outcome"], done.status) == ("passes", 0), found["warnings"]
+    gone = work.setups[0].name
+    part = written(tmp_path / "part.csv", *(r for r in lines if f",{gone}," not in r))
+    done, found = verified(shop, part, *words)
+    assert (found["outcome"], done.status) == ("neither", 4)
+    assert any(gone in w and "not measured" in w for w in found["warnings"])
+
+
+def test_no_line_is_left(shop):
+    done = abbe("verify", shop / "m.toml", "-o", shop / "x.toml", "--instruments", "level")
+    assert done.status == 1
+    assert "step-gauge" in done.err
+    assert not (shop / "x.toml").exists()
+
+
+def test_the_certificate_says_what_is_judged_by_whom_and_on_which_files(shop, tmp_path):
+    page = tmp_path / "certificate.html"
+    done = abbe(
+        "verify", shop / "m.toml", shop / "after.csv", "--before", shop / "before.csv",
+        "--tolerance", "E=12um", "--mpe", "9", "--report", page,
+    )  # fmt: skip
+    assert done.status == 0
+    text = unescape(page.read_text("utf-8"))
+    for name in ("m.toml", "after.csv", "before.csv"):
+        assert hashlib.sha256((shop / name).read_bytes()).hexdigest() in text, name
+    for word in ("4711", "R. Meier", "XL-80, 12A345", "hall 3", "2026-03-02", "Thermal expansion",
+                 "Repeatability", "Uncertainty budget", "passes", "Signature"):  # fmt: skip
+        assert word in text, word
+    budget = re.search(r"<td>X</td><td>x_check</td><td>E</td><td>–</td>(.*?)</tr>", text)
+    assert budget is not None
+    cells = re.findall(r"<td>([^<]*)</td>", budget[1])
+    # instrument 0.1, expansion 0.46, means 0.6455, set-up 0.1804: together 0.819, twice 1.6
+    assert cells[:6] == ["0.1", "0.46", "0.65", "0.18", "0.82", "1.6"]
+
+
+def test_a_real_days_check_is_judged(tmp_path):
+    """The bridge of the data: a hidden reversal of Z shows where the model does not foretell."""
+    data = ROOT / "tests" / "data" / "p03-bridge"
+    model = tmp_path / "m.toml"
+    assert abbe("fit", data / "model.toml", data / "fit.csv", "-o", model).status == 0
+    done = abbe("verify", model, data / "check.csv", "--tolerance", "body.E=30um", "--json")
+    found = json.loads(done.out)
+    assert (found["outcome"], done.status) == ("passes", 0)
+    before = [v["before"]["E"]["value"] for v in found["lines"]]
+    after = [v["after"]["E"]["value"] for v in found["lines"]]
+    assert np.mean(after) < 0.3 * np.mean(before)
+    assert any("does not foretell" in w for w in found["warnings"])
+    assert all(v["fitted"] is None for v in found["lines"])
