@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +27,8 @@ from abbe.compcore.planning.targets import SurveyTask
 
 F64 = NDArray[np.float64]
 
-_PLACES = tuple(product((0.3, 0.7, 0.15, 0.85), repeat=2))
+_PARTS = (0.3, 0.7, 0.15, 0.85)
+_PLACES = tuple((one, other) for one in _PARTS for other in _PARTS)
 """Where the other two axes stand: beside the middle and the corners where lines are fitted."""
 _NEAR = 0.05
 """Part of the travels within which a line lies where a fitted one does."""

@@ -1,9 +1,10 @@
 """G-code: LinuxCNC, Fanuc, Siemens. All moves in machine coordinates, all at feed.
 
 LinuxCNC's (``G53 G1``) are run by its own interpreter in the tests. Those for Siemens (``SUPA``
-suppresses all frames in its block) and Fanuc (``G53`` is rapid only there, so moves are in ``G54``
-and the program ends with an alarm where that is not zero: variables #5201 …, #5221 …) were never
-run by a control, nor compared with its manual.
+suppresses all frames in its block, ``D0`` the tool's length) and Fanuc (``G53`` is rapid only
+there, so moves are in ``G54`` and the program ends with an alarm where that is not zero: variables
+#5201 …, #5221 …) were never run by a control; their words were compared with public manuals
+(docs/sources.md).
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ class _GCode(Dialect):
                 yield self._note(step.text)
                 yield "M0"
             elif step.kind == "move":
-                yield f"{self.move} {self._words(step.at)} F{feed:g}"
+                yield f"{self.move} {self._words(step.at)} F{self._feed(feed)}"
             else:
                 yield self._note(f"target {step.number}")
                 yield self._dwell(step.seconds)
@@ -46,6 +47,9 @@ class _GCode(Dialect):
 
     def _words(self, at: Mapping[str, float]) -> str:
         return " ".join(f"{a}{self.between}{v:.4f}" for a, v in shown(at).items())
+
+    def _feed(self, feed: float) -> str:
+        return f"{feed:g}"
 
     def _note(self, text: str) -> str:
         return f"({plain(text)})"
@@ -75,6 +79,10 @@ class FanucProgram(_GCode):
     name: ClassVar[str] = "fanuc"
     title: ClassVar[str] = "Fanuc"
     end: ClassVar[str] = "M30"
+
+    def _feed(self, feed: float) -> str:
+        # without a decimal point a control may count least increments (parameter 3401, DPI)
+        return f"{feed:.1f}"
 
     def _note(self, text: str) -> str:
         return f"({plain(text).upper()})"
@@ -113,4 +121,5 @@ class Siemens(_GCode):
 
     def _head(self, machine: Machine, title: str) -> Iterator[str]:
         yield self._note(f"{title}, {MADE_BY}")
-        yield "G71 G90 G94 G40 G500 D0"
+        # G71 would leave the feed in inches per minute where the control's own unit is the inch
+        yield "G710 G90 G94 G40 G500 D0"

@@ -1,7 +1,7 @@
 """Heidenhain Klartext: straight lines in machine coordinates (``M91``), cycle 9 for standing still.
 
-L, M91, CYCL DEF 9 DWELL TIME, STOP as known of the TNC 640; never run by a control, nor compared
-with its manual.
+With M91 a block counts from the machine's datum, and the tool's length does not count in it. Never
+run by a control; the words were compared with public manuals (docs/sources.md).
 """
 
 from __future__ import annotations

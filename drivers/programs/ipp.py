@@ -45,6 +45,8 @@ class IppCommands(Dialect):
     def _lines(self, steps: Sequence[ProgramStep], title: str, feed: float) -> Iterator[str]:
         yield f"# {plain(title)}, {MADE_BY}"
         yield "StartSession()"
+        # whatever system the last client left
+        yield "SetCoordSystem(MachineCsy)"
         yield f"SetProp(Tool.GoToPar.Speed({feed / 60.0:.3f}))"
         for step in steps:
             if step.kind == "note":

@@ -134,7 +134,7 @@ def siemens(text):
         elif found := re.fullmatch(r"G4 F([\d.]+)", line):
             yield float(found[1])
         else:
-            assert line.startswith(";") or line in ("M0", "M30", "G71 G90 G94 G40 G500 D0")
+            assert line.startswith(";") or line in ("M0", "M30", "G710 G90 G94 G40 G500 D0")
 
 
 def fanuc(text):
@@ -169,7 +169,8 @@ def test_ipp_commands_have_their_tags_and_go_to_every_target():
     assert [line[:6] for line in commands] == [f"{i:05d} " for i in range(1, len(commands) + 1)]
     assert commands[0].endswith("StartSession()")
     assert commands[-1].endswith("EndSession()")
-    assert "SetProp(Tool.GoToPar.Speed(10.000))" in commands[1]
+    assert commands[1].endswith("SetCoordSystem(MachineCsy)")
+    assert "SetProp(Tool.GoToPar.Speed(10.000))" in commands[2]
 
     def events():
         for line in commands:
@@ -179,6 +180,54 @@ def test_ipp_commands_have_their_tags_and_go_to_every_target():
                 yield 1.0
 
     check(aim, setups, events())
+
+
+MANUALS = {
+    "siemens": [
+        (r"SUPA G1(?: [XYZ]=-?\d+\.\d{4})+ F2000", 10),
+        (r"G4 F[\d.]+", 10),
+        (r"G710 G90 G94 G40 G500 D0", 1),
+        (r"M0", 2),
+        (r"M30|;.*", 1),
+    ],
+    "fanuc": [
+        (r"G1(?: [XYZ]-?\d+\.\d{4})+ F2000\.0", 10),
+        (r"G4 X\d+\.\d{3}", 10),
+        (r"IF \[#52[02][1-3] NE 0\] THEN #3000=1 \(OFFSET NOT ZERO\)", 6),
+        (r"G21 G90 G94 G40 G49 G80 G54", 1),
+        (r"M0", 2),
+        (r"%|O0001 \(.*\)|\(.*\)|M30", 4),
+    ],
+    "heidenhain": [
+        (r"\d+ L(?: [XYZ][+-]\d+\.\d{4})+ R0 F2000 M91", 10),
+        (r"\d+ CYCL DEF 9\.0 DWELL TIME", 10),
+        (r"\d+ CYCL DEF 9\.1 DWELL \d+\.\d{3}", 10),
+        (r"\d+ STOP", 2),
+        (r"\d+ (?:BEGIN|END) PGM ABBE MM|\d+ ;.*", 2),
+    ],
+    "ipp": [
+        (r"\d{5} SetCoordSystem\(MachineCsy\)", 1),
+        (r"\d{5} SetProp\(Tool\.GoToPar\.Speed\(33\.333\)\)", 1),
+        (r"\d{5} GoTo\((?:(?:, )?[XYZ]\(-?\d+\.\d{4}\))+\)", 10),
+        (r"\d{5} Get\(X\(\), Y\(\), Z\(\)\)", 10),
+        (r"\d{5} (?:Start|End)Session\(\)|#.*", 2),
+    ],
+}
+"""Lines in the words that docs/sources.md cites, and of how many there are at least."""
+
+
+@pytest.mark.parametrize("controller", MANUALS)
+def test_words_are_those_of_the_manuals(controller):
+    aim, setups = chosen("bridge")
+    steps = steps_of(aim.machine, setups, aim.space)
+    text = dialect_called(controller).text(steps, aim.machine, "test", 2000.0)
+    lines = text.replace("\r", "").splitlines()
+    known = set()
+    for pattern, least in MANUALS[controller]:
+        found = {line for line in lines if re.fullmatch(pattern, line)}
+        assert sum(line in found for line in lines) >= least, pattern
+        known |= found
+    assert [line for line in lines if line not in known] == []
 
 
 def test_ipp_has_no_rotary_axes():
