@@ -42,7 +42,8 @@ _TEMPLATE = """\
 [Unit]
 Description=Abbe: live correction of %i
 Documentation=man:systemd.service(5)
-After=network-online.target time-sync.target
+# up before it begins, and not taken down before it has ended: the ramp goes over it
+After=network.target network-online.target time-sync.target
 Wants=network-online.target
 StartLimitIntervalSec=300
 StartLimitBurst=10
@@ -56,6 +57,8 @@ WatchdogSec=10s
 WatchdogSignal=SIGABRT
 TimeoutStartSec=60s
 TimeoutStopSec=30s
+# the correction's own process is told to end, and ends what it has begun
+KillMode=mixed
 Restart=on-failure
 RestartSec=2s
 # wrong usage is not mended by starting again

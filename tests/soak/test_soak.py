@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from abbe.drivers.simulated.soak.__main__ import main
 from abbe.drivers.simulated.soak.faults import COMPUTER_FAULTS
 from abbe.drivers.simulated.soak.memory import MemoryCurve
 from abbe.drivers.simulated.soak.soak import Soak
@@ -17,6 +18,24 @@ from abbe.drivers.simulated.torment.loop import Moment
 from abbe.drivers.simulated.torment.machine import REFERENCED
 
 DOC = (Path(__file__).parents[2] / "docs" / "soak.md").read_text(encoding="utf-8")
+
+
+def test_a_relative_folder_is_where_it_was_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Abbe runs in that folder, so that its path has to be whole."""
+
+    class AskedFor(Exception):  # noqa: N818 - no error
+        pass
+
+    def soak(*, folder: Path, **_: object) -> Soak:
+        raise AskedFor(folder)
+
+    monkeypatch.setattr("abbe.drivers.simulated.soak.__main__.Soak", soak)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(AskedFor) as asked:
+        main(["--folder", "out"])
+    assert asked.value.args == (tmp_path / "out",)
 
 
 @pytest.mark.integration

@@ -20,6 +20,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--short", action="store_true", help="only the proofs of a short form")
     parser.add_argument("--only", nargs="+", choices=names, metavar="PROOF", help=", ".join(names))
+    parser.add_argument(
+        "--container", action="store_true", help="in a container, not emulated (root only)"
+    )
     given = parser.parse_args()
     chosen = [proof for proof in ALL if proof.__name__ in (given.only or names)]
     # what was started ends with this, also when it is told to end
@@ -29,7 +32,7 @@ def main() -> int:
     try:
         with (
             tempfile.TemporaryDirectory(prefix="abbe-machine-") as folder,
-            stage(Path(folder)) as s,
+            stage(Path(folder), container=given.container) as s,
         ):
             print(f"booted after {time.monotonic() - began:.0f} s", flush=True)
             for row in prove(s, SHORT if given.short else chosen):

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from tests.support.systemd.stage import Stage
-from tests.systemd import life, package
+from tests.systemd import disk, life, package
 
 Proof = Callable[[Stage], str]
 
@@ -23,6 +23,9 @@ ALL: Sequence[Proof] = (
     life.frozen,
     life.killed,
     life.stopped,
+    disk.slow_disk,
+    disk.full_and_read_only,
+    disk.damaged,
     life.two,
     life.rebooted,
     life.told,

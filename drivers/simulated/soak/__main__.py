@@ -29,7 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         without.append("clock_jump")
         _say("libfaketime is not installed: the clock does not jump")
     with tempfile.TemporaryDirectory(prefix="soak-") as made:
-        folder = asked.folder or Path(made)
+        folder = (asked.folder or Path(made)).resolve()
         folder.mkdir(parents=True, exist_ok=True)
         soak = Soak(seed=asked.seed, seconds=asked.seconds, folder=folder, without=without)
         _say(f"{asked.seconds:g} s, seed {asked.seed} …")

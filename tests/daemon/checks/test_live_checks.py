@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import math
 import sqlite3
@@ -153,6 +154,66 @@ async def test_a_reference_channel_is_read_where_the_machine_stands(model, tmp_p
     assert kept.value * 1e3 == pytest.approx([12.5], abs=0.05)
     assert kept.conditions.u.tolist() == [[1.0, 0.0, 0.0]]
     assert kept.conditions.positions["X"] == pytest.approx([300.0])
+
+
+async def test_a_reference_that_moves_is_not_taken(model, tmp_path, caplog) -> None:
+    """Where X stood when the laser was read is not known while X goes; then it is taken again."""
+    device = plc()
+    async with probing(device, model, LASER, tmp_path) as (service, _):
+        await until(lambda: looked_at(service))
+        await until(lambda: math.isfinite(service.logbook.cycles.latest.reference[1]))
+        goes = asyncio.create_task(_go(device))
+        speed = service.pipeline.axes.index("X")
+        await until(lambda: service.logbook.cycles.latest.speeds[speed] > 1.0)
+        device.measured("laser", 300.0125)
+        await refused(service, "laser", "X moved when it was read")
+        assert service.checks.idle
+        goes.cancel()
+        device.stand("X", 310.0)
+        await until(lambda: service.logbook.cycles.latest.speeds[speed] == 0.0)
+        device.measured("laser", 310.02)
+        await until(lambda: "laser" in series(service))
+        assert service.checks.state.refused == {}
+    kept = read_campaign(tmp_path / "checks.csv", load_model(model).machine)
+    assert kept.value * 1e3 == pytest.approx([20.0], abs=0.05)
+    assert kept.conditions.positions["X"] == pytest.approx([310.0])
+    assert caplog.text.count("check laser: not recorded") == 1
+
+
+async def _go(device: ProbingPlc) -> None:
+    """To and fro along X, some 10 mm/s, until cancelled."""
+    at, step = 300.0, 0.1
+    while True:
+        at += step
+        if not 290.0 < at < 310.0:
+            step = -step
+        device.stand("X", at)
+        await asyncio.sleep(0.01)
+
+
+async def test_a_reload_judges_by_the_new_model(model, tmp_path) -> None:
+    """What was recorded is held against the model that is led in, without a new measurement."""
+    own = tmp_path / "own.toml"
+    own.write_text(model.read_text())
+    alpha = float(load_model(model).terms[0].values["alpha"].value)
+    device = plc()
+    async with probing(device, own, BALL, tmp_path) as (service, _):
+        await until(lambda: looked_at(service))
+        device.measured("ball", 300.004, 119.999, -80.002)
+        await until(lambda: "ball_X" in series(service))
+        before = series(service)["ball_X"]["beyond_prediction"]
+        assert before == pytest.approx(-4.0 - alpha * 5.0 * 300.0 * 1e3, abs=0.05)
+        kept = (tmp_path / "checks.csv").read_bytes()
+        text = own.read_text()
+        assert repr(alpha) in text
+        own.write_text(text.replace(repr(alpha), repr(2.0 * alpha)))
+        service.reload()
+        await until(lambda: series(service)["ball_X"]["beyond_prediction"] != before)
+        after = series(service)["ball_X"]["beyond_prediction"]
+        assert after == pytest.approx(-4.0 - 2.0 * alpha * 5.0 * 300.0 * 1e3, abs=0.05)
+        assert not service.again
+        assert service.checks.state.answer["checks"] == 1
+    assert (tmp_path / "checks.csv").read_bytes() == kept
 
 
 async def refused(service: Service, name: str, words: str) -> None:

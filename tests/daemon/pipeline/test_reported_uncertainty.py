@@ -267,16 +267,36 @@ async def test_without_a_covariance_it_says_so(tmp_path) -> None:
         await until(lambda: in_full(service))
 
 
-def test_a_flag_says_that_something_was_not_measured(folder, tmp_path) -> None:
-    """Where the channel is a bit, that is all it can say."""
-    path = config(folder, tmp_path)
-    path.write_text(
-        path.read_text().replace(
-            f"outside = {{ {WORD} address = 21",
-            'outside = { table = "coil", type = "bit", writable = true, address = 21',
-        )
-    )
-    assert load_config(path).file.output.outside == "plc.outside"
+async def test_a_flag_says_that_something_was_not_measured(folder, tmp_path) -> None:
+    """Where the channel is a bit, that is all it can say: 1 for anything, and at the end."""
+    channel = 'outside = { table = "coil", type = "bit", writable = true, address = 21 }\n'
+    plc = Plc()
+    coils = plc.bits[1, "coil"]
+    async with TcpDevice(plc) as device:
+        path = config(folder, tmp_path, device.port)
+        text = path.read_text()
+        was = f"outside = {{ {WORD} address = 21 }}\n"
+        assert was in text
+        path.write_text(text.replace(was, channel))
+        service = Service(load_config(path))
+        task = asyncio.create_task(service.run())
+        try:
+            await until(lambda: in_full(service) and service.uncertainty.latest is not None)
+            await until(lambda: plc.words[1, "holding"][20] != 4711)
+            await until(lambda: coils[21] == 0)
+            plc.stand("X", 499.0)
+            await until(lambda: coils[21] == 1)
+            plc.stand("X", 300.0)
+            await until(lambda: coils[21] == 0)
+            plc.stand("T_x", 31.0)
+            await until(lambda: coils[21] == 1)
+            plc.stand("T_x", 25.0)
+            await until(lambda: coils[21] == 0)
+        finally:
+            service.stop()
+            await asyncio.wait_for(task, PATIENCE)
+    assert coils[21] == 1
+    assert set(coils) == {0, 1}
 
 
 @pytest.mark.parametrize(

@@ -68,6 +68,14 @@ def test_systemd_finds_it_well_confined(tmp_path: Path) -> None:
     assert float(found[1]) <= 2.0
 
 
+def test_it_ends_before_the_network_and_ends_its_own_processes_itself(tmp_path: Path) -> None:
+    """As systemd reads the unit: the ramp needs the network, a reading its judge."""
+    text = unit_of(tmp_path, ALL).with_name("abbe@.service").read_text()
+    found = dict(line.split("=", 1) for line in text.splitlines() if re.match(r"\w+=", line))
+    assert {"network.target", "network-online.target"} <= set(found["After"].split())
+    assert found["KillMode"] == "mixed"
+
+
 def test_a_broken_unit_would_be_seen(tmp_path: Path) -> None:
     unit = unit_of(tmp_path, ALL)
     text = (tmp_path / "abbe@.service").read_text()

@@ -1,4 +1,4 @@
-"""The virtual machine's disk: a small Debian with systemd and nothing of ours, made once.
+"""The virtual machine's disk, and a container's tree: a small Debian with systemd, made once.
 
 It is kept below ``build/``, under a name made from all that it depends on. Everything comes from
 the distribution by its own tools (mmdebstrap, e2fsprogs, a kernel package that is unpacked and
@@ -17,6 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[3]
+KEPT = ROOT / "build" / "machine"
+"""Where it is kept."""
 _AGENT = Path(__file__).with_name("agent.py")
 PACKAGES = (
     "dbus",
@@ -91,32 +93,64 @@ class Image:
     disk: Path
 
 
-def prepare(folder: Path = ROOT / "build" / "machine") -> Image:
-    """The image, made if it is not there yet.
+def prepare(folder: Path = KEPT) -> Image:
+    """The virtual machine's image, made if it is not there yet.
 
     Raises
     ------
     CannotPrepareError
         Where something is missing: what.
     """
+    made = _place(folder)
+    for tool in ("qemu-system-x86_64", "mke2fs"):
+        if shutil.which(tool) is None:
+            raise CannotPrepareError(f"{tool} is missing: make test-systemd installs it")
+    image = Image(made / "vmlinuz", made / "initrd", made / "disk.ext4")
+    if (made / "complete").exists():
+        return image
+    tree = debian(folder)
+    for name in ("modules", "busybox-static"):
+        shutil.rmtree(made / name, ignore_errors=True)
+    _kernel(made)
+    _initrd(made)
+    _run(["mke2fs", "-q", "-F", "-t", "ext4", "-d", tree, image.disk, "3G"], made, root=True)
+    if user := os.geteuid():
+        # a tree of root's would be in the way of whoever clears up; only root makes containers
+        _run(["chown", str(user), image.disk], made, root=True)
+        (made / "tree-complete").unlink()
+        _run(["rm", "-rf", "--one-file-system", tree], made, root=True)
+    (made / "complete").touch()
+    return image
+
+
+def debian(folder: Path = KEPT) -> Path:
+    """The tree of a Debian with systemd, made if it is not there yet.
+
+    Raises
+    ------
+    CannotPrepareError
+        Where something is missing: what.
+    """
+    made = _place(folder)
+    if not (made / "tree-complete").exists():
+        if shutil.which("mmdebstrap") is None:
+            raise CannotPrepareError("mmdebstrap is missing: make test-systemd installs it")
+        if made.exists():
+            _run(["rm", "-rf", "--one-file-system", made], folder, root=True)
+        made.mkdir(parents=True)
+        _tree(made, _release()["VERSION_CODENAME"])
+        (made / "tree-complete").touch()
+    return made / "tree"
+
+
+def _place(folder: Path) -> Path:
+    """Where the image of this recipe is kept."""
     release = _release()
     if release.get("ID") != "debian":
         raise CannotPrepareError(f"made for Debian, and this is {release.get('ID', 'unknown')}")
-    for tool in ("qemu-system-x86_64", "mmdebstrap", "mke2fs"):
-        if shutil.which(tool) is None:
-            raise CannotPrepareError(f"{tool} is missing: make test-systemd installs it")
     suite = release["VERSION_CODENAME"]
     recipe = Path(__file__).read_bytes() + _AGENT.read_bytes() + suite.encode()
-    made = folder / hashlib.sha256(recipe).hexdigest()[:12]
-    image = Image(made / "vmlinuz", made / "initrd", made / "disk.ext4")
-    if not (made / "complete").exists():
-        shutil.rmtree(made, ignore_errors=True)
-        made.mkdir(parents=True)
-        _kernel(made)
-        _initrd(made)
-        _disk(made, suite)
-        (made / "complete").touch()
-    return image
+    return folder / hashlib.sha256(recipe).hexdigest()[:12]
 
 
 def _release() -> dict[str, str]:
@@ -183,7 +217,7 @@ def _cpio(number: int, name: str, mode: int, data: bytes) -> bytes:
     return head + b"\0" * (-len(head) % 4) + data + b"\0" * (-len(data) % 4)
 
 
-def _disk(made: Path, suite: str) -> None:
+def _tree(made: Path, suite: str) -> None:
     tree = made / "tree"
     _run(
         ["mmdebstrap", "--quiet", "--variant=apt", f"--include={','.join(PACKAGES)}",
@@ -207,10 +241,7 @@ def _disk(made: Path, suite: str) -> None:
     (own / "etc/machine-id").write_text("5f0c3a1e9d7b4c28a6e1d2f3b4c5d6e7\n")
     (own / "etc/fstab").write_text("")
     _run(["cp", "-a", "--no-preserve=ownership", f"{own}/.", tree], made, root=True)
-    _run(["mke2fs", "-q", "-t", "ext4", "-d", tree, made / "disk.ext4", "3G"], made, root=True)
-    if os.geteuid():
-        _run(["chown", str(os.geteuid()), made / "disk.ext4"], made, root=True)
-    _run(["rm", "-rf", "--one-file-system", tree, own], made, root=True)
+    _run(["rm", "-rf", "--one-file-system", own], made, root=True)
 
 
 def _mirror() -> str:

@@ -14,6 +14,7 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from tests.support.systemd.image import Image
@@ -23,6 +24,8 @@ PATIENCE = 900.0
 _FIRST_WORDS = 10.0
 HOST = "10.0.2.2"
 """This computer, as the machine sees it."""
+_PLUG_IN = "mkdir -p /media/stick && mount -o ro /dev/vdb /media/stick"
+_DISK_MB = 32
 
 
 class Machine:
@@ -34,9 +37,30 @@ class Machine:
         The socket of its second serial port.
     console
         File with what it prints.
+    plug_in
+        Command there that makes the stick ``/media/stick``.
+    disk
+        A disk of its own, with a small empty file system.
+    throttle
+        Lets the disk take so many bytes a second; 0: as many as it can.
+
+    Attributes
+    ----------
+    plug_in, disk, throttle
+        As given.
     """
 
-    def __init__(self, port: socket.socket, console: Path) -> None:
+    def __init__(
+        self,
+        port: socket.socket,
+        console: Path,
+        plug_in: str,
+        disk: str,
+        throttle: Callable[[int], None],
+    ) -> None:
+        self.plug_in = plug_in
+        self.disk = disk
+        self.throttle = throttle
         self._port = port
         self._console = console
         self._waiting = b""
@@ -115,14 +139,28 @@ def media(folder: Path, files: Mapping[str, Path]) -> Path:
     """A disk with files, name → which, as a stick would bring them."""
     content = folder / "media"
     content.mkdir()
-    for name, file in files.items():
-        shutil.copy(file, content / name)
+    fill(content, files)
     size = sum(file.stat().st_size for file in files.values()) // 2**20 + 64
     disk = folder / "media.ext4"
     subprocess.run(
         ["mke2fs", "-q", "-t", "ext4", "-d", content, disk, f"{size}M"],
         check=True,
         capture_output=True,
+    )
+    return disk
+
+
+def fill(stick: Path, files: Mapping[str, Path]) -> None:
+    """Put files into a folder, name → which."""
+    for name, file in files.items():
+        shutil.copy(file, stick / name)
+
+
+def spare_disk(folder: Path) -> Path:
+    """A small disk with an empty file system."""
+    disk = folder / "spare.ext4"
+    subprocess.run(
+        ["mke2fs", "-q", "-t", "ext4", disk, f"{_DISK_MB}M"], check=True, capture_output=True
     )
     return disk
 
@@ -146,7 +184,8 @@ def running(image: Image, stick: Path, folder: Path) -> Iterator[Machine]:
             if not _prints(console, process):
                 problem += f"{name}: {_said(process)}\n"
                 continue
-            machine = Machine(port, console)
+            throttle = partial(_throttle, folder / "monitor")
+            machine = Machine(port, console, _PLUG_IN, "/dev/vdc", throttle)
             machine.booted()
             yield machine
             return
@@ -175,7 +214,8 @@ def _started(
     image: Image, stick: Path, folder: Path, accelerator: Sequence[str]
 ) -> Iterator[tuple[socket.socket, Path, subprocess.Popen[bytes]]]:
     path, console = folder / "agent", folder / "console.log"
-    path.unlink(missing_ok=True)
+    for left in (path, folder / "monitor", folder / "spare.ext4"):
+        left.unlink(missing_ok=True)
     console.write_bytes(b"")
     command = [
         "qemu-system-x86_64", *accelerator, "-smp", "2", "-m", "1536",
@@ -184,6 +224,8 @@ def _started(
         "-append", "console=ttyS0 panic=-1 audit=0 mitigations=off systemd.show_status=0",
         "-drive", f"file={image.disk},if=virtio,format=raw,snapshot=on",
         "-drive", f"file={stick},if=virtio,format=raw,readonly=on",
+        "-drive", f"id=spare,file={spare_disk(folder)},if=virtio,format=raw",
+        "-monitor", f"unix:{folder / 'monitor'},server=on,wait=off",
         "-netdev", "user,id=n", "-device", "virtio-net-pci,netdev=n,romfile=",
         "-serial", f"file:{console}", "-chardev", f"socket,id=agent,path={path},server=on,wait=on",
         "-serial", "chardev:agent",
@@ -210,6 +252,16 @@ def _started(
         process.wait()
         if process.stderr is not None:
             process.stderr.close()
+
+
+def _throttle(monitor: Path, rate: int) -> None:
+    with socket.socket(socket.AF_UNIX) as line:
+        line.connect(str(monitor))
+        line.sendall(f"block_set_io_throttle spare {rate} 0 0 0 0 0\n".encode())
+        # it is done when it asks for the next command
+        said = b""
+        while said.count(b"(qemu)") < 2:
+            said += line.recv(4096)
 
 
 def _said(process: subprocess.Popen[bytes]) -> str:

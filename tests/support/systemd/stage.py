@@ -15,7 +15,16 @@ from abbe.daemon.demo.configuration import demo_configuration
 from abbe.daemon.demo.simulator import simulated_bridge
 from tests.support.daemon.live_run import MODEL
 from tests.support.systemd import image
-from tests.support.systemd.machine import HOST, PATIENCE, Machine, media, running
+from tests.support.systemd.container import check, contained
+from tests.support.systemd.machine import (
+    HOST,
+    PATIENCE,
+    Machine,
+    fill,
+    media,
+    running,
+    spare_disk,
+)
 from tests.support.systemd.package import built, later
 from tests.support.systemd.page import commands
 from tests.support.systemd.witness import Seen, Witness, witness
@@ -32,7 +41,6 @@ _SLOW = (
 """An emulated processor is some twenty times slower than a real one."""
 # no part of the product: patience with an emulated processor
 _PATIENCE = "[Service]\nTimeoutStartSec=900s\n"
-_PLUG_IN = "mkdir -p /media/stick && mount -o ro /dev/vdb /media/stick"
 _FULL = 2
 
 
@@ -105,41 +113,53 @@ class Stage:
         """Restart the computer as ``systemctl reboot`` does; wait until it is back."""
         self.machine.tell("systemctl reboot")
         self.machine.booted()
-        self.machine.do(_PLUG_IN)
+        self.machine.do(self.machine.plug_in)
 
 
 @contextmanager
-def stage(folder: Path) -> Iterator[Stage]:
+def stage(folder: Path, *, container: bool = False) -> Iterator[Stage]:
     """Everything that the proofs need; over when the context is.
 
     Parameters
     ----------
     folder
         For the stick, the console's text and sockets.
+    container
+        A container in place of the virtual machine.
 
     Raises
     ------
     CannotPrepareError
         Where no virtual machine can be made.
     """
-    made = image.prepare()
+    if container:
+        check()
+        tree = image.debian()
+    else:
+        made = image.prepare()
     first = built()
-    stick = media(folder, {"first.deb": first, "later.deb": later(first), "model.toml": MODEL})
+    files = {"first.deb": first, "later.deb": later(first), "model.toml": MODEL}
     with ExitStack() as stack:
-        controllers, configurations = {}, {}
+        controllers, configurations, ports = {}, {}, []
         for name, place in _PLACES.items():
             simulator = stack.enter_context(
                 simulated_bridge(1, 1.0, ["--noise", "0", "--stand-at", place])
             )
+            ports.append(simulator.port)
             controllers[name] = stack.enter_context(witness(simulator.port))
             text = demo_configuration({**simulator.ready, "host": HOST}, "model.toml", 0.1)
             for old, new in _SLOW:
                 assert old in text, old
                 text = text.replace(old, new)
             configurations[name] = text + '\n[records]\nfile = "records.sqlite"\n'
-        found = Stage(
-            stack.enter_context(running(made, stick, folder)), controllers, configurations
-        )
+        if container:
+            stick = folder / "outside" / "stick"
+            stick.mkdir(parents=True)
+            fill(stick, files)
+            machine = contained(tree, ports, folder, spare_disk(folder))
+        else:
+            machine = running(made, media(folder, files), folder)
+        found = Stage(stack.enter_context(machine), controllers, configurations)
         _furnish(found)
         yield found
     shutil.rmtree(folder / "media", ignore_errors=True)
@@ -148,7 +168,7 @@ def stage(folder: Path) -> Iterator[Stage]:
 def _furnish(stage: Stage) -> None:
     """Put on the computer what its owner has there before Abbe comes."""
     machine = stage.machine
-    machine.do(_PLUG_IN)
+    machine.do(machine.plug_in)
     machine.put("/usr/local/bin/sudo", '#!/bin/sh\nexec "$@"\n')
     machine.do("chmod 755 /usr/local/bin/sudo")
     for number, file in (("0.1.0", "first"), ("0.2.0", "later")):
