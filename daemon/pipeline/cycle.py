@@ -213,8 +213,8 @@ class Pipeline:
 
     @property
     def longest_end(self) -> float:
-        """Time after `stop` within which the correction is at zero, s."""
-        return self._guard.longest_release
+        """Time after `stop` within which the correction is at zero, and may be said to be, s."""
+        return max(self._guard.longest_release, self._doubts.longest_doubt)
 
     async def run(self, stop: asyncio.Event, at_once: asyncio.Event | None = None) -> None:
         """Run until `stop` is set, then ramp the correction to zero and say so to the controller.
@@ -233,15 +233,19 @@ class Pipeline:
 
     async def _cycles(self, stop: asyncio.Event, at_once: asyncio.Event) -> None:
         self._pace.start()
-        deadline, began = math.inf, -math.inf
+        deadline, heard, began = math.inf, math.inf, -math.inf
         while True:
             if stop.is_set() and not self._ending:
                 self._ending = True
                 self._guard.release()
-                deadline = time.monotonic() + self._guard.longest_release
+                now = time.monotonic()
+                deadline = now + self._guard.longest_release
+                heard = now + self._doubts.longest_doubt
             # a busy computer may have had no cycle towards the end of the ramp: one is needed there
             down = self._guard.released or began > deadline
-            if at_once.is_set() or (self._ending and down):
+            # the last word is a write too: who has only come hears out first whether he is alone
+            doubtful = self._doubts.undecided and began < heard
+            if at_once.is_set() or (self._ending and down and not doubtful):
                 break
             began = time.monotonic()
             try:

@@ -67,6 +67,16 @@ class Doubts:
         """Who else writes what Abbe writes, or reads it to Abbe; empty when nobody does."""
         return self._own or (self._foreign.fault if self._foreign is not None else "")
 
+    @property
+    def undecided(self) -> bool:
+        """Whether it is not known yet if somebody else is at work, and will be."""
+        return self._foreign is not None and self._foreign.undecided
+
+    @property
+    def longest_doubt(self) -> float:
+        """Time after which that is known where the controller answers, s."""
+        return self._foreign.longest_doubt if self._foreign is not None else 0.0
+
     def step(
         self, positions: list[float], faults: dict[str, str], taken_at: float, now: float
     ) -> None:

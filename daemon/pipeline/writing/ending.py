@@ -61,13 +61,15 @@ class Ending:
         By itself, because a block is refused as a whole for the sake of one of its registers. A
         driver that does not come back is not waited for any longer than that. Where there is no
         status word, the ramp is all that there is to tell: then it is seen whether it was taken.
+        Over a link that nothing was ever written over there is nothing to take back.
         """
         if self._status is None:
             self.problem = self._not_ramped()
             return
         link, channel = self._status
-        if link in self._write_back.others:
-            self.problem = ""  # the word is somebody else's by now
+        nothing_written = all(name != link for name, _ in self._write_back.held)
+        if link in self._write_back.others or nothing_written:
+            self.problem = ""  # the word is somebody else's, or may be: it was never ours
             return
         until = time.monotonic() + within
         while True:

@@ -40,6 +40,8 @@ just before this one writes would never be seen."""
 _LISTENS = 2.0
 """Looks, or cycles if these take longer, for which is listened to a controller that looks as if
 somebody were at work there."""
+_HEARD = 1.5
+"""Of the time for which is listened, that a listening takes at most, with the looks around it."""
 
 
 @dataclass(slots=True)
@@ -123,6 +125,21 @@ class Foreign:
         """Whether it is time for another look, at `now` (monotonic, s)."""
         self.shut_late(now)
         return bool(self._listening) or (now >= self._due and bool(self._refused))
+
+    @property
+    def undecided(self) -> bool:
+        """Whether a link can be asked, and whether somebody else is at work there is not known."""
+        return any(
+            (link in self._listening or link not in self._opened)
+            and link not in self._write_back.others
+            and self._links[link].status.state in OPEN
+            for link in self._names
+        )
+
+    @property
+    def longest_doubt(self) -> float:
+        """Time after which a link that answers is decided, s."""
+        return _HEARD * self._listens
 
     def shut_late(self, now: float) -> None:
         """Shut the links over which nothing was written for so long that another one may do."""

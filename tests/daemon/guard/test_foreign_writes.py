@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 from pathlib import Path
 
 import pytest
 
 from abbe.daemon.config import Configuration
+from abbe.daemon.pipeline.cycle import Pipeline
 from abbe.daemon.status_word import STOPPED, Status
 from abbe.drivers.link import ChannelInfo, LinkState
 from tests.daemon.pipeline.test_pipeline import OUTPUTS, QUICK, VALUES, Run, configured
@@ -90,6 +92,38 @@ async def test_where_another_one_beats_nothing_is_ever_written(
 
     await run.during(story)
     assert link.written == []
+
+
+@pytest.mark.parametrize("beating", [None, "abbe_heartbeat"])
+async def test_ended_while_it_listens_it_hears_out_before_its_last_word(
+    configuration: Configuration, beating: str | None
+) -> None:
+    """A dead one's word is taken back; one that is at work is not told that it has ended."""
+    link = Controller(abbe_status=FULL, abbe_heartbeat=55.0)
+    link.beating = beating
+    run = Run(configuration, link)
+
+    async def story() -> None:
+        await run.until(lambda r: not r.written)
+
+    await run.during(story)
+    words = [values["abbe_status"] for values in link.written if "abbe_status" in values]
+    assert words[-1:] == ([] if beating else [float(STOPPED)])
+    assert len(words) < 20
+    run.pipeline.ending.check()
+
+
+async def test_ended_at_once_while_it_listens_it_says_nothing(
+    configuration: Configuration,
+) -> None:
+    """Nothing was written from here: nothing has to be taken back."""
+    link = Controller(abbe_status=FULL, abbe_heartbeat=55.0)
+    pipeline = Pipeline(configuration, {"cmm": link})
+    over = asyncio.Event()
+    over.set()
+    await pipeline.run(over, over)
+    assert link.written == []
+    pipeline.ending.check()
 
 
 async def test_it_takes_over_when_the_other_one_has_ended(configuration: Configuration) -> None:

@@ -80,10 +80,17 @@ class Stage:
         return self.machine.do(f"journalctl -u abbe@{name} {boot} --no-pager -o cat")
 
     def until_full(self, name: str, since: int | None = None) -> Seen:
-        """Wait until the controller has the whole correction; how it looked then."""
-        return self.controllers[name].until(
-            lambda look: bool(look.status & _FULL and look.size > 5.0), PATIENCE, since
-        )
+        """Wait until the controller has the whole correction; how it looked then.
+
+        By a heart that beats: what one that was killed left behind looks the same but for that.
+        """
+        beats: set[int] = set()
+
+        def full(look: Seen) -> bool:
+            beats.add(look.heartbeat)
+            return bool(look.status & _FULL and look.size > 5.0 and len(beats) > 1)
+
+        return self.controllers[name].until(full, PATIENCE, since)
 
     def mark(self, name: str) -> int:
         """Index of the look that comes next."""
