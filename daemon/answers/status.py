@@ -24,13 +24,18 @@ def the_run(config: Path) -> RunStatus:
     for run in found_runs():
         if run.status is None:
             others.append(f"{run.peer}: {run.reason}")
-        elif any(f.role == "configuration" and same_file(f.path, config) for f in run.status.files):
+        elif made_from(run.status, config):
             return run.status
     path = control_socket(config)
     if path is not None and path.exists():
         return status_at(path)
     more = f"; another run cannot be asked: {'; '.join(others)}" if others else ""
     raise AbbeError(f"no correction runs with {config} on this computer{more}")
+
+
+def made_from(status: RunStatus, config: Path) -> bool:
+    """Whether a run was made from a configuration."""
+    return any(f.role == "configuration" and same_file(f.path, config) for f in status.files)
 
 
 def every_run() -> tuple[list[RunStatus], list[str]]:

@@ -49,12 +49,14 @@ def demo(
     from abbe.daemon.demo.configuration import demo_configuration
     from abbe.daemon.demo.prepare import Workshop, prepare
     from abbe.daemon.demo.simulator import simulated_bridge
+    from abbe.daemon.demo.workbench import demo_workbench
     from abbe.daemon.service import Service
     from abbe.daemon.show.attach import choose, run_in_view
 
     how = choose(as_json)
     console = Console(file=sys.stdout if how == "screen" else sys.stderr)
     shop = Workshop(folder)
+    shop.forget_address()
     if not force:
         shop.require_own()
 
@@ -69,21 +71,25 @@ def demo(
     prepare(seed, shop, step)
     with simulated_bridge(seed, DRIFT_TIME / duration) as machine:
         with step("Start the machine in a process of its own") as done:
-            text = demo_configuration(machine.ready, shop.model.name)
+            text = demo_configuration(
+                machine.ready, shop.model.name, records=True, http=shop.socket_fits
+            )
             write_atomically(shop.config, text)
             configuration = load_config(shop.config)
             done(f"Modbus TCP at {machine.host}:{machine.port}, linked by {shop.config}")
-        console.print(
-            f"Correcting it live for {duration:g} s, while its shop warms up as in an hour. "
-            "Ctrl-C ends.\n"
-        )
-        figures = run_in_view(
-            lambda: Service(configuration),
-            how,
-            "Abbe demo · " + configuration.model.machine.name,
-            duration,
-            lambda found: {"summary": found.summary()},
-        )
+        with demo_workbench(shop) as address:
+            console.print(f"See it in a browser on this computer:  {address}", soft_wrap=True)
+            console.print(
+                f"Correcting it live for {duration:g} s, while its shop warms up as in an hour. "
+                "Ctrl-C ends.\n"
+            )
+            figures = run_in_view(
+                lambda: Service(configuration),
+                how,
+                "Abbe demo · " + configuration.model.machine.name,
+                duration,
+                lambda found: {"summary": found.summary()},
+            )
     _tell(console, figures, shop.folder)
 
 

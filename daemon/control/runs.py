@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import socket
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -34,11 +34,27 @@ class Found:
         What it says; None where it does not.
     reason
         Why it says nothing.
+    address
+        Where it can be asked again.
     """
 
     peer: Peer
     status: RunStatus | None
     reason: str = ""
+    address: str = ""
+
+    def ask_again(self) -> RunStatus:
+        """Its status now.
+
+        Raises
+        ------
+        AbbeError
+            When it has ended, or does not answer.
+        """
+        status = _read(ask_at(self.address, StatusRequest(), str(self.peer), _WITHIN))
+        # who it is, is the kernel's word, not its own
+        owner = status.owner.model_copy(update={"user": self.peer.user, "pid": self.peer.pid})
+        return status.model_copy(update={"owner": owner})
 
 
 def found_runs() -> list[Found]:
@@ -47,14 +63,11 @@ def found_runs() -> list[Found]:
     for name in _names():
         address = f"\0{name}"
         with contextlib.suppress(OSError):
-            peer = _peer(address)
+            run = Found(_peer(address), None, address=address)
             try:
-                status = _read(ask_at(address, StatusRequest(), str(peer), _WITHIN))
-                # who it is, is the kernel's word, not its own
-                owner = status.owner.model_copy(update={"user": peer.user, "pid": peer.pid})
-                found.append(Found(peer, status.model_copy(update={"owner": owner})))
+                found.append(replace(run, status=run.ask_again()))
             except AbbeError as error:
-                found.append(Found(peer, None, str(error)))
+                found.append(replace(run, reason=str(error)))
     return sorted(found, key=lambda run: run.peer.pid)
 
 

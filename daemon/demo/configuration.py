@@ -49,7 +49,24 @@ echo = [{ source = "cmm.sample", target = "cmm.echo_sample" }]
 """
 
 
-def demo_configuration(ready: Mapping[str, Any], model: str, period: float = 0.02) -> str:
+_RECORDS = """
+[records]
+every = 0.2                # s: a demo is short
+"""
+
+_HTTP = """
+[http]                     # its Unix socket streams the cycles to the workbench
+"""
+
+
+def demo_configuration(
+    ready: Mapping[str, Any],
+    model: str,
+    period: float = 0.02,
+    *,
+    records: bool = False,
+    http: bool = False,
+) -> str:
     """The text of a configuration for a simulated bridge.
 
     Parameters
@@ -60,6 +77,8 @@ def demo_configuration(ready: Mapping[str, Any], model: str, period: float = 0.0
         Path of the model file, relative to the configuration.
     period
         s from one cycle to the next.
+    records, http
+        Whether it keeps records; whether it can be looked at over HTTP.
     """
     registers = {r["name"]: r for r in ready["registers"]}
     transducers: Mapping[str, Mapping[str, Any]] = ready["transducers"]
@@ -69,6 +88,7 @@ def demo_configuration(ready: Mapping[str, Any], model: str, period: float = 0.0
     parts = [_HEAD.format(model=model, period=period)]
     parts += [_axis(axis, transducers[f"count_{axis}"]) for axis in AXES]
     parts += [_signal(name.removeprefix("R_"), name, transducers[name]) for name in sensors]
+    parts += [text for text, wanted in ((_RECORDS, records), (_HTTP, http)) if wanted]
     parts.append(_OUTPUT)
     parts += [f'[output.axes.{a}]\ntarget = "cmm.corrected_{a}"\n' for a in AXES]
     parts.append("# Where the machine really is: shown beside, never used.\n")

@@ -15,11 +15,15 @@ from abbe.compcore.files.model_file import load_model, save_model
 from abbe.compcore.files.model_toml.fit_record import recorded
 from abbe.compcore.files.text.atomic import write_atomically
 from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.daemon.config.sections.http import HttpSection
 from abbe.daemon.demo.configuration import WRITTEN_BY
 from abbe.daemon.demo.simulator import measure_bridge
+from abbe.daemon.socket_path import check_path
 
 START = Path(__file__).with_name("bridge.toml")
 """The machine and the effects to look for, without parameter values."""
+
+ADDRESS_BEGINS = "http://127.0.0.1:"
 
 Step = Callable[[str], AbstractContextManager[Callable[[str], None]]]
 """Begins a step of a known name; what it gives is called with the step's outcome in a few words."""
@@ -50,6 +54,37 @@ class Workshop:
     def config(self) -> Path:
         """The configuration of the live part."""
         return self.folder / "config.toml"
+
+    @property
+    def address(self) -> Path:
+        """Where a further browser may enter the workbench."""
+        return self.folder / "workbench.txt"
+
+    def forget_address(self) -> None:
+        """Take that file away, if it is one of a demo.
+
+        Raises
+        ------
+        InputError
+            When somebody else's file has its name.
+        """
+        if _begins(self.address, ADDRESS_BEGINS):
+            self.address.unlink(missing_ok=True)
+        elif self.address.exists():
+            raise InputError(
+                "is there already and is not of an earlier demo",
+                file=self.address,
+                expected="a new folder (--out)",
+            )
+
+    @property
+    def socket_fits(self) -> bool:
+        """Whether a Unix socket can be in the folder: its path must be short."""
+        try:
+            check_path(self.folder.absolute() / HttpSection().socket)
+        except InputError:
+            return False
+        return True
 
     def require_own(self) -> None:
         """Refuse a folder that holds such files and is not of an earlier demo.

@@ -37,6 +37,25 @@ class RecordedSpan:
     count: int
 
 
+@dataclass(frozen=True, slots=True)
+class ThinnedSeries:
+    """Series in equal spans of time; spans without a value are left out.
+
+    Attributes
+    ----------
+    time
+        Middle of each span, s since 1970.
+    values
+        Series → least, mean and greatest of each span; None where it has none.
+    width
+        Of a span, s.
+    """
+
+    time: list[float]
+    values: dict[str, list[tuple[float, float, float] | None]]
+    width: float
+
+
 class Records:
     """A database of records, open to be read.
 
@@ -128,6 +147,39 @@ class Records:
         )
         for time, number, least, mean, greatest in rows:
             yield time, numbers[number], least, mean, greatest
+
+    def thinned(self, first: float, last: float, names: Sequence[str], most: int) -> ThinnedSeries:
+        """Least, mean and greatest of series in at most so many equal spans between two times.
+
+        Raises
+        ------
+        InputError
+            For a series that there is not.
+        """
+        width = max((last - first) / most, 1e-3)
+        found: dict[int, dict[str, tuple[float, float, float]]] = {}
+        for name, _ in self._named(names):
+            rows = self._connection.execute(
+                "SELECT min(max(cast((time - :first) / :width AS INTEGER), 0), :most - 1) AS span, "
+                "min(least), sum(mean * count) / sum(count), max(greatest) FROM ("
+                "SELECT time, value AS least, value AS mean, value AS greatest, 1 AS count "
+                "FROM full WHERE series = :series AND time BETWEEN :first AND :last UNION ALL "
+                "SELECT time + 30, least, mean, greatest, count FROM minutes "
+                "WHERE series = :series AND time BETWEEN :first - 30 AND :last - 30 UNION ALL "
+                "SELECT time + 1800, least, mean, greatest, count FROM hours "
+                "WHERE series = :series AND time BETWEEN :first - 1800 AND :last - 1800"
+                ") GROUP BY span",
+                {"series": self._number(name), "first": first, "last": last, "width": width,
+                 "most": most},
+            )  # fmt: skip
+            for span, least, mean, greatest in rows:
+                found.setdefault(int(span), {})[name] = (least, mean, greatest)
+        spans = sorted(found)
+        return ThinnedSeries(
+            [first + (span + 0.5) * width for span in spans],
+            {name: [found[span].get(name) for span in spans] for name in names},
+            width,
+        )
 
     def _named(self, names: Sequence[str]) -> list[tuple[str, str]]:
         there = self.series()

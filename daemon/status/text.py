@@ -56,7 +56,7 @@ def lines(status: RunStatus) -> Iterator[str]:
     for what, why in status.faults.items():
         yield f"  {what}: {why}"
     yield ""
-    yield from _table([_axis(name, axis) for name, axis in status.axes.items()], _HEADINGS)
+    yield from _table([axis_cells(n, a) for n, a in status.axes.items()], AXIS_HEADINGS)
     for words in status.beyond:
         yield f"  less sure: {words}"
     if status.checks is not None:
@@ -66,10 +66,10 @@ def lines(status: RunStatus) -> Iterator[str]:
         yield f"tool x {x:g}, y {y:g}, z {z:g} mm"
     if status.signals:
         yield ""
-        yield from _table([_signal(n, s) for n, s in status.signals.items()])
+        yield from _table([signal_cells(n, s) for n, s in status.signals.items()])
     yield ""
-    yield from (_link(name, link) for name, link in status.links.items())
-    yield _cycle(status)
+    yield from (link_line(name, link) for name, link in status.links.items())
+    yield cycle_line(status)
     yield f"status word {status.status_word.word:#06x}: {' '.join(status.status_word.bits)}"
     for name, switch in status.switches.items():
         if switch != "on":
@@ -88,10 +88,12 @@ def lines(status: RunStatus) -> Iterator[str]:
         yield f"{event.time:%Y-%m-%d %H:%M:%S} {event.level}: {event.text}"
 
 
-_HEADINGS = ["axis", "indicated", "corrected", "correction", "±", "guard"]
+AXIS_HEADINGS = ["axis", "indicated", "corrected", "correction", "±", "guard"]
+"""What `axis_cells` gives; where a position is old, how old and why follows."""
 
 
-def _axis(name: str, axis: AxisStatus) -> list[str]:
+def axis_cells(name: str, axis: AxisStatus) -> list[str]:
+    """One axis in words, as `AXIS_HEADINGS` names them."""
     unit = _unit(axis.unit)
     row = [name, _number(axis.indicated, 4, unit), _number(axis.corrected, 4, unit)]
     if axis.correction is None:
@@ -108,7 +110,8 @@ def _axis(name: str, axis: AxisStatus) -> list[str]:
     return row
 
 
-def _signal(name: str, signal: SignalStatus) -> list[str]:
+def signal_cells(name: str, signal: SignalStatus) -> list[str]:
+    """One signal in words: name, value, age; where it is old, why."""
     row = [name, _number(signal.value, 2, _unit(signal.unit)), age_in_words(signal.age_s)]
     if signal.typed_in:
         row[-1] += ", typed in"
@@ -117,7 +120,8 @@ def _signal(name: str, signal: SignalStatus) -> list[str]:
     return row
 
 
-def _link(name: str, link: LinkHealth) -> str:
+def link_line(name: str, link: LinkHealth) -> str:
+    """One link in words."""
     parts = [f"link {name} ({link.driver}) {link.state} for {age_in_words(link.for_s)}"]
     if link.detail:
         parts.append(link.detail)
@@ -130,7 +134,8 @@ def _link(name: str, link: LinkHealth) -> str:
     return ", ".join(parts)
 
 
-def _cycle(status: RunStatus) -> str:
+def cycle_line(status: RunStatus) -> str:
+    """The cycle in words."""
     cycle = status.cycle
     if cycle.last_ms is None:
         return "no cycle yet"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import gzip
 import hashlib
 from collections.abc import Callable
 from importlib.resources import files
@@ -11,10 +13,12 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.responses import Response
 
 from abbe.compcore.errors import AbbeError
 from abbe.daemon.report.page import plotly_script
+from abbe.daemon.workbench.live.view import LiveView
 from abbe.daemon.workbench.session import Workbench
 
 _KINDS = {
@@ -22,7 +26,12 @@ _KINDS = {
     "css": "text/css; charset=utf-8",
     "js": "text/javascript; charset=utf-8",
     "svg": "image/svg+xml",
+    "txt": "text/plain; charset=utf-8",
 }
+_LEVEL = 6
+"""Of compression."""
+_SMALL = 2000
+"""Bytes of an answer from which on it is compressed."""
 Spec = Annotated[str, Field(min_length=1, max_length=2000)]
 
 
@@ -53,22 +62,29 @@ class Nothing(_Asked):
     """A request that says no more than its path."""
 
 
-def application(bench: Workbench, end: Callable[[], None]) -> FastAPI:
+def application(bench: Workbench | None, live: LiveView, end: Callable[[], None]) -> FastAPI:
     """The ASGI application, to be set behind a `WorkbenchDoor`.
 
     Parameters
     ----------
     bench
-        The session.
+        The session; None: there are no campaigns, and the live view is all.
+    live
+        The run that is looked at.
     end
         Ends the server.
     """
     app = FastAPI(title="Abbe's workbench", openapi_url=None, docs_url=None, redoc_url=None)
     app.add_exception_handler(AbbeError, _problem)
     app.add_exception_handler(RequestValidationError, _invalid)
+    # streams are left alone by it
+    app.add_middleware(GZipMiddleware, minimum_size=_SMALL, compresslevel=_LEVEL)
     _files(app)
-    _look(app, bench)
-    _change(app, bench, end)
+    app.include_router(live.routes())
+    _frame(app, bench, live, end)
+    if bench is not None:
+        _look(app, bench)
+        _change(app, bench)
     return app
 
 
@@ -84,28 +100,48 @@ def _files(app: FastAPI) -> None:
 
 
 def _served(content: bytes, kind: str) -> Callable[[Request], Response]:
-    tag = f'"{hashlib.sha256(content).hexdigest()[:32]}"'
-    headers = {"etag": tag, "cache-control": "no-cache", "content-type": kind}
+    """A file, compressed where the browser takes that, and not sent again where it has it."""
+    tag = hashlib.sha256(content).hexdigest()[:32]
+    headers = {"cache-control": "no-cache", "content-type": kind, "vary": "accept-encoding"}
+    # made once, when somebody asks: it takes a third of a second for the largest
+    packed = functools.cache(functools.partial(gzip.compress, content, _LEVEL, mtime=0))
 
     def served(request: Request) -> Response:
-        if request.headers.get("if-none-match") == tag:
-            return Response(status_code=304, headers=headers)
-        return Response(content, headers=headers)
+        small = "gzip" in request.headers.get("accept-encoding", "")
+        own = headers | {"etag": f'"{tag}{"-gzip" if small else ""}"'}
+        if request.headers.get("if-none-match") == own["etag"]:
+            return Response(status_code=304, headers=own)
+        if small:
+            return Response(packed(), headers=own | {"content-encoding": "gzip"})
+        return Response(content, headers=own)
 
     return served
 
 
-def _look(app: FastAPI, bench: Workbench) -> None:
+def _frame(app: FastAPI, bench: Workbench | None, live: LiveView, end: Callable[[], None]) -> None:
     @app.get("/api/state")
     def state() -> dict[str, Any]:
         """What is known, and what is under way."""
-        return bench.state()
+        return live.state() if bench is None else {**bench.state(), "first": live.first}
 
     @app.get("/api/head")
     def head() -> dict[str, Any]:
         """Machine, date, files with their SHA-256."""
-        return bench.head()
+        return live.head() if bench is None else bench.head()
 
+    @app.post("/api/here")
+    def here(_: Nothing) -> dict[str, str]:
+        """Somebody is there: the session goes on."""
+        return {}
+
+    @app.post("/api/end")
+    def ended(_: Nothing) -> dict[str, str]:
+        """End the workbench."""
+        end()
+        return {}
+
+
+def _look(app: FastAPI, bench: Workbench) -> None:
     @app.get("/api/compare")
     def compared() -> Response:
         """Whether the model holds, and where not."""
@@ -127,7 +163,13 @@ def _look(app: FastAPI, bench: Workbench) -> None:
         return bench.tried(cause.spec, cause.values)
 
 
-def _change(app: FastAPI, bench: Workbench, end: Callable[[], None]) -> None:
+def _change(app: FastAPI, bench: Workbench) -> None:
+    @app.post("/api/compare")
+    def compare(_: Nothing) -> dict[str, Any]:
+        """Lay the present version beside the campaigns."""
+        bench.look()
+        return bench.state()
+
     @app.post("/api/learn")
     def learn(_: Nothing) -> dict[str, Any]:
         """Find causes."""
@@ -151,12 +193,6 @@ def _change(app: FastAPI, bench: Workbench, end: Callable[[], None]) -> None:
         """Look at another version."""
         bench.go_back(other.version)
         return bench.state()
-
-    @app.post("/api/end")
-    def ended(_: Nothing) -> dict[str, str]:
-        """End the workbench."""
-        end()
-        return {}
 
 
 def _known(answer: bytes | None) -> Response:

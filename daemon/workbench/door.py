@@ -9,6 +9,7 @@ it changes something, was sent by a page of this very server.
 from __future__ import annotations
 
 import secrets
+import time
 from collections.abc import Callable
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs
@@ -16,10 +17,14 @@ from urllib.parse import parse_qs
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-ENTRANCE = "/enter"
-"""Path of the address that is printed."""
+from abbe.daemon.workbench.address import ENTRANCE, address_of, new_key
+
 LONGEST = 65_536
 """Bytes of a request's body that are read."""
+SESSION = 12.0
+"""h without anything that a person did after which a session is over."""
+_MOST = 64
+"""Sessions at a time; the oldest goes."""
 
 HEADERS = {
     # Plotly lays its pictures out by styles of its own; no script but the files of this server runs
@@ -46,28 +51,48 @@ class WorkbenchDoor:
         Where the server listens on 127.0.0.1.
     invite
         Called with a new address, good for one browser: at first, and whenever one was used.
+    key
+        Of the first address, where it was told already; then only those after it are.
+    session
+        h after which a session is over in which nobody does anything; what a page asks by itself
+        does not count.
     """
 
-    def __init__(self, app: ASGIApp, port: int, invite: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        port: int,
+        invite: Callable[[str], None],
+        *,
+        key: str = "",
+        session: float = SESSION,
+    ) -> None:
         self._app = app
         self._hosts = frozenset({f"127.0.0.1:{port}", f"localhost:{port}"})
         # a cookie counts for all ports of a host
         self._cookie = f"abbe-{port}"
-        self._secret = secrets.token_urlsafe(32)
+        self._lasts = 3600.0 * session
+        self._sessions: dict[str, float] = {}
         self._port, self._invite = port, invite
-        self._key = ""
-        self._new_key()
+        self._key = key
+        if not key:
+            self._new_key()
 
     def _new_key(self) -> None:
-        self._key = secrets.token_urlsafe(24)
-        self._invite(f"http://127.0.0.1:{self._port}{ENTRANCE}?key={self._key}")
+        self._key = new_key()
+        self._invite(address_of(self._port, self._key))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request, or hand it on."""
         if scope["type"] != "http":
             return
 
+        session = self._session(scope)
+
         async def with_headers(message: Message) -> None:
+            if message.get("more_body") and session and not self._lives(session):
+                await send({"type": "http.response.body", "body": b"", "more_body": False})
+                raise ConnectionError("the session is over")
             if message["type"] == "http.response.start":
                 known = {name.lower() for name, _ in message["headers"]}
                 message["headers"] += [
@@ -77,7 +102,7 @@ class WorkbenchDoor:
                 ]
             await send(message)
 
-        refused = self._refusal(scope)
+        refused = self._refusal(scope, session)
         if refused is not None:
             await refused(scope, receive, with_headers)
             return
@@ -92,7 +117,7 @@ class WorkbenchDoor:
 
         await self._app(scope, again, with_headers)
 
-    def _refusal(self, scope: Scope) -> Response | None:
+    def _refusal(self, scope: Scope, session: str) -> Response | None:
         """What is said instead of an answer; None: the request may pass."""
         headers: dict[str, list[str]] = {}
         for name, value in scope["headers"]:
@@ -104,17 +129,20 @@ class WorkbenchDoor:
             return _no(405, "GET and POST only")
         if scope["path"] == ENTRANCE and scope["method"] == "GET":
             return self._enter(scope)
-        if not self._known(headers.get("cookie", [])):
+        if not self._lives(session):
             return _no(
                 403,
-                "This browser has not entered. Open the address that the terminal shows, in which "
-                "'abbe open' runs. Each address is good for one browser.",
+                "This browser has not entered, or has done nothing for too long. Open the address "
+                "that the terminal shows, in which 'abbe open' runs. Each is good for one browser.",
             )
         if scope["method"] == "POST":
             own = f"http://{host[0]}"
             kind = headers.get("content-type", [""])[0].partition(";")[0].strip().lower()
             if headers.get("origin") != [own] or kind != "application/json":
                 return _no(403, "only pages of this workbench change anything")
+        if scope["method"] == "POST" or scope["path"] == "/":
+            # a person did this: a page looks with GET by itself
+            self._sessions[session] = time.monotonic() + self._lasts
         return None
 
     def _enter(self, scope: Scope) -> Response:
@@ -125,20 +153,36 @@ class WorkbenchDoor:
                 "This address was used already. The terminal shows another one for each browser.",
             )
         self._new_key()
+        secret = secrets.token_urlsafe(32)
+        while len(self._sessions) >= _MOST:
+            del self._sessions[min(self._sessions, key=lambda s: self._sessions[s])]
+        self._sessions[secret] = time.monotonic() + self._lasts
         entered = RedirectResponse("/", 303)
-        entered.set_cookie(self._cookie, self._secret, httponly=True, samesite="strict", path="/")
+        entered.set_cookie(self._cookie, secret, httponly=True, samesite="strict", path="/")
         return entered
 
-    def _known(self, cookies: list[str]) -> bool:
+    def _session(self, scope: Scope) -> str:
+        """The session that a request belongs to; empty where it has none."""
+        cookies = [v.decode("latin-1") for n, v in scope["headers"] if n == b"cookie"]
         found = SimpleCookie()
         try:
             found.load("; ".join(cookies))
         except CookieError:
-            return False
+            return ""
         mine = found.get(self._cookie)
-        return mine is not None and secrets.compare_digest(
-            mine.value.encode(), self._secret.encode()
-        )
+        if mine is None:
+            return ""
+        known = [
+            s for s in self._sessions if secrets.compare_digest(mine.value.encode(), s.encode())
+        ]
+        return known[0] if known else ""
+
+    def _lives(self, session: str) -> bool:
+        """Whether a session is not over."""
+        if self._sessions.get(session, 0.0) > time.monotonic():
+            return True
+        self._sessions.pop(session, None)
+        return False
 
 
 def _no(status: int, why: str) -> Response:

@@ -11,71 +11,63 @@ from typing import Any
 
 import uvicorn
 
-from abbe.compcore.errors import InputError
 from abbe.daemon.http.bounded import BoundedProtocol
 from abbe.daemon.workbench.application import application
-from abbe.daemon.workbench.door import WorkbenchDoor
+from abbe.daemon.workbench.door import SESSION, WorkbenchDoor
+from abbe.daemon.workbench.live.view import LiveView
 from abbe.daemon.workbench.session import Workbench
 
-_HOST = "127.0.0.1"
 _HEAD = 16_384
 """Bytes of a request's head that are read."""
 
 
-def serve(bench: Workbench, port: int, invite: Callable[[str], None]) -> None:
+def serve(
+    bench: Workbench | None,
+    live: LiveView,
+    made: socket.socket,
+    invite: Callable[[str], None],
+    *,
+    key: str = "",
+    session: float = SESSION,
+) -> None:
     """Serve until the end.
 
     Parameters
     ----------
     bench
-        The session.
-    port
-        0: any that is free.
-    invite
-        Is told each address at which one browser may enter.
-
-    Raises
-    ------
-    InputError
-        For a port that cannot be had.
+        The session; None: the live view is all.
+    live
+        The run that is looked at.
+    made
+        From `abbe.daemon.workbench.address.listening`.
+    invite, key, session
+        As `WorkbenchDoor` has them.
     """
-    made = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    server: _LoopbackServer
+
+    def end() -> None:
+        server.should_exit = True
+
+    app, port = application(bench, live, end), made.getsockname()[1]
+    config = uvicorn.Config(
+        WorkbenchDoor(app, port, invite, key=key, session=session),
+        http=BoundedProtocol,
+        ws="none",
+        lifespan="off",
+        loop="asyncio",
+        log_config=None,
+        log_level=logging.ERROR,
+        access_log=False,
+        proxy_headers=False,
+        server_header=False,
+        timeout_graceful_shutdown=1,
+        h11_max_incomplete_event_size=_HEAD,
+    )
+    server = _LoopbackServer(config)
     try:
-        made.bind((_HOST, port))
-    except OSError as error:
-        made.close()
-        raise InputError(
-            f"cannot listen there: {error.strerror}", field="--port", found=port,
-            expected="another port, or none: one that is free is taken",
-        ) from None  # fmt: skip
-    with made:
-        # from here on a browser waits instead of being refused
-        made.listen(64)
-        server: _LoopbackServer
-
-        def end() -> None:
-            server.should_exit = True
-
-        door = WorkbenchDoor(application(bench, end), made.getsockname()[1], invite)
-        config = uvicorn.Config(
-            door,
-            http=BoundedProtocol,
-            ws="none",
-            lifespan="off",
-            loop="asyncio",
-            log_config=None,
-            log_level=logging.ERROR,
-            access_log=False,
-            proxy_headers=False,
-            server_header=False,
-            timeout_graceful_shutdown=1,
-            h11_max_incomplete_event_size=_HEAD,
-        )
-        server = _LoopbackServer(config)
-        try:
-            server.run(sockets=[made])
-        finally:
+        server.run(sockets=[made])
+    finally:
+        if bench is not None:
             bench.close()
 
 

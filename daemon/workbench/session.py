@@ -41,6 +41,8 @@ class Workbench:
         Files, as ``abbe add`` takes them.
     versions
         Folder in which new versions are kept; None: nothing is written.
+    at_once
+        Whether to compare now; else when somebody looks.
 
     Raises
     ------
@@ -54,6 +56,8 @@ class Workbench:
         campaigns: Sequence[Path],
         holdout: Sequence[Path] = (),
         versions: Path | None = None,
+        *,
+        at_once: bool = True,
     ) -> None:
         self._campaigns, self._holdout = list(campaigns), list(holdout)
         given, self._campaign = load(model, self._campaigns)
@@ -72,7 +76,8 @@ class Workbench:
         self._learned: bytes | None = None
         self._diagnosis: Diagnosis | None = None
         self._trial: tuple[str, WhatIf] | None = None
-        self.compare()
+        if at_once:
+            self.compare()
 
     def state(self) -> dict[str, Any]:
         """What every page shows all the time; `changes` counts what has become different."""
@@ -105,6 +110,12 @@ class Workbench:
     def compare(self) -> None:
         """Lay the present version beside the campaigns, in a thread."""
         self._start("compare", expected.comparing(self._campaigns), self._compare)
+
+    def look(self) -> None:
+        """The same where it is not known yet and nothing is under way."""
+        with self._lock:
+            if self._compared is None and (self._task is None or not self._task.running):
+                self.compare()
 
     def learn(self) -> None:
         """Diagnose the present version, in a thread; as it is where that is known already."""

@@ -2,76 +2,25 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect
 
+from tests.support.daemon.browser import INK, WIDTHS, assert_quiet, chromium, visit
 from tests.support.daemon.some_setups import some_setups
-from tests.support.daemon.workbench import OpenedWorkbench, opened
+from tests.support.daemon.workbench import opened
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 
 BRIDGE = Path(__file__).parents[1] / "data" / "p03-bridge"
-PATIENCE_MS = 120_000.0
-"""What a diagnosis may take on a busy machine."""
-WIDTHS = (360, 1280, 2560)
-
-INK = """(canvas) => {
-  const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
-  let coloured = 0;
-  for (let i = 0; i < pixels.length; i += 4) {
-    const [r, g, b] = pixels.slice(i, i + 3);
-    if (pixels[i + 3] > 60 && Math.max(r, g, b) - Math.min(r, g, b) > 60) coloured += 1;
-  }
-  return coloured;
-}"""
-"""Pixels in colour of a picture: axes and text are grey."""
-
-
-@dataclass
-class Watched:
-    """A page, and everything that the browser asked for or complained of."""
-
-    page: Page
-    requests: list[str] = field(default_factory=list)
-    errors: list[str] = field(default_factory=list)
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    program = shutil.which("chromium")
-    assert program, "chromium is missing: apt install chromium (make test does)"
-    with sync_playwright() as playwright:
-        started = playwright.chromium.launch(
-            executable_path=program, args=["--no-sandbox", "--disable-background-networking"]
-        )
+    with chromium() as started:
         yield started
-        started.close()
-
-
-def visit(browser: Browser, bench: OpenedWorkbench, width: int = 1280) -> Watched:
-    """A new browser's page, entered by the address that was printed."""
-    page = browser.new_context(viewport={"width": width, "height": 900}).new_page()
-    page.set_default_timeout(PATIENCE_MS)
-    expect.set_options(timeout=PATIENCE_MS)
-    seen = Watched(page)
-    page.on("request", lambda r: seen.requests.append(r.url))
-    page.on("console", lambda m: seen.errors.append(m.text) if m.type == "error" else None)
-    page.on("pageerror", lambda error: seen.errors.append(str(error)))
-    page.on("dialog", lambda dialog: seen.errors.append(f"dialog {dialog.message}"))
-    page.goto(bench.address)
-    page.wait_for_selector("#view[data-tab=compare]")
-    return seen
-
-
-def assert_quiet(seen: Watched, bench: OpenedWorkbench) -> None:
-    assert seen.errors == []
-    elsewhere = [u for u in seen.requests if not u.startswith((bench.origin, "data:", "blob:"))]
-    assert elsewhere == []
 
 
 def selected(page: Page, panel: str) -> int:

@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
+from abbe.daemon.arguments.bounded import within
 from abbe.daemon.arguments.lists import ListOptions
-from abbe.daemon.arguments.options import CampaignFiles, HoldoutFiles, ModelFile
+from abbe.daemon.arguments.options import HoldoutFiles
 
 _HIGHEST = 65_535
 
@@ -19,8 +20,17 @@ def register(app: typer.Typer) -> None:
 
 
 def open_workbench(
-    model: ModelFile,
-    campaigns: CampaignFiles,
+    file: Annotated[
+        Path | None,
+        typer.Argument(
+            help="The model that is compared; or the configuration of a run, which names its "
+            "model. Without it: the run of this computer.",
+            metavar="[MODEL.toml|CONFIG.toml]",
+        ),
+    ] = None,
+    campaigns: Annotated[
+        list[Path] | None, typer.Argument(help="Campaigns.", metavar="[CAMPAIGN.csv]...")
+    ] = None,
     holdout: HoldoutFiles = None,
     versions: Annotated[
         Path | None,
@@ -33,27 +43,39 @@ def open_workbench(
     port: Annotated[
         int, typer.Option(help="Port on 127.0.0.1; 0: any that is free.", max=_HIGHEST, min=0)
     ] = 0,
+    session: Annotated[
+        float,
+        typer.Option(
+            help="Hours after which a browser has to enter anew in which nobody did anything.",
+            callback=within(0.001, 1e6, "h"),
+            metavar="HOURS",
+        ),
+    ] = 12.0,
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open the browser.")
     ] = True,
 ) -> None:
-    """Compare, learn what is missing, try it, add it, watch the error fall: in a browser.
+    """See a run live; compare, learn what is missing, try it, add it, watch the error fall.
 
-    Served on this computer alone and without the internet. Ctrl-C ends it.
+    Served to a browser on this computer alone and without the internet. Ctrl-C ends it.
     """
-    from importlib.util import find_spec
-
-    from abbe.compcore.errors import AbbeError
     from abbe.daemon.progress import shown
 
-    missing = [name for name in ("fastapi", "uvicorn") if find_spec(name) is None]
-    if missing:
-        raise AbbeError(f"the workbench needs {' and '.join(missing)}: pip install 'abbe[http]'")
     with shown("reading"):
+        from abbe.daemon.workbench.address import listening
+        from abbe.daemon.workbench.live.view import LiveView
+        from abbe.daemon.workbench.opened import what_to_open
         from abbe.daemon.workbench.serve import serve
         from abbe.daemon.workbench.session import Workbench
 
-        bench = Workbench(model, campaigns, holdout or [], versions)
+        found = what_to_open(file, campaigns or [], holdout or [], versions)
+        bench = None
+        if found.model is not None:
+            at_once = found.config is None
+            bench = Workbench(
+                found.model, campaigns or [], holdout or [], versions, at_once=at_once
+            )
+        live = LiveView(found.config, first=bench is None or found.config is not None)
     first = True
 
     def invite(address: str) -> None:
@@ -67,7 +89,8 @@ def open_workbench(
         if browser:
             _show(address)
 
-    serve(bench, port, invite)
+    with listening(port) as made:
+        serve(bench, live, made, invite, session=session)
     typer.echo("The workbench is closed.")
 
 

@@ -1,7 +1,7 @@
 // Compare: whether the model holds, and where it does not.
 import {el, table} from "./dom.js";
 import {Linked} from "./linked.js";
-import {COLOURS, reaches, Scatter} from "./scatter.js";
+import {reaches, Scatter} from "./scatter.js";
 import {Volume} from "./volume.js";
 
 const NAMES = ["Lengths", "Rotations"];
@@ -9,11 +9,11 @@ const FIRST = 6; // pictures along axes that are drawn at once
 
 export function legend() {
   const mark = (sign, side, words) => el("span", {},
-    el("b", {style: `color: ${COLOURS[side]}`}, sign), ` ${words}`);
+    el("b", {class: side}, sign), ` ${words}`);
   return el("p", {class: "legend"},
-    mark("▲", 1, "the axis came from the minus side, upwards"),
-    mark("▼", -1, "from the plus side, downwards"),
-    mark("●", 0, "it stood still, or this is not known"),
+    mark("▲", "minus", "the axis came from the minus side, upwards"),
+    mark("▼", "plus", "from the plus side, downwards"),
+    mark("●", "still", "it stood still, or this is not known"),
     el("span", {}, "Thick lines: means. Drag over points: they show in all pictures."));
 }
 

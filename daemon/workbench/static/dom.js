@@ -1,4 +1,5 @@
 // Elements, requests and numbers. Text goes into the page as text only, never as HTML.
+import {colours, onColours} from "./theme.js";
 
 /** An element: tag, properties (`class`, `on…`, attributes), children (elements or text). */
 export function el(tag, properties = {}, ...children) {
@@ -65,7 +66,21 @@ export async function draw(place, figure) {
     document.head.append(el("script", {src: "plotly.min.js", onload: resolve, onerror: reject}));
   });
   await plotly;
-  const layout = {...figure.layout, autosize: true};
-  await Plotly.newPlot(place, figure.data, layout,
-    {responsive: true, displaylogo: false, showSendToCloud: false, displayModeBar: false});
+  const now = () => {
+    const shown = onScreen(figure);
+    return Plotly.react(place, shown.data, {...shown.layout, autosize: true},
+      {responsive: true, displaylogo: false, showSendToCloud: false, displayModeBar: false});
+  };
+  await now();
+  onColours(place, now);
+}
+
+/** Figures have colours for paper; what is on the screen may be dark. */
+function onScreen(figure) {
+  const c = colours();
+  const instead = {"#1b1f24": c.ink, "#000000": c.ink, "#57606a": c.quiet, "#e6e9ec": c.grid,
+    "#9aa4ae": c.still, "#0072b2": c.first, "#d55e00": c.second, "#009e73": c.third,
+    "#cc79a7": c.fourth, "#e69f00": c.fifth, "#56b4e9": c.sixth, "#d8dce0": c.line, "#ffffff": c.paper};
+  return JSON.parse(JSON.stringify(figure).replace(/"(#[0-9a-f]{6})"/g, (all, colour) =>
+    (instead[colour] ? `"${instead[colour]}"` : all)));
 }

@@ -1,8 +1,10 @@
 // A picture of residuals against something, on a canvas: thousands of points, redrawn in a blink.
 import {el, number} from "./dom.js";
+import {line, sharp} from "./space.js";
+import {colours, onColours} from "./theme.js";
 
-export const COLOURS = {1: "#0072b2", "-1": "#d55e00", 0: "#6b7580"};
-const INK = "#1b1f24", GRID = "#e6e9ec", FAINT = 0.13;
+const SIDES = {1: "minus", "-1": "plus", 0: "still"}; // names of colours, by side of approach
+const FAINT = 0.13;
 const EDGE = {left: 46, right: 8, top: 8, bottom: 34};
 const HEIGHT = 210, PARTS = 12;
 
@@ -43,6 +45,7 @@ export class Scatter {
       el("figcaption", {}, panel.title), el("div", {}, this.canvas, this.tip));
     this.#listen();
     linked.pictures.push(this);
+    onColours(this.canvas, () => this.draw());
     new ResizeObserver(() => this.draw()).observe(this.canvas);
   }
 
@@ -57,7 +60,7 @@ export class Scatter {
     this.#axes(pen);
     const {values, before, chosen} = this.linked;
     if (before) {
-      pen.fillStyle = "#b9c0c7";
+      pen.fillStyle = colours().line;
       for (const i of this.indices) pen.fillRect(this.#px(i) - 1.5, this.#py(before[i]) - 1.5, 3, 3);
     }
     const faint = chosen.size > 0;
@@ -68,7 +71,7 @@ export class Scatter {
     if (faint) for (const i of this.indices) if (chosen.has(i)) this.#mark(pen, i, values[i], 4.5);
     this.node.dataset.selected = this.indices.filter((i) => chosen.has(i)).length;
     if (this.from && this.to) {
-      pen.strokeStyle = INK;
+      pen.strokeStyle = colours().ink;
       pen.setLineDash([4, 3]);
       pen.strokeRect(this.from[0], this.from[1], this.to[0] - this.from[0], this.to[1] - this.from[1]);
       pen.setLineDash([]);
@@ -79,7 +82,7 @@ export class Scatter {
   #mark(pen, i, value, size) {
     if (value === null) return;
     const [x, y, side] = [this.#px(i), this.#py(value), this.side[i] ?? 0];
-    pen.fillStyle = COLOURS[side];
+    pen.fillStyle = colours()[SIDES[side]];
     pen.beginPath();
     if (side === 0) pen.arc(x, y, 0.7 * size, 0, 7);
     else {
@@ -101,7 +104,7 @@ export class Scatter {
           Math.floor(((this.x[i] - this.low) / (this.high - this.low)) * PARTS));
         sums[k][0] += this.#px(i); sums[k][1] += values[i]; sums[k][2] += 1;
       }
-      for (const [width, colour] of [[6, "#fff"], [3, COLOURS[side]]]) {
+      for (const [width, colour] of [[6, colours().paper], [3, colours()[SIDES[side]]]]) {
         pen.strokeStyle = colour; pen.lineWidth = width; pen.lineJoin = "round";
         pen.beginPath();
         for (const [x, v, n] of sums) if (n) pen.lineTo(x / n, this.#py(v / n));
@@ -116,18 +119,18 @@ export class Scatter {
     pen.lineWidth = 1;
     pen.textBaseline = "middle"; pen.textAlign = "right";
     for (const v of ticks(-this.reach, this.reach, 7)) {
-      pen.strokeStyle = v === 0 ? "#9aa4ae" : GRID;
+      pen.strokeStyle = v === 0 ? colours().still : colours().grid;
       line(pen, EDGE.left, this.#py(v), EDGE.left + this.#wide, this.#py(v));
-      pen.fillStyle = "#57606a";
+      pen.fillStyle = colours().quiet;
       pen.fillText(number(v), EDGE.left - 6, this.#py(v));
     }
     pen.textAlign = "center"; pen.textBaseline = "top";
     if (this.label) {
       for (const v of ticks(this.low, this.high, Math.max(2, this.#wide / 80))) {
         const x = EDGE.left + ((v - this.low) / (this.high - this.low)) * this.#wide;
-        pen.strokeStyle = GRID;
+        pen.strokeStyle = colours().grid;
         line(pen, x, EDGE.top, x, EDGE.top + this.#tall);
-        pen.fillStyle = "#57606a";
+        pen.fillStyle = colours().quiet;
         pen.fillText(number(v, 4), x, HEIGHT - EDGE.bottom + 4);
       }
       pen.fillText(this.label, EDGE.left + this.#wide / 2, HEIGHT - 14);
@@ -195,24 +198,6 @@ function across(panel, rows) {
     return [signal.at, `${panel.signal} (${signal.unit})`, []];
   }
   return panel.by === "time" ? [rows.time, "time (h)", []] : [rows.setup, "", []];
-}
-
-/** A canvas's pen, as sharp as the screen. */
-export function sharp(canvas, height) {
-  const scale = window.devicePixelRatio || 1;
-  const [wide, tall] = [Math.round(canvas.clientWidth * scale), Math.round(height * scale)];
-  if (canvas.width !== wide || canvas.height !== tall) [canvas.width, canvas.height] = [wide, tall];
-  const pen = canvas.getContext("2d");
-  pen.setTransform(scale, 0, 0, scale, 0, 0);
-  pen.clearRect(0, 0, canvas.clientWidth, height);
-  return pen;
-}
-
-export function line(pen, x, y, toX, toY) {
-  pen.beginPath();
-  pen.moveTo(x, y);
-  pen.lineTo(toX, toY);
-  pen.stroke();
 }
 
 export const min = (values) => values.reduce((a, b) => Math.min(a, b), Infinity);

@@ -57,7 +57,7 @@ export async function tryOut(place, spec, found, state, act) {
       ? [el("details", {}, el("summary", {}, `its ${nodes.length} parameters`), ...nodes)] : nodes),
     el("p", {}, back, " ", el("button", {class: "main add", disabled: !state.writes,
       "data-spec": spec, onclick: () => act("/api/add", {spec})}, "Add it and refit")),
-    el("p", {class: "legend"}, el("span", {}, el("b", {style: "color: #b9c0c7"}, "■"),
+    el("p", {class: "legend"}, el("span", {}, el("b", {class: "before"}, "■"),
       " grey: left by the model as it is; in colour: with this cause")),
     el("div", {class: "panels"},
       ...own.map((panel) => new Scatter(panel, linked, reach[panel.part]).node)),

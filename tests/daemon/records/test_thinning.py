@@ -6,10 +6,13 @@ import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from abbe.compcore.errors import InputError
+from abbe.daemon.records.reading import Records
 from abbe.daemon.records.schema import open_to_write
 from abbe.daemon.records.thinning import Retention, thin
 
@@ -99,3 +102,34 @@ def test_a_file_that_grows_too_large_gives_up_the_oldest(tmp_path: Path) -> None
     assert last == 59_999.0
     assert first > 1_000.0
     assert 1_000 < count < 60_000
+
+
+def test_a_picture_has_few_spans_and_no_extreme_is_lost(database: sqlite3.Connection) -> None:
+    rng = np.random.default_rng(5)
+    start = 3.0 * DAY
+    time = start + np.sort(rng.uniform(0.0, 2.0 * DAY, 20_000))
+    value = rng.normal(0.0, 1.0, len(time))
+    value[777] = 99.0
+    fill(database, list(zip(time.tolist(), value.tolist(), strict=True)))
+    records = Records(database)
+    first, last, spans = start + 3000.0, start + 1.7 * DAY, 120
+    found = records.thinned(first, last, ["a"], spans)
+    width = (last - first) / spans
+    assert len(found.time) == spans
+    assert found.width == pytest.approx(width)
+    for k, (middle, parts) in enumerate(zip(found.time, found.values["a"], strict=True)):
+        assert middle == pytest.approx(first + (k + 0.5) * width)
+        inside = value[(time >= first + k * width) & (time < first + (k + 1) * width)]
+        assert parts is not None
+        assert parts == pytest.approx((inside.min(), inside.mean(), inside.max()))
+    # thinned to minutes and hours, it is the same to within what was thinned
+    thin(database, Retention(1.0, 1.5, 100.0), start + 2.0 * DAY)
+    assert database.execute("SELECT count(*) FROM hours").fetchone()[0] > 5
+    coarse = records.thinned(start, start + 2.0 * DAY, ["a"], 40)
+    known = [p for p in coarse.values["a"] if p is not None]
+    assert max(p[2] for p in known) == 99.0
+    assert min(p[0] for p in known) == value.min()
+    # what is not there is left out, and a series that is not is said
+    assert records.thinned(0.0, 10.0, ["a"], 10).time == []
+    with pytest.raises(InputError, match="no such series"):
+        records.thinned(0.0, 10.0, ["b"], 10)

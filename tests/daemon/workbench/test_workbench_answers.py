@@ -19,6 +19,7 @@ from abbe.compcore.files.model_file import load_model
 from abbe.compcore.fitting.fit import fit
 from abbe.compcore.model.revise import add_effect
 from abbe.daemon.application import app
+from abbe.daemon.workbench.opened import WhatToOpen, what_to_open
 from abbe.daemon.workbench.session import Workbench
 
 pytestmark = pytest.mark.timeout(300)
@@ -236,13 +237,27 @@ def test_the_head_names_machine_and_files(learned: Workbench, campaign: Path) ->
     assert all(len(sha) == 64 for _, _, sha in head["files"])
 
 
-def test_without_the_extra_one_line_says_what_to_install(
-    campaign: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from importlib import util
+def test_what_is_opened_is_told_from_the_files(campaign: Path, tmp_path: Path) -> None:
+    config = tmp_path / "config.toml"
+    config.write_text('format = "abbe-config/1"\nmodel = "m/model.toml"\n')
+    assert what_to_open(None, []) == WhatToOpen(None, None)
+    assert what_to_open(config, []) == WhatToOpen(config, None)
+    assert what_to_open(config, [campaign]) == WhatToOpen(config, tmp_path / "m" / "model.toml")
+    assert what_to_open(MODEL, [campaign]) == WhatToOpen(None, MODEL)
+    with pytest.raises(InputError, match="a model alone"):
+        what_to_open(MODEL, [])
+    with pytest.raises(InputError, match="needs campaigns"):
+        what_to_open(config, [], [campaign])
+    with pytest.raises(InputError, match="needs campaigns"):
+        what_to_open(None, [], [], tmp_path)
+    with pytest.raises(InputError):
+        what_to_open(tmp_path / "missing.toml", [])
 
-    known = util.find_spec
-    monkeypatch.setattr(util, "find_spec", lambda n, *a: None if n == "uvicorn" else known(n, *a))
-    done = CliRunner().invoke(app, ["open", str(MODEL), str(campaign)])
-    assert done.exit_code == 1
-    assert str(done.exception) == "the workbench needs uvicorn: pip install 'abbe[http]'"
+
+def test_compare_waits_until_somebody_looks(campaign: Path) -> None:
+    bench = Workbench(MODEL, [campaign], at_once=False)
+    assert bench.state()["task"] is None
+    assert bench.compared() is None
+    bench.look()
+    bench.look()
+    assert answer(idle(bench).compared)["title"]

@@ -9,16 +9,21 @@ from http.cookies import SimpleCookie
 from pathlib import Path
 from urllib.parse import urlsplit
 
+import httpx
 import pytest
+from starlette.responses import PlainTextResponse
 
+from abbe.daemon.workbench.door import WorkbenchDoor
 from tests.support.daemon.some_setups import some_setups
 from tests.support.daemon.workbench import OpenedWorkbench, opened
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
 
 BRIDGE = Path(__file__).parents[2] / "data" / "p03-bridge"
-CHANGES = ("/api/learn", "/api/fit", "/api/add", "/api/back", "/api/try", "/api/end")
-LOOKS = ("/", "/main.js", "/plotly.min.js", "/api/state", "/api/head", "/api/compare", "/api/watch")
+CHANGES = ("/api/compare", "/api/learn", "/api/fit", "/api/add", "/api/back", "/api/try",
+           "/api/here", "/api/end")  # fmt: skip
+LOOKS = ("/", "/main.js", "/plotly.min.js", "/uplot.min.js", "/api/state", "/api/head",
+         "/api/compare", "/api/watch")  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -171,6 +176,48 @@ def test_it_listens_on_this_computer_alone(bench: OpenedWorkbench) -> None:
             with socket.socket() as other:
                 other.settimeout(10.0)
                 assert other.connect_ex((host, bench.port)) != 0
+
+
+async def test_a_session_lasts_while_somebody_does_something(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = 1e6
+    monkeypatch.setattr("abbe.daemon.workbench.door.time.monotonic", lambda: now)
+    addresses: list[str] = []
+    door = WorkbenchDoor(PlainTextResponse("inside"), 8471, addresses.append, session=2.0)
+    origin = "http://127.0.0.1:8471"
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(door), base_url=origin) as client:
+
+        async def looks() -> int:
+            return (await client.get("/api/state")).status_code
+
+        assert await looks() == 403
+        await client.get(addresses[-1])
+        assert await looks() == 200
+        now += 7100.0
+        assert await looks() == 200
+        # looking is what a page does by itself: the session ends all the same
+        now += 200.0
+        assert await looks() == 403
+        assert await looks() == 403
+        await client.get(addresses[-1])
+        for _ in range(3):
+            now += 7100.0
+            done = await client.post("/api/here", json={}, headers={"origin": origin})
+            assert done.status_code == 200
+        assert await looks() == 200
+        now += 7300.0
+        done = await client.post("/api/here", json={}, headers={"origin": origin})
+        assert done.status_code == 403
+
+
+def test_a_stream_ends_with_its_session(tmp_path: Path) -> None:
+    campaign = some_setups(BRIDGE / "fit.csv", tmp_path / "some.csv", every=12)
+    with opened(BRIDGE / "model.toml", campaign, "--session", "0.001") as found:
+        found.enter()
+        # whether anything runs here or not, it says something every few seconds, until it ends
+        assert found.ask("GET", "/api/live/stream").status == 200
+        assert found.ask("GET", "/api/state").status == 403
 
 
 def test_ctrl_c_and_the_button_end_it(tmp_path: Path) -> None:

@@ -1,0 +1,65 @@
+"""What ``abbe open`` was given: a model with campaigns, a configuration of a run, or nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.text.toml_source import TomlSource
+
+
+@dataclass(frozen=True)
+class WhatToOpen:
+    """What a workbench shows.
+
+    Attributes
+    ----------
+    config
+        The configuration of the run that is seen live; None: whichever runs.
+    model
+        The model that campaigns are laid beside; None: there are none.
+    """
+
+    config: Path | None
+    model: Path | None
+
+
+def what_to_open(
+    file: Path | None,
+    campaigns: Sequence[Path],
+    holdout: Sequence[Path] = (),
+    versions: Path | None = None,
+) -> WhatToOpen:
+    """Tell a model from a configuration by what stands in it.
+
+    Raises
+    ------
+    InputError
+        For a file that cannot be read, a model alone, and what needs campaigns where there are
+        none.
+    """
+    config, model = None, file
+    if file is not None:
+        source = TomlSource.read(file)
+        if str(source.data.get("format", "")).startswith("abbe-config/"):
+            config, model = file, None
+            named = source.data.get("model")
+            if campaigns:
+                if not isinstance(named, str):
+                    raise source.error("names no model", ("model",), found=named)
+                model = file.parent / named
+        elif not campaigns:
+            raise InputError(
+                "a model alone has nothing that it is laid beside",
+                file=file,
+                expected="campaigns after it, or the configuration of a run in its place",
+            )
+    if model is None and (holdout or versions is not None):
+        raise InputError(
+            "needs campaigns to be laid beside a model",
+            field="--holdout" if holdout else "--versions",
+            expected="abbe open MODEL.toml CAMPAIGN.csv",
+        )
+    return WhatToOpen(config, model)

@@ -1,0 +1,178 @@
+// Live: the machine as it stands, in the words of `abbe status`; its volume now; what was.
+import {el, get, number, Refusal, table} from "./dom.js";
+import {History, when} from "./history.js";
+import {FigureInSpace} from "./space.js";
+
+const VOLUME_EVERY = 15_000; // ms
+
+export class Live {
+  /** `seen` is called when a run is seen that was not before. */
+  constructor(seen) {
+    this.seen = seen;
+    this.state = el("h1", {id: "state"}, "Looking for a run …");
+    this.age = el("p", {class: "note", id: "age"});
+    this.lost = el("p", {class: "warning", id: "lost", role: "alert", hidden: true});
+    this.warnings = el("div", {id: "warnings"});
+    this.axes = el("div", {class: "axes"});
+    this.cards = new Map();
+    this.warm = el("div", {});
+    this.links = el("ul", {class: "links"});
+    this.more = el("div", {});
+    this.now = el("div", {id: "now"},
+      this.axes,
+      el("div", {class: "columns"},
+        this.volume = el("section", {class: "card", id: "volume"}, el("h2", {}, "The volume now"), el("p", {class: "note"}, "Being worked out …")),
+        el("section", {class: "card"}, el("h2", {}, "Sensors and links"), this.warm, this.links)));
+    this.node = el("div", {class: "live"},
+      el("section", {class: "verdict"}, this.state, this.age, this.lost, this.warnings), this.now);
+    this.past = el("div", {});
+    this.node.append(this.past, el("details", {}, el("summary", {}, "Cycle, journal, files"), this.more));
+    this.#listen();
+  }
+
+  close() {
+    this.source?.close();
+    this.history?.close();
+    clearInterval(this.clock);
+    clearInterval(this.volumes);
+  }
+
+  #listen() {
+    const source = this.source = new EventSource("/api/live/stream");
+    const take = (kind, act) => source.addEventListener(kind, (event) => {
+      this.heard = Date.now();
+      act(JSON.parse(event.data));
+    });
+    take("run", (found) => this.#run(found));
+    take("cycle", (found) => this.#cycle(found));
+    take("lost", (found) => this.#lose(`The machine is not seen since ${when(Date.parse(found.since) / 1000)}: `
+      + `${found.why}. It is asked again every second.`));
+    source.onerror = () => {
+      if (this.ending) return;
+      const since = this.heard ? when(this.heard / 1000) : "the beginning";
+      this.#lose(source.readyState === EventSource.CLOSED
+        ? "The workbench does not let this window look any more. Open the address that its terminal shows."
+        : `The server is lost since ${since}. It is asked again; if 'abbe open' was ended, start it anew.`);
+    };
+    this.clock = setInterval(() => this.#say(), 1000);
+    this.volumes = setInterval(() => { if (!document.hidden && !this.isLost) this.#volume(); }, VOLUME_EVERY);
+  }
+
+  #lose(words) {
+    this.isLost = true;
+    this.lost.textContent = words;
+    this.lost.hidden = false;
+    this.node.classList.add("old");
+    if (!this.found) this.state.textContent = "No run is seen";
+    this.node.dataset.seen = "lost";
+    this.#say();
+  }
+
+  /** How old what stands here is. */
+  #say() {
+    if (!this.found) return;
+    const seconds = Math.max(0, (Date.now() - this.heard) / 1000);
+    this.age.textContent = this.isLost || seconds > 3
+      ? `What stands here is ${number(seconds, 2)} s old and says nothing of the present.`
+      : `${when(Date.parse(this.found.at) / 1000)}; ${this.found.cycle}`;
+  }
+
+  #run(found) {
+    const first = !this.found;
+    this.found = found;
+    const back = this.isLost;
+    this.isLost = false;
+    this.lost.hidden = true;
+    this.node.classList.remove("old");
+    this.node.dataset.seen = "run";
+    this.state.textContent = found.state;
+    this.state.className = found.light;
+    this.warnings.replaceChildren(
+      ...found.faults.map((text) => el("p", {class: "warning"}, text)),
+      ...found.less_sure.map((text) => el("p", {class: "warning"}, `less sure: ${text}`)),
+      ...[...found.checks, ...found.switches].map((text) => el("p", {class: "note"}, text)));
+    this.#axes(found.axes);
+    this.warm.replaceChildren(table("", ["Sensor", "Where", "Reads", "Age"],
+      found.signals.map((s) => [s.name, s.where, s.value, s.stale || s.age])));
+    found.signals.forEach((s, k) => {
+      if (s.stale) this.warm.querySelectorAll("tbody tr")[k].className = "stale";
+    });
+    this.links.replaceChildren(...found.links.map((l) => el("li", {class: l.light}, l.words)));
+    this.more.replaceChildren(el("p", {}, found.cycle),
+      table("What runs", ["", "File", "SHA-256", ""], found.files),
+      table("Journal, newest first", ["Time", "", "What"], found.events));
+    this.#say();
+    if (first || back) {
+      this.seen();
+      this.#volume();
+    }
+    if (!this.history) {
+      this.history = new History();
+      this.past.append(this.history.node);
+    }
+  }
+
+  #axes(axes) {
+    const names = Object.keys(axes);
+    if (names.join() !== [...this.cards.keys()].join()) {
+      this.cards = new Map(names.map((name) => [name, new AxisCard(name)]));
+      this.axes.replaceChildren(...[...this.cards.values()].map((card) => card.node));
+    }
+    for (const [name, axis] of Object.entries(axes)) this.cards.get(name).show(axis);
+  }
+
+  #cycle(found) {
+    if (this.isLost) return;
+    for (const [name, axis] of Object.entries(found.axes)) this.cards.get(name)?.show(axis);
+    this.node.dataset.cycle = found.cycle;
+  }
+
+  async #volume() {
+    let found;
+    try {
+      found = await get("/api/live/volume");
+    } catch (error) {
+      if (error instanceof Refusal && !this.space) this.volume.lastChild.textContent = error.message;
+      return;
+    }
+    if (this.space) {
+      this.space.show(found.figure);
+      this.title.textContent = found.title;
+      this.words.textContent = found.words;
+      return;
+    }
+    this.space = new FigureInSpace(found.figure, `${found.title}. ${found.words}`);
+    this.title = el("h2", {}, found.title);
+    this.words = el("figcaption", {}, found.words);
+    this.volume.replaceChildren(this.title, el("figure", {class: "volume"}, this.words, el("div", {}, this.space.canvas)));
+  }
+}
+
+class AxisCard {
+  constructor(name) {
+    const row = (words, part) => el("div", {}, el("dt", {}, words), part);
+    this.parts = Object.fromEntries(["indicated", "correction", "measured"].map((k) => [k, el("dd", {})]));
+    this.corrected = el("p", {class: "large"});
+    this.guard = el("span", {class: "guard"});
+    this.stale = el("p", {class: "warning", hidden: true});
+    this.measured = row("error, measured independently", this.parts.measured);
+    this.node = el("section", {class: "card axis", "data-axis": name, "aria-label": `Axis ${name}`},
+      el("h2", {}, name, " ", this.guard), this.corrected,
+      el("dl", {}, row("indicated", this.parts.indicated), row("correction", this.parts.correction), this.measured),
+      this.stale);
+  }
+
+  show(axis) {
+    const put = (node, text) => { if (node.textContent !== text) node.textContent = text; };
+    put(this.corrected, axis.corrected);
+    put(this.guard, axis.guard);
+    this.guard.className = `guard ${axis.light}`;
+    put(this.parts.indicated, axis.indicated);
+    put(this.parts.correction, [axis.correction || "none", axis.sure ? `± ${axis.sure}` : ""].join(" "));
+    if (axis.measured) put(this.parts.measured, axis.measured);
+    if (!this.parts.measured.textContent) this.measured.hidden = true;
+    else this.measured.hidden = false;
+    put(this.stale, axis.stale);
+    this.stale.hidden = !axis.stale;
+  }
+}

@@ -1,0 +1,203 @@
+// A box in space on a canvas, turned with the mouse, a finger or the arrow keys; paper gets it as it stands.
+import {el, number} from "./dom.js";
+import {colours, onColours} from "./theme.js";
+
+const HEIGHT = 420, STEP = 0.12;
+
+export class Space {
+  /** `ends`: lowest and highest of X, Y, Z; `names` of the axes; `label` for who does not see it. */
+  constructor(ends, names, label) {
+    this.turn = [-0.6, 0.45];
+    this.names = names;
+    this.canvas = el("canvas", {role: "img", tabindex: 0, "aria-label": `${label} Arrow keys turn it.`});
+    this.setEnds(ends);
+    this.#listen();
+    onColours(this.canvas, () => this.draw());
+    new ResizeObserver(() => this.draw()).observe(this.canvas);
+  }
+
+  setEnds(ends) {
+    this.ends = ends;
+    this.middle = ends.map(([a, b]) => 0.5 * (a + b));
+    const [x, y, z] = ends.map(([a, b]) => b - a);
+    this.size = Math.hypot(x, y, z) || 1;
+    [this.across, this.tall] = [Math.hypot(x, y) || 0.3 * this.size, z];
+  }
+
+  /** Where a point is on the canvas. */
+  at(p) {
+    const [a, b] = this.turn;
+    const [x, y, z] = p.map((v, k) => v - this.middle[k]);
+    const [right, away] = [x * Math.cos(a) - y * Math.sin(a), x * Math.sin(a) + y * Math.cos(a)];
+    const up = z * Math.cos(b) + away * Math.sin(b);
+    // room for the names of the axes beside and below; the same however far it is turned
+    const scale = Math.min((0.96 * this.canvas.clientWidth - 150) / this.across,
+      (HEIGHT - 90) / (this.tall * Math.cos(b) + this.across * Math.abs(Math.sin(b)) || 1));
+    return [this.canvas.clientWidth / 2 + scale * right, HEIGHT / 2 - scale * up];
+  }
+
+  draw() {
+    if (!this.canvas.clientWidth) return;
+    const pen = sharp(this.canvas, HEIGHT);
+    this.box(pen);
+    this.paint(pen);
+  }
+
+  /** What stands in the box. */
+  paint() {}
+
+  /** A press that does not turn: whether it was taken. */
+  pressed() { return false; }
+
+  box(pen) {
+    const corner = (bits) => this.ends.map((end, k) => end[(bits >> k) & 1]);
+    pen.strokeStyle = colours().line;
+    pen.fillStyle = colours().ink;
+    pen.font = "13px system-ui, sans-serif";
+    pen.textAlign = "center"; pen.textBaseline = "middle";
+    for (let bits = 0; bits < 8; bits += 1)
+      for (let k = 0; k < 3; k += 1)
+        if (!(bits & (1 << k))) line(pen, ...this.at(corner(bits)), ...this.at(corner(bits | (1 << k))));
+    // each axis is named at an edge that nothing stands before: the lowest, for Z that at the left
+    for (let k = 0; k < 3; k += 1) {
+      const [low, high] = this.ends[k];
+      if (high === low) continue;
+      const edges = [0, 1, 2, 3, 4, 5, 6, 7].filter((bits) => !(bits & (1 << k))).map((bits) => {
+        const p = corner(bits);
+        p[k] = 0.5 * (low + high);
+        return this.at(p);
+      });
+      const [x, y] = edges.sort((a, b) => (k === 2 ? a[0] - b[0] : b[1] - a[1]))[0];
+      const words = `${this.names[k]} ${number(low, 4)} … ${number(high, 4)} mm`;
+      const left = k === 2 || x < this.at(this.middle)[0];
+      const wide = pen.measureText(words).width;
+      // what has no room beside the edge stands below it
+      const beside = left ? x - 12 - wide : x + 12;
+      pen.textAlign = "left";
+      pen.fillText(words, Math.max(2, Math.min(this.canvas.clientWidth - wide - 2, beside)),
+        y + (k === 2 ? 0 : 14));
+    }
+  }
+
+  head(pen, x, y, toX, toY) {
+    const away = Math.hypot(toX - x, toY - y);
+    if (away <= 6) return;
+    const [u, v] = [(4 * (toX - x)) / away, (4 * (toY - y)) / away];
+    pen.beginPath();
+    pen.moveTo(toX, toY);
+    pen.lineTo(toX - u - 0.6 * v, toY - v + 0.6 * u);
+    pen.lineTo(toX - u + 0.6 * v, toY - v - 0.6 * u);
+    pen.fill();
+  }
+
+  #turned(right, up) {
+    this.turn[0] += right;
+    this.turn[1] = Math.max(-1.5, Math.min(1.5, this.turn[1] + up));
+    this.draw();
+  }
+
+  #listen() {
+    const at = (event) => {
+      const box = this.canvas.getBoundingClientRect();
+      return [event.clientX - box.left, event.clientY - box.top];
+    };
+    this.canvas.addEventListener("pointerdown", (event) => {
+      this.canvas.setPointerCapture(event.pointerId);
+      this.from = this.to = at(event);
+    });
+    this.canvas.addEventListener("pointermove", (event) => {
+      if (!this.from) return;
+      const now = at(event), before = this.to;
+      this.to = now;
+      if (this.selects) this.draw();
+      else this.#turned((now[0] - before[0]) / 150, (now[1] - before[1]) / 150);
+    });
+    this.canvas.addEventListener("pointerup", () => {
+      const [a, b] = [this.from, this.to];
+      this.from = this.to = null;
+      if (this.selects && a) this.select(a, b);
+    });
+    this.canvas.addEventListener("pointercancel", () => { this.from = this.to = null; this.draw(); });
+    this.canvas.addEventListener("keydown", (event) => {
+      const way = {ArrowLeft: [-STEP, 0], ArrowRight: [STEP, 0], ArrowUp: [0, -STEP], ArrowDown: [0, STEP]}[event.key];
+      if (!way) return;
+      event.preventDefault();
+      this.#turned(...way);
+    });
+  }
+}
+
+/** A Plotly figure whose traces are lines in space, drawn without the graphics card. */
+export class FigureInSpace extends Space {
+  constructor(figure, label) {
+    super([[0, 1], [0, 1], [0, 1]], ["X", "Y", "Z"], label);
+    this.show(figure);
+  }
+
+  show(figure) {
+    this.traces = figure.data;
+    // the box is what is indicated: the first trace
+    const first = figure.data[0];
+    this.setEnds(["x", "y", "z"].map((k) => ends(first[k])));
+    this.names = ["x", "y", "z"].map((k) =>
+      figure.layout.scene[`${k}axis`].title.text.replace(" (mm)", ""));
+    this.draw();
+  }
+
+  paint(pen) {
+    for (const trace of this.traces ?? []) {
+      const {color, width, cmin, cmax, colorscale} = trace.line;
+      const arrows = Array.isArray(color);
+      pen.lineWidth = 0.5 * width;
+      let last = null;
+      for (let i = 0; i < trace.x.length; i += 1) {
+        const p = [trace.x[i], trace.y[i], trace.z[i]];
+        if (p[0] === null) { last = null; continue; }
+        const now = this.at(p);
+        if (last) {
+          pen.strokeStyle = pen.fillStyle = arrows
+            ? shade(colorscale, (color[i] - cmin) / (cmax - cmin)) : onScreen(color);
+          line(pen, ...last, ...now);
+          if (arrows) this.head(pen, ...last, ...now);
+        }
+        last = now;
+      }
+    }
+    pen.lineWidth = 1;
+  }
+}
+
+/** Figures have colours for paper; what is on the screen may be dark. */
+function onScreen(colour) {
+  return {"#0072b2": colours().minus, "#9aa4ae": colours().still}[colour] ?? colour;
+}
+
+function shade(scale, share) {
+  const [from, to] = [scale[0][1], scale[scale.length - 1][1]].map((hex) =>
+    [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16)));
+  const s = Math.max(0, Math.min(1, share));
+  return `rgb(${from.map((v, k) => Math.round(v + s * (to[k] - v))).join(" ")})`;
+}
+
+function ends(values) {
+  const own = values.filter((v) => v !== null);
+  return [own.reduce((a, b) => Math.min(a, b)), own.reduce((a, b) => Math.max(a, b))];
+}
+
+/** A canvas's pen, as sharp as the screen. */
+export function sharp(canvas, height) {
+  const scale = window.devicePixelRatio || 1;
+  const [wide, tall] = [Math.round(canvas.clientWidth * scale), Math.round(height * scale)];
+  if (canvas.width !== wide || canvas.height !== tall) [canvas.width, canvas.height] = [wide, tall];
+  const pen = canvas.getContext("2d");
+  pen.setTransform(scale, 0, 0, scale, 0, 0);
+  pen.clearRect(0, 0, canvas.clientWidth, height);
+  return pen;
+}
+
+export function line(pen, x, y, toX, toY) {
+  pen.beginPath();
+  pen.moveTo(x, y);
+  pen.lineTo(toX, toY);
+  pen.stroke();
+}

@@ -1,0 +1,138 @@
+"""Every view for everybody: WCAG 2.2 AA by axe-core, light and dark, narrow and wide; on paper."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Browser, Page, expect
+
+from tests.support.daemon.browser import INK, assert_quiet, chromium, visit
+from tests.support.daemon.live_run import compensating, live_run, machine
+from tests.support.daemon.some_setups import some_setups
+from tests.support.daemon.workbench import opened
+
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(900)]
+
+BRIDGE = Path(__file__).parents[1] / "data" / "p03-bridge"
+RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as started:
+        yield started
+
+
+def assert_for_everybody(page: Page) -> None:
+    """axe-core finds nothing, with everything opened that can be."""
+    page.evaluate("document.querySelectorAll('main details').forEach((d) => { d.open = true; })")
+    found = Axe().run(page, options={"runOnly": {"type": "tag", "values": RULES}})
+    said = [
+        f"{v['id']}: {v['help']}: {[n['html'][:120] for n in v['nodes'][:4]]}"
+        for v in found.response["violations"]
+    ]
+    assert said == []
+    assert len(found.response["passes"]) > 10
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_live_view(browser: Browser, tmp_path: Path, scheme: str) -> None:
+    with machine(tmp_path) as (_, config):
+        config.write_text(config.read_text() + "\n[records]\nevery = 0.1\n\n[http]\n")
+        with opened(config) as bench:
+            live = "#view[data-tab=live]"
+            seen = visit(browser, bench, until=live, color_scheme=scheme, reduced_motion="reduce")
+            page = seen.page
+            page.wait_for_selector(".live[data-seen=lost]")
+            assert_for_everybody(page)
+            with live_run(config) as run:
+                run.until(compensating)
+                expect(page.locator("#state")).to_have_text("corrected in full")
+                page.wait_for_selector("#volume canvas")
+                page.wait_for_selector("#history[data-ready]")
+                assert_for_everybody(page)
+                page.set_viewport_size({"width": 360, "height": 800})
+                assert_for_everybody(page)
+            page.wait_for_selector(".live[data-seen=lost]")
+            assert_for_everybody(page)
+            assert [e for e in seen.errors if "409" not in e] == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_compare_learn_and_watch(browser: Browser, tmp_path: Path, scheme: str) -> None:
+    campaign = some_setups(BRIDGE / "fit.csv", tmp_path / "some.csv", every=3)
+    files = (BRIDGE / "model.toml", campaign, "--versions", tmp_path / "versions")
+    with opened(*files) as bench:
+        seen = visit(browser, bench, color_scheme=scheme, reduced_motion="reduce")
+        page = seen.page
+        page.wait_for_selector("h1.bad")
+        assert_for_everybody(page)
+        page.click("#tab-learn")
+        page.wait_for_selector("#what-if[data-ready]")
+        page.wait_for_selector("#advice li, #advice p:not(:text('being worked out'))")
+        expect(page.locator("#task")).to_be_hidden()
+        assert_for_everybody(page)
+        page.locator("button.add").first.click()
+        page.wait_for_selector(".course")
+        expect(page.locator("#task")).to_be_hidden()
+        page.wait_for_selector(".course .main-svg")
+        assert_for_everybody(page)
+        assert_quiet(seen, bench)
+
+
+def test_with_the_keyboard_alone(browser: Browser, tmp_path: Path) -> None:
+    """Views by arrow keys, rows by a table's button, sliders by keys; the focus is always seen."""
+    campaign = some_setups(BRIDGE / "fit.csv", tmp_path / "some.csv", every=6)
+    with opened(BRIDGE / "model.toml", campaign) as bench:
+        seen = visit(browser, bench)
+        page = seen.page
+        page.wait_for_selector("#view[data-tab=compare] h1")
+        page.keyboard.press("Tab")
+        expect(page.locator("#tab-compare")).to_be_focused()
+        page.keyboard.press("ArrowRight")
+        expect(page.locator("#tab-learn")).to_be_focused()
+        page.wait_for_selector("#what-if[data-ready]")
+        slider = page.locator("#what-if input[type=range]").first
+        before = page.locator("#what-if").get_attribute("data-rms")
+        slider.focus()
+        outline = slider.evaluate("e => getComputedStyle(e).outlineStyle")
+        assert outline == "solid"
+        for _ in range(30):
+            page.keyboard.press("ArrowLeft")
+        page.wait_for_function(
+            "was => document.querySelector('#what-if').dataset.rms !== was", arg=before
+        )
+        page.locator("#tab-learn").focus()
+        page.keyboard.press("ArrowLeft")
+        page.wait_for_selector("#view[data-tab=compare] h1")
+        show = page.locator("button", has_text="Show").first
+        show.focus()
+        page.keyboard.press("Enter")
+        expect(page.locator("#selection")).to_be_visible()
+        assert_quiet(seen, bench)
+
+
+def test_on_paper_the_volume_is_there(browser: Browser, tmp_path: Path) -> None:
+    campaign = some_setups(BRIDGE / "fit.csv", tmp_path / "some.csv", every=6)
+    with opened(BRIDGE / "model.toml", campaign) as bench:
+        seen = visit(browser, bench, color_scheme="dark")
+        page = seen.page
+        page.wait_for_selector(".volume canvas")
+        canvas = page.locator(".volume canvas").first
+        canvas.scroll_into_view_if_needed()
+        assert canvas.evaluate(INK) > 300
+        # what stands on paper is black on white, also where the screen is dark
+        dark = page.evaluate("getComputedStyle(document.body).backgroundColor")
+        page.evaluate("dispatchEvent(new Event('beforeprint'))")
+        assert page.evaluate("getComputedStyle(document.body).backgroundColor") != dark
+        assert canvas.evaluate(INK) > 300
+        page.evaluate("dispatchEvent(new Event('afterprint'))")
+        assert page.evaluate("getComputedStyle(document.body).backgroundColor") == dark
+        # and the file that a printer gets has its pictures as images
+        paper = page.pdf(print_background=False)
+        assert paper.startswith(b"%PDF")
+        assert paper.count(b"/Subtype /Image") >= 5
+        assert_quiet(seen, bench)
