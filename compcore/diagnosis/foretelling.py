@@ -14,16 +14,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from abbe.compcore.diagnosis.screening.blocks import Blocks
 from abbe.compcore.diagnosis.screening.crossvalidation import gain
+from abbe.compcore.diagnosis.screening.evidence import INDISTINCT
 from abbe.compcore.diagnosis.screening.independence import independent_share
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.screening import Basis
 from abbe.compcore.diagnosis.screening.search import LEADERS, search, taken
-from abbe.compcore.machine.conditions import Conditions
 
-Rows = Sequence[NDArray[np.int64]]
+OF_THE_CLOCK = ("warm_up", "drift", "event")
+"""Causes that read no signal: what follows a recorded one is looked for in all detail before."""
 
 ALIKE = 0.9
 """Part of the rows that count as independent from which on all are taken to."""
@@ -36,7 +37,7 @@ WORTH = 0.01
 
 
 def foretelling(
-    pool: Pool, basis: Basis, conditions: Conditions, rows: Rows
+    pool: Pool, basis: Basis, blocks: Blocks
 ) -> tuple[Basis, list[WeighedCandidate], list[WeighedCandidate]]:
     """The causes that predict rows left out, and all candidates as the search ranked them.
 
@@ -44,10 +45,8 @@ def foretelling(
     ----------
     pool, basis
         The candidates, and what the fitted model leaves.
-    conditions
-        Of the rows.
-    rows
-        The blocks that are left out, each in its turn.
+    blocks
+        The campaign's rows, in blocks that are left out, each in its turn.
 
     Returns
     -------
@@ -57,22 +56,52 @@ def foretelling(
         As of `search`.
     """
     chosen, ranked = search(pool, basis)
-    share = independent_share(pool.joined(basis, chosen).residual, conditions)
+    share = independent_share(pool.joined(basis, chosen).residual, blocks.conditions)
     if chosen and share < ALIKE:
         # what the causes leave is alike from row to row: fewer rows speak than were counted
-        together = _together(pool, basis, chosen, rows)
-        left = pool.left_out(pool.joined(basis, together), rows).residual
-        basis = replace(basis, share=max(share, independent_share(left, conditions)))
+        together = _together(pool, basis, chosen, blocks)
+        left = pool.left_out(pool.joined(basis, together), blocks.usual).residual
+        basis = replace(basis, share=max(share, independent_share(left, blocks.conditions)))
         chosen, ranked = search(pool, basis)
-    chosen = predicting(pool, basis, chosen, rows)
+    chosen = predicting(pool, basis, _reading(pool, basis, chosen, blocks), blocks)
     return basis if chosen else replace(basis, share=1.0), chosen, ranked
 
 
+def _reading(
+    pool: Pool, basis: Basis, chosen: Sequence[WeighedCandidate], blocks: Blocks
+) -> list[WeighedCandidate]:
+    """The causes with a signal in place of the clock, where it says as much and foretells better.
+
+    What follows the clock alone says nothing of another day. Where the evidence of the two is no
+    distinction, the gain on left-out blocks decides.
+    """
+    out = list(chosen)
+    for f in chosen:
+        if f.candidate.effect.kind not in OF_THE_CLOCK:
+            continue
+        others = [g for g in out if g.key != f.key]
+        beside = pool.joined(basis, others)
+        (now,) = pool.weighed(beside, [f])
+        alike = [
+            pool.refined(beside, g)
+            for g in pool.ranked(beside, taken(pool, others))[:LEADERS]
+            if g.candidate.effect.scope != "instrument" and g.candidate.effect.signals_needed()
+        ]
+        gains = {
+            g.key: foretold(pool, beside, g, blocks, pool.joined(beside, [g]))
+            for g in (now, *alike)
+            if g.established(basis.n) and g.evidence.value > now.evidence.value - INDISTINCT
+        }
+        best = max(gains, key=gains.__getitem__, default=f.key)
+        out = [next((g for g in alike if g.key == best), f) if g is f else g for g in out]
+    return out
+
+
 def _together(
-    pool: Pool, basis: Basis, found: Sequence[WeighedCandidate], rows: Rows
+    pool: Pool, basis: Basis, found: Sequence[WeighedCandidate], blocks: Blocks
 ) -> list[WeighedCandidate]:
     """All that foretells left-out blocks, taken together, the strongest first."""
-    kept = predicting(pool, basis, found, rows)
+    kept = predicting(pool, basis, found, blocks)
     refused: set[int] = set()
     while len(kept) < _MOST:
         current = pool.joined(basis, kept)
@@ -80,7 +109,7 @@ def _together(
             # time constants as they were tried: a finer one makes the noise no more alike
             if not f.established(basis.n):
                 continue
-            if foretold(pool, current, f, rows, pool.joined(current, [f])) > WORTH:
+            if foretold(pool, current, f, blocks, pool.joined(current, [f])) > WORTH:
                 kept.append(f)
                 break
             refused.add(f.key)
@@ -89,17 +118,20 @@ def _together(
     return kept
 
 
-def foretold(pool: Pool, beside: Basis, found: WeighedCandidate, rows: Rows, after: Basis) -> float:
+def foretold(
+    pool: Pool, beside: Basis, found: WeighedCandidate, blocks: Blocks, after: Basis
+) -> float:
     """By how much better a cause, beside others, predicts blocks that were left out.
 
     `after`: the basis with all of them.
     """
     bound = found.candidate.effect.scope == "instrument"
+    rows = blocks.for_effects([found.candidate.effect])
     return gain(pool.left_out(beside, rows), pool.left_out(after, rows), bound=bound)
 
 
 def predicting(
-    pool: Pool, basis: Basis, chosen: Sequence[WeighedCandidate], rows: Rows
+    pool: Pool, basis: Basis, chosen: Sequence[WeighedCandidate], blocks: Blocks
 ) -> list[WeighedCandidate]:
     """Those causes that predict blocks which were left out, each beside the others.
 
@@ -111,7 +143,7 @@ def predicting(
         after = pool.joined(basis, kept)
         for f in kept:
             others = pool.joined(basis, (g for g in kept if g.key != f.key))
-            gains.append(foretold(pool, others, f, rows, after))
+            gains.append(foretold(pool, others, f, blocks, after))
         worst = int(np.argmin(gains))
         if gains[worst] > 0.0:
             break

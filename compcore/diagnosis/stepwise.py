@@ -15,9 +15,10 @@ import numpy as np
 
 from abbe.compcore.campaign.campaign import LENGTHS, Campaign, Kind
 from abbe.compcore.diagnosis.findings import measured_kinds
-from abbe.compcore.diagnosis.foretelling import WORTH
+from abbe.compcore.diagnosis.foretelling import OF_THE_CLOCK, WORTH
+from abbe.compcore.diagnosis.screening.blocks import Blocks
 from abbe.compcore.diagnosis.screening.candidates import RIGID
-from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut, folds
+from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut
 from abbe.compcore.diagnosis.screening.screening import Basis
 from abbe.compcore.diagnosis.thermometers import further_thermometers, warmth_together
 from abbe.compcore.diagnosis.verdict import Diagnosis, lacking
@@ -34,9 +35,6 @@ Progress = Callable[[str], None]
 
 MOST_STEPS = 40
 """A model that needs more effects is looked at by its user first."""
-
-OF_THE_CLOCK = ("warm_up", "drift", "event")
-"""Causes that read no signal: what follows a recorded one is looked for in all detail before."""
 
 ALONG_AN_AXIS = ("cyclic", "local_defect")
 """Causes that are a function of one linear axis's position, as an error motion of any detail is."""
@@ -68,12 +66,17 @@ class LeftOutErrors:
     rotations: float
 
     @classmethod
-    def of(cls, result: FitResult) -> LeftOutErrors:
-        """Leave out every block of a fit; exact for what is linear, non-linear values kept."""
+    def of(cls, result: FitResult, judged: Sequence[Effect] | None = None) -> LeftOutErrors:
+        """Leave out every block of a fit; exact for what is linear, non-linear values kept.
+
+        `judged`: the effects that the blocks must be narrow enough for; default all of the model's.
+        """
         thin = result.thin
         campaign = thin.problem.campaign
+        effects = thin.model.effects if judged is None else judged
+        blocks = Blocks(campaign.conditions, thin.model.machine).for_effects(effects)
         with threads_for(thin.problem.n * thin.problem.layout.size):
-            left = LeftOut.of(Basis.of(thin), folds(campaign.conditions))
+            left = LeftOut.of(Basis.of(thin), blocks)
         used = thin.problem.weight > 0.0
         sd = np.where(used, thin.problem.sd, 0.0)
         left = replace(left, residual=left.residual * sd)
@@ -424,11 +427,14 @@ class _StepwiseCourse:
             result = fit(model, self._campaign, near=True)
         except FitError:
             return None
-        out = LeftOutErrors.of(result)
         bound = all(e.scope == "instrument" for e in changed)
-        if self._last.held_out.falls_to(out, result, bound=bound) > falls:
+        before = LeftOutErrors.of(self._last.result, changed)
+        after = LeftOutErrors.of(result, changed)
+        if before.falls_to(after, result, bound=bound) > falls:
             return None
-        return (result, out) if all(_apart(result.model, e) for e in changed) else None
+        if not all(_apart(result.model, e) for e in changed):
+            return None
+        return result, LeftOutErrors.of(result)
 
 
 def _motions_first(effects: Sequence[Effect]) -> list[Effect]:

@@ -25,14 +25,16 @@ from abbe.compcore.diagnosis.findings import Established, Findings, Verdict, mea
 from abbe.compcore.diagnosis.foretelling import ALIKE, foretelling, foretold, predicting
 from abbe.compcore.diagnosis.pictures import diagnosis_figures
 from abbe.compcore.diagnosis.screening.all_rows import measured
+from abbe.compcore.diagnosis.screening.blocks import Blocks
 from abbe.compcore.diagnosis.screening.candidates import RIGID, Candidate, candidates
-from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut, folds, gain
+from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut, gain
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING
 from abbe.compcore.diagnosis.screening.frames import Frames
 from abbe.compcore.diagnosis.screening.independence import independent_share
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.screening import Basis
 from abbe.compcore.diagnosis.screening.search import joint_value, search
+from abbe.compcore.diagnosis.screening.tried import Tried
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import Patterns, ResidualPattern
 from abbe.compcore.diagnosis.words import diagnosis_words
 from abbe.compcore.errors import FitError, require_type
@@ -40,7 +42,6 @@ from abbe.compcore.figures.figure import Figure
 from abbe.compcore.figures.shown import Shown
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.linalg import threads_for
-from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.model.model import Model
 from abbe.compcore.notebook import html_table
 
@@ -179,14 +180,14 @@ def _diagnosed(
     frames = Frames(result.problem, result.theta, basis)
     pool = Pool(tried, columns, basis, model.machine, placed=frames.columns)
     progress(f"testing {len(tried)} candidates")
-    rows = folds(campaign.conditions)
-    basis, chosen, ranked = foretelling(pool, basis, campaign.conditions, rows)
+    blocks = Blocks(campaign.conditions, model.machine)
+    basis, chosen, ranked = foretelling(pool, basis, blocks)
     progress("looking for structure that is in no catalogue")
     patterns = Patterns(result.problem, result.theta, frames)
     found = {f.key for f in chosen}
-    chosen, unexplained = _compete(pool, basis, chosen, patterns, rows)
+    chosen, unexplained = _compete(pool, basis, chosen, patterns, blocks)
     if any(f.key not in found for f in chosen):
-        chosen = _standing_beside(pool, basis, chosen, unexplained, campaign.conditions, rows)
+        chosen = _standing_beside(pool, basis, chosen, unexplained, blocks)
         unexplained = unexplained if chosen else patterns.established(basis)
     if not chosen and basis.share < 1.0:
         # no cause stands, so what is left is described as it is
@@ -200,7 +201,7 @@ def _diagnosed(
     variance = after.chi2 / after.dof
     part = result.problem.n / whole.problem.n
     established = tuple(
-        _established(pool, basis, background, result, f, chosen, rows, variance, part)
+        _established(pool, basis, background, result, f, chosen, blocks, variance, part)
         for f in chosen
     )
     # what predicts best what was left out is offered first; the machine's before an instrument's
@@ -210,7 +211,7 @@ def _diagnosed(
     )
     if whole is not result and established:
         progress("what was found, on all rows")
-        established, left = _on_all_rows(whole, result, established, pool.causes)
+        established, left = _on_all_rows(whole, result, established, pool.tried)
         variance = variance if unexplained else left
     holds = None
     if given is not None:
@@ -249,7 +250,7 @@ def _compete(
     basis: Basis,
     chosen: Sequence[WeighedCandidate],
     patterns: Patterns,
-    rows: list[NDArray[np.int64]],
+    blocks: Blocks,
 ) -> tuple[list[WeighedCandidate], list[ResidualPattern]]:
     """Causes from the catalogue against descriptions of structure: who explains what.
 
@@ -266,7 +267,7 @@ def _compete(
     left = patterns.established(after) if chosen else strong
     # a description costs `EMPIRICAL` more: where it says more all the same, no cause is named,
     # unless the causes predict better what was left out
-    foretell = bool(chosen) and _foretell(pool, basis, after, chosen, strong[0], rows)
+    foretell = bool(chosen) and _foretell(pool, basis, after, chosen, strong[0], blocks)
     better = strong[0].evidence.value > by_causes and not foretell
     # a function of one position is an error motion of its axis, however plainly it can be described
     rigid = bool(chosen) and all(f.candidate.effect.kind in RIGID for f in chosen)
@@ -279,7 +280,12 @@ def _compete(
     if left and chosen and not better and (more_said or foretell):
         # the causes say more than any one description; but a cause further down the list may
         # only be imitating what is left, and is kept only if it stands beside the description
-        return _beside(pool, basis, chosen, left, patterns), left
+        kept = _beside(pool, basis, chosen, left, patterns)
+        if len(kept) == len(chosen):
+            return kept, left
+        if kept:
+            # what the others explained is unexplained again
+            return kept, patterns.established(pool.joined(basis, kept))
     extended = basis
     described: list[ResidualPattern] = []
     for s in strong[:1]:
@@ -299,9 +305,10 @@ def _foretell(
     after: Basis,
     chosen: Sequence[WeighedCandidate],
     described: ResidualPattern,
-    rows: list[NDArray[np.int64]],
+    blocks: Blocks,
 ) -> bool:
     """Whether causes predict blocks that were left out better than a description does."""
+    rows = blocks.for_effects([f.candidate.effect for f in chosen])
     before = pool.left_out(basis, rows)
     bound = all(f.candidate.effect.scope == "instrument" for f in chosen)
     by_causes = gain(before, pool.left_out(after, rows), bound=bound)
@@ -334,8 +341,7 @@ def _standing_beside(
     basis: Basis,
     chosen: Sequence[WeighedCandidate],
     described: Sequence[ResidualPattern],
-    conditions: Conditions,
-    rows: list[NDArray[np.int64]],
+    blocks: Blocks,
 ) -> list[WeighedCandidate]:
     """Those causes found beside a description that stand as any other has to.
 
@@ -344,16 +350,16 @@ def _standing_beside(
     beside = basis
     for s in described:
         beside = beside.extended(s.columns)
-    share = independent_share(pool.joined(beside, chosen).residual, conditions)
+    share = independent_share(pool.joined(beside, chosen).residual, blocks.conditions)
     if share < ALIKE:
         beside = replace(beside, share=min(share, basis.share))
         again = pool.weighed(beside, chosen)
         chosen = [f for f in again if f.established(basis.n) and f.evidence.value > BEYOND_DOUBT]
-    return predicting(pool, beside, chosen, rows)
+    return predicting(pool, beside, chosen, blocks)
 
 
 def _on_all_rows(
-    whole: FitResult, result: FitResult, established: Sequence[Established], tests: int
+    whole: FitResult, result: FitResult, established: Sequence[Established], tried: Tried
 ) -> tuple[tuple[Established, ...], float]:
     """Causes with what all rows say of them; those that all rows do not establish are left out.
 
@@ -361,7 +367,7 @@ def _on_all_rows(
     """
     kept = list(established)
     while kept:
-        seen, left = measured(whole, [e.found for e in kept], tests)
+        seen, left = measured(whole, [e.found for e in kept], tried)
         standing = [m.found.established(whole.problem.n) for m in seen]
         if all(standing):
             grown = whole.rms(*measured_kinds(whole)) / result.rms(*measured_kinds(whole))
@@ -389,7 +395,7 @@ def _established(
     result: FitResult,
     found: WeighedCandidate,
     chosen: Sequence[WeighedCandidate],
-    rows: list[NDArray[np.int64]],
+    blocks: Blocks,
     variance: float,
     share: float,
 ) -> Established:
@@ -410,7 +416,7 @@ def _established(
         beside,
         pool.estimates(others, found, variance),
         _rms_of(result, after),
-        foretold(pool, others, found, rows, pool.joined(background, chosen)),
+        foretold(pool, others, found, blocks, pool.joined(background, chosen)),
         tuple(aliases(pool, others, found, rival, variance * share)),
         np.asarray(signature),
         np.asarray(others.residual / result.problem.weight),

@@ -17,6 +17,7 @@ from abbe.compcore.diagnosis.screening.candidates import Candidate
 from abbe.compcore.diagnosis.screening.parameters import Estimate, neighbours, with_slopes
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.screening import Basis
+from abbe.compcore.diagnosis.screening.tried import Tried
 from abbe.compcore.fitting.design.design_matrix import OutsideEffect
 from abbe.compcore.fitting.design.nuisance import Eliminator
 from abbe.compcore.fitting.fit import FitResult
@@ -47,7 +48,7 @@ class Measured:
 
 
 def measured(
-    whole: FitResult, found: Sequence[WeighedCandidate], tests: int
+    whole: FitResult, found: Sequence[WeighedCandidate], tried: Tried
 ) -> tuple[list[Measured], float]:
     """Causes as all rows of a campaign show them, and χ² per degree of freedom with all of them.
 
@@ -57,8 +58,8 @@ def measured(
         The fit of the model as it is, to all rows.
     found
         The causes, as some of the rows show them.
-    tests
-        Number of causes of which they were chosen.
+    tried
+        The causes of which they were chosen.
     """
     with threads_for(whole.problem.n * whole.problem.layout.size):
         for _ in range(_ROUNDS):
@@ -67,7 +68,7 @@ def measured(
             if all(m is None for m in moved):
                 break
             found = [f if m is None else m for f, m in zip(found, moved, strict=True)]
-        return factor.measured(tests)
+        return factor.measured(tried)
 
 
 class _Factor:
@@ -141,7 +142,7 @@ class _Factor:
             return None
         return replace(found, screened=replace(found.screened, nonlinear=nonlinear))
 
-    def measured(self, tests: int) -> tuple[list[Measured], float]:
+    def measured(self, tried: Tried) -> tuple[list[Measured], float]:
         """Every cause's evidence and parameters beside the others; χ²/dof with all of them."""
         chosen = [replace(f.candidate, choices=(f.screened.nonlinear,)) for f in self._found]
         index = {id(c): i for i, c in enumerate(chosen)}
@@ -149,7 +150,7 @@ class _Factor:
         def columns(candidate: Candidate, nonlinear: Mapping[str, float]) -> F64:
             return self.columns(index[id(candidate)], nonlinear)
 
-        pool = Pool(chosen, columns, self.basis, self._machine, tests=tests)
+        pool = Pool(chosen, columns, self.basis, self._machine, tried=tried)
         after = self.basis
         for i, f in enumerate(self._found):
             after = after.extended(self.columns(i, f.screened.nonlinear))

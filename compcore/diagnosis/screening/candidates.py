@@ -57,12 +57,16 @@ class Candidate:
     everywhere
         Whether it is a cause of the instrument that acts on the whole campaign. Nothing was then
         measured without it, and what a machine's cause explains as well is the machine's.
+    expected
+        Whether every machine has it, and the model lacks it altogether: plain geometry, and error
+        motions of its axes.
     """
 
     effect: Effect
     cost: float
     choices: tuple[Mapping[str, float], ...] = field(default=({},))
     everywhere: bool = False
+    expected: bool = False
 
     @cached_property
     def cause(self) -> tuple[str, tuple[tuple[str, str], ...]]:
@@ -98,10 +102,11 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
                 continue
             seen.add(spec)
             cost = cost_of(effect, machine, len(campaign.setups))
-            if effect.kind in RIGID or effect.kind in PLAIN:
-                cost += RIGID_BODY
+            expected = effect.kind in RIGID or effect.kind in PLAIN
+            cost += RIGID_BODY if expected else 0.0
             choices = tuple(_choices(effect, machine, coverage))
-            found.append(Candidate(effect, cost, choices, acts_everywhere(effect, coverage)))
+            everywhere = acts_everywhere(effect, coverage)
+            found.append(Candidate(effect, cost, choices, everywhere, expected))
     found += list(_refinements(model, campaign))
     return found
 

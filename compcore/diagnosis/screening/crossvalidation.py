@@ -3,7 +3,9 @@
 Residuals are correlated within a set-up, in time and by place, so rows are never left out one by
 one. The set-ups are dealt, in order of time, into folds; a set-up that runs through the day (a
 master point revisited) is cut into as many blocks of time. Where there are too few set-ups to leave
-one out, each is cut into stretches of time, or, where no clock ran, into neighbouring places.
+one out, each is cut into stretches of time, or, where no clock ran, into neighbouring places: so
+narrow, where a shape is judged by them, that its knots lie no closer than they are wide. What lies
+further from all that was measured no shape of such detail can foretell, however true it is.
 
 Leaving a fold out is exact and needs no refit: with H = QQᵀ the hat matrix, the residuals of
 left-out rows B are ``(I − H_BB)⁺ r_B``. What only the left-out rows determine (their own zero, a
@@ -13,7 +15,7 @@ line measured once) is fitted to them, as in use.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,7 +43,9 @@ _ALONE = 0.02
 """Eigenvalues of I − H_BB below this: combinations that the left-out rows alone determine."""
 
 
-def folds(conditions: Conditions, count: int = FOLDS) -> list[Index]:
+def folds(
+    conditions: Conditions, count: int = FOLDS, *, detail: Mapping[str, float] | None = None
+) -> list[Index]:
     """Row indices of each fold, in order.
 
     Parameters
@@ -50,7 +54,39 @@ def folds(conditions: Conditions, count: int = FOLDS) -> list[Index]:
         The rows: set-up, time and run, and the positions where no clock ran.
     count
         Number of folds; fewer where there are fewer rows.
+    detail
+        Axis → distance of the knots of a shape that is judged, mm or rad: stretches of few set-ups
+        are cut until they are no wider. Where the campaign is too coarse for that, as without.
     """
+    usual = found = _dealt(conditions, count, 1)
+    finer = 1
+    while not all(_near(conditions, found, axis, h) for axis, h in (detail or {}).items()):
+        finer *= 2
+        before, found = found, _dealt(conditions, count, finer)
+        if all(map(np.array_equal, before, found)):
+            return usual
+    return found
+
+
+def _near(conditions: Conditions, parts: Sequence[Index], axis: str, distance: float) -> bool:
+    """Whether rows that are left out have others about a quarter of a distance away along an axis.
+
+    So far away they are, in the median, where stretches are as wide as the distance.
+    """
+    at = conditions.position(axis)
+    away = []
+    for rows in parts:
+        others = np.sort(np.delete(at, rows))
+        if not len(others):
+            return True
+        above = np.clip(np.searchsorted(others, at[rows]), 1, len(others) - 1)
+        between = np.abs(others[[above - 1, above]] - at[rows])
+        away.append(between.min(axis=0))
+    return float(np.median(np.concatenate(away))) <= 0.25 * distance
+
+
+def _dealt(conditions: Conditions, count: int, finer: int) -> list[Index]:
+    """The folds, with stretches of few set-ups cut into so many more."""
     n = conditions.n
     order = clock_order(conditions)
     own = setup_rows(conditions)
@@ -60,7 +96,8 @@ def folds(conditions: Conditions, count: int = FOLDS) -> list[Index]:
         rows = rows[np.argsort(order[rows], kind="stable")]
         extent = np.ptp(order[rows]) + 1
         if few:
-            pieces = max(1, min(math.ceil(2 * count * len(rows) / n), len(rows) // 2))
+            pieces = math.ceil(2 * count * len(rows) / n) * finer
+            pieces = max(1, min(pieces, len(rows) // 2))
             timed = np.ptp(conditions.time[rows]) > 0.0
             if timed:
                 parts = np.array_split(rows, pieces)

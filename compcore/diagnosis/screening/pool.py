@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,7 +14,13 @@ from numpy.typing import NDArray
 from abbe.compcore.diagnosis.screening.bounded_search import least
 from abbe.compcore.diagnosis.screening.candidates import Candidate
 from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut
-from abbe.compcore.diagnosis.screening.evidence import CONVINCING, Evidence, weigh, weigh_all
+from abbe.compcore.diagnosis.screening.evidence import (
+    CONVINCING,
+    Evidence,
+    price_of,
+    weigh,
+    weigh_all,
+)
 from abbe.compcore.diagnosis.screening.parameters import Estimate, doubt_of, estimates
 from abbe.compcore.diagnosis.screening.screening import (
     Bank,
@@ -25,6 +30,8 @@ from abbe.compcore.diagnosis.screening.screening import (
     Trial,
     screen,
 )
+from abbe.compcore.diagnosis.screening.suddenness import Wander
+from abbe.compcore.diagnosis.screening.tried import Tried
 from abbe.compcore.machine.machine import Machine
 
 F64 = NDArray[np.float64]
@@ -47,7 +54,8 @@ class WeighedCandidate:
     candidate, screened, evidence
         What it is, how far χ² would fall, how strong that is.
     doubt
-        What of the evidence implausible values took away (`parameters.doubt_of`).
+        What of the evidence implausible values took away (`parameters.doubt_of`), or, of a step,
+        that a wander says nearly as much (`suddenness`).
     """
 
     candidate: Candidate
@@ -98,8 +106,8 @@ class Pool:
         The basis of the fitted model.
     machine
         The machine.
-    tests
-        Number of causes of which these were chosen; default these are all.
+    tried
+        The causes of which these were chosen; default these are all.
     placed
         The same columns where they are seen (`Frames.columns`); default `columns`.
     """
@@ -111,21 +119,20 @@ class Pool:
         fitted: Basis,
         machine: Machine,
         *,
-        tests: int | None = None,
+        tried: Tried | None = None,
         placed: Callable[[Candidate, Mapping[str, float]], F64 | Placed] | None = None,
     ) -> None:
         self.candidates = list(candidates)
-        details = Counter(c.cause for c in self.candidates)
-        self.causes = len(details) if tests is None else tests
-        # details of one cause are as alike as neighbouring choices, and count like those
-        self._tests = [self.causes * math.sqrt(details[c.cause]) for c in self.candidates]
+        self.tried = Tried.among(self.candidates) if tried is None else tried
+        self._tests = self.tried.beside(self.candidates)
         self.machine = machine
         self._columns = columns
         self._placed = columns if placed is None else placed
         self._bank = Bank(fitted, self._trials)
         self._known: dict[_Asked, Basis] = {}
         self._screened: dict[tuple[_Array, _Array], list[ScreenedCandidate]] = {}
-        self._left_out: dict[tuple[_Array, _Array], LeftOut] = {}
+        self._left_out: dict[tuple[_Array, _Array, int], LeftOut] = {}
+        self._steps: dict[int, F64] = {}
 
     def columns(self, key: int, nonlinear: Mapping[str, float]) -> F64:
         """Weighted columns of one candidate at given non-linear parameters, shape (n, k)."""
@@ -152,8 +159,8 @@ class Pool:
         return basis
 
     def left_out(self, basis: Basis, rows: Sequence[NDArray[np.int64]]) -> LeftOut:
-        """What a basis leaves of folds that are left out, always the same ones; worked out once."""
-        key = (_Array(basis.residual), _Array(basis.extra))
+        """What a basis leaves of folds that are left out (`Blocks` keeps them); worked out once."""
+        key = (_Array(basis.residual), _Array(basis.extra), id(rows))
         if key not in self._left_out:
             self._left_out[key] = LeftOut.of(basis, rows)
         return self._left_out[key]
@@ -218,16 +225,30 @@ class Pool:
         )
 
     def _doubted(self, basis: Basis, found: WeighedCandidate) -> WeighedCandidate:
-        """The same with less evidence where a parameter would be implausible."""
+        """The same with less evidence where a parameter is implausible, or a step not sudden."""
         if not found.established(basis.n):
             return found
         left = max(0.0, basis.chi2 - found.screened.drop)
         variance = left / max(1, basis.dof - found.screened.rank)
         doubt = doubt_of(self.estimates(basis, found, variance))
+        doubt += self._lingering(basis, found)
         if doubt <= 0.0:
             return found
         weighed = self._weigh(basis, found.screened, doubt)
         return WeighedCandidate(found.candidate, found.screened, weighed, doubt)
+
+    def _lingering(self, basis: Basis, found: WeighedCandidate) -> float:
+        """What of a step's evidence a wander has as well; 0 of what is no step."""
+        candidate = found.candidate
+        stepping = not all(p.smooth for p in candidate.effect.nonlinear(self.machine))
+        if not stepping or len(candidate.choices) < 2:
+            return 0.0
+        if found.key not in self._steps:
+            steps = [self.columns(found.key, moment) for moment in candidate.choices]
+            self._steps[found.key] = np.hstack(steps)
+        likelier = Wander.of(basis, self._steps[found.key]).likelier_with(self.found_columns(found))
+        count = found.screened.rank + candidate.nonlinear_count
+        return max(0.0, found.evidence.value - likelier + price_of(basis, count, candidate.cost))
 
     def refined(self, basis: Basis, found: WeighedCandidate) -> WeighedCandidate:
         """The same candidate with its non-linear parameters moved to the best place nearby."""

@@ -148,6 +148,7 @@ def _from_nothing(
     pair = _best_pair(pool, basis, ranked)
     if pair is not None:
         found, value = pair
+        value -= sum(f.doubt for f in _beside_each_other(pool, basis, found))
         pair_keys = {f.key for f in found}
         if len(established) >= 2:
             two = pool.joined(basis, established[:2])
@@ -274,11 +275,8 @@ def _after_pair(
     pool: Pool, basis: Basis, found: Sequence[WeighedCandidate]
 ) -> list[WeighedCandidate]:
     """A pair in the model, and whatever comes after it; each weighed beside the others."""
-    out: list[WeighedCandidate] = []
+    out = _beside_each_other(pool, basis, found)
     current = pool.joined(basis, found)
-    for i, f in enumerate(found):
-        other = pool.joined(basis, (g for j, g in enumerate(found) if j != i))
-        out += pool.weighed(other, [f])
     if not all(f.established(basis.n) for f in out):
         return [f for f in out if f.established(basis.n)]
     out.sort(key=lambda f: -f.evidence.value)
@@ -289,6 +287,17 @@ def _after_pair(
         best = pool.refined(current, more[0])
         out.append(best)
         current = pool.joined(current, [best])
+    return out
+
+
+def _beside_each_other(
+    pool: Pool, basis: Basis, found: Sequence[WeighedCandidate]
+) -> list[WeighedCandidate]:
+    """Each of several causes, weighed beside the others."""
+    out: list[WeighedCandidate] = []
+    for i, f in enumerate(found):
+        other = pool.joined(basis, (g for j, g in enumerate(found) if j != i))
+        out += pool.weighed(other, [f])
     return out
 
 

@@ -77,11 +77,11 @@ def test_what_was_fitted_against_all_belief_is_a_degree_of_freedom() -> None:
     assert [abs(t.values["A1"].value) > 0.01 for t in result.model.terms] == [True]
 
 
-def encoder(model: Model) -> Campaign:
-    """A worn encoder on half a turn, 0.02 rad of three waves in it, 1 mrad of noise."""
-    rng = np.random.default_rng(5)
+def encoder(model: Model, waves: float = 4.0, day: int = 5) -> Campaign:
+    """A worn encoder on half a turn, 0.02 rad of so many waves a turn in it, 1 mrad of noise."""
+    rng = np.random.default_rng(day)
     angle = np.linspace(-90.0, 90.0, 181)
-    error = 2e4 * np.sin(np.deg2rad(4.0 * angle)) + 1e5 * np.cos(np.deg2rad(angle))
+    error = 2e4 * np.sin(np.deg2rad(waves * angle)) + 1e5 * np.cos(np.deg2rad(angle))
     values = error - error.mean() + rng.normal(0.0, 1e3, len(angle))
     rows = [f"line,rotation,{c:.3f},0,0,1,{v:.1f}\n" for c, v in zip(angle, values, strict=True)]
     return as_campaign(HEAD + "setup,kind,C,ux,uy,uz,value\n" + "".join(rows), model)
@@ -94,3 +94,36 @@ def test_half_a_turn_is_given_a_spline_and_no_waves_that_cancel() -> None:
     assert getattr(term.effect, "shape", "").startswith("spline:")
     assert all(abs(value.value) < 0.5 for value in term.values.values())
     assert last.held_out.rotations < 2e-3
+
+
+def test_a_shape_is_made_finer_as_long_as_it_foretells_more() -> None:
+    """Sixteen coefficients cannot follow twelve waves; what is left is no noise."""
+    model = machine("w b C t", C=(-95.0, 95.0))
+    course = to_the_verdict(model, encoder(model, 24.0))
+    (term,) = course.last.result.model.terms
+    assert int(getattr(term.effect, "shape", "").removeprefix("spline:")) >= 32
+    assert course.last.held_out.rotations < 1.5e-3
+    another = compare(course.last.result.model, encoder(model, 24.0, day=6)).residual
+    assert np.std(another) < 1.5e-3
+
+
+def test_a_shape_is_judged_by_blocks_no_wider_than_its_knots_are_apart() -> None:
+    x = np.linspace(0.0, 160.0, 641)
+    line = Conditions({"X": x}, time=np.zeros(641), setup=np.full(641, "a"))
+    usual = 10.0
+    for distance in (40.0, 20.0, 10.0, 5.0, 3.0):
+        parts = folds(line, detail={"X": distance})
+        assert np.array_equal(np.sort(np.concatenate(parts)), np.arange(641))
+        fold = np.empty(641, dtype=int)
+        for i, rows in enumerate(parts):
+            fold[rows] = i
+        edges = np.flatnonzero(np.diff(fold)) + 1
+        widths = np.diff(x[np.concatenate([[0], edges, [640]])])
+        assert min(usual, 0.3 * distance) <= widths.max() <= 1.05 * min(usual, distance)
+
+
+def test_where_a_campaign_is_too_coarse_for_a_shape_blocks_are_as_for_any_cause() -> None:
+    x = np.linspace(0.0, 160.0, 33)
+    line = Conditions({"X": x}, time=np.zeros(33), setup=np.full(33, "a"))
+    for usual, fine in zip(folds(line), folds(line, detail={"X": 5.0}), strict=True):
+        assert np.array_equal(usual, fine)

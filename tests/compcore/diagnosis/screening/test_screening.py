@@ -194,6 +194,28 @@ def test_details_of_one_cause_are_choices_of_it_and_no_further_causes(
         assert many[spec] == pytest.approx(few[spec] + more, abs=1e-12)
 
 
+def test_rare_causes_do_not_make_an_expected_one_less_likely_to_be_meant(
+    case: tuple[Model, Campaign, FitResult],
+) -> None:
+    model, campaign, result = case
+    tried = candidates(model, campaign)
+
+    def columns(candidate: Candidate, nonlinear: Mapping[str, float]) -> F64:
+        return result.effect_columns(candidate.effect, nonlinear)
+
+    def chances(chosen: list[Candidate]) -> dict[str, float]:
+        pool = Pool(chosen, columns, Basis.of(result), model.machine)
+        ranked = pool.ranked(Basis.of(result))
+        return {f.candidate.effect.spec: f.evidence.log_tests for f in ranked}
+
+    expected = [c for c in tried if c.expected]
+    rare = [c for c in tried if not c.expected]
+    assert {c.effect.kind for c in expected} >= {"straightness", "angular"}
+    assert "backlash" in {c.effect.kind for c in rare}
+    together, alone, others = chances(tried), chances(expected), chances(rare)
+    assert together == pytest.approx({**alone, **others}, abs=1e-12)
+
+
 def test_a_frame_of_all_rows_takes_setups_one_by_one_as_all_of_them_together(
     case: tuple[Model, Campaign, FitResult],
 ) -> None:

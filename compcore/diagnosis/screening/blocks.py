@@ -1,0 +1,61 @@
+"""Blocks of a campaign that are left out to judge an effect: as narrow as what it says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.diagnosis.screening.crossvalidation import folds
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.effects.catalogue.rotary.motions import RotaryMotion
+from abbe.compcore.effects.shapes import CUBIC, Shape
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import Machine
+
+Rows = list[NDArray[np.int64]]
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """The blocks of a campaign, each to be left out in its turn.
+
+    Attributes
+    ----------
+    conditions, machine
+        The campaign's rows, and what was measured.
+    """
+
+    conditions: Conditions
+    machine: Machine
+    _found: dict[tuple[tuple[str, float], ...], Rows] = field(default_factory=dict, repr=False)
+
+    @property
+    def usual(self) -> Rows:
+        """Blocks for what is no shape over an axis."""
+        return self.for_effects(())
+
+    def for_effects(self, effects: Iterable[Effect]) -> Rows:
+        """Blocks that can judge some effects; always the same lists for the same detail."""
+        finest: dict[str, float] = {}
+        for effect in effects:
+            for axis, distance in self._detail(effect):
+                finest[axis] = min(distance, finest.get(axis, distance))
+        key = tuple(sorted(finest.items()))
+        if key not in self._found:
+            self._found[key] = folds(self.conditions, detail=finest)
+        return self._found[key]
+
+    def _detail(self, effect: Effect) -> Iterable[tuple[str, float]]:
+        """An axis along which an effect is a shape, and the distance of its knots, mm or rad."""
+        axis, shape = getattr(effect, "axis", None), getattr(effect, "shape", None)
+        if axis not in self.conditions.positions:
+            return
+        low, high = self.machine.axis(axis).travel
+        if shape is not None and shape.startswith("spline:") and shape[7:].isdigit():
+            order = Shape.parse(shape).order
+            yield axis, (high - low) / max(1, order - CUBIC)
+        elif shape is None and isinstance(effect, RotaryMotion):
+            yield axis, np.pi / effect.waves

@@ -1,0 +1,129 @@
+"""An event is sudden: no wander is called one, and a step in one is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.diagnosis import diagnose
+from abbe.compcore.diagnosis.screening.screening import Basis
+from abbe.compcore.diagnosis.screening.suddenness import Wander
+from abbe.compcore.diagnosis.stepwise import to_the_verdict
+from abbe.compcore.files.model_file import parse_model
+from abbe.compcore.files.text.toml_source import TomlSource
+from abbe.compcore.fitting.design.nuisance import Eliminator
+from abbe.compcore.model.model import Model
+from benchmarks.hidden.judging import trial
+
+F64 = NDArray[np.float64]
+
+MODEL = """format = "abbe-model/1"
+[machine]
+name = "pin"
+structure = "w b Z t"
+[machine.axes.Z]
+travel = [0.0, 250.0]
+[machine.signals.room]
+unit = "degC"
+role = "ambient"
+"""
+HEAD = '# format = "abbe-campaign/1"\n# [setups.pin]\n# free = ["zero"]\n'
+N, EVERY = 150, 20.0
+"""Readings of one place, s apart."""
+
+
+def wander(kind: str, rng: np.random.Generator) -> F64:
+    """A drift of some 5 to 30 µm that no signal shows."""
+    t = EVERY * np.arange(N)
+    if kind == "random walk":
+        return np.cumsum(rng.normal(0.0, 1.5, N))
+    if kind == "settling":
+        early, late = np.exp(-t / rng.uniform(100.0, 300.0)), np.exp(-t / rng.uniform(800, 3000))
+        return np.asarray(rng.uniform(5.0, 20.0) * early - rng.uniform(5.0, 20.0) * late)
+    out = np.zeros(N)
+    for i in range(1, N):
+        out[i] = 0.95 * out[i - 1] + rng.normal(0.0, 1.5)
+    return out
+
+
+def record(values: F64, rng: np.random.Generator) -> tuple[Model, Campaign]:
+    """Readings in µm of a pin that does not move, and a room's temperature that has no part."""
+    model = parse_model(TomlSource(MODEL))
+    room = 20.0 + 0.3 * np.sin(np.arange(N) / 25.0 + rng.uniform(0.0, 6.0))
+    rows = [
+        f"{EVERY * i:.0f},pin,displacement,0,0,0,1,{v:.3f},{r:.2f}\n"
+        for i, (v, r) in enumerate(zip(values, room, strict=True))
+    ]
+    return model, as_campaign(rows, model)
+
+
+def as_campaign(rows: list[str], model: Model) -> Campaign:
+    return trial.as_campaign(
+        HEAD + "time,setup,kind,Z,ux,uy,uz,value,room\n" + "".join(rows), model
+    )
+
+
+@pytest.mark.parametrize("kind", ["random walk", "autocorrelated", "settling"])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_what_wanders_is_no_event(kind: str, seed: int) -> None:
+    rng = np.random.default_rng([seed, len(kind)])
+    values = wander(kind, rng) + rng.normal(0.0, 1.0, N)
+    course = to_the_verdict(*record(values, rng))
+    assert "event" not in {e.kind for e in course.last.result.model.effects}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_step_in_noise_is_an_event(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    at = int(rng.integers(30, 120))
+    values = 6.0 * (np.arange(N) >= at) + rng.normal(0.0, 1.0, N)
+    (found,) = diagnose(*record(values, rng)).established
+    assert found.effect.kind == "event"
+    (t0,) = (e.value for e in found.estimates if e.name == "t0")
+    assert abs(t0 / EVERY - at) <= 1.0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_step_amid_a_wander_is_an_event(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    at = int(rng.integers(30, 120))
+    drift = np.cumsum(rng.normal(0.0, 0.3, N))
+    values = drift + 15.0 * (np.arange(N) >= at) + rng.normal(0.0, 0.5, N)
+    found = {e.effect.kind for e in diagnose(*record(values, rng)).established}
+    assert "event" in found
+
+
+def free(residual: F64) -> Basis:
+    """A model without effects, its residual as it is."""
+    none = np.zeros((len(residual), 0))
+    return Basis(none, residual, Eliminator((), np.ones(len(residual))), none)
+
+
+def steps(n: int) -> F64:
+    return np.asarray(np.tril(np.ones((n, n)))[:, 1:])
+
+
+def test_where_nothing_wanders_a_step_is_as_likely_as_any_cause() -> None:
+    rng = np.random.default_rng(0)
+    n = 200
+    step = steps(n)[:, 99:100]
+    noise = rng.normal(size=n)
+    basis = free(noise - noise.mean())
+    # the likelihood ratio of Gaussian noise of unknown size, with no wander at all
+    left = basis.chi2 - basis.extended(step).chi2
+    plain = basis.dof * np.log(basis.chi2 / (basis.chi2 - left))
+    assert Wander.of(basis, steps(n)).likelier_with(step) == pytest.approx(plain, abs=0.5)
+
+
+def test_a_wander_s_own_greatest_step_is_no_surprise() -> None:
+    rng = np.random.default_rng(3)
+    n, greatest = 200, []
+    for _ in range(20):
+        walk = np.cumsum(rng.normal(size=n))
+        basis = free(walk)
+        likelier = [Wander.of(basis, steps(n)).likelier_with(c[:, None]) for c in steps(n).T[::20]]
+        greatest.append(max(likelier))
+    # a χ² of one degree of freedom each: the greatest of ten, and of twenty such, is below 20
+    assert max(greatest) < 20.0
