@@ -22,6 +22,7 @@ from abbe.compcore.diagnosis.screening.independence import independent_share
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.screening import Basis
 from abbe.compcore.diagnosis.screening.search import LEADERS, search, taken
+from abbe.compcore.diagnosis.screening.suddenness import stepping
 
 OF_THE_CLOCK = ("warm_up", "drift", "event")
 """Causes that read no signal: what follows a recorded one is looked for in all detail before."""
@@ -123,11 +124,17 @@ def foretold(
 ) -> float:
     """By how much better a cause, beside others, predicts blocks that were left out.
 
-    `after`: the basis with all of them.
+    `after`: the basis with all of them. An event of which one block alone shows what was before it,
+    or what came after, foretells nothing there.
     """
-    bound = found.candidate.effect.scope == "instrument"
-    rows = blocks.for_effects([found.candidate.effect])
-    return gain(pool.left_out(beside, rows), pool.left_out(after, rows), bound=bound)
+    effect = found.candidate.effect
+    rows = blocks.for_effects([effect])
+    without, with_it = pool.left_out(beside, rows), pool.left_out(after, rows)
+    if stepping(effect, pool.machine) and any(
+        more > less for less, more in zip(without.alone, with_it.alone, strict=True)
+    ):
+        return 0.0
+    return gain(without, with_it, bound=effect.scope == "instrument")
 
 
 def predicting(

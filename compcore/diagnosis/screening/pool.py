@@ -30,7 +30,7 @@ from abbe.compcore.diagnosis.screening.screening import (
     Trial,
     screen,
 )
-from abbe.compcore.diagnosis.screening.suddenness import Wander
+from abbe.compcore.diagnosis.screening.suddenness import Wander, stepping
 from abbe.compcore.diagnosis.screening.tried import Tried
 from abbe.compcore.machine.machine import Machine
 
@@ -240,8 +240,7 @@ class Pool:
     def _lingering(self, basis: Basis, found: WeighedCandidate) -> float:
         """What of a step's evidence a wander has as well; 0 of what is no step."""
         candidate = found.candidate
-        stepping = not all(p.smooth for p in candidate.effect.nonlinear(self.machine))
-        if not stepping or len(candidate.choices) < 2:
+        if not stepping(candidate.effect, self.machine) or len(candidate.choices) < 2:
             return 0.0
         if found.key not in self._steps:
             steps = [self.columns(found.key, moment) for moment in candidate.choices]
@@ -267,7 +266,7 @@ class Pool:
             )
             return -s.drop
 
-        if not all(p.smooth for p in candidate.effect.nonlinear(self.machine)):
+        if stepping(candidate.effect, self.machine):
             # a step: the fall of χ² is flat between rows, so every interval is looked at
             grid = product(*(np.linspace(low, high, _INTERVALS) for low, high in bounds))
             drop, values = max((-loss(np.array(v)), v) for v in grid)

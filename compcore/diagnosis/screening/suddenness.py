@@ -21,6 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.screening.screening import Basis
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.machine.machine import Machine
 
 F64 = NDArray[np.float64]
 
@@ -29,6 +31,11 @@ _SEEN = 1e-12
 
 _SIZES = np.concatenate([[0.0], np.logspace(-5.0, 7.0, 97)])
 """Sizes of the wander that are tried: λ in units of 1 / the greatest eigenvalue of ZZᵀ."""
+
+
+def stepping(effect: Effect, machine: Machine) -> bool:
+    """Whether an effect is a step at a moment that is searched for: an event."""
+    return not all(p.smooth for p in effect.nonlinear(machine))
 
 
 @dataclass(frozen=True, eq=False)

@@ -97,13 +97,13 @@ def test_half_a_turn_is_given_a_spline_and_no_waves_that_cancel() -> None:
 
 
 def test_a_shape_is_made_finer_as_long_as_it_foretells_more() -> None:
-    """Sixteen coefficients cannot follow twelve waves; what is left is no noise."""
+    """Sixteen coefficients do not follow twelve waves a turn; what is left is no noise."""
     model = machine("w b C t", C=(-95.0, 95.0))
-    course = to_the_verdict(model, encoder(model, 24.0))
+    course = to_the_verdict(model, encoder(model, 12.0))
     (term,) = course.last.result.model.terms
     assert int(getattr(term.effect, "shape", "").removeprefix("spline:")) >= 32
     assert course.last.held_out.rotations < 1.5e-3
-    another = compare(course.last.result.model, encoder(model, 24.0, day=6)).residual
+    another = compare(course.last.result.model, encoder(model, 12.0, day=6)).residual
     assert np.std(another) < 1.5e-3
 
 
