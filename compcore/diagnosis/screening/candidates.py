@@ -6,12 +6,13 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import product
+from itertools import islice, product
 
 import numpy as np
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.coverage import Coverage
+from abbe.compcore.diagnosis.screening.crossvalidation import FOLDS
 from abbe.compcore.diagnosis.screening.evidence import RIGID_BODY, cost_of
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.rotary.motions import RotaryMotion
@@ -129,36 +130,44 @@ def stated_laser(campaign: Campaign) -> bool:
 
 
 def _refinements(model: Model, campaign: Campaign) -> Iterator[Candidate]:
-    """Splines, polynomials and waves of the model with twice the coefficients."""
+    """Splines, polynomials and waves of the model with more coefficients.
+
+    Twice as many; where few set-ups follow each axis closely, also four times and so on: what is
+    far finer than the shape that is there is not seen by twice the detail.
+    """
     machine = model.machine
+    few = len(campaign.setups) < FOLDS
     for effect in model.effects:
         axis = getattr(effect, "axis", None)
         if axis is None or axis not in campaign.conditions.positions:
             continue
         at = campaign.conditions.position(axis)
-        for detail in _finer(effect, len(np.unique(at)), float(np.ptp(at))):
+        finer = _finer(effect, len(np.unique(at)), float(np.ptp(at)))
+        for detail in finer if few else islice(finer, 1):
             refined = effect.model_copy(update=detail)
             yield Candidate(refined, cost_of(refined, machine, 1))
 
 
 def _finer(effect: Effect, distinct: int, extent: float) -> Iterator[dict[str, object]]:
-    """Where-keys with twice the detail, as far as so many positions show it.
+    """Where-keys with twice the detail, and twice that again, as far as so many positions show it.
 
     Of a rotary axis that was not turned around (`extent`, rad) waves of a turn imitate one another
     with huge amplitudes: there a spline of as many coefficients.
     """
     match = re.fullmatch(r"(spline|polynomial):(\d+)", getattr(effect, "shape", None) or "")
     if match is not None:
-        order = int(match[2])
-        finer = min(2 * order, distinct, 20 if match[1] == "polynomial" else 200)
-        if finer > order:
-            yield {"shape": f"{match[1]}:{finer}"}
+        order, most = int(match[2]), min(distinct, 20 if match[1] == "polynomial" else 200)
+        while order < most:
+            order = min(2 * order, most)
+            yield {"shape": f"{match[1]}:{order}"}
     elif isinstance(effect, RotaryMotion) and effect.shape is None:
-        finer = min(2 * effect.waves, (distinct - 1) // 2, 32)
-        if finer > effect.waves:
-            turned = extent >= WHOLE_TURN
-            spline: dict[str, object] = {"harmonics": None, "shape": f"spline:{2 * finer}"}
-            yield {"harmonics": finer} if turned else spline
+        waves, most = effect.waves, min((distinct - 1) // 2, 32)
+        while waves < most:
+            waves = min(2 * waves, most)
+            if extent >= WHOLE_TURN:
+                yield {"harmonics": waves}
+            else:
+                yield {"harmonics": None, "shape": f"spline:{2 * waves}"}
 
 
 def _choices(effect: Effect, machine: Machine, coverage: Coverage) -> Iterator[Mapping[str, float]]:

@@ -18,6 +18,7 @@ from abbe.compcore.diagnosis.screening.candidates import PLAIN, RIGID
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING, INDISTINCT, log_chance, price_of
 from abbe.compcore.diagnosis.screening.pool import SIGNIFICANT, Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.screening import Basis, orthonormal
+from abbe.compcore.diagnosis.screening.suddenness import stepping
 
 F64 = NDArray[np.float64]
 
@@ -148,7 +149,9 @@ def _from_nothing(
     pair = _best_pair(pool, basis, ranked)
     if pair is not None:
         found, value = pair
-        value -= sum(f.doubt for f in _beside_each_other(pool, basis, found))
+        # a pair with an event in it that is none is no pair
+        both = _beside_each_other(pool, basis, found)
+        value -= sum(f.doubt for f in both if stepping(f.candidate.effect, pool.machine))
         pair_keys = {f.key for f in found}
         if len(established) >= 2:
             two = pool.joined(basis, established[:2])

@@ -119,11 +119,10 @@ def test_where_nothing_wanders_a_step_is_as_likely_as_any_cause() -> None:
 
 def test_a_wander_s_own_greatest_step_is_no_surprise() -> None:
     rng = np.random.default_rng(3)
-    n, greatest = 200, []
-    for _ in range(20):
-        walk = np.cumsum(rng.normal(size=n))
-        basis = free(walk)
-        likelier = [Wander.of(basis, steps(n)).likelier_with(c[:, None]) for c in steps(n).T[::20]]
-        greatest.append(max(likelier))
-    # a χ² of one degree of freedom each: the greatest of ten, and of twenty such, is below 20
+    n, greatest = 100, []
+    for _ in range(10):
+        basis = free(np.cumsum(rng.normal(size=n)))
+        beside = Wander.of(basis, steps(n))
+        greatest.append(max(beside.likelier_with(c[:, None]) for c in steps(n).T[::20]))
+    # a χ² of one degree of freedom each: the greatest of fifty is below 20
     assert max(greatest) < 20.0
