@@ -51,7 +51,7 @@ class Blocks:
     def _detail(self, effect: Effect) -> Iterable[tuple[str, float]]:
         """An axis along which an effect is a shape, and the distance of its knots, mm or rad."""
         axis, shape = getattr(effect, "axis", None), getattr(effect, "shape", None)
-        if axis not in self.conditions.positions:
+        if not isinstance(axis, str) or axis not in self.conditions.positions:
             return
         low, high = self.machine.axis(axis).travel
         if shape is not None and shape.startswith("spline:") and shape[7:].isdigit():
