@@ -6,7 +6,7 @@ PYTHON ?= python3
 DEBIAN := mbpoll socat chromium fonts-dejavu-core linuxcnc-uspace systemd libfaketime
 MACHINE := qemu-system-x86 mmdebstrap e2fsprogs dpkg-dev
 PROMETHEUS := $(VENV)/unpacked/usr/bin/prometheus
-BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis_command diagnosis check_points validation
+BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis_command diagnosis check_points plan validation
 SOURCES := compcore drivers daemon tests benchmarks examples
 
 .DEFAULT_GOAL := help

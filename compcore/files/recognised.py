@@ -43,11 +43,13 @@ def _kind(name: str, reader: str, commands: str, dialect: str = "") -> FileKind:
     return FileKind(name, reader, frozenset(commands.split()), dialect)
 
 
-CAMPAIGN = _kind("a campaign", "campaign", "fit compare diagnose add iso230 new")
+CAMPAIGN = _kind("a campaign", "campaign", "fit compare diagnose add iso230 new verify")
 MODEL = _kind(
-    "a model", "model", "fit compare diagnose add remove correct table history import-grid"
+    "a model",
+    "model",
+    "fit compare diagnose add remove correct table history import-grid plan program verify",
 )
-CONFIG = _kind("a configuration", "config", "run check upload demo")
+CONFIG = _kind("a configuration", "config", "run check upload demo verify")
 POINTS = _kind("a list of points with the correction on and off", "points", "identify-convention")
 MAP = _kind("a compensation map", "map", "import-map identify-convention import-campaign")
 GRID = _kind("a spatial grid of errors", "grid", "import-grid table upload", "grid-csv")

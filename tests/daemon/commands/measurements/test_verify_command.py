@@ -4,7 +4,7 @@ import hashlib
 import json
 import re
 from html import unescape
-from math import sqrt
+from math import radians, sin, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -310,3 +310,69 @@ def test_a_real_days_check_is_judged(tmp_path):
     assert np.mean(after) < 0.3 * np.mean(before)
     assert any("does not foretell" in w for w in found["warnings"])
     assert all(v["fitted"] is None for v in found["lines"])
+
+
+ROTARY = """format = "abbe-model/1"
+[machine]
+name = "Table"
+structure = "w C' b X Y Z t"
+[machine.axes]
+C.travel = [0.0, 360.0]
+X.travel = [0.0, 300.0]
+Y.travel = [0.0, 300.0]
+Z.travel = [-300.0, 0.0]
+[[effects]]
+kind = "rotary_positioning"
+axis = "C"
+harmonics = 1
+"""
+
+
+def turns(setup, angles, more):
+    """C turned there and back twice; 40 µrad once a turn, `more` µrad downwards."""
+    rows, t = [], 0
+    for _ in range(2):
+        for sense in (1, -1):
+            for angle in angles[::sense]:
+                t += 10
+                value = 40.0 * sin(radians(angle)) + (more if sense < 0 else 0.0)
+                rows.append(f"{t},{setup},rotation,{angle},100,100,-50,{sense},0,0,1,{value!r},0.2")
+    return "\n".join(rows) + "\n"
+
+
+def test_a_rotary_axis_is_judged_in_its_own_unit(tmp_path):
+    """From 75° to 255° are 2·40·sin 75° = 77.3 µrad before, and 3 µrad of play are left after."""
+    head = '# format = "abbe-campaign/1"\ntime,setup,kind,C,X,Y,Z,C_dir,ux,uy,uz,value,sd\n'
+    (tmp_path / "start.toml").write_text(ROTARY, "utf-8")
+    (tmp_path / "fit.csv").write_text(head + turns("c", [*range(0, 361, 30)], 0.0), "utf-8")
+    (tmp_path / "check.csv").write_text(
+        head + turns("k", [15, 75, 135, 195, 255, 315], 3.0), "utf-8"
+    )
+    model = tmp_path / "m.toml"
+    assert abbe("fit", tmp_path / "start.toml", tmp_path / "fit.csv", "-o", model).status == 0
+    words = ("verify", model, tmp_path / "check.csv", "--json", "--tolerance")
+    done = abbe(*words, "C.E=2arcsec", "--tolerance", "B=10urad")
+    found = json.loads(done.out)
+    (one,) = found["lines"]
+    assert (one["unit"], one["position_unit"], one["line"]) == ("urad", "deg", "C")
+    assert one["before"]["E"]["value"] == pytest.approx(80.0 * sin(radians(75.0)) + 3.0)
+    assert one["after"]["E"]["value"] == pytest.approx(3.0, abs=0.05)
+    assert [t["outcome"] for t in found["tolerances"]] == ["passes", "passes"]
+    # 2″ are 9.7 µrad; U is that of the instrument, 1 µrad over the whole
+    assert found["tolerances"][0]["limit"] == pytest.approx(9.696, abs=1e-3)
+    assert abbe(*words, "A=8um").status == 1
+
+
+def test_a_model_without_covariance_foretells_without_a_margin(shop, tmp_path):
+    """Typed in, not fitted: what is left is judged, whether it agrees is not known."""
+    typed = tmp_path / "typed.toml"
+    values = '[effects.parameters]\nc0 = { value = 0.0 }\nc1 = { value = 0.03, unit = "mm" }\n'
+    text = (shop / "start.toml").read_text("utf-8") + values
+    typed.write_text(text, "utf-8")
+    done = abbe("verify", typed, shop / "before.csv", "--json")
+    assert done.status == 0, done.err
+    (one,) = json.loads(done.out)["lines"]
+    assert one["after"]["E"]["value"] == pytest.approx(9.0, abs=1e-6)
+    assert one["foretold"]["figures"]["E"]["sd"] is None
+    assert one["foretold"]["agrees"] is None
+    assert "does not say to which campaigns" in "".join(json.loads(done.out)["warnings"])
