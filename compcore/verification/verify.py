@@ -14,11 +14,7 @@ from abbe.compcore.artefacts.permissible import PermissibleError
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.comparison.compare import Comparison, compare
 from abbe.compcore.errors import InputError, require_type
-from abbe.compcore.fitting.design.superposition import (
-    compensated,
-    predicted_rows,
-    uncompensated,
-)
+from abbe.compcore.fitting.design.superposition import compensated, predicted_rows
 from abbe.compcore.iso230.positioning import positioning_runs
 from abbe.compcore.model.model import Model
 from abbe.compcore.verification.budget import MeasuringUncertainty
@@ -46,9 +42,9 @@ class VerificationRequest:
     ----------
     before
         The same lines measured without compensation; None: worked out.
-    active
-        The compensation that was active while the campaign was measured; None: none was, unless
-        `before` is given: then the model's own.
+    bare
+        Where a compensation was active, the campaign as the machine would have shown it without
+        (`uncompensated`); None: none was active, unless `before` is given.
     fitted
         The campaigns that the model was fitted to, as far as they are at hand.
     tolerances, permissible
@@ -63,7 +59,7 @@ class VerificationRequest:
     """
 
     before: Campaign | None = None
-    active: Model | None = None
+    bare: Campaign | None = None
     fitted: Campaign | None = None
     tolerances: Sequence[Tolerance] = ()
     permissible: PermissibleError | None = None
@@ -152,8 +148,8 @@ def verify(model: Model, campaign: Campaign, request: VerificationRequest) -> Ve
     model
         The model by which it is compensated.
     campaign
-        Measured with the compensation active where `request` has a campaign before it or names
-        what was active; else without: then what is left is worked out.
+        Measured with the compensation active where `request` has a campaign before it, or one put
+        back; else without: then what is left is worked out.
 
     Raises
     ------
@@ -164,12 +160,11 @@ def verify(model: Model, campaign: Campaign, request: VerificationRequest) -> Ve
     require_type(campaign, Campaign, "campaign")
     machine, sure = model.machine, request.sure
     missing = tuple(n for n in request.planned if n not in campaign.setups)
+    bare = campaign if request.bare is None else request.bare
     if request.planned:
-        campaign = _only(campaign, [n for n in request.planned if n in campaign.setups])
-    measured = request.active is not None or request.before is not None
-    bare = campaign
-    if measured:
-        bare = uncompensated(campaign, request.active or model)
+        present = [n for n in request.planned if n in campaign.setups]
+        campaign, bare = _only(campaign, present), _only(bare, present)
+    measured = request.bare is not None or request.before is not None
     corrected = campaign if measured else _corrected(campaign, model)
     after = line_tests(corrected, machine, sure)
     lengths = [*lengths_of_lines(after, sure), *lengths_of_gauges(corrected, machine, sure)]

@@ -13,6 +13,7 @@ from abbe.compcore.files.campaign_file import read_campaigns, require_signals
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.plan_file import read_plan
 from abbe.compcore.files.table_set import TableSet, sha256
+from abbe.compcore.fitting.design.superposition import uncompensated
 from abbe.compcore.model.model import Model
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.compcore.verification.tolerance import Tolerance
@@ -107,15 +108,17 @@ def verified(
     campaign = _campaign(files.campaigns, model)
     before = _campaign(files.before, model) if files.before else None
     tables = None if files.tables is None else TableSet.load(files.tables)
-    active = None if files.active is None else load_model(files.active)
-    if active is not None:
+    bare = None
+    if files.active is not None:
+        active = load_model(files.active)
         require_signals(campaign, active)
+        bare = uncompensated(campaign, active)
     planned: Sequence[PlannedSetup] = ()
     if files.check is not None:
         planned = read_plan(files.check, model.machine).setups
     request = VerificationRequest(
         before,
-        active,
+        bare,
         known.campaign,
         tolerances,
         permissible,
