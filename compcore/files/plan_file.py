@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -96,6 +96,8 @@ class PlannedWork:
         The model's file, as the plan names it; may be empty.
     warm_up
         s that the machine warms up before the first reading.
+    expected
+        Set-up → standard uncertainty over the volume before and after it, mm, where the plan says.
     """
 
     setups: tuple[PlannedSetup, ...]
@@ -103,6 +105,7 @@ class PlannedWork:
     tools: Mapping[str, tuple[float, float, float]]
     model: str
     warm_up: float
+    expected: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def read_plan(path: str | Path, machine: Machine) -> PlannedWork:
@@ -152,7 +155,11 @@ def read_plan(path: str | Path, machine: Machine) -> PlannedWork:
                 "sides, and ways outside the keep-out boxes",
             )
         setups.append(setup)
-    return PlannedWork(tuple(setups), space, found.tools, found.model, 60.0 * found.warm_up)
+    expected = {
+        s.name: (s.expected[0] * 1e-3, s.expected[1] * 1e-3) for s in found.setups if s.expected
+    }
+    warm_up = 60.0 * found.warm_up
+    return PlannedWork(tuple(setups), space, found.tools, found.model, warm_up, expected)
 
 
 def model_of(path: str | Path) -> Path:

@@ -23,7 +23,7 @@ def overview(configuration: Configuration) -> dict[str, Any]:
     wire, the `transducer`, and what unit it `becomes` (inputs) or is made `from` (outputs). `notes`
     are what somebody should have decided.
     """
-    links = configuration.make_links()
+    links = configuration.make_links(instruments=True)
     file, guard = configuration.file, configuration.file.guard
     model = configuration.model
     x, y, z = guard.vector
@@ -99,6 +99,11 @@ def _inputs(configuration: Configuration, links: dict[str, Link]) -> Iterator[di
             yield _row(links, f"check {name}, found {letter}", channel) | {"becomes": "mm"}
         if point.value is not None:
             yield _row(links, f"check {name}", point.value) | {"becomes": "µm"}
+    for name, instrument in file.instrument.items():
+        for channel in instrument.sources:
+            yield _row(links, f"instrument {name}", channel) | {"becomes": instrument.reads}
+        if instrument.beam is not None:
+            yield _row(links, f"beam of {name}", instrument.beam) | {"becomes": "watched"}
 
 
 def _outputs(configuration: Configuration, links: dict[str, Link]) -> Iterator[dict[str, Any]]:

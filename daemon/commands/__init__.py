@@ -31,6 +31,7 @@ NAMES = (
     "effects",
     "measurements.plan",
     "measurements.program",
+    "measurements.measure",
     "measurements.verify",
     "measurements.import_campaign",
     "measurements.iso230",

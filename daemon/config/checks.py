@@ -9,6 +9,7 @@ from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.machine.conditions import unit_of
 from abbe.daemon.config.channels import WATCHED, Channels, Key, split
 from abbe.daemon.config.configuration import Configuration
+from abbe.daemon.config.instruments import check_instruments
 from abbe.daemon.config.outputs import PER_MM, check_outputs
 from abbe.daemon.config.paces import check_paces
 from abbe.daemon.config.sections.readings import SignalSection
@@ -59,6 +60,7 @@ class _Checks:
         self._controller()
         self._output_units()
         self._check_points()
+        check_instruments(self.channels)
         check_outputs(self.channels, self.model.machine)
         check_paces(self.channels)
 

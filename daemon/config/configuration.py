@@ -8,6 +8,7 @@ from pathlib import Path
 
 from abbe.compcore.model.model import Model
 from abbe.daemon.config.folders import data_folder
+from abbe.daemon.config.instruments import only_for_instruments
 from abbe.daemon.config.sections.config_file import ConfigFile
 from abbe.daemon.config.sections.http import HttpSetup
 from abbe.daemon.config.sections.upload import UploadSetup
@@ -82,6 +83,17 @@ class Configuration:
         section = self.file.control
         return None if section is None else data_folder(self.path).absolute() / section.socket
 
-    def make_links(self) -> dict[str, Link]:
-        """The links, made but not opened; channels are known from now on."""
-        return {name: setup.kind(name, setup.config) for name, setup in self.links.items()}
+    def make_links(self, *, instruments: bool = False) -> dict[str, Link]:
+        """The links, made but not opened; channels are known from now on.
+
+        Parameters
+        ----------
+        instruments
+            Whether also those that carry nothing but instruments.
+        """
+        apart = frozenset() if instruments else only_for_instruments(self.file)
+        return {
+            name: setup.kind(name, setup.config)
+            for name, setup in self.links.items()
+            if name not in apart
+        }

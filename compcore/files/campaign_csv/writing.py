@@ -152,6 +152,19 @@ def _quoted(text: str) -> str:
     return text
 
 
+def as_cell(value: str | float | None) -> str:
+    """A text or a number as a cell of a campaign file; None is a blank one.
+
+    >>> as_cell("a,b"), as_cell(12.0), as_cell(-0.25), as_cell(None)
+    ('"a,b"', '12', '-0.25', '')
+    """
+    if value is None:
+        return ""
+    if isinstance(value, str):
+        return _quoted(value)
+    return repr(float(value) + 0.0).removesuffix(".0")
+
+
 def _degrees(angle: F64) -> F64:
     return _inverse(angle, np.rad2deg(angle), np.deg2rad)
 

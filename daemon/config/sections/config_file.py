@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 from abbe.daemon.config.sections.check_points import ChecksSection
 from abbe.daemon.config.sections.guard import GuardSection
 from abbe.daemon.config.sections.http import HttpSection
+from abbe.daemon.config.sections.measure import InstrumentSection, MeasureSection
 from abbe.daemon.config.sections.output import OutputSection
 from abbe.daemon.config.sections.readings import (
     AxisSection,
@@ -95,6 +96,8 @@ class ConfigFile(Section):
     journal: JournalSection = JournalSection()
     records: RecordsSection | None = None
     checks: ChecksSection = ChecksSection()
+    instrument: dict[str, InstrumentSection] = Field(default_factory=dict)
+    measure: MeasureSection = MeasureSection()
     control: ControlSection | None = None
     http: HttpSection | None = None
     upload: UploadSection | None = None

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from abbe.drivers.simulated.bridge.climate import Climate, Ramp, SensorPlace
 from abbe.drivers.simulated.bridge.machine import AXES, PLACES, TOOL, TRAVELS, BridgeMachine
-from abbe.drivers.simulated.bridge.path import Path, Point, StraightMove, bridge_path
+from abbe.drivers.simulated.bridge.path import SPEED, Path, Point, StraightMove, bridge_path
 from abbe.drivers.simulated.bridge.registers import ENCODERS, OHMS_PER_COUNT, THERMISTOR
 
 Array = NDArray[np.float64]
@@ -127,6 +127,8 @@ class Plant:
         How the encoders are mounted.
     path
         Where it moves.
+    speed
+        Fastest move to a place off the path, mm/s.
     """
 
     machine: BridgeMachine
@@ -137,6 +139,7 @@ class Plant:
     tool: Point = TOOL
     encoders: Mapping[str, Mapping[str, int]] = field(default_factory=lambda: ENCODERS)
     path: Path = field(default_factory=bridge_path)
+    speed: float = SPEED
     disturbances: Disturbances = field(default_factory=Disturbances)
 
     def __post_init__(self) -> None:
@@ -236,7 +239,7 @@ class Plant:
     def _travel(self, target: Point, elapsed: float) -> bool:
         """Go on straight to a place off the path; True on arrival."""
         if self._detour is None or self._detour.end != target:
-            self._detour, self._detour_time = StraightMove(self._place, target), 0.0
+            self._detour, self._detour_time = StraightMove(self._place, target, self.speed), 0.0
         self._detour_time += elapsed
         self._place = self._detour.position(self._detour_time)
         return self._detour_time >= self._detour.duration

@@ -4,6 +4,7 @@ OWN_FILE = {
     "serial": "ASCII devices on a serial line",
     "can": "devices on CAN",
     "controller": "a control with a memory for compensation tables",
+    "bench": "the bridge CMM over Modbus with a laser beside it",
     "ipp": "the bridge CMM over I++ DME",
 }
 """Commands with a file of their own, so that what others import does not slow them down; what each

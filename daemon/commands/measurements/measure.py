@@ -1,0 +1,86 @@
+"""``abbe measure``: a plan measured, target by target, into a campaign."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from abbe.daemon.arguments.options import ConfigFile
+
+if TYPE_CHECKING:
+    from abbe.daemon.measure.told import Tell
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("measure")(measure)
+
+
+def measure(
+    plan: Annotated[Path, typer.Argument(help="Plan, from abbe plan.", metavar="PLAN.toml")],
+    config: ConfigFile,
+    out: Annotated[
+        Path, typer.Option("-o", "--out", help="The campaign; gone on with where it is there.",
+                           metavar="CAMPAIGN.csv")
+    ],
+    setup: Annotated[
+        list[str] | None, typer.Option(help="Only this set-up; may be repeated.", metavar="NAME")
+    ] = None,
+    yes: Annotated[
+        bool,
+        typer.Option("--yes", help="Nobody is asked: set-ups count as set up when the machine "
+                     "comes to their first target."),
+    ] = False,
+    once: Annotated[
+        bool, typer.Option("--once", help="Do not wait for what was missed to be driven to again.")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="One JSON object an event on standard output.")
+    ] = False,
+) -> None:  # fmt: skip
+    """Follow the machine through a plan, read the instrument at every target, keep every row.
+
+    Nothing is written to the controller. Ctrl-C ends; the same command goes on after the last row.
+    An example: abbe measure plan.toml cmm.toml -o campaign.csv
+    """
+    from abbe.compcore.errors import AbbeError
+    from abbe.daemon.measure.person import somebody_there
+    from abbe.daemon.measure.show import telling
+
+    if not yes and (as_json or not somebody_there()):
+        raise AbbeError(
+            "nobody can be asked when an instrument is set up (no terminal, or --json): say --yes"
+        )
+    with telling(as_json=as_json) as tell:
+        run(plan, config, out, tuple(setup or ()), tell, yes=yes, once=once)
+
+
+def run(
+    plan: Path,
+    config: Path,
+    out: Path,
+    names: tuple[str, ...],
+    tell: Tell,
+    *,
+    yes: bool,
+    once: bool,
+) -> None:
+    """Measure a plan, as the command does.
+
+    Raises
+    ------
+    InputError
+        For bad files, and a campaign that was begun with others.
+    AbbeError
+        When it ended before all was measured: what is missing.
+    """
+    import asyncio
+
+    from abbe.daemon.measure.beginning import begun
+    from abbe.daemon.measure.ending import missing_words, run_until_ended
+
+    with begun(plan, config, out, names, tell, yes=yes, once=once) as measurement:
+        asyncio.run(run_until_ended(measurement))
+        missing_words(measurement, tell, once=once)

@@ -1,0 +1,1 @@
+"""Measuring: the machine followed through a plan, instruments read, rows kept."""

@@ -1,0 +1,159 @@
+"""The beginning of a measurement: files read and checked, the campaign begun or gone on with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from datetime import UTC, datetime
+from math import radians
+from pathlib import Path
+
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.growing_campaign import GrowingCampaign
+from abbe.compcore.files.plan_file import PlannedWork, read_plan
+from abbe.compcore.files.text.toml_source import TomlSource
+from abbe.compcore.planning.planned_setup import PlannedSetup
+from abbe.daemon.config import Configuration, load_config
+from abbe.daemon.config.channels import split
+from abbe.daemon.measure.compensation import live_correction, require_stated, stated_compensation
+from abbe.daemon.measure.course import MeasureCourse, chosen
+from abbe.daemon.measure.instrument import Instrument
+from abbe.daemon.measure.person import Person
+from abbe.daemon.measure.rows import columns, digest, head
+from abbe.daemon.measure.session import Measurement, MeasureTask
+from abbe.daemon.measure.told import MeasureEvent, Tell, minutes
+from abbe.daemon.outputs import CAMPAIGN, check_outputs
+from abbe.daemon.ownership.claims import held_by_watch
+from abbe.daemon.ownership.lock import hold
+
+
+@contextmanager
+def begun(
+    plan: Path,
+    config: Path,
+    out: Path,
+    names: Sequence[str],
+    tell: Tell,
+    *,
+    yes: bool,
+    once: bool,
+) -> Iterator[Measurement]:
+    """A measurement that is ready to run; what it holds is given back with the context.
+
+    Raises
+    ------
+    InputError
+        For bad files, instruments that cannot read the plan, and a campaign that was begun with
+        another plan or configuration.
+    InUseError
+        When somebody else measures into this file, or has a line that cannot be shared.
+    """
+    check_outputs([plan, config], [(out, CAMPAIGN)], force=False)
+    configuration = load_config(config)
+    check_outputs([plan, config, configuration.model_path], [(out, CAMPAIGN)], force=False)
+    machine = configuration.model.machine
+    work = read_plan(plan, machine)
+    setups = chosen(work, names, plan)
+    instruments = _instruments(configuration, setups)
+    limits = configuration.file.measure
+    course = MeasureCourse(setups, limits.within, radians(limits.within_turn))
+    require_stated(configuration, live_correction(configuration))
+    signals = [n for n, s in configuration.file.signals.items() if s.source is not None]
+    titles = columns(machine, setups, signals)
+    origin = {
+        "by": "abbe measure",
+        "plan_sha256": digest(TomlSource.read(plan).data),
+        "configuration_sha256": digest(_of_meaning(TomlSource.read(config).data)),
+        **({"setups": ", ".join(s.name for s in setups)} if names else {}),
+        **stated_compensation(configuration, out),
+    }
+    links = configuration.make_links(instruments=True)
+    with ExitStack() as held:
+        what = f"measuring into {out.resolve()}"
+        held.enter_context(hold([f"campaign {out.resolve()}", *held_by_watch(links)], what))
+        goes_on = out.exists() and out.stat().st_size > 0
+        if goes_on:
+            file = GrowingCampaign.resume(out, origin, titles, machine)
+        else:
+            now = datetime.now(UTC)
+            more = {"plan": str(plan), "started": now.isoformat()}
+            top = head(machine, setups, limits.conditions, origin | more, now)
+            file = GrowingCampaign.begin(out, top, titles)
+        held.callback(file.close)
+        torn = course.replay(file.rows, out)
+        if torn:
+            file.cut(torn)
+        task = MeasureTask(configuration, file, _started(file), instruments, work.expected, once)
+        _say_beginning(course, work, configuration, tell, goes_on=goes_on)
+        yield Measurement(task, course, Person(there=not yes), tell)
+
+
+def _of_meaning(data: Mapping[str, object]) -> Mapping[str, object]:
+    """A configuration without what only says when a reading counts."""
+    return {key: value for key, value in data.items() if key != "measure"}
+
+
+def _started(file: GrowingCampaign) -> datetime:
+    try:
+        return datetime.fromisoformat(str(file.begun_with["started"])).astimezone(UTC)
+    except (KeyError, ValueError):
+        raise InputError(
+            "does not say when it was begun", file=file.path, field="measured.started"
+        ) from None
+
+
+def _instruments(
+    configuration: Configuration, setups: Sequence[PlannedSetup]
+) -> dict[str, Instrument]:
+    """Plan's instrument → the one that stands for it, of those that some set-ups need."""
+    links = configuration.make_links(instruments=True)
+    made: dict[str, Instrument] = {}
+    for name, section in configuration.file.instrument.items():
+        link, channel = split(section.sources[0])
+        instrument = Instrument(name, section, links[link].info(channel).unit)
+        made |= dict.fromkeys(section.measures or (name,), instrument)
+    found = {}
+    for setup in setups:
+        key = setup.instrument.key
+        if key not in made:
+            raise InputError(
+                f"no instrument reads set-up {setup.name}",
+                file=configuration.path,
+                field=f"instrument.{key}",
+                expected=f"a section [instrument.{key}] with source and reads",
+            )
+        try:
+            made[key].check(setup)
+        except InputError as error:
+            raise error.at(file=configuration.path) from None
+        found[key] = made[key]
+    return found
+
+
+def _say_beginning(
+    course: MeasureCourse,
+    work: PlannedWork,
+    configuration: Configuration,
+    tell: Tell,
+    *,
+    goes_on: bool,
+) -> None:
+    about = {"done": course.done, "of": course.total, "left_s": round(course.seconds_left, 1)}
+    count = f"{len(course.setups)} set-ups, {course.total} targets"
+    left = minutes(course.seconds_left)
+    if goes_on:
+        words = f"goes on: {course.done} of {course.total} targets are done, about {left} left"
+        tell(MeasureEvent("resumed", words, about))
+    else:
+        warm = f"; warm up as in use for {minutes(work.warm_up)} first" if work.warm_up else ""
+        tell(MeasureEvent("began", f"{count}, about {left}{warm}", about))
+    limits = configuration.file.measure
+    needs = limits.still_for + limits.settle + limits.average
+    short = [s.name for s in course.setups if s.instrument.reading < needs]
+    if short:
+        stands = min(s.instrument.reading for s in course.setups if s.name in short)
+        words = (
+            f"a target needs {needs:g} s ([measure] still_for + settle + average), and the program "
+            f"of {', '.join(short)} stands {stands:g} s: targets may be missed"
+        )
+        tell(MeasureEvent("note", words, about))

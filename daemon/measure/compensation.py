@@ -1,0 +1,92 @@
+"""The compensation that acts while a machine is measured: stated, recorded, and watched for."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.model_file import load_model
+from abbe.daemon.config import Configuration
+from abbe.daemon.control.runs import found_runs, same_file
+from abbe.daemon.ownership.claims import held_by_run
+
+NONE = "none"
+_HOW = (
+    f'active = "{NONE}" in [measure] where it does not move the machine or change the positions '
+    "that it indicates, else the model that it was made from"
+)
+
+
+def stated_compensation(configuration: Configuration, out: Path) -> dict[str, str]:
+    """What a campaign's head says of the compensation that acts: its model and its SHA-256.
+
+    Parameters
+    ----------
+    out
+        The campaign, beside which the model is looked for later.
+
+    Raises
+    ------
+    InputError
+        When nobody has said it and there may be one; when the model is not of this machine.
+    """
+    stated = configuration.file.measure.active
+    if stated is None:
+        if configuration.upload is not None:
+            raise InputError(
+                "whether tables are active in the controller is not stated",
+                file=configuration.path,
+                field="measure.active",
+                expected=_HOW,
+            )
+        return {"active": NONE}
+    if stated == NONE:
+        return {"active": NONE}
+    path = configuration.path.parent / stated
+    model = load_model(path)
+    structure = configuration.model.machine.structure
+    if str(model.machine.structure) != str(structure):
+        raise InputError(
+            "the compensation of another machine",
+            file=configuration.path,
+            field="measure.active",
+            found=str(model.machine.structure),
+            expected=str(structure),
+        )
+    named = os.path.relpath(path.resolve(), out.resolve().parent)
+    return {"active": named, "active_sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+
+
+def live_correction(configuration: Configuration) -> str:
+    """The correction that `abbe run` makes of the same machine meanwhile, in words; else empty."""
+    links = configuration.make_links()
+    writes = set(held_by_run(configuration, links))
+    for run in found_runs():
+        if run.status is None:
+            continue
+        same = any(
+            f.role == "configuration" and same_file(f.path, configuration.path)
+            for f in run.status.files
+        )
+        if same or writes & set(run.status.owner.holds):
+            return f"abbe run corrects this machine (process {run.status.owner.pid})"
+    return ""
+
+
+def require_stated(configuration: Configuration, live: str) -> None:
+    """Refuse to measure under a correction of which nobody has said what it does.
+
+    Raises
+    ------
+    InputError
+        Saying how to state it.
+    """
+    if live and configuration.file.measure.active is None:
+        raise InputError(
+            f"{live}, and what that does to the measurement is not stated",
+            file=configuration.path,
+            field="measure.active",
+            expected=_HOW,
+        )

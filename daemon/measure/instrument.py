@@ -1,0 +1,172 @@
+"""An instrument while it measures: its readings, its beam, and the errors that they mean."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.machine import nominal_direction
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.planning.planned_setup import PlannedSetup
+from abbe.daemon.config.channels import split
+from abbe.daemon.config.instruments import ANGLES, LENGTHS
+from abbe.daemon.config.sections.measure import InstrumentSection
+from abbe.daemon.pipeline.reading.poll import Batch
+
+F64 = NDArray[np.float64]
+
+_GONE = 2
+"""Looks in a row without a reading that count as a lost beam, where nothing says so."""
+
+
+class Instrument:
+    """One instrument of the configuration.
+
+    Parameters
+    ----------
+    name
+        Of its section.
+    section
+        Its section.
+    unit
+        Of its channels.
+
+    Attributes
+    ----------
+    channels
+        What is read for it.
+    values
+        Its last readings in mm or rad, with their sign, one for each source; empty where it has
+        none that is fresh.
+    time
+        Monotonic time of the oldest of them, s.
+    problem
+        Why it has none; empty when it has.
+    interruptions
+        How often it has been interrupted: beam lost, link lost.
+    """
+
+    def __init__(self, name: str, section: InstrumentSection, unit: str) -> None:
+        self.name = name
+        self.section = section
+        self.angle = unit in ANGLES
+        self._factor = section.sign * (ANGLES[unit] if self.angle else LENGTHS[unit])
+        self._sources = tuple(split(source) for source in section.sources)
+        self._beam = None if section.beam is None else split(section.beam)
+        self.channels = (*self._sources, *([] if self._beam is None else [self._beam]))
+        self.values: tuple[float, ...] = ()
+        self.time = -math.inf
+        self.problem = "not read yet"
+        self.interruptions = 0
+        self._reconnects: int | None = None
+        self._missing = 0
+        self._there = False
+
+    def take(self, batch: Batch, now: float, reconnects: int) -> None:
+        """Take a look's samples in.
+
+        Parameters
+        ----------
+        now
+            Monotonic, s.
+        reconnects
+            How often its links have come back so far.
+        """
+        if self._reconnects is not None and reconnects != self._reconnects and self._there:
+            self._interrupted()
+        self._reconnects = reconnects
+        problem, sure = "", True
+        if self._beam is not None:
+            link, name = self._beam
+            sample = batch[link][name]
+            if not sample.good:
+                problem, sure = sample.reason, False
+            elif sample.value == 0.0:
+                problem = "no beam"
+        samples = [batch[link][name] for link, name in self._sources]
+        for sample in samples:
+            if not problem and not sample.good:
+                problem = sample.reason or sample.quality.value
+                sure = sample.quality.value == "bad"
+            elif not problem and now - sample.time > self.section.stale_after:
+                problem, sure = f"its reading is {now - sample.time:.1f} s old", False
+        self.problem = problem
+        if problem:
+            self.values = ()
+            self._missing += 1
+            if self._there and (sure or self._missing >= _GONE):
+                self._interrupted()
+            return
+        self._missing = 0
+        self._there = True
+        self.values = tuple(self._factor * s.value for s in samples)
+        self.time = min(s.time for s in samples)
+
+    def _interrupted(self) -> None:
+        self.interruptions += 1
+        self._there = False
+
+    def check(self, setup: PlannedSetup) -> None:
+        """Refuse a set-up that it cannot read.
+
+        Raises
+        ------
+        InputError
+            Naming the set-up and what does not fit.
+        """
+        wrong = ""
+        components = setup.u.shape[1]
+        if len(self._sources) != components:
+            wrong = f"it has {len(self._sources)} channels, and {components} directions are read"
+        elif self.angle != (setup.kind == Kind.ROTATION):
+            wrong = f"its unit is not that of a {setup.kind.name.lower()}"
+        elif (self.section.reads == "distance") and setup.kind != Kind.DISTANCE:
+            wrong = "it reads distances, and the plan wants none there"
+        elif self.section.reads == "error" and setup.kind == Kind.DISTANCE:
+            wrong = "it reads errors, and the plan wants distances there"
+        elif self.section.reads == "length" and setup.kind == Kind.ROTATION:
+            wrong = 'an angle is read as error (reads = "error")'
+        elif self.section.reads == "length" and any(
+            is_rotary(a) and (np.ptp(q) > 0.0 or q.any()) for a, q in setup.targets.items()
+        ):
+            wrong = "where rotary axes turn only errors can be read, no lengths"
+        elif self.section.reads == "length" and not {"zero"} & set(setup.free):
+            wrong = "a length counts from any zero, and the set-up's zero is not free"
+        elif self.section.reads == "length" and float(np.ptp(setup.u, axis=0).max()) > 1e-9:
+            wrong = "a length is read along one direction, and the plan wants several"
+        if wrong:
+            raise InputError(
+                f"instrument {self.name} cannot read set-up {setup.name}: {wrong}",
+                field=f"instrument.{self.name}",
+            )
+
+    def deviations(self, setup: PlannedSetup, positions: Mapping[str, float]) -> tuple[float, ...]:
+        """What its present readings differ from nominal at a place, mm or rad, by direction.
+
+        Of lengths but for the zero of the set-up; of errors the readings themselves.
+        """
+        if self.section.reads == "error":
+            return self.values
+        if setup.kind == Kind.DISTANCE:
+            return tuple(v - nominal_distance(setup, positions) for v in self.values)
+        u = setup.u[0] / np.linalg.norm(setup.u[0], axis=1)[:, None]
+        along = u @ _point(setup, positions)
+        return tuple(v - float(w) for v, w in zip(self.values, along, strict=True))
+
+
+def nominal_distance(setup: PlannedSetup, positions: Mapping[str, float]) -> float:
+    """From a set-up's base point to where positions put the functional point, mm."""
+    return float(np.linalg.norm(_point(setup, positions) - np.asarray(setup.base)))
+
+
+def _point(setup: PlannedSetup, positions: Mapping[str, float]) -> F64:
+    here = np.array(setup.offset, dtype=np.float64)
+    for axis, q in positions.items():
+        if not is_rotary(axis):
+            here = here + q * np.asarray(nominal_direction(axis))
+    return here

@@ -1,0 +1,83 @@
+"""Rows on their way to the disk: in order, none lost while there is no room."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from abbe.compcore.files.growing_campaign import GrowingCampaign, Row
+
+_AGAIN = 1.0
+"""s until a disk that took nothing is tried again."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    rows: Sequence[Row]
+    setup: str
+    free: tuple[str, ...]
+    written: Callable[[], None]
+
+
+class KeptRows:
+    """The rows that were measured; each is on the disk, or waits in memory until it can be.
+
+    Parameters
+    ----------
+    file
+        Where they go.
+
+    Attributes
+    ----------
+    problem
+        Why the last ones are not on the disk; empty when all are.
+    """
+
+    def __init__(self, file: GrowingCampaign) -> None:
+        self._file = file
+        self._waiting: deque[_Waiting] = deque()
+        self._due = 0.0
+        self.problem = ""
+
+    @property
+    def waiting(self) -> int:
+        """Targets whose rows are not on the disk."""
+        return len(self._waiting)
+
+    def add(
+        self,
+        rows: Sequence[Row],
+        setup: str,
+        free: tuple[str, ...],
+        written: Callable[[], None],
+        now: float,
+    ) -> None:
+        """Take the rows of a target; `written` is called when they are on the disk.
+
+        Parameters
+        ----------
+        setup, free
+            The set-up that they are of, and what its placing leaves unknown.
+        now
+            Monotonic, s.
+        """
+        self._waiting.append(_Waiting(rows, setup, free, written))
+        self.flush(now)
+
+    def flush(self, now: float, *, at_once: bool = False) -> None:
+        """Bring to the disk what waits, not sooner than a moment after it was tried in vain."""
+        if not self._waiting or (self.problem and now < self._due and not at_once):
+            return
+        while self._waiting:
+            first = self._waiting[0]
+            try:
+                self._file.declare(first.setup, first.free)
+                self._file.append(first.rows)
+            except OSError as error:
+                self.problem = error.strerror or str(error)
+                self._due = now + _AGAIN
+                return
+            self._waiting.popleft()
+            first.written()
+        self.problem = ""

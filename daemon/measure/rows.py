@@ -1,0 +1,134 @@
+"""Rows of a campaign from readings of a plan's targets, and its head."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+
+from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.files.formats import CAMPAIGN
+from abbe.compcore.files.growing_campaign import BEGUN
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.planning.planned_setup import PlannedSetup
+from abbe.daemon.measure.average import SteadyReading
+from abbe.daemon.measure.told import unit_of_kind
+
+PART = "."
+"""Between a set-up's name and the number of its zero: ``01_laser.2``. No plan has it in a name."""
+_UNIT_VECTOR = ("ux", "uy", "uz")
+_TOOL = ("tool_x", "tool_y", "tool_z")
+
+
+def columns(
+    machine: Machine, setups: Sequence[PlannedSetup], signals: Sequence[str]
+) -> tuple[str, ...]:
+    """The columns of the campaign of some set-ups."""
+    axes = machine.structure.axes
+    base = ("base",) if any(s.kind == Kind.DISTANCE for s in setups) else ()
+    directions = tuple(f"{a}_dir" for a in axes)
+    first = ("time", "setup", "kind", *axes, *directions, *_TOOL, *_UNIT_VECTOR)
+    return (*first, *base, "value", "sd", *signals)
+
+
+def head(
+    machine: Machine,
+    setups: Sequence[PlannedSetup],
+    conditions: Mapping[str, str],
+    begun: Mapping[str, str],
+    now: datetime,
+) -> dict[str, Any]:
+    """The metadata of a campaign that begins now."""
+    titles = dict.fromkeys(s.instrument.title for s in setups)
+    made: dict[str, Any] = {
+        "format": CAMPAIGN,
+        "machine": machine.name,
+        "date": now.date().isoformat(),
+        "instrument": ", ".join(titles),
+        **conditions,
+        BEGUN: dict(begun),
+        "setups": {s.name: {"free": list(s.free)} for s in setups},
+    }
+    bases = {_base(s): {"position": [float(x) for x in s.base]} for s in setups if s.base}
+    return made | ({"bases": bases} if bases else {})
+
+
+def _base(setup: PlannedSetup) -> str:
+    return f"B_{setup.name}"
+
+
+def part_name(setup: str, part: int) -> str:
+    """The name of a set-up's rows with its first, second, … zero."""
+    return setup if part < 2 else f"{setup}{PART}{part}"
+
+
+def rows_of(
+    setup: PlannedSetup,
+    part: int,
+    target: int,
+    reading: SteadyReading,
+    place: Mapping[str, float],
+    values: Sequence[float],
+    directions: Mapping[str, float],
+    time: float,
+    stated: float,
+    signals: Mapping[str, float],
+) -> list[dict[str, str | float | None]]:
+    """The rows of one target, one for each direction that was read.
+
+    Parameters
+    ----------
+    place
+        Axis → where it stood, as the file holds it, in mm or rad.
+    values
+        Errors or distances, mm or rad.
+    time
+        s since the campaign's start.
+    stated
+        The instrument's standard uncertainty, mm or rad.
+    """
+    _, scale = unit_of_kind(setup.kind)
+    common: dict[str, str | float | None] = {
+        "time": round(time, 3),
+        "setup": part_name(setup.name, part),
+        "kind": setup.kind.name.lower(),
+        **{a: written(a, q) for a, q in place.items()},
+        **{f"{a}_dir": s for a, s in directions.items()},
+        **dict(zip(_TOOL, setup.offset, strict=True)),
+        **{name: round(value, 4) for name, value in signals.items()},
+    }
+    made = []
+    digits = 9 if setup.kind == Kind.DISTANCE else 4
+    for k, value in enumerate(values):
+        row = dict(common)
+        if setup.kind == Kind.DISTANCE:
+            row["base"] = _base(setup)
+        else:
+            u = setup.u[target][k] / np.linalg.norm(setup.u[target][k])
+            row |= {name: round(float(x), 10) for name, x in zip(_UNIT_VECTOR, u, strict=True)}
+        row["value"] = round(value * scale, digits)
+        row["sd"] = round(reading.sd(k, stated) * scale, digits) or 10.0**-digits
+        made.append(row)
+    return made
+
+
+def written(axis: str, position: float) -> float:
+    """A position as the file holds it, mm or degrees."""
+    return round(math.degrees(position) if is_rotary(axis) else position, 6)
+
+
+def read_back(axis: str, cell: str) -> float:
+    """A position of the file, mm or rad."""
+    return math.radians(float(cell)) if is_rotary(axis) else float(cell)
+
+
+def digest(data: object) -> str:
+    """SHA-256 of what a TOML file says, whatever its comments and its order of keys."""
+    text = json.dumps(data, sort_keys=True, ensure_ascii=False, default=str)
+    return hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()

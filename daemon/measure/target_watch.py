@@ -1,0 +1,149 @@
+"""A target: the machine comes to rest there, settles, is read, and leaves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.planning.visits import SetupVisits
+from abbe.daemon.config.sections.measure import MeasureSection
+from abbe.daemon.measure.average import Averaging, SteadyReading, unsteady
+from abbe.daemon.measure.instrument import Instrument
+from abbe.daemon.measure.machine_view import SeenMachine
+from abbe.daemon.measure.standstill import Standstill
+
+_ELSEWHERE = 3.0
+"""s of standing at no target after which that is said."""
+
+
+@dataclass(frozen=True, slots=True)
+class TargetRead:
+    """A target was read: which visit, and what."""
+
+    visit: int
+    reading: SteadyReading
+
+
+@dataclass(frozen=True, slots=True)
+class TargetUnsteady:
+    """At a visit readings do not count yet: ``spread``, ``drift``, or what is missing."""
+
+    visit: int
+    why: str
+    reading: SteadyReading | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TargetLeft:
+    """The machine left a visit before it was read, and what had been in the way."""
+
+    visit: int
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class StandsElsewhere:
+    """The machine stands where no target is."""
+
+
+Outcome = TargetRead | TargetUnsteady | TargetLeft | StandsElsewhere | None
+
+
+class TargetWatch:
+    """Follows the machine from target to target.
+
+    Parameters
+    ----------
+    limits
+        When it stands, and when a reading counts.
+    axes
+        Names, in the machine's order.
+    """
+
+    def __init__(self, limits: MeasureSection, axes: Sequence[str]) -> None:
+        self._limits = limits
+        self._axes = tuple(axes)
+        noise = [math.radians(limits.still_turn) if is_rotary(a) else limits.still for a in axes]
+        self._standstill = Standstill(noise, limits.still_for)
+        self._visit: int | None = None
+        self._done = False
+        self._why = ""
+        self._elsewhere = False
+        self._averaging = Averaging(0.0, limits.average)
+
+    @property
+    def at(self) -> int | None:
+        """The visit at which the machine stands; None: at none."""
+        return self._visit
+
+    def forget(self) -> None:
+        """Begin anew, with another set-up: where it stands now is looked at again."""
+        self._visit, self._done, self._why, self._elsewhere = None, False, "", False
+        self._standstill.forget()
+
+    def step(self, seen: SeenMachine, instrument: Instrument, visits: SetupVisits) -> Outcome:
+        """Take a look in; what has come of it."""
+        if seen.fault:
+            self._standstill.forget()
+        positions = [seen.positions[axis] for axis in self._axes]
+        if seen.fault or not self._standstill.step(seen.time, positions):
+            left = None
+            if self._visit is not None and not self._done:
+                left = TargetLeft(self._visit, self._why or seen.fault or "too short a stop")
+            self._visit, self._done, self._why, self._elsewhere = None, False, "", False
+            return left
+        if self._done:
+            return None
+        if self._visit is None:
+            return self._arrive(seen, visits)
+        return self._read(seen, instrument, visits)
+
+    def _arrive(self, seen: SeenMachine, visits: SetupVisits) -> Outcome:
+        self._visit = visits.at(seen.positions, seen.directions)
+        if self._visit is not None:
+            self._begin(seen.time + self._limits.settle)
+            return None
+        if self._elsewhere or seen.time - self._standstill.since < _ELSEWHERE:
+            return None
+        self._elsewhere = True
+        return StandsElsewhere()
+
+    def _begin(self, time: float) -> None:
+        self._averaging = Averaging(time, self._limits.average)
+
+    def _read(self, seen: SeenMachine, instrument: Instrument, visits: SetupVisits) -> Outcome:
+        assert self._visit is not None  # noqa: S101 - `step` saw to it
+        missing = instrument.problem or self._missing_signals(seen)
+        if missing:
+            self._begin(seen.time + self._limits.settle)
+            return self._say(missing)
+        setup, limits = visits.setup, self._limits
+        self._averaging.add(
+            instrument.time,
+            instrument.deviations(setup, seen.positions),
+            [seen.positions[axis] for axis in self._axes],
+        )
+        if not self._averaging.full(seen.time):
+            return None
+        found = self._averaging.result()
+        unit = 1e-6 if instrument.angle else 1e-3
+        why = unsteady(found, limits.max_drift * unit, limits.max_spread * unit)
+        if why:
+            self._begin(seen.time)
+            return self._say(why, found)
+        self._done = True
+        return TargetRead(self._visit, found)
+
+    def _say(self, why: str, reading: SteadyReading | None = None) -> Outcome:
+        assert self._visit is not None  # noqa: S101 - as above
+        known, self._why = self._why, why
+        return None if why == known else TargetUnsteady(self._visit, why, reading)
+
+    def _missing_signals(self, seen: SeenMachine) -> str:
+        held = self._limits.signals_held
+        for name, reading in seen.signals.items():
+            if seen.time - reading.time > held and (reading.fault or math.isnan(reading.value)):
+                return f"{name}: {reading.fault or 'not read yet'}"
+        return ""

@@ -1,0 +1,277 @@
+"""``abbe measure`` in its own process beside the simulated bridge with its laser in another."""
+
+from __future__ import annotations
+
+import json
+import math
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.files.model_file import load_model
+from abbe.compcore.files.plan_file import PlannedWork, read_plan
+from abbe.compcore.planning.motion import ProgramStep, steps_of
+from abbe.compcore.planning.planned_setup import PlannedSetup
+from abbe.daemon.demo.configuration import demo_configuration
+from abbe.drivers.simulated.process import SimulatedProcess
+
+PATIENCE = 60.0
+"""s that anything may take on a busy machine."""
+TOOL = (0.0, 0.0, -150.0)
+
+LASER = """
+[links.laser]
+driver = "serial"
+port = "{port}"
+timeout = 0.5
+
+[links.laser.messages.reading]
+query = "R"
+pattern = '(?P<status>OK|BEAM)( (?P<a>[-+.\\d]+))?( (?P<b>[-+.\\d]+))?( (?P<c>[-+.\\d]+))?'
+
+[links.laser.channels]
+length = {{ message = "reading", field = "a", unit = "mm" }}
+tilt = {{ message = "reading", field = "a", unit = "urad" }}
+beam = {{ message = "reading", field = "status", values = {{ OK = 1, BEAM = 0 }} }}
+
+[instrument.laser]
+source = "laser.length"
+beam = "laser.beam"
+reads = "length"
+
+[instrument.straightness]
+source = "laser.length"
+beam = "laser.beam"
+reads = "error"
+incremental = true
+
+[instrument.angle]
+measures = ["angle", "level"]
+source = "laser.tilt"
+beam = "laser.beam"
+reads = "error"
+incremental = true
+"""
+
+QUICK = """
+[measure]
+still_for = 0.15
+settle = 0.05
+average = 0.2
+signals_held = 2.0
+"""
+
+
+def configuration(ready: Mapping[str, Any], folder: Path, measure: str = QUICK) -> Path:
+    """The configuration of a bench, beside ``model.toml``."""
+    text = demo_configuration(ready, "model.toml")
+    text += LASER.format(port=ready["laser"]) + measure
+    path = folder / "config.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def line_plan(
+    name: str,
+    axis: str,
+    places: Sequence[float],
+    *,
+    at: tuple[float, float, float] = (350.0, 450.0, -180.0),
+    both_ways: bool = True,
+    instrument: str = "laser",
+    reads: str = "displacement",
+    u: tuple[float, float, float] | None = None,
+    free: str = '["zero"]',
+    sd: float = 0.3,
+) -> str:
+    """The section of a set-up along an axis of the bridge."""
+    k = "XYZ".index(axis)
+    rows = []
+    for place in places:
+        row = list(at)
+        row[k] = place
+        rows.append(f"  [{row[0]}, {row[1]}, {row[2]}],")
+    direction = tuple(float(i == k) for i in range(3)) if u is None else u
+    return "\n".join(
+        [
+            f'\n[[setups]]\nname = "{name}"\nwhat = "{reads} along {axis}"',
+            f'instrument = "{instrument}"\nkind = "{reads}"\nfree = {free}\naxis = "{axis}"',
+            f'tool = "P"\nruns = 1\nboth_ways = {"true" if both_ways else "false"}',
+            'axes = ["X", "Y", "Z"]\ntargets = [',
+            *rows,
+            "]",
+            f"read = [[[{direction[0]}, {direction[1]}, {direction[2]}]]]\nsd = [{sd}]",
+        ]
+    )
+
+
+def write_plan(path: Path, *setups: str) -> Path:
+    """A plan of the bridge."""
+    head = (
+        'format = "abbe-plan/1"\nmodel = "model.toml"\nstructure = "w b Y X Z t"\nwarm_up = 0\n'
+        f"beyond = 2\n[tools]\nP = [{TOOL[0]}, {TOOL[1]}, {TOOL[2]}]\n"
+    )
+    path.write_text(head + "\n".join(setups) + "\n", encoding="utf-8")
+    return path
+
+
+def optics(setup: PlannedSetup) -> dict[str, Any]:
+    """How the simulated instrument stands for a set-up; its slope is nobody's to know."""
+    found: dict[str, Any] = {"tool": list(setup.offset)}
+    if setup.kind == Kind.ROTATION:
+        return found | {"reads": "rotation", "u": setup.u[0].tolist(), "noise": 0.1}
+    if setup.kind == Kind.DISTANCE:
+        return found | {"reads": "distance", "base": list(setup.base or ())}
+    way = np.ptp(setup.path(), axis=0)
+    along = float(np.abs(setup.u[0] @ way).max()) > 1.0
+    found["u"] = setup.u[0].tolist()
+    return found | ({"reads": "length"} if along else {"reads": "error", "slope": 3e-6})
+
+
+def program(
+    work: PlannedWork, steps: Sequence[ProgramStep], stands: float, start: Mapping[str, float]
+) -> list[dict[str, Any]]:
+    """A plan's moves for the simulated machine's program runner."""
+    by_name = {s.name: s for s in work.setups}
+    at = dict(start)
+    moves: list[dict[str, Any]] = []
+    names = [s.text.removeprefix("set-up ").partition(":")[0] for s in steps
+             if s.kind == "note" and s.text.startswith("set-up ")]  # fmt: skip
+    waiting = iter(names)
+    for step in steps:
+        if step.kind == "stop":
+            moves.append({"place": optics(by_name[next(waiting)])})
+        elif step.kind in ("move", "target"):
+            at |= dict(step.at)
+            dwell = stands if step.kind == "target" else 0.0
+            moves.append({"to": [at[a] for a in "XYZ"], "stands": dwell})
+    return moves
+
+
+def driven(plan: Path, model: Path, stands: float = 0.8) -> list[dict[str, Any]]:
+    """The program of a plan, each target held for `stands` s."""
+    machine = load_model(model).machine
+    work = read_plan(plan, machine)
+    start = {"X": 10.0, "Y": 10.0, "Z": -10.0}
+    return program(work, steps_of(machine, work.setups, work.space), stands, start)
+
+
+class MeasureRun:
+    """``abbe measure --json``; its events are read as they come."""
+
+    def __init__(self, plan: Path, config: Path, out: Path, *more: str) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "abbe.daemon", "measure", str(plan), str(config),
+             "-o", str(out), "--yes", "--json", *more],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, encoding="utf-8",
+        )  # fmt: skip
+        self.events: list[dict[str, Any]] = []
+        self._errors: list[str] = []
+        self._readers = [
+            threading.Thread(target=self._read, daemon=True),
+            threading.Thread(target=self._read_errors, daemon=True),
+        ]
+        for reader in self._readers:
+            reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.events.append(json.loads(line))
+
+    def _read_errors(self) -> None:
+        assert self.process.stderr is not None
+        self._errors.extend(self.process.stderr)
+
+    @property
+    def said(self) -> str:
+        """What was said on standard error."""
+        return "".join(self._errors)
+
+    def kinds(self, kind: str) -> list[dict[str, Any]]:
+        """All events of a kind so far."""
+        return [e for e in list(self.events) if e["event"] == kind]
+
+    def until(
+        self, what: Callable[[dict[str, Any]], bool], since: int = 0, patience: float = PATIENCE
+    ) -> dict[str, Any]:
+        """The first event from index `since` on of which `what` holds."""
+        at, deadline = since, time.monotonic() + patience
+        while time.monotonic() < deadline:
+            while at < len(self.events):
+                if what(self.events[at]):
+                    return self.events[at]
+                at += 1
+            assert self.process.poll() is None, f"ended: {self.said} {self.texts()[-5:]}"
+            time.sleep(0.02)
+        raise AssertionError(f"not seen in {patience:g} s; last: {self.texts()[-8:]}; {self.said}")
+
+    def texts(self) -> list[str]:
+        """All events' lines."""
+        return [f"{e['event']}: {e['text']}" for e in list(self.events)]
+
+    def rows(self, count: int, patience: float = PATIENCE) -> None:
+        """Wait until so many targets are on the disk."""
+        self.until(lambda _: len(self.kinds("row")) >= count, patience=patience)
+
+    def wait(self, patience: float = PATIENCE) -> int:
+        """Wait for its end; the exit status."""
+        status = self.process.wait(patience)
+        for reader in self._readers:
+            reader.join(5.0)
+        return status
+
+    def end(self, number: int = signal.SIGINT) -> int:
+        """Ask it to end; its exit status."""
+        self.process.send_signal(number)
+        return self.wait()
+
+    def close(self) -> None:
+        """End whatever is left."""
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+        for reader in self._readers:
+            reader.join(5.0)
+        for stream in (self.process.stdout, self.process.stderr):
+            if stream is not None:
+                stream.close()
+
+
+@contextmanager
+def measuring(plan: Path, config: Path, out: Path, *more: str) -> Iterator[MeasureRun]:
+    """A measurement that ends with the context."""
+    run = MeasureRun(plan, config, out, *more)
+    try:
+        yield run
+    finally:
+        run.close()
+
+
+@contextmanager
+def bench(*more: str) -> Iterator[SimulatedProcess]:
+    """The simulated bridge with its laser."""
+    with SimulatedProcess("bench", "--seed", "1", *more) as process:
+        yield process
+
+
+def true_errors(
+    process: SimulatedProcess, points: Sequence[Sequence[float]], tool: Sequence[float] = TOOL
+) -> Any:
+    """Exact errors of the machine at indicated positions, µm, shape (n, 3)."""
+    found = process.order("truth", points=[list(p) for p in points], tool=list(tool))
+    return 1e3 * np.array(found["errors"])
+
+
+def rms(values: Any) -> float:
+    """Root of the mean square."""
+    return math.sqrt(float(np.mean(np.square(values))))
