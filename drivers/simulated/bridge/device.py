@@ -112,6 +112,8 @@ class BridgeDevice:
         self._heartbeat = 0
         self._abbe_heartbeat = -1
         self._abbe_seen = -math.inf
+        self.written = 0
+        """Requests to write that were taken."""
         self._fault_values = dict.fromkeys((r.name for r in FAULT.registers), 0)
         self._fault_values["repeatability"] = round(wrong.repeatability * 1e6)
         for axis, place in zip(AXES, wrong.target, strict=True):
@@ -153,6 +155,7 @@ class BridgeDevice:
             When any of the addresses is read-only; nothing is written then.
         """
         count = len(values)
+        self.written += 1
         if table == "coil":
             self._coils[address : address + count] = [bool(v) for v in values]
             self._apply_coils()

@@ -28,7 +28,7 @@ from abbe.drivers.simulated.bridge.registers import BLOCKS, UNIT_ID, transducer_
 from abbe.drivers.simulated.commands.point_argument import point
 from abbe.drivers.simulated.modbus.server import SimulatedServer
 from abbe.drivers.simulated.pseudo_terminals.pty_port import PtyPort
-from abbe.drivers.simulated.remote_control import Orders, announce, serve_orders
+from abbe.drivers.simulated.remote_control import announce, serve_orders
 from abbe.drivers.simulated.serial.devices import LineServer
 
 
@@ -87,7 +87,8 @@ async def _serve(options: argparse.Namespace) -> None:
         disturbances=disturbances,
     )
     laser = SimulatedLaser(plant, options.seed)
-    server = SimulatedServer(BridgeDevice(plant), UNIT_ID)
+    device = BridgeDevice(plant)
+    server = SimulatedServer(device, UNIT_ID)
     runner = ProgramRunner(plant, laser)
     with contextlib.ExitStack() as stack:
         link: Path | None = options.link
@@ -119,7 +120,9 @@ async def _serve(options: argparse.Namespace) -> None:
             transducers=transducer_configs(),
         )
         try:
-            orders = _orders(runner, laser, lines, port)
+            orders = _orders(runner, laser, lines, port) | {
+                "written": lambda: {"written": device.written}
+            }
             await serve_orders(orders, die_with_stdin=options.die_with_stdin)
         finally:
             streaming.cancel()
@@ -136,7 +139,7 @@ async def _stream(lines: LineServer, often: float) -> None:
 
 def _orders(
     runner: ProgramRunner, laser: SimulatedLaser, lines: LineServer, port: PtyPort
-) -> Orders:
+) -> dict[str, Any]:
     wrong = runner.plant.disturbances
 
     def silent(seconds: float) -> None:

@@ -1,0 +1,345 @@
+"""``abbe measure`` on the simulated bridge with its laser: rows, faults on the way, what is kept."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.files.campaign_file import read_campaign
+from abbe.compcore.files.model_file import load_model
+from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.daemon.command_line import abbe
+from tests.support.daemon.live_run import MODEL
+from tests.support.daemon.measuring import (
+    QUICK,
+    bench,
+    configuration,
+    driven,
+    line_plan,
+    measuring,
+    rms,
+    true_errors,
+    write_plan,
+)
+
+pytestmark = pytest.mark.integration
+
+NOISE_UM = 0.25
+"""What may be left of 0.3 µm of repeatability and 0.1 µm of the laser in an average, µm, rms."""
+SPEED = 3000.0
+"""Of the machine in these tests, mm/s."""
+X_LINE = line_plan("x_line", "X", [50, 150, 250, 350, 450])
+
+
+@pytest.fixture
+def shop(tmp_path: Path) -> Iterator[tuple[SimulatedProcess, Path]]:
+    """The machine that runs, and a folder with its model and configuration."""
+    shutil.copy(MODEL, tmp_path / "model.toml")
+    with bench() as process:
+        configuration(process.ready, tmp_path)
+        yield process, tmp_path
+
+
+def drive(process: SimulatedProcess, folder: Path, stands: float = 0.8) -> list[dict[str, object]]:
+    moves = driven(folder / "plan.toml", folder / "model.toml", stands)
+    process.order("drive", moves=moves, speed=SPEED)
+    return moves
+
+
+def campaign_of(folder: Path) -> Campaign:
+    return read_campaign(folder / "campaign.csv", load_model(folder / "model.toml").machine)
+
+
+def off_the_truth(process: SimulatedProcess, campaign: Campaign) -> np.ndarray:
+    """Rows less the exact machine's errors, each set-up less its mean (its zero), µm."""
+    c = campaign.conditions
+    at = np.stack([c.positions[a] for a in "XYZ"], axis=1)
+    truth = true_errors(process, at.tolist())
+    assert c.u is not None
+    assert c.setup is not None
+    left = campaign.value * 1e3 - np.einsum("ni,ni->n", c.u, truth)
+    for name in np.unique(c.setup):
+        mine = c.setup == name
+        left[mine] -= left[mine].mean()
+    return left
+
+
+def test_a_plan_becomes_a_campaign_that_is_the_machine(
+    shop: tuple[SimulatedProcess, Path],
+) -> None:
+    """Three instruments' lines: every row is the exact chain's, within noise; nobody types."""
+    process, folder = shop
+    write_plan(
+        folder / "plan.toml",
+        X_LINE,
+        line_plan("z_laser", "Z", [-300, -200, -100]),
+        line_plan("tilt", "Y", [100, 300, 500], instrument="angle", reads="rotation",
+                  u=(1.0, 0.0, 0.0), sd=0.2),
+    )  # fmt: skip
+    with measuring(folder / "plan.toml", folder / "config.toml", folder / "campaign.csv") as run:
+        run.until(lambda e: e["event"] == "next")
+        drive(process, folder)
+        assert run.wait(120.0) == 0, run.said
+    assert run.kinds("missed") == run.kinds("unsteady") == []
+    assert run.events[-1]["done"] == 10 + 6 + 6
+    found = campaign_of(folder)
+    assert found.n == 22
+    lengths = found.rows(found.kind == Kind.DISPLACEMENT)
+    assert rms(off_the_truth(process, lengths)) < NOISE_UM
+    c = lengths.conditions
+    there = c.setup == "x_line"
+    assert c.positions["X"][there] == pytest.approx([50, 150, 250, 350, 450] * 1
+                                                    + [450, 350, 250, 150, 50], abs=2e-4)  # fmt: skip
+    assert c.directions["X"][there].tolist() == [1.0] * 5 + [-1.0] * 5
+    assert (np.diff(found.conditions.time) > 0.0).all()
+    assert set(found.conditions.signals) == {
+        "T_x1",
+        "T_x2",
+        "T_y1",
+        "T_y2",
+        "T_z1",
+        "T_z2",
+        "T_amb",
+    }
+    assert (c.tool == (0.0, 0.0, -150.0)).all()
+    assert ((lengths.sd >= 0.3e-3) & (lengths.sd < 0.6e-3)).all()
+    tilts = found.rows(found.kind == Kind.ROTATION)
+    predicted = load_model(MODEL).predict(tilts.conditions).rotation[:, 0]
+    left = (tilts.value - predicted) * 1e6
+    assert rms(left - left.mean()) < 1.5  # what that model, fitted elsewhere, is wrong by
+    for command in ("compare", "diagnose"):
+        done = abbe(command, folder / "model.toml", folder / "campaign.csv")
+        assert done.status == 0, done.err
+
+
+def test_beam_broken_laser_restarted_targets_left_out_thermometer_lost(
+    shop: tuple[SimulatedProcess, Path],
+) -> None:
+    """Nothing wrong gets into the campaign, and what was missed is measured in the end."""
+    process, folder = shop
+    plan = write_plan(folder / "plan.toml", X_LINE)
+    moves = driven(plan, folder / "model.toml", 0.8)
+    targets = [m for m in moves if m.get("stands")]
+    first, place = moves[: moves.index(targets[0])], moves.index(targets[0])
+
+    def go(*numbers: int, stands: float = 30.0, through: int = 0) -> None:
+        """Drive to some targets, by the way of the program; stand at the last."""
+        some = []
+        for number in numbers:
+            at = moves.index(targets[number])
+            before = moves.index(targets[number - 1]) + 1 if number else place
+            some += [dict(m, stands=0.0) for m in moves[before:at] if "to" in m]
+            some.append(dict(targets[number], stands=0.0 if number == through else 0.8))
+        some[-1] = dict(some[-1], stands=stands)
+        process.order("drive", moves=some, speed=SPEED)
+
+    with measuring(plan, folder / "config.toml", folder / "campaign.csv") as run:
+        run.until(lambda e: e["event"] == "next")
+        process.order("drive", moves=[*first, dict(targets[0], stands=30.0)], speed=SPEED)
+        run.rows(1)
+        go(1)
+        run.rows(2)
+        # the beam is broken between two targets
+        process.order("beam", broken=True)
+        lost = run.until(lambda e: e["event"] == "lost")
+        assert "no beam" in lost["text"]
+        go(2)
+        run.until(lambda e: e["event"] == "unsteady" and "no beam" in e["text"])
+        process.order("beam", broken=False)
+        run.until(lambda e: e["event"] == "back" and "set-up of its own" in e["text"])
+        run.rows(3)
+        # a stop at target 4 that is too short
+        seen = len(run.events)
+        go(3, 4, through=3)
+        run.rows(4)
+        assert any("left out" in e["text"] or "left before" in e["text"]
+                   for e in run.events[seen:] if e["event"] == "missed")  # fmt: skip
+        # a thermometer is lost for longer than its last value counts
+        process.order("thermistors", lost=1)
+        run.until(lambda e: e["event"] == "lost" and e.get("signal") == "T_x1")
+        seen = len(run.events)
+        go(5)
+        if not run.kinds("row")[4:]:
+            run.until(lambda e: e["event"] in ("unsteady", "row"), since=seen)
+        process.order("thermistors", lost=0)
+        run.until(lambda e: e["event"] == "back" and e.get("signal") == "T_x1", since=seen)
+        run.rows(5)
+        # the laser is switched off and on
+        process.order("restart", seconds=3.0)
+        run.until(lambda e: e["event"] == "back" and "laser" in e["text"], since=len(run.events))
+        go(6, 7, 8, 9)
+        run.rows(9)
+        # what was left out is asked for, and measured
+        again = run.until(lambda e: e["event"] == "next" and "was missed" in e["text"])
+        assert "350.000" in again["text"]
+        process.order("drive", moves=[
+            {"to": [340.0, *targets[0]["to"][1:]]}, dict(targets[3], stands=30.0)
+        ], speed=SPEED)  # fmt: skip
+        assert run.wait(60.0) == 0, run.said
+    found = campaign_of(folder)
+    assert found.n == 10
+    assert set(found.setups) == {"x_line", "x_line.2", "x_line.3"}
+    assert rms(off_the_truth(process, found)) < NOISE_UM
+    assert all(found.setups[s].free == ("zero",) for s in found.setups)
+
+
+def test_killed_it_goes_on_and_never_with_another_plan(
+    shop: tuple[SimulatedProcess, Path],
+) -> None:
+    process, folder = shop
+    plan, config, out = folder / "plan.toml", folder / "config.toml", folder / "campaign.csv"
+    write_plan(plan, X_LINE)
+    moves = driven(plan, folder / "model.toml")
+    targets = [m for m in moves if m.get("stands")]
+    upto = moves.index(targets[3])
+    with measuring(plan, config, out) as run:
+        run.until(lambda e: e["event"] == "next")
+        process.order("drive", moves=moves[: upto + 1], speed=SPEED)
+        run.rows(3)
+        os.kill(run.process.pid, signal.SIGKILL)
+        run.process.wait()
+        told = run.kinds("row")
+    kept = out.read_text("utf-8")
+    assert len(told) <= campaign_of(folder).n <= 4
+    with out.open("a", encoding="utf-8") as file:
+        file.write("77.5,x_line,displ")  # as a power cut leaves it
+    # another plan, another machine: nothing is touched
+    other = write_plan(folder / "other.toml", line_plan("x_line", "X", [50, 150, 250]))
+    torn = out.read_bytes()
+    for wrong, words in (
+        ((other, config), "another plan"),
+        ((plan, folder / "b.toml"), "another conf"),
+    ):
+        text = config.read_text("utf-8").replace("max_rate = 0.5", "max_rate = 0.4")
+        (folder / "b.toml").write_text(text, encoding="utf-8")
+        done = abbe("measure", *wrong, "-o", out, "--yes")
+        assert done.status == 1
+        assert words in done.err
+        assert out.read_bytes() == torn
+    # thresholds may be changed, comments too
+    config.write_text("# again\n" + config.read_text("utf-8").replace("0.15", "0.16"), "utf-8")
+    with measuring(plan, config, out) as run:
+        begun = run.until(lambda e: e["event"] == "resumed")
+        done_before = begun["done"]
+        assert out.read_text("utf-8").startswith(kept)
+        assert done_before == campaign_of(folder).n
+        at = upto + 1 if done_before == 4 else upto
+        back = {"to": [targets[2]["to"][0] + 10.0, *targets[2]["to"][1:]]}
+        process.order("drive", moves=[back, *moves[at:]], speed=SPEED)
+        assert run.wait(60.0) == 0, run.said
+    found = campaign_of(folder)
+    assert found.n == 10
+    assert set(found.setups) == {"x_line", "x_line.2"}
+    assert rms(off_the_truth(process, found)) < NOISE_UM
+    # complete: the same command has nothing to do
+    done = abbe("measure", plan, config, "-o", out, "--yes")
+    assert done.status == 0
+    assert "all 10 targets" in done.out
+
+
+def test_a_full_disk_loses_nothing(shop: tuple[SimulatedProcess, Path]) -> None:
+    process, folder = shop
+    plan, out = write_plan(folder / "plan.toml", X_LINE), folder / "campaign.csv"
+    moves = driven(plan, folder / "model.toml")
+    targets = [m for m in moves if m.get("stands")]
+    with measuring(plan, folder / "config.toml", out) as run:
+        run.until(lambda e: e["event"] == "next")
+        process.order("drive", moves=moves[: moves.index(targets[1]) + 1], speed=SPEED)
+        run.rows(2)
+        size = out.stat().st_size
+        free = resource.RLIM_INFINITY
+        resource.prlimit(run.process.pid, resource.RLIMIT_FSIZE, (size + 30, free))
+        first, last = moves.index(targets[1]) + 1, moves.index(targets[4]) + 1
+        process.order("drive", moves=moves[first:last], speed=SPEED)
+        said = run.until(lambda e: e["event"] == "disk")
+        assert str(out) in said["text"]
+        run.until(lambda e: e["event"] == "next" and e["done"] == 5)
+        assert out.stat().st_size == size
+        assert len(run.kinds("row")) == 2
+        resource.prlimit(run.process.pid, resource.RLIMIT_FSIZE, (free, free))
+        run.rows(5)
+        process.order("drive", moves=moves[moves.index(targets[4]) + 1 :], speed=SPEED)
+        assert run.wait(60.0) == 0, run.said
+    found = campaign_of(folder)
+    assert found.n == 10
+    assert rms(off_the_truth(process, found)) < NOISE_UM
+
+
+def test_ended_before_its_end_it_says_what_is_missing(
+    shop: tuple[SimulatedProcess, Path],
+) -> None:
+    process, folder = shop
+    plan, out = write_plan(folder / "plan.toml", X_LINE), folder / "campaign.csv"
+    with measuring(plan, folder / "config.toml", out) as run:
+        run.until(lambda e: e["event"] == "next")
+        drive(process, folder)
+        run.rows(2)
+        second = abbe("measure", plan, folder / "config.toml", "-o", out, "--yes")
+        assert second.status == 1
+        assert "in use" in second.err
+        assert run.end() == 1
+    assert "targets are not measured; the same command goes on" in run.said
+    assert "Traceback" not in run.said
+    assert any("missing" in e["text"] for e in run.kinds("missed"))
+
+
+def test_nothing_is_written_to_the_controller(shop: tuple[SimulatedProcess, Path]) -> None:
+    """Every write that the wire carries would be one of Abbe's: there is none."""
+    process, folder = shop
+    text = (folder / "config.toml").read_text("utf-8")
+    assert "[output.axes.X]" in text
+    plan = write_plan(folder / "plan.toml", X_LINE)
+    with measuring(plan, folder / "config.toml", folder / "campaign.csv") as run:
+        run.until(lambda e: e["event"] == "next")
+        drive(process, folder)
+        run.rows(3)
+        assert process.order("written")["written"] == 0
+        run.end()
+    assert process.order("written")["written"] == 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('reads = "length"', 'reads = "size"', "reads"),
+        ('source = "laser.length"', 'source = "laser.no"', "has no channel"),
+        ("[instrument.laser]", "[instrument.zz]", "a plan has no such instrument"),
+        ("[instrument.laser]", "[instrument.indicator]", "no instrument reads set-up x_line"),
+        ('unit = "mm" }\ntilt', 'unit = "K" }\ntilt', "its channel is in K"),
+        ("[measure]\n", '[measure]\nactive = "gone.toml"\n', "gone.toml"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_is_opened(
+    tmp_path: Path, old: str, new: str, words: str
+) -> None:
+    shutil.copy(MODEL, tmp_path / "model.toml")
+    ready = {
+        "host": "127.0.0.1", "port": 9, "unit": 1, "laser": "/nowhere", **_registers(),
+    }  # fmt: skip
+    config = configuration(ready, tmp_path, QUICK)
+    text = config.read_text("utf-8")
+    assert old in text
+    config.write_text(text.replace(old, new, 1), "utf-8")
+    plan = write_plan(tmp_path / "plan.toml", X_LINE)
+    out = tmp_path / "campaign.csv"
+    done = abbe("measure", plan, config, "-o", out, "--yes")
+    assert done.status == 1
+    assert words in done.err
+    assert not out.exists()
+
+
+def _registers() -> dict[str, object]:
+    from abbe.drivers.simulated.bridge.registers import BLOCKS, transducer_configs
+
+    return {
+        "registers": [{"block": b.name} | r.to_dict() for b in BLOCKS for r in b.registers],
+        "transducers": transducer_configs(),
+    }
