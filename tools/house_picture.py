@@ -28,6 +28,7 @@ DAEMON: tuple[Rooms, ...] = (
         ("workbench", "in a browser"),
     ),
     (
+        ("measure", "plans, measured"),
         ("upload", "tables, safely"),
         ("table_watch", "tables made anew"),
         ("checks", "still true?"),

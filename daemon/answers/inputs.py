@@ -11,6 +11,7 @@ from abbe.compcore.files.campaign_file import read_campaigns, require_signals
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.fitting.design.superposition import uncompensated
 from abbe.compcore.model.model import Model
+from abbe.daemon.answers.measured_under import bare
 
 
 def load(
@@ -19,7 +20,7 @@ def load(
     """A model and the campaigns to lay beside it, joined.
 
     `active` is the model whose compensation was active while measuring: displacements are put back
-    to what the bare machine would have shown.
+    to what the bare machine would have shown. Without it, what the campaigns themselves say.
 
     Raises
     ------
@@ -29,11 +30,11 @@ def load(
     loaded = load_model(model)
     campaign = read_campaigns(campaigns, loaded.machine)
     require_signals(campaign, loaded)
-    if active is not None:
-        compensated = load_model(active)
-        require_signals(campaign, compensated)
-        campaign = uncompensated(campaign, compensated)
-    return loaded, campaign
+    if active is None:
+        return loaded, bare(campaign)
+    compensated = load_model(active)
+    require_signals(campaign, compensated)
+    return loaded, uncompensated(campaign, compensated)
 
 
 def now() -> str:

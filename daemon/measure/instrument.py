@@ -17,11 +17,12 @@ from abbe.daemon.config.channels import split
 from abbe.daemon.config.instruments import ANGLES, LENGTHS
 from abbe.daemon.config.sections.measure import InstrumentSection
 from abbe.daemon.pipeline.reading.poll import Batch
+from abbe.drivers.link import Quality
 
 F64 = NDArray[np.float64]
 
-_GONE = 2
-"""Looks in a row without a reading that count as a lost beam, where nothing says so."""
+_UNREADABLE = 2
+"""Looks in a row with an answer that is no number from which on that is a lost beam."""
 
 
 class Instrument:
@@ -65,6 +66,7 @@ class Instrument:
         self.interruptions = 0
         self._reconnects: int | None = None
         self._missing = 0
+        self._seen = -math.inf
         self._there = False
 
     def take(self, batch: Batch, now: float, reconnects: int) -> None:
@@ -80,30 +82,35 @@ class Instrument:
         if self._reconnects is not None and reconnects != self._reconnects and self._there:
             self._interrupted()
         self._reconnects = reconnects
-        problem, sure = "", True
+        problem, lost = "", False
         if self._beam is not None:
             link, name = self._beam
             sample = batch[link][name]
             if not sample.good:
-                problem, sure = sample.reason, False
+                problem = sample.reason or sample.quality.value
             elif sample.value == 0.0:
-                problem = "no beam"
-        samples = [batch[link][name] for link, name in self._sources]
-        for sample in samples:
+                problem, lost = "no beam", True
+        for link, name in self._sources:
+            sample = batch[link][name]
             if not problem and not sample.good:
                 problem = sample.reason or sample.quality.value
-                sure = sample.quality.value == "bad"
+                # an answer without a number is all that some instruments say of a lost beam
+                lost = sample.quality is Quality.BAD and self._missing >= _UNREADABLE
             elif not problem and now - sample.time > self.section.stale_after:
-                problem, sure = f"its reading is {now - sample.time:.1f} s old", False
+                problem = f"its reading is {now - sample.time:.1f} s old"
         self.problem = problem
         if problem:
             self.values = ()
             self._missing += 1
-            if self._there and (sure or self._missing >= _GONE):
+            # who was away for so long may have been switched off
+            away = now - max(self.time, self._seen) > self.section.stale_after
+            if self._there and (lost or away):
                 self._interrupted()
             return
         self._missing = 0
         self._there = True
+        self._seen = now
+        samples = [batch[link][name] for link, name in self._sources]
         self.values = tuple(self._factor * s.value for s in samples)
         self.time = min(s.time for s in samples)
 

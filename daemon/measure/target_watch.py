@@ -86,12 +86,17 @@ class TargetWatch:
     def step(self, seen: SeenMachine, instrument: Instrument, visits: SetupVisits) -> Outcome:
         """Take a look in; what has come of it."""
         if seen.fault:
-            self._standstill.forget()
+            # for a moment nobody knows where it is: what was read so far does not count
+            if self._visit is None:
+                self._standstill.forget()
+            elif not self._done:
+                self._begin(seen.time + self._limits.settle)
+            return None
         positions = [seen.positions[axis] for axis in self._axes]
-        if seen.fault or not self._standstill.step(seen.time, positions):
+        if not self._standstill.step(seen.time, positions):
             left = None
             if self._visit is not None and not self._done:
-                left = TargetLeft(self._visit, self._why or seen.fault or "too short a stop")
+                left = TargetLeft(self._visit, self._why or "too short a stop")
             self._visit, self._done, self._why, self._elsewhere = None, False, "", False
             return left
         if self._done:

@@ -13,6 +13,7 @@ from abbe.compcore.comparison.words import OTHER_SETUPS
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_file import read_campaign, read_campaigns
 from abbe.compcore.machine.machine import Machine
+from abbe.daemon.answers.measured_under import bare
 
 _MOST_LISTED = 6
 
@@ -74,7 +75,7 @@ def read_held_out(
                 expected=OTHER_SETUPS,
             )
         shared[str(path)] = found
-    return HeldOutCampaigns(read_campaigns(list(paths), machine), shared)
+    return HeldOutCampaigns(bare(read_campaigns(list(paths), machine)), shared)
 
 
 def shares(held_out: HeldOutCampaigns | None) -> dict[str, Any] | None:

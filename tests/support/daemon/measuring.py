@@ -32,7 +32,7 @@ LASER = """
 [links.laser]
 driver = "serial"
 port = "{port}"
-timeout = 0.5
+timeout = 2.0
 
 [links.laser.messages.reading]
 query = "R"
@@ -47,6 +47,7 @@ beam = {{ message = "reading", field = "status", values = {{ OK = 1, BEAM = 0 }}
 source = "laser.length"
 beam = "laser.beam"
 reads = "length"
+stale_after = 2.0
 
 [instrument.straightness]
 source = "laser.length"
@@ -73,7 +74,8 @@ signals_held = 2.0
 
 def configuration(ready: Mapping[str, Any], folder: Path, measure: str = QUICK) -> Path:
     """The configuration of a bench, beside ``model.toml``."""
-    text = demo_configuration(ready, "model.toml")
+    text = demo_configuration(ready, "model.toml").replace("timeout = 0.3 ", "timeout = 2.0 ")
+    text = text.replace("stale_after = 0.3 ", "stale_after = 2.0 ")
     text += LASER.format(port=ready["laser"]) + measure
     path = folder / "config.toml"
     path.write_text(text, encoding="utf-8")
