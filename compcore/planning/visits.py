@@ -114,6 +114,10 @@ class SetupVisits:
         away = np.abs(found - self.expected) + np.where(found < self.expected, 0.5, 0.0)
         return int(found[int(np.argmin(away))])
 
+    def turned(self, came: Mapping[str, float], now: Mapping[str, float]) -> bool:
+        """Whether the directions (1, −1) tell another visit now than when the machine `came`."""
+        return any(now.get(a) and now[a] != came.get(a) for a in self._senses)
+
     def take(self, visit: int) -> list[int]:
         """Note that a visit is done; the visits that were left out just before it."""
         left_out = [i for i in range(self.expected, visit) if not self._taken[i]]

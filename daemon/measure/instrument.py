@@ -21,6 +21,8 @@ from abbe.drivers.link import Quality
 
 F64 = NDArray[np.float64]
 
+_LOOK = 0.25
+"""s of a look at most; more, and it was this computer that was busy."""
 _UNREADABLE = 2
 """Looks in a row with an answer that is no number from which on that is a lost beam."""
 
@@ -66,7 +68,8 @@ class Instrument:
         self.interruptions = 0
         self._reconnects: int | None = None
         self._missing = 0
-        self._seen = -math.inf
+        self._away = 0.0
+        self._looked = -math.inf
         self._there = False
 
     def take(self, batch: Batch, now: float, reconnects: int) -> None:
@@ -102,14 +105,16 @@ class Instrument:
         if problem:
             self.values = ()
             self._missing += 1
-            # who was away for so long may have been switched off
-            away = now - max(self.time, self._seen) > self.section.stale_after
-            if self._there and (lost or away):
+            # who was away for so long may have been switched off; if it was us who were, it counts
+            # as one look
+            self._away += min(now - self._looked, _LOOK)
+            self._looked = now
+            if self._there and (lost or self._away > self.section.stale_after):
                 self._interrupted()
             return
-        self._missing = 0
+        self._missing, self._away = 0, 0.0
+        self._looked = now
         self._there = True
-        self._seen = now
         samples = [batch[link][name] for link, name in self._sources]
         self.values = tuple(self._factor * s.value for s in samples)
         self.time = min(s.time for s in samples)

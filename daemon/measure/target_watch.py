@@ -71,6 +71,7 @@ class TargetWatch:
         self._done = False
         self._why = ""
         self._elsewhere = False
+        self._came: dict[str, float] = {}
         self._averaging = Averaging(0.0, limits.average)
 
     @property
@@ -99,6 +100,9 @@ class TargetWatch:
                 left = TargetLeft(self._visit, self._why or "too short a stop")
             self._visit, self._done, self._why, self._elsewhere = None, False, "", False
             return left
+        if self._done and visits.turned(self._came, seen.directions):
+            # away and back from the other side between two looks
+            self._visit, self._done, self._why = None, False, ""
         if self._done:
             return None
         if self._visit is None:
@@ -108,6 +112,7 @@ class TargetWatch:
     def _arrive(self, seen: SeenMachine, visits: SetupVisits) -> Outcome:
         self._visit = visits.at(seen.positions, seen.directions)
         if self._visit is not None:
+            self._came = dict(seen.directions)
             self._begin(seen.time + self._limits.settle)
             return None
         if self._elsewhere or seen.time - self._standstill.since < _ELSEWHERE:

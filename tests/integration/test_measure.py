@@ -6,6 +6,7 @@ import os
 import resource
 import shutil
 import signal
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,9 +21,10 @@ from tests.support.daemon.command_line import abbe
 from tests.support.daemon.live_run import MODEL
 from tests.support.daemon.measuring import (
     QUICK,
+    Driver,
+    MeasureRun,
     bench,
     configuration,
-    driven,
     line_plan,
     measuring,
     rms,
@@ -30,12 +32,12 @@ from tests.support.daemon.measuring import (
     write_plan,
 )
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 
 NOISE_UM = 0.25
 """What may be left of 0.3 µm of repeatability and 0.1 µm of the laser in an average, µm, rms."""
-SPEED = 3000.0
-"""Of the machine in these tests, mm/s."""
+HELD = 2.0
+"""s for which a lost sensor's last value counts in these tests."""
 X_LINE = line_plan("x_line", "X", [50, 150, 250, 350, 450])
 
 
@@ -48,10 +50,9 @@ def shop(tmp_path: Path) -> Iterator[tuple[SimulatedProcess, Path]]:
         yield process, tmp_path
 
 
-def drive(process: SimulatedProcess, folder: Path, stands: float = 0.8) -> list[dict[str, object]]:
-    moves = driven(folder / "plan.toml", folder / "model.toml", stands)
-    process.order("drive", moves=moves, speed=SPEED)
-    return moves
+def driver(process: SimulatedProcess, run: MeasureRun, folder: Path) -> Driver:
+    run.until(lambda e: e["event"] == "next")
+    return Driver(process, run, folder / "plan.toml", folder / "model.toml")
 
 
 def campaign_of(folder: Path) -> Campaign:
@@ -85,10 +86,8 @@ def test_a_plan_becomes_a_campaign_that_is_the_machine(
                   u=(1.0, 0.0, 0.0), sd=0.2),
     )  # fmt: skip
     with measuring(folder / "plan.toml", folder / "config.toml", folder / "campaign.csv") as run:
-        run.until(lambda e: e["event"] == "next")
-        drive(process, folder)
-        assert run.wait(120.0) == 0, run.said
-    assert run.kinds("missed") == []
+        driver(process, run, folder).all()
+        assert run.wait() == 0, run.said
     assert run.events[-1]["done"] == 10 + 6 + 6
     found = campaign_of(folder)
     assert found.n == 22
@@ -126,64 +125,41 @@ def test_beam_broken_laser_restarted_targets_left_out_thermometer_lost(
     """Nothing wrong gets into the campaign, and what was missed is measured in the end."""
     process, folder = shop
     plan = write_plan(folder / "plan.toml", X_LINE)
-    moves = driven(plan, folder / "model.toml", 0.8)
-    targets = [m for m in moves if m.get("stands")]
-    first, place = moves[: moves.index(targets[0])], moves.index(targets[0])
-
-    def go(*numbers: int, stands: float = 30.0, through: int = 0) -> None:
-        """Drive to some targets, by the way of the program; stand at the last."""
-        some = []
-        for number in numbers:
-            at = moves.index(targets[number])
-            before = moves.index(targets[number - 1]) + 1 if number else place
-            some += [dict(m, stands=0.0) for m in moves[before:at] if "to" in m]
-            some.append(dict(targets[number], stands=0.0 if number == through else 0.8))
-        some[-1] = dict(some[-1], stands=stands)
-        process.order("drive", moves=some, speed=SPEED)
-
     with measuring(plan, folder / "config.toml", folder / "campaign.csv") as run:
-        run.until(lambda e: e["event"] == "next")
-        process.order("drive", moves=[*first, dict(targets[0], stands=30.0)], speed=SPEED)
-        run.rows(1)
-        go(1)
-        run.rows(2)
+        machine = driver(process, run, folder)
+        machine.read(0, 1)
         # the beam is broken between two targets
         process.order("beam", broken=True)
         lost = run.until(lambda e: e["event"] == "lost")
         assert "no beam" in lost["text"]
-        go(2)
+        machine.to(2)
         run.until(lambda e: e["event"] == "unsteady" and "no beam" in e["text"])
         process.order("beam", broken=False)
         run.until(lambda e: e["event"] == "back" and "set-up of its own" in e["text"])
         run.rows(3)
-        # a stop at target 4 that is too short
-        seen = len(run.events)
-        go(3, 4, through=3)
-        run.rows(4)
-        assert any("left out" in e["text"] or "left before" in e["text"]
-                   for e in run.events[seen:] if e["event"] == "missed")  # fmt: skip
+        # target 4 is left out
+        machine.read(4)
+        assert any("left out" in e["text"] for e in run.kinds("missed"))
         # a thermometer is lost for longer than its last value counts
         process.order("thermistors", lost=1)
         run.until(lambda e: e["event"] == "lost" and e.get("signal") == "T_x1")
-        seen = len(run.events)
-        go(5)
-        if not run.kinds("row")[4:]:
-            run.until(lambda e: e["event"] in ("unsteady", "row"), since=seen)
+        time.sleep(HELD)  # longer is no harm
+        machine.to(5)
+        waits = run.until(lambda e: e["event"] == "unsteady" and "T_x1" in e["text"])
+        assert len(run.kinds("row")) == 4
         process.order("thermistors", lost=0)
-        run.until(lambda e: e["event"] == "back" and e.get("signal") == "T_x1", since=seen)
+        run.until(lambda e: e["event"] == "back", since=run.events.index(waits))
         run.rows(5)
         # the laser is switched off and on
-        process.order("restart", seconds=3.0)
-        run.until(lambda e: e["event"] == "back" and "laser" in e["text"], since=len(run.events))
-        go(6, 7, 8, 9)
-        run.rows(9)
+        seen = len(run.events)
+        process.order("restart", seconds=8.0)
+        run.until(lambda e: e["event"] == "back" and "laser" in e["text"], since=seen)
+        machine.read(6, 7, 8, 9)
         # what was left out is asked for, and measured
         again = run.until(lambda e: e["event"] == "next" and "was missed" in e["text"])
         assert "350.000" in again["text"]
-        process.order("drive", moves=[
-            {"to": [340.0, *targets[0]["to"][1:]]}, dict(targets[3], stands=30.0)
-        ], speed=SPEED)  # fmt: skip
-        assert run.wait(60.0) == 0, run.said
+        machine.to(3)
+        assert run.wait() == 0, run.said
     found = campaign_of(folder)
     assert found.n == 10
     assert set(found.setups) == {"x_line", "x_line.2", "x_line.3"}
@@ -197,18 +173,13 @@ def test_killed_it_goes_on_and_never_with_another_plan(
     process, folder = shop
     plan, config, out = folder / "plan.toml", folder / "config.toml", folder / "campaign.csv"
     write_plan(plan, X_LINE)
-    moves = driven(plan, folder / "model.toml")
-    targets = [m for m in moves if m.get("stands")]
-    upto = moves.index(targets[3])
     with measuring(plan, config, out) as run:
-        run.until(lambda e: e["event"] == "next")
-        process.order("drive", moves=moves[: upto + 1], speed=SPEED)
-        run.rows(3)
+        driver(process, run, folder).read(0, 1, 2)
         os.kill(run.process.pid, signal.SIGKILL)
         run.process.wait()
         told = run.kinds("row")
     kept = out.read_text("utf-8")
-    assert len(told) <= campaign_of(folder).n <= 4
+    assert len(told) == campaign_of(folder).n == 3
     with out.open("a", encoding="utf-8") as file:
         file.write("77.5,x_line,displ")  # as a power cut leaves it
     # another plan, another machine: nothing is touched
@@ -228,13 +199,10 @@ def test_killed_it_goes_on_and_never_with_another_plan(
     config.write_text("# again\n" + config.read_text("utf-8").replace("0.15", "0.16"), "utf-8")
     with measuring(plan, config, out) as run:
         begun = run.until(lambda e: e["event"] == "resumed")
-        done_before = begun["done"]
-        assert out.read_text("utf-8").startswith(kept)
-        assert done_before == campaign_of(folder).n
-        at = upto + 1 if done_before == 4 else upto
-        back = {"to": [targets[2]["to"][0] + 10.0, *targets[2]["to"][1:]]}
-        process.order("drive", moves=[back, *moves[at:]], speed=SPEED)
-        assert run.wait(60.0) == 0, run.said
+        assert begun["done"] == 3
+        assert out.read_text("utf-8") == kept
+        driver(process, run, folder).read(*range(3, 10))
+        assert run.wait() == 0, run.said
     found = campaign_of(folder)
     assert found.n == 10
     assert set(found.setups) == {"x_line", "x_line.2"}
@@ -248,26 +216,24 @@ def test_killed_it_goes_on_and_never_with_another_plan(
 def test_a_full_disk_loses_nothing(shop: tuple[SimulatedProcess, Path]) -> None:
     process, folder = shop
     plan, out = write_plan(folder / "plan.toml", X_LINE), folder / "campaign.csv"
-    moves = driven(plan, folder / "model.toml")
-    targets = [m for m in moves if m.get("stands")]
+    free = resource.RLIM_INFINITY
     with measuring(plan, folder / "config.toml", out) as run:
-        run.until(lambda e: e["event"] == "next")
-        process.order("drive", moves=moves[: moves.index(targets[1]) + 1], speed=SPEED)
-        run.rows(2)
+        machine = driver(process, run, folder)
+        machine.read(0, 1)
         size = out.stat().st_size
-        free = resource.RLIM_INFINITY
         resource.prlimit(run.process.pid, resource.RLIMIT_FSIZE, (size + 30, free))
-        first, last = moves.index(targets[1]) + 1, moves.index(targets[4]) + 1
-        process.order("drive", moves=moves[first:last], speed=SPEED)
-        said = run.until(lambda e: e["event"] == "disk")
-        assert str(out) in said["text"]
-        run.until(lambda e: e["event"] == "next" and e["done"] == 5)
+        for number in (2, 3):
+            machine.to(number)
+            run.until(lambda e, n=number: e["event"] == "next" and e["done"] == n + 1)
+        said = run.kinds("disk")
+        assert len(said) == 1
+        assert str(out) in said[0]["text"]
         assert out.stat().st_size == size
         assert len(run.kinds("row")) == 2
         resource.prlimit(run.process.pid, resource.RLIMIT_FSIZE, (free, free))
-        run.rows(5)
-        process.order("drive", moves=moves[moves.index(targets[4]) + 1 :], speed=SPEED)
-        assert run.wait(60.0) == 0, run.said
+        run.rows(4)
+        machine.read(*range(4, 10))
+        assert run.wait() == 0, run.said
     found = campaign_of(folder)
     assert found.n == 10
     assert rms(off_the_truth(process, found)) < NOISE_UM
@@ -279,9 +245,7 @@ def test_ended_before_its_end_it_says_what_is_missing(
     process, folder = shop
     plan, out = write_plan(folder / "plan.toml", X_LINE), folder / "campaign.csv"
     with measuring(plan, folder / "config.toml", out) as run:
-        run.until(lambda e: e["event"] == "next")
-        drive(process, folder)
-        run.rows(2)
+        driver(process, run, folder).read(0, 1)
         second = abbe("measure", plan, folder / "config.toml", "-o", out, "--yes")
         assert second.status == 1
         assert "in use" in second.err
@@ -298,9 +262,7 @@ def test_nothing_is_written_to_the_controller(shop: tuple[SimulatedProcess, Path
     assert "[output.axes.X]" in text
     plan = write_plan(folder / "plan.toml", X_LINE)
     with measuring(plan, folder / "config.toml", folder / "campaign.csv") as run:
-        run.until(lambda e: e["event"] == "next")
-        drive(process, folder)
-        run.rows(3)
+        driver(process, run, folder).read(0, 1, 2)
         assert process.order("written")["written"] == 0
         run.end()
     assert process.order("written")["written"] == 0

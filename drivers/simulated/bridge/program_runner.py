@@ -52,7 +52,7 @@ class ProgramRunner:
         """How far the program is, and where the machine indicates to stand."""
         latch = self.plant.latch(time.monotonic())
         return {
-            "done": self._done,
+            "at_move": self._done,
             "of": len(self._moves),
             "at": list(latch.position),
             "temperatures": latch.temperatures.tolist(),

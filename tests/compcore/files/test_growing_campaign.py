@@ -86,7 +86,7 @@ def test_rows_of_a_target_that_was_not_whole_are_cut(tmp_path):
          "another configuration"),
         (lambda t: t.replace("# [measured]", "# [other]"), "did not begin it"),
         (lambda t: t.replace("X_dir", "X_way", 1), "columns"),
-        (lambda t: t.replace("1.25", "1,25"), "too many cells"),
+        (lambda t: t.replace("1.25", "1,25"), "too many fields"),
         (lambda t: t.replace("1.25", "nan"), "value"),
         (lambda t: "X,Y\n1,2\n", "did not begin it"),
     ],

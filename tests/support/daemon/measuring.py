@@ -24,9 +24,11 @@ from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.daemon.demo.configuration import demo_configuration
 from abbe.drivers.simulated.process import SimulatedProcess
 
-PATIENCE = 60.0
+PATIENCE = 120.0
 """s that anything may take on a busy machine."""
 TOOL = (0.0, 0.0, -150.0)
+SPEED = 3000.0
+"""Of the simulated machine, mm/s."""
 
 LASER = """
 [links.laser]
@@ -257,6 +259,51 @@ def measuring(plan: Path, config: Path, out: Path, *more: str) -> Iterator[Measu
         yield run
     finally:
         run.close()
+
+
+class Driver:
+    """Drives the simulated machine along a plan's program, and goes on when a target was read.
+
+    Parameters
+    ----------
+    process
+        The machine.
+    run
+        The measurement.
+    plan, model
+        What is driven through.
+    """
+
+    def __init__(self, process: SimulatedProcess, run: MeasureRun, plan: Path, model: Path) -> None:
+        self._process = process
+        self._run = run
+        self._moves = driven(plan, model)
+        self.targets = [k for k, m in enumerate(self._moves) if m.get("stands")]
+        self._next = 0
+
+    def place(self, number: int) -> list[float]:
+        """Where a target (from 0) is."""
+        found: list[float] = self._moves[self.targets[number]]["to"]
+        return found
+
+    def to(self, number: int) -> None:
+        """Drive to a target without a stop, and stand there; backwards by the way it came first."""
+        at = self.targets[number]
+        first = self._next if at >= self._next else at - 1
+        moves = [{k: v for k, v in m.items() if k != "stands"} for m in self._moves[first : at + 1]]
+        self._process.order("drive", moves=moves, speed=SPEED)
+        self._next = at + 1
+
+    def read(self, *numbers: int) -> None:
+        """Drive to some targets, each until its rows are on the disk."""
+        for number in numbers:
+            done = len(self._run.kinds("row"))
+            self.to(number)
+            self._run.rows(done + 1)
+
+    def all(self) -> None:
+        """Drive to every target."""
+        self.read(*range(len(self.targets)))
 
 
 @contextmanager
