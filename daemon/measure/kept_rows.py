@@ -13,7 +13,7 @@ _AGAIN = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class _Waiting:
+class _UnwrittenRows:
     rows: Sequence[Row]
     setup: str
     free: tuple[str, ...]
@@ -36,7 +36,7 @@ class KeptRows:
 
     def __init__(self, file: GrowingCampaign) -> None:
         self._file = file
-        self._waiting: deque[_Waiting] = deque()
+        self._waiting: deque[_UnwrittenRows] = deque()
         self._due = 0.0
         self.problem = ""
 
@@ -62,7 +62,7 @@ class KeptRows:
         now
             Monotonic, s.
         """
-        self._waiting.append(_Waiting(rows, setup, free, written))
+        self._waiting.append(_UnwrittenRows(rows, setup, free, written))
         self.flush(now)
 
     def flush(self, now: float, *, at_once: bool = False) -> None:

@@ -20,6 +20,7 @@ class Standstill:
     def __init__(self, noise: Sequence[float], lasting: float) -> None:
         self._noise = tuple(noise)
         self._lasting = lasting
+        self._rest: Sequence[float] = ()
         self._seen: deque[tuple[float, Sequence[float]]] = deque()
         self.since = float("nan")
         """Monotonic time from which on it stands, s; NaN while it moves."""
