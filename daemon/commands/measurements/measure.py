@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from abbe.daemon.arguments.measurements.plan_reading import OnlySetups, PlanFile
 from abbe.daemon.arguments.options import ConfigFile
 
 if TYPE_CHECKING:
@@ -19,15 +20,13 @@ def register(app: typer.Typer) -> None:
 
 
 def measure(
-    plan: Annotated[Path, typer.Argument(help="Plan, from abbe plan.", metavar="PLAN.toml")],
+    plan: PlanFile,
     config: ConfigFile,
     out: Annotated[
         Path, typer.Option("-o", "--out", help="The campaign; gone on with where it is there.",
                            metavar="CAMPAIGN.csv")
     ],
-    setup: Annotated[
-        list[str] | None, typer.Option(help="Only this set-up; may be repeated.", metavar="NAME")
-    ] = None,
+    setup: OnlySetups = None,
     yes: Annotated[
         bool,
         typer.Option("--yes", help="Nobody is asked: set-ups count as set up when the machine "

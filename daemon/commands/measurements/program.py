@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from abbe.daemon.arguments.bounded import within
+from abbe.daemon.arguments.measurements.plan_reading import OnlySetups, PlanFile
 from abbe.daemon.arguments.options import Force
 
 
@@ -17,7 +18,7 @@ def register(app: typer.Typer) -> None:
 
 
 def program(
-    plan: Annotated[Path, typer.Argument(help="Plan, from abbe plan.", metavar="PLAN.toml")],
+    plan: PlanFile,
     controller: Annotated[
         str, typer.Option(help="linuxcnc, fanuc, siemens, heidenhain or ipp.", metavar="NAME")
     ],
@@ -29,9 +30,7 @@ def program(
     targets: Annotated[
         Path | None, typer.Option(help="List of the targets.", metavar="FILE.csv")
     ] = None,
-    setup: Annotated[
-        list[str] | None, typer.Option(help="Only this set-up; may be repeated.", metavar="NAME")
-    ] = None,
+    setup: OnlySetups = None,
     feed: Annotated[
         float, typer.Option(callback=within(1.0, 20000.0, "mm/min"), help="Of all moves, mm/min.")
     ] = 3000.0,
