@@ -22,6 +22,8 @@ DEMO = (ROOT / "docs" / "demo.md").read_text(encoding="utf-8")
 PAGES = {
     "RecordsSection": (ROOT / "docs" / "records.md").read_text("utf-8"),
     "HttpSection": (ROOT / "docs" / "status.md").read_text("utf-8"),
+    "InstrumentSection": (ROOT / "docs" / "measure.md").read_text("utf-8"),
+    "MeasureSection": (ROOT / "docs" / "measure.md").read_text("utf-8"),
 }
 """Section → the page of its keys, where it is not the service's."""
 
