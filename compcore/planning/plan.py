@@ -60,7 +60,8 @@ class SurveyPlan:
     left
         What stays undetermined.
     presets
-        Preset → what the same time spent on it would leave, mm; empty where not asked for.
+        Preset → what the same time spent on it would leave, mm, of those that this machine and time
+        allow; none where not asked for.
     warm_up
         Before the first reading, s.
     """
@@ -181,9 +182,12 @@ def _weighed(task: SurveyTask, start: Knowledge, seconds: float) -> dict[str, fl
     found = {}
     for preset in PRESETS.values():
         setups = possible_of(preset, task)
+        numbers = filled(setups, seconds)
+        if not numbers:
+            continue
         roots = [added(task, s) for s in setups]
         known = start
-        for i in filled(setups, seconds):
+        for i in numbers:
             known = known.with_(roots[i], setups[i].runs)
         found[preset.key] = float(np.sqrt(known.variance))
     return found

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import logging
+from typing import Any
 
+import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 MOST = 128
@@ -12,6 +15,8 @@ HEAD_WITHIN = 10.0
 """s for a request's head to arrive, and for the first one to begin."""
 READ_WITHIN = 30.0
 """s in which somebody has to read something of what waits for him."""
+HEAD = 16_384
+"""Bytes that a request's head may have."""
 
 
 class BoundedProtocol(H11Protocol):
@@ -65,3 +70,28 @@ class BoundedProtocol(H11Protocol):
     def _end(timer: asyncio.TimerHandle | None) -> None:
         if timer is not None:
             timer.cancel()
+
+
+def bounded_config(app: Any) -> uvicorn.Config:
+    """The settings of an HTTP server: bounded connections, no log and no signals of its own.
+
+    Parameters
+    ----------
+    app
+        The ASGI application.
+    """
+    return uvicorn.Config(
+        app,
+        http=BoundedProtocol,
+        ws="none",
+        lifespan="off",
+        loop="asyncio",
+        log_config=None,
+        log_level=logging.ERROR,
+        access_log=False,
+        proxy_headers=False,
+        server_header=False,
+        backlog=64,
+        timeout_graceful_shutdown=1,
+        h11_max_incomplete_event_size=HEAD,
+    )

@@ -16,7 +16,7 @@ import uvicorn
 from abbe.compcore.errors import AbbeError
 from abbe.daemon.config.tokens import TokenFile
 from abbe.daemon.http.application import application
-from abbe.daemon.http.bounded import BoundedProtocol
+from abbe.daemon.http.bounded import bounded_config
 from abbe.daemon.http.entrance import Entrance
 from abbe.daemon.http.gate import Gate
 from abbe.daemon.http.hub import Hub
@@ -106,21 +106,7 @@ class _Place:
 
     async def serve(self, made: socket.socket) -> None:
         """Serve at a socket until cancelled."""
-        config = uvicorn.Config(
-            self._app,
-            http=BoundedProtocol,
-            ws="none",
-            lifespan="off",
-            loop="asyncio",
-            log_config=None,
-            log_level=logging.ERROR,
-            access_log=False,
-            proxy_headers=False,
-            server_header=False,
-            backlog=64,
-            timeout_graceful_shutdown=1,
-            h11_max_incomplete_event_size=16_384,
-        )
+        config = bounded_config(self._app)
         config.load()
         watching = None
         if self._certificate is not None and self._key is not None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from itertools import accumulate
 from typing import Any
 
+from abbe.daemon.pipeline.reading.convert import SignalReading
 from abbe.daemon.pipeline.record import CycleRecord
 
 
@@ -94,6 +95,8 @@ def volumetric_errors(record: CycleRecord, axes: Sequence[int]) -> tuple[float, 
     Before and after; None where a position or the reference is missing.
     """
     reference = [record.reference[i] for i in axes]
+    if not all(map(math.isfinite, reference)):
+        return None
     before = 1e3 * math.dist(reference, [record.indicated[i] for i in axes])
     after = 1e3 * math.dist(reference, record.corrected[: len(axes)])
     return (before, after) if math.isfinite(before) and math.isfinite(after) else None
@@ -124,6 +127,7 @@ class Figures:
     after: ErrorFigures = field(default_factory=ErrorFigures)
     coolest: dict[str, float] = field(default_factory=dict)
     warmest: dict[str, float] = field(default_factory=dict)
+    _seen: Mapping[str, SignalReading] | None = None
 
     def __call__(self, record: CycleRecord) -> None:
         """Take a cycle in."""
@@ -134,7 +138,13 @@ class Figures:
         if errors is not None:
             self.before.add(errors[0])
             self.after.add(errors[1])
-        for name, reading in record.signals.items():
+        # signals are read more seldom than positions, and replaced as a whole when they are
+        if record.signals is not self._seen:
+            self._seen = record.signals
+            self._span(record.signals)
+
+    def _span(self, signals: Mapping[str, SignalReading]) -> None:
+        for name, reading in signals.items():
             if not reading.fault:
                 self.coolest[name] = min(self.coolest.get(name, math.inf), reading.value)
                 self.warmest[name] = max(self.warmest.get(name, -math.inf), reading.value)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import logging
 import signal
 import socket
 from collections.abc import Callable, Iterator
@@ -11,14 +10,12 @@ from typing import Any
 
 import uvicorn
 
-from abbe.daemon.http.bounded import BoundedProtocol
+from abbe.daemon.http.bounded import bounded_config
 from abbe.daemon.workbench.application import application
 from abbe.daemon.workbench.door import SESSION, WorkbenchDoor
 from abbe.daemon.workbench.live.view import LiveView
 from abbe.daemon.workbench.session import Workbench
 
-_HEAD = 16_384
-"""Bytes of a request's head that are read."""
 
 
 def serve(

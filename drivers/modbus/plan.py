@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from abbe.drivers.modbus.codec import (
     Raw,
@@ -32,29 +32,39 @@ Together = tuple[frozenset[str], ...]
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """Consecutive addresses of one unit's table."""
+    """Consecutive addresses of one unit's table.
+
+    Attributes
+    ----------
+    answer
+        First bytes of the answer to a read of them, function code and number of bytes: on RTU, all
+        that tells one unit's answers apart.
+    confirmation
+        First bytes of the answer to a write: function code, address and, where there are more
+        than one, count.
+    """
 
     unit: int
     table: Table
     address: int
     count: int
+    answer: bytes = field(init=False, repr=False, compare=False)
+    confirmation: bytes = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        size = (self.count + 7) // 8 if self.table in BIT_TABLES else 2 * self.count
+        object.__setattr__(self, "answer", bytes((_READ_FUNCTION[self.table], size)))
+        one, many = (5, 15) if self.table == "coil" else (6, 16)
+        confirmed = (
+            struct.pack(">BH", one, self.address)
+            if self.count == 1
+            else struct.pack(">BHH", many, self.address, self.count)
+        )
+        object.__setattr__(self, "confirmation", confirmed)
 
     def __str__(self) -> str:
         end = f"..{self.address + self.count - 1}" if self.count > 1 else ""
         return f"{self.table} {self.address}{end} of unit {self.unit}"
-
-
-def signature(span: Span, *, write: bool = False) -> bytes:
-    """First bytes of the answer to a request: on RTU, all that tells one unit's answers apart.
-
-    Function code and number of bytes (read), or function code, address and count (write).
-    """
-    if not write:
-        size = (span.count + 7) // 8 if span.table in BIT_TABLES else 2 * span.count
-        return bytes((_READ_FUNCTION[span.table], size))
-    if span.count == 1:
-        return struct.pack(">BH", 5 if span.table == "coil" else 6, span.address)
-    return struct.pack(">BHH", 15 if span.table == "coil" else 16, span.address, span.count)
 
 
 @dataclass(frozen=True, slots=True)

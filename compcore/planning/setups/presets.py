@@ -85,12 +85,16 @@ def _iso16907(task: SurveyTask) -> Iterator[PlannedSetup]:
 PRESETS: Mapping[str, Preset] = {
     p.key: p
     for p in (
-        Preset("iso230-2", "positioning of each axis (ISO 230-2)", _iso230_2),
-        Preset("iso230-6", "body diagonals (ISO 230-6)", _iso230_6),
-        Preset("iso10360-2", "lengths in seven positions (ISO 10360-2)", _iso10360_2),
-        Preset("krulewich", "distances from three bases (Krulewich)", _krulewich),
-        Preset("iso10791-6", "rotary axes by R-test (ISO 10791-6)", _iso10791_6),
-        Preset("iso16907", "all direct measurements (ISO/TR 16907, 10.3)", _iso16907),
+        Preset("iso230-2", "laser, positioning of each axis (ISO 230-2)", _iso230_2),
+        Preset("iso230-6", "laser, body diagonals (ISO 230-6)", _iso230_6),
+        Preset("iso10360-2", "step gauge, lengths in seven positions (ISO 10360-2)", _iso10360_2),
+        Preset("krulewich", "tracker, distances from three bases (Krulewich)", _krulewich),
+        Preset("iso10791-6", "R-test, rotary axes (ISO 10791-6)", _iso10791_6),
+        Preset(
+            "iso16907",
+            "laser, levels and R-test, all direct measurements (ISO/TR 16907, 10.3)",
+            _iso16907,
+        ),
     )
 }
 """Name on the command line → preset."""

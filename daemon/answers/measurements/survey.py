@@ -75,7 +75,7 @@ def as_text(plan: SurveyPlan) -> Iterator[str]:
     for one in plan.left:
         yield f"  undetermined: {one}"
     if plan.presets is not None:
-        yield "  the same time spent on:"
+        yield "  the same time spent otherwise, with the instruments that it needs:"
         for key, left in plan.presets.items():
             yield f"    {PRESETS[key].title}: {_microns(left)}"
 

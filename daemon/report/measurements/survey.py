@@ -56,7 +56,7 @@ def page(plan: SurveyPlan, model: Path) -> Page:
     made.section("What stays undetermined")
     made.notes([str(one) for one in plan.left] or ["nothing that would be felt in the volume"])
     if plan.presets is not None:
-        made.section("The same time spent otherwise")
+        made.section("The same time spent otherwise, with the instruments that it needs")
         rows: list[list[str | float]] = [["this plan", plan.after * 1e3]]
         rows += [[PRESETS[key].title, v * 1e3] for key, v in plan.presets.items()]
         made.table(["", "Left, µm"], rows, digits=3)

@@ -25,7 +25,7 @@ from abbe.drivers.modbus.bus.client import ModbusClient
 from abbe.drivers.modbus.bus.refusals import GatewayError, ModbusExceptionError
 from abbe.drivers.modbus.bus.units import Unit, units_of
 from abbe.drivers.modbus.config import ModbusConfig
-from abbe.drivers.modbus.plan import Span, signature
+from abbe.drivers.modbus.plan import Span
 from abbe.drivers.quarantine import MemberHealth
 from abbe.drivers.reconnect import Reconnector
 
@@ -137,7 +137,7 @@ class Bus:
     def _expect_late(self, unit: Unit, span: Span, *, write: bool) -> None:
         # TCP has transaction numbers; there a late reply is recognised by its own.
         if self._config.transport == "rtu":
-            unit.expect_late(signature(span, write=write), time.monotonic())
+            unit.expect_late(span.confirmation if write else span.answer, time.monotonic())
 
     async def _resynchronise(self, unit: Unit) -> None:
         """Ask what no late reply can pass for the answer to, or wait until none can come.
@@ -158,7 +158,7 @@ class Bus:
                 unit.pending.clear()
                 return
             except ModbusExceptionError:
-                function = signature(probe)[0]
+                function = probe.answer[0]
                 if all(reply[0] != function for reply in unit.pending):
                     unit.pending.clear()
                     return

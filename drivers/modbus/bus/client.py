@@ -64,7 +64,7 @@ from abbe.drivers.modbus.bus.framing import (
 )
 from abbe.drivers.modbus.bus.refusals import refusal
 from abbe.drivers.modbus.config import ModbusConfig, Table
-from abbe.drivers.modbus.plan import Span, signature
+from abbe.drivers.modbus.plan import Span
 from abbe.drivers.wait_limit import WaitLimit
 
 _Client = AsyncModbusTcpClient | AsyncModbusSerialClient
@@ -190,7 +190,7 @@ class ModbusClient:
             As in `abbe.drivers.link`; `GatewayError` and `RefusedError` among them.
         """
         request = _READ[span.table](address=span.address, count=span.count, dev_id=span.unit)
-        head = signature(span)
+        head = span.answer
         answer = await self._execute(request, span, head, 2 + head[1])
         if type(answer) is Confirmed:
             return answer.payload
@@ -227,7 +227,7 @@ class ModbusClient:
             request = WriteSingleRegisterRequest(address=at, registers=values, dev_id=unit)
         else:
             request = RegistersRequest(address=at, registers=values, dev_id=unit)
-        head = signature(span, write=True)
+        head = span.confirmation
         echo = b""
         if span.count == 1:
             word = 0xFF00 * bool(values[0]) if span.table == "coil" else int(values[0])

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from abbe.drivers.modbus.config import ModbusConfig
-from abbe.drivers.modbus.plan import Span, read_plan, signature
+from abbe.drivers.modbus.plan import Span, read_plan
 from abbe.drivers.quarantine import Member
 
 _PROBES = 8
@@ -43,7 +43,7 @@ class Unit(Member):
         self.pending: dict[bytes, float] = {}
 
     def expect_late(self, reply: bytes, now: float) -> None:
-        """Remember that a reply of this signature may still come."""
+        """Remember that a reply that begins so may still come."""
         self.pending[reply] = now
 
     def forget_late(self, now: float, late_reply_max: float) -> None:
@@ -58,7 +58,7 @@ class Unit(Member):
 
     def probe(self) -> Span | None:
         """A read whose reply no pending one can be mistaken for; None when there is none."""
-        return next((span for span in self.probes if signature(span) not in self.pending), None)
+        return next((span for span in self.probes if span.answer not in self.pending), None)
 
 
 def units_of(config: ModbusConfig) -> dict[int, Unit]:
@@ -86,5 +86,5 @@ def _probes(config: ModbusConfig, names: Sequence[str]) -> tuple[Span, ...]:
             (whole if count in ends else parts).append(piece)
     distinct: dict[bytes, Span] = {}
     for span in sorted(whole, key=lambda s: s.count) + sorted(parts, key=lambda s: s.count):
-        distinct.setdefault(signature(span), span)
+        distinct.setdefault(span.answer, span)
     return tuple(distinct.values())[:_PROBES]

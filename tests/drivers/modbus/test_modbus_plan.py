@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from abbe.drivers.modbus.config import ModbusConfig
-from abbe.drivers.modbus.plan import cut_of, merge, read_plan, signature, write_plan
+from abbe.drivers.modbus.plan import cut_of, merge, read_plan, write_plan
 
 spans = st.lists(st.tuples(st.integers(0, 60), st.sampled_from([1, 1, 2, 4])), max_size=12)
 
@@ -171,10 +171,10 @@ def test_writes_keep_to_123_registers() -> None:
     assert [(r.span.address, r.span.count) for r in plan.requests] == [(0, 122), (122, 18)]
 
 
-def test_signature_tells_what_a_reply_shows() -> None:
+def test_first_bytes_tell_what_a_reply_shows() -> None:
     [request] = read_plan(config({"a": {"table": "input", "address": 5, "type": "int32"}}), ["a"])
-    assert signature(request.span) == b"\x04\x04"
+    assert request.span.answer == b"\x04\x04"
     [bits] = read_plan(config({"a": {"table": "coil", "address": 5}}), ["a"])
-    assert signature(bits.span) == b"\x01\x01"
+    assert bits.span.answer == b"\x01\x01"
     [write] = write_plan(writable({"x": 0x102}), ["x"]).requests
-    assert signature(write.span, write=True) == b"\x10\x01\x02\x00\x02"
+    assert write.span.confirmation == b"\x10\x01\x02\x00\x02"
