@@ -26,7 +26,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from abbe.compcore.files.campaign_file import bare_machine, read_campaign, write_campaign
-from benchmarks.report import machine, write_section
+from benchmarks.measuring.report import machine, write_section
 
 ROWS = 1_000_000
 TURNS = 3

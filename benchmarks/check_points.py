@@ -35,7 +35,7 @@ from abbe.drivers.simulated.bridge.checks import (
     year_of_checks,
 )
 from abbe.drivers.simulated.bridge.measure import campaign
-from benchmarks.report import machine, write_section
+from benchmarks.measuring.report import machine, write_section
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "validation.md"
 AT, YEAR = 120, 250

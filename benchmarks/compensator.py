@@ -41,7 +41,7 @@ from benchmarks.alternatives.formulations import (
     with_np_interp,
     with_regular_grid,
 )
-from benchmarks.report import machine, write_section
+from benchmarks.measuring.report import machine, write_section
 
 F64 = NDArray[np.float64]
 

@@ -38,8 +38,8 @@ from abbe.daemon.service import Service
 from abbe.drivers.simulated.bridge.registers import REGISTERS, UNIT_ID, WRITE_BACK
 from abbe.drivers.simulated.soak.client_process import HttpClients
 from abbe.drivers.simulated.soak.http_clients import ClientCounts
-from benchmarks.report import machine, write_section
-from benchmarks.turns import Cycle, Pair, Side
+from benchmarks.measuring.report import machine, write_section
+from benchmarks.measuring.turns import Cycle, Pair, Side
 
 MODEL = Path(__file__).resolve().parent.parent / "examples" / "bridge-cmm" / "model.toml"
 CYCLES = 50

@@ -15,7 +15,7 @@ from benchmarks.alternatives import black_box, sparse
 from benchmarks.hidden.judging import outcome, table
 from benchmarks.hidden.judging.trial import Learner, run
 from benchmarks.hidden.scenario import MULTIPLES, Scenario, scenarios
-from benchmarks.report import write_section
+from benchmarks.measuring.report import write_section
 
 VALIDATION = Path(__file__).parents[1] / "docs" / "validation.md"
 LEARNERS: dict[str, Learner] = {

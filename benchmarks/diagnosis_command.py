@@ -19,9 +19,9 @@ from abbe.compcore.files.model_file import load_model
 from abbe.compcore.fitting.fit import fit
 from benchmarks.hidden.campaigns.campaign import draw, model_text, simulate
 from benchmarks.hidden.causes.catalogued import catalogue
-from benchmarks.report import machine, write_section
+from benchmarks.measuring.report import machine, write_section
+from benchmarks.measuring.used import Used
 from benchmarks.screening import count
-from benchmarks.used import Used
 
 ROWS = (2_117, 4_335, 10_000, 80_000, 1_000_000)
 LINES = 1_896

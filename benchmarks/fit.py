@@ -31,7 +31,7 @@ from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.fit import fit
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
-from benchmarks.report import machine, write_section
+from benchmarks.measuring.report import machine, write_section
 from benchmarks.sources import krulewich
 
 F64 = NDArray[np.float64]

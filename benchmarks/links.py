@@ -34,7 +34,7 @@ from benchmarks.alternatives.bare_links import (
     settings,
     sync_and_pdos,
 )
-from benchmarks.report import machine, write_section
+from benchmarks.measuring.report import machine, write_section
 
 ROUNDS, POLLS = 40, 100
 LIMIT = 1.2

@@ -23,7 +23,7 @@ from abbe.compcore.planning.plan import plan_survey
 from abbe.compcore.planning.setups.presets import PRESETS
 from abbe.compcore.planning.simulation import carry_out
 from abbe.compcore.planning.targets import SurveyTask
-from benchmarks.report import write_section
+from benchmarks.measuring.report import write_section
 from benchmarks.validation import PAGE, table
 
 LINEAR = ("laser", "straightness", "angle", "level", "tracker", "ball-bar", "step-gauge")

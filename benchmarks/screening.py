@@ -30,7 +30,7 @@ from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.linalg import WORTH_MORE, threads_for
 from abbe.compcore.model.model import Model
 from benchmarks.hidden.campaigns.campaign import draw, model_text, simulate
-from benchmarks.report import machine, write_section
+from benchmarks.measuring.report import machine, write_section
 
 F64 = NDArray[np.float64]
 

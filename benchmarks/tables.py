@@ -41,8 +41,8 @@ from abbe.compcore.tables.grid import spatial_grid
 from abbe.compcore.tables.projection.project import project
 from abbe.compcore.tables.remainder import TrialPoints
 from abbe.compcore.tables.volume import Volume
-from benchmarks.report import machine, write_section
-from benchmarks.used import Used
+from benchmarks.measuring.report import machine, write_section
+from benchmarks.measuring.used import Used
 
 F64 = NDArray[np.float64]
 TURNS = 7

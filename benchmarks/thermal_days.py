@@ -14,7 +14,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
 from pathlib import Path
 
-from benchmarks.report import write_section
+from benchmarks.measuring.report import write_section
 from benchmarks.thermal import outcome, table
 from benchmarks.thermal.scenario import Run, runs
 from benchmarks.thermal.trial import run

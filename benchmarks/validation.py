@@ -10,7 +10,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from benchmarks.report import write_section
+from benchmarks.measuring.report import write_section
 from benchmarks.sources import flexing, iso16907, krulewich, zhang
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "validation.md"

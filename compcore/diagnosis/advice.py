@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abbe.compcore.diagnosis.findings import Findings
-from abbe.compcore.diagnosis.measure_next import Advice, separable
-from abbe.compcore.diagnosis.measure_next import advise as _advise
+from abbe.compcore.diagnosis.next_measurement.measure_next import Advice, separable
+from abbe.compcore.diagnosis.next_measurement.measure_next import advise as _advise
 from abbe.compcore.errors import require_type
 from abbe.compcore.linalg import threads_for
 

@@ -9,7 +9,7 @@ import numpy as np
 from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.diagnosis.explain import changed, description, explanation, formula
 from abbe.compcore.diagnosis.findings import Findings
-from abbe.compcore.diagnosis.measure_next import Advice
+from abbe.compcore.diagnosis.next_measurement.measure_next import Advice
 
 _SAID = {
     "complete": "complete: the residuals are noise; this campaign shows nothing that is missing.",

@@ -16,11 +16,11 @@ from starlette.responses import Response
 from abbe.daemon.config.tokens import Role
 from abbe.daemon.control.requests import DatumRequest, EnterRequest, StateRequest, SwitchRequest
 from abbe.daemon.http.answers import ChangeableState, HttpProblem
-from abbe.daemon.http.cycle_event import StreamedCycle
+from abbe.daemon.http.cycles.cycle_event import StreamedCycle
+from abbe.daemon.http.cycles.stream import CycleStream
 from abbe.daemon.http.gate import Gate, Visitor
 from abbe.daemon.http.interface import Interface
 from abbe.daemon.http.pages import api_page, status_page
-from abbe.daemon.http.stream import CycleStream
 from abbe.daemon.status.run_status import AxisStatus, LinkHealth, RunStatus, SignalStatus
 
 MOST_STREAMS = 64

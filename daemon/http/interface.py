@@ -14,8 +14,8 @@ from starlette.exceptions import HTTPException
 
 from abbe.daemon.control.requests import Request as Change
 from abbe.daemon.http.answers import ChangeableState
+from abbe.daemon.http.cycles.hub import Hub, SilentRunError
 from abbe.daemon.http.gate import Gate
-from abbe.daemon.http.hub import Hub, SilentRunError
 from abbe.daemon.http.metrics import RunCollector, registry
 from abbe.daemon.status.run_status import RunStatus
 

@@ -15,7 +15,7 @@ import signal
 import socket
 import sys
 
-from abbe.daemon.http.hub import Hub
+from abbe.daemon.http.cycles.hub import Hub
 from abbe.daemon.http.serve import serve
 
 _NICER = 10

@@ -17,11 +17,11 @@ from abbe.compcore.errors import AbbeError
 from abbe.daemon.config.tokens import TokenFile
 from abbe.daemon.http.application import application
 from abbe.daemon.http.bounded import bounded_config
+from abbe.daemon.http.cycles.hub import Hub
 from abbe.daemon.http.entrance import Entrance
+from abbe.daemon.http.exchange.wire import Serving
 from abbe.daemon.http.gate import Gate
-from abbe.daemon.http.hub import Hub
 from abbe.daemon.http.interface import Interface
-from abbe.daemon.http.wire import Serving
 from abbe.daemon.socket_path import bound
 
 _AGAIN = 5.0

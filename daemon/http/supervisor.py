@@ -14,8 +14,8 @@ from typing import Any
 from abbe.daemon.config.sections.http import HttpSetup
 from abbe.daemon.control.controls import Controls
 from abbe.daemon.guard import DIRECTIONS
-from abbe.daemon.http.feed import Feed
-from abbe.daemon.http.wire import LONGEST_MESSAGE
+from abbe.daemon.http.exchange.feed import Feed
+from abbe.daemon.http.exchange.wire import LONGEST_MESSAGE
 from abbe.daemon.status.survey import SurveyedService
 
 logger = logging.getLogger("abbe.http")

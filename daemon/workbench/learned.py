@@ -10,7 +10,7 @@ import numpy as np
 
 from abbe.compcore.diagnosis.explain import explanation, formula, headline
 from abbe.compcore.diagnosis.findings import Established, measured_kinds
-from abbe.compcore.diagnosis.measure_next import Advice
+from abbe.compcore.diagnosis.next_measurement.measure_next import Advice
 from abbe.compcore.diagnosis.pictures import CANDIDATES
 from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.diagnosis.screening.pool import WeighedCandidate

@@ -12,7 +12,7 @@ from abbe.compcore.comparison.compare import Comparison
 from abbe.compcore.diagnosis.aliases import Alias
 from abbe.compcore.diagnosis.explain import description, explanation, formula
 from abbe.compcore.diagnosis.findings import Established
-from abbe.compcore.diagnosis.measure_next import Advice
+from abbe.compcore.diagnosis.next_measurement.measure_next import Advice
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
 from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.compcore.diagnosis.words import noise_of

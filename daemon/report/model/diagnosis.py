@@ -20,7 +20,7 @@ from abbe.compcore.diagnosis.explain import (
     parameter,
 )
 from abbe.compcore.diagnosis.findings import Established
-from abbe.compcore.diagnosis.measure_next import Advice
+from abbe.compcore.diagnosis.next_measurement.measure_next import Advice
 from abbe.compcore.diagnosis.pictures import CANDIDATES, IN_VOLUME, OVER_TIME
 from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.diagnosis.shop_words import in_the_shop

@@ -11,7 +11,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.files.model_file import save_model
 from abbe.daemon.answers.overview import overview
 from abbe.daemon.config import load_config
-from tests.integration.test_live_five_axis import config_text
+from tests.integration.runs.test_live_five_axis import config_text
 from tests.support.compcore.five_axis import CODES, errors_of, machine_of, model_of
 from tests.support.daemon.command_line import abbe
 

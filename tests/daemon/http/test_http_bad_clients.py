@@ -22,10 +22,12 @@ import uvicorn
 
 from abbe.daemon.control.controls import Controls
 from abbe.daemon.control.requests import StateRequest
-from abbe.daemon.http import bounded, feed, hub
-from abbe.daemon.http.feed import Feed
-from abbe.daemon.http.hub import Hub, SilentRunError, Subscription
-from abbe.daemon.http.wire import next_frame, unpacked_cycles
+from abbe.daemon.http import bounded
+from abbe.daemon.http.cycles import hub
+from abbe.daemon.http.cycles.hub import Hub, SilentRunError, Subscription
+from abbe.daemon.http.exchange import feed
+from abbe.daemon.http.exchange.feed import Feed
+from abbe.daemon.http.exchange.wire import next_frame, unpacked_cycles
 from tests.daemon.pipeline.test_live_control import running
 from tests.daemon.pipeline.test_pipeline import compensating
 from tests.support.daemon.live_run import compensating as full

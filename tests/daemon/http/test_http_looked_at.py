@@ -22,8 +22,8 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from abbe.daemon.guard import GuardState
 from abbe.daemon.http import supervisor
-from abbe.daemon.http.cycle_event import StreamedCycle
-from abbe.daemon.http.packing import CyclePacker
+from abbe.daemon.http.cycles.cycle_event import StreamedCycle
+from abbe.daemon.http.exchange.packing import CyclePacker
 from abbe.daemon.status.run_status import AxisStatus, RunStatus
 from abbe.daemon.status.survey import Survey
 from abbe.drivers.link import LinkDownError, LinkState

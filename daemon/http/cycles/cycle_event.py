@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
-from abbe.daemon.http.wire import Cycle
+from abbe.daemon.http.exchange.wire import Cycle
 
 _MICRO, _MILLI = 1e6, 1e3
 

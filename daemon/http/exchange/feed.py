@@ -19,8 +19,8 @@ from abbe.compcore.errors import AbbeError
 from abbe.compcore.validation import in_one_line
 from abbe.daemon.control.controls import Controls
 from abbe.daemon.control.requests import changes
-from abbe.daemon.http.packing import CyclePacker
-from abbe.daemon.http.wire import (
+from abbe.daemon.http.exchange.packing import CyclePacker
+from abbe.daemon.http.exchange.wire import (
     MESSAGE,
     FeedFrame,
     ForJournal,

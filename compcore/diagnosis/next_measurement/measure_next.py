@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.join import join_campaigns
-from abbe.compcore.diagnosis.practicable import Proposal, practicable, rows_at
+from abbe.compcore.diagnosis.next_measurement.practicable import Proposal, practicable, rows_at
 from abbe.compcore.diagnosis.screening.pool import WeighedCandidate
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.fitting.design.design_matrix import Problem

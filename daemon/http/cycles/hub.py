@@ -16,8 +16,8 @@ from collections import deque
 from typing import Any
 
 from abbe.daemon.control.requests import Request
-from abbe.daemon.http.cycle_event import CycleEvents
-from abbe.daemon.http.wire import (
+from abbe.daemon.http.cycles.cycle_event import CycleEvents
+from abbe.daemon.http.exchange.wire import (
     Alive,
     FeedFrame,
     ForJournal,

@@ -10,7 +10,7 @@ from typing import Any
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
-from abbe.daemon.http.hub import Hub, Subscription
+from abbe.daemon.http.cycles.hub import Hub, Subscription
 
 _QUIET = 10.0
 """s without a cycle after which a line of comment says that the stream lives."""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from abbe.compcore.files.text.atomic import write_atomically
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "performance.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "performance.md"
 
 _OPENING = """# Performance
 

@@ -1,0 +1,1 @@
+"""What goes between a run and its HTTP process: messages over a socket pair, packed cycles."""
