@@ -12,10 +12,13 @@ import pickle
 import resource
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.errors import AbbeError, InputError
 from abbe.compcore.files.checks_file import add_checks, read_checks
 from abbe.compcore.model.model import Model
@@ -99,8 +102,8 @@ class CheckOutcome:
     problem: str = ""
 
 
-def done(request: CheckRequest) -> CheckOutcome:
-    """Record and judge."""
+def record(request: CheckRequest) -> CheckOutcome:
+    """Record the readings; one that stands in the file already is not recorded twice."""
     model, path = request.model, request.checks
     recorded: list[str] = []
     refused: dict[str, str] = {}
@@ -108,15 +111,29 @@ def done(request: CheckRequest) -> CheckOutcome:
         name = new.typed.name
         try:
             before = read_checks(path, model.machine) if path.exists() else None
-            active = model if new.corrected else None
-            rows = check_rows(new.typed, model, new.when, before, new.signals, active)
-            add_checks(path, rows, model.machine)
+            if before is None or not _stands_in(before, new):
+                active = model if new.corrected else None
+                rows = check_rows(new.typed, model, new.when, before, new.signals, active)
+                add_checks(path, rows, model.machine)
         except InputError as error:
             refused[name] = str(error)
         else:
             recorded.append(name)
+    return CheckOutcome(tuple(recorded), refused)
+
+
+def _stands_in(before: Campaign, new: NewReading) -> bool:
+    names = new.typed.setups
+    then = np.isclose(before.conditions.time, new.when, rtol=0.0, atol=1e-3)
+    return bool(np.any(then & np.isin(before.conditions.setup, names)))
+
+
+def done(request: CheckRequest) -> CheckOutcome:
+    """Record and judge."""
+    model, path = request.model, request.checks
+    made = record(request)
     if not path.exists():
-        return CheckOutcome(tuple(recorded), refused)
+        return made
     try:
         answer = check_point.judged(
             model,
@@ -126,8 +143,8 @@ def done(request: CheckRequest) -> CheckOutcome:
             request.diagnosing,
         )
     except AbbeError as error:
-        return CheckOutcome(tuple(recorded), refused, None, str(error))
-    return CheckOutcome(tuple(recorded), refused, check_point.as_json(answer))
+        return replace(made, problem=str(error))
+    return replace(made, answer=check_point.as_json(answer))
 
 
 def main() -> None:

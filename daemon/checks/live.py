@@ -31,8 +31,10 @@ logger = logging.getLogger("abbe.checks")
 
 _JUDGED_WITHIN = 600.0
 """s for recording and judging: ten years of checks."""
-_GRACE = 5.0
-"""s that a reading is given to be recorded when the run ends."""
+_GRACE = 3.0
+"""s that a reading is given to be recorded and judged when the run ends."""
+_LAST = 12.0
+"""s that recording it in this process may take then."""
 _OLD = 5.0
 """s after which the last cycle says nothing of now."""
 _SHOWN = 3
@@ -119,12 +121,29 @@ class LiveChecks:
                         await self._recorded()
             judging.cancel()
             await asyncio.wait({looking, judging}, timeout=_GRACE)
+            await self._record_the_rest()
             for new in self._new:
                 logger.warning("check %s: not recorded: the run ended", new.typed.name)
 
     async def _recorded(self) -> None:
         while self._new:  # noqa: ASYNC110
             await asyncio.sleep(0.05)
+
+    async def _record_the_rest(self) -> None:
+        """Record here what the judging process has not come to, on a busy computer."""
+        new = tuple(self._new)
+        if not new:
+            return
+        from abbe.daemon.checks.last import record_in_time
+
+        outcome = await record_in_time(self._request(new), _LAST)
+        if outcome is None:
+            return
+        self._new.clear()
+        for name, why in outcome.refused.items():
+            self._refuse(name, why)
+        for name in outcome.recorded:
+            logger.info("check %s: recorded, not judged: the run ended", name)
 
     async def _look(self) -> None:
         while True:

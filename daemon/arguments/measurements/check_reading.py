@@ -107,6 +107,11 @@ class TypedReading:
             given,
         )
 
+    @property
+    def setups(self) -> list[str]:
+        """Names of the set-ups of its rows."""
+        return [self.name] if self.found is None else [f"{self.name}_{a}" for a in "XYZ"]
+
     def campaign(
         self, model: Model, now: float, before: Campaign | None, known: Mapping[str, float]
     ) -> Campaign:
@@ -126,7 +131,7 @@ class TypedReading:
         InputError
             When an axis, a signal or an uncertainty is missing.
         """
-        names = [self.name] if self.found is None else [f"{self.name}_{a}" for a in "XYZ"]
+        names = self.setups
         n = len(names)
         positions = self._positions(model.machine)
         values, free = [self.value], tuple[str, ...]()

@@ -326,6 +326,21 @@ async def test_what_was_measured_just_before_the_end_is_recorded(model, tmp_path
     assert kept.n == 3
 
 
+@pytest.mark.parametrize("grace", [0.0, 0.4, 0.8, 1.2])
+async def test_a_busy_computer_loses_no_last_reading_and_records_none_twice(
+    model, tmp_path, monkeypatch, grace
+) -> None:
+    """The judging process is ended before, while or after it records; the run records then."""
+    monkeypatch.setattr("abbe.daemon.checks.live._GRACE", grace)
+    device = plc()
+    async with probing(device, model, BALL, tmp_path) as (service, _):
+        await until(lambda: looked_at(service))
+        device.measured("ball", 300.004, 119.999, -80.002)
+        await until(lambda: not service.checks.idle)
+    kept = read_campaign(tmp_path / "checks.csv", load_model(model).machine)
+    assert sorted(kept.conditions.setup) == ["ball_X", "ball_Y", "ball_Z"]
+
+
 def test_abbe_check_shows_what_is_read(model, tmp_path) -> None:
     path = tmp_path / "config.toml"
     path.write_text(plc().config(model, BALL + BLOCK, 502), "utf-8")
