@@ -123,9 +123,9 @@ def record(request: CheckRequest) -> CheckOutcome:
 
 
 def _stands_in(before: Campaign, new: NewReading) -> bool:
-    names = new.typed.setups
     then = np.isclose(before.conditions.time, new.when, rtol=0.0, atol=1e-3)
-    return bool(np.any(then & np.isin(before.conditions.setup, names)))
+    setups = np.asarray(before.conditions.setup)
+    return bool(np.any(then & np.isin(setups, new.typed.setups)))
 
 
 def done(request: CheckRequest) -> CheckOutcome:
