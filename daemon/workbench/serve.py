@@ -17,7 +17,6 @@ from abbe.daemon.workbench.live.view import LiveView
 from abbe.daemon.workbench.session import Workbench
 
 
-
 def serve(
     bench: Workbench | None,
     live: LiveView,
@@ -46,21 +45,8 @@ def serve(
         server.should_exit = True
 
     app, port = application(bench, live, end), made.getsockname()[1]
-    config = uvicorn.Config(
-        WorkbenchDoor(app, port, invite, key=key, session=session),
-        http=BoundedProtocol,
-        ws="none",
-        lifespan="off",
-        loop="asyncio",
-        log_config=None,
-        log_level=logging.ERROR,
-        access_log=False,
-        proxy_headers=False,
-        server_header=False,
-        timeout_graceful_shutdown=1,
-        h11_max_incomplete_event_size=_HEAD,
-    )
-    server = _LoopbackServer(config)
+    door = WorkbenchDoor(app, port, invite, key=key, session=session)
+    server = _LoopbackServer(bounded_config(door))
     try:
         server.run(sockets=[made])
     finally:
