@@ -98,16 +98,59 @@ def with_uncertainty(value: float, sd: float | None) -> str:
     >>> with_uncertainty(4.1e-17, 216.0)
     '0 ± 220'
     >>> with_uncertainty(-3.2e-5, None)
-    '-3.2e-05'
+    '-0.000032'
+    >>> with_uncertainty(4.1234e-9, 2.5e-10)
+    '(4.12 ± 0.25)·10⁻⁹'
     """
     if sd is None or not 0.0 < sd < math.inf or not math.isfinite(value):
-        return f"{value:.4g}"
+        return in_digits(value, 4)
     digits = 1 - math.floor(math.log10(sd))
     if digits > _FINEST:
-        return f"{value:.4g} ± {sd:.2g}"
+        power = digits - 2
+        both = with_uncertainty(value * 10.0**power, sd * 10.0**power)
+        return f"({both})·10{_raised(-power)}"
     shown = max(0, digits)
     return f"{round(value, digits) + 0.0:.{shown}f} ± {round(sd, digits):.{shown}f}"
 
 
+def in_digits(value: float, digits: int = 3, *, sign: bool = False) -> str:
+    """A number in significant digits as people write it: never 4.66e+03, and 0 for 5e-16.
+
+    Parameters
+    ----------
+    value
+        The number.
+    digits
+        Significant ones; those before the point are all written.
+    sign
+        Whether a plus sign is written too.
+
+    >>> [in_digits(v) for v in (4664.2, 0.012345, -20.0, 5.18e-16, 1.5e-7, float("nan"))]
+    ['4664', '0.0123', '-20', '0', '1.5·10⁻⁷', 'nan']
+    """
+    if not math.isfinite(value):
+        return f"{value}"
+    if abs(value) < _NOTHING:
+        return "0"
+    plus = "+" if sign else "-"
+    mantissa, _, exponent = f"{value:{plus}.{digits - 1}e}".partition("e")
+    power = int(exponent)
+    if -_FINEST < power < _LARGEST:
+        text = f"{value:{plus}.{max(0, digits - 1 - power)}f}"
+        return text.rstrip("0").rstrip(".") if "." in text else text
+    if "." in mantissa:
+        mantissa = mantissa.rstrip("0").rstrip(".")
+    return f"{mantissa}·10{_raised(power)}"
+
+
+def _raised(power: int) -> str:
+    """A power's digits, set high."""
+    return str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
 _FINEST = 6
-"""Decimals that people still read; smaller numbers are written with an exponent."""
+"""Decimals that people still read; smaller numbers are written with a power of ten."""
+_LARGEST = 7
+"""Digits before the point likewise."""
+_NOTHING = 1e-12
+"""What is smaller in any unit that people read is what a computer leaves of nothing."""

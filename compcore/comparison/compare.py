@@ -36,6 +36,7 @@ from abbe.compcore.fitting.reduction import leverage
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
 from abbe.compcore.notebook import html_table
+from abbe.compcore.units import in_digits
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -141,7 +142,8 @@ class Comparison(Shown):
     def verdict(self) -> Iterator[str]:
         """Whether the model holds, what stands out, and the next command."""
         parts = [
-            f"{name} are off by {part.rms * factor:.3g} {unit} rms (χ²/dof {part.chi2_per_dof:.3g})"
+            f"{name} are off by {in_digits(part.rms * factor)} {unit} rms "
+            f"(χ²/dof {in_digits(part.chi2_per_dof)})"
             for part, name, unit, factor in self._parts()
             if part.n
         ]
@@ -177,7 +179,8 @@ class Comparison(Shown):
     def summary(self) -> str:
         """Rows, rms and χ² per degree of freedom."""
         reported = [
-            f"{part.n} {name}, {part.rms * factor:.3g} {unit} rms, χ²/dof {part.chi2_per_dof:.3g}"
+            f"{part.n} {name}, {in_digits(part.rms * factor)} {unit} rms, "
+            f"χ²/dof {in_digits(part.chi2_per_dof)}"
             for part, name, unit, factor in self._parts()
             if part.n
         ]

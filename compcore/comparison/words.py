@@ -10,6 +10,7 @@ from abbe.compcore.campaign.sampling import sampling_words
 from abbe.compcore.comparison.lines import MeasuredLine
 from abbe.compcore.comparison.parts import ComparedRows
 from abbe.compcore.model.model import Model
+from abbe.compcore.units import in_digits
 
 _MOST_LISTED = 8
 OTHER_SETUPS = (
@@ -36,8 +37,8 @@ def comparison_words(
         if not part.n:
             continue
         yield (
-            f"{name}: {part.n} rows, rms {part.rms * factor:.3g} {unit}, "
-            f"95 % within {part.p95 * factor:.3g}, max {part.max * factor:.3g}; "
+            f"{name}: {part.n} rows, rms {in_digits(part.rms * factor)} {unit}, "
+            f"95 % within {in_digits(part.p95 * factor)}, max {in_digits(part.max * factor)}; "
             f"χ²/dof {part.chi2_per_dof:.2f}"
         )
         yield from _worst_groups(part, unit)
@@ -45,7 +46,8 @@ def comparison_words(
             yield (
                 f"  worst: {campaign.file_of(point.row)}, line {point.line}, "
                 f"set-up {point.setup}: "
-                f"{point.residual * factor:+.3g} {unit} (sd {point.sd * factor:.2g})"
+                f"{in_digits(point.residual * factor, sign=True)} {unit} "
+                f"(sd {in_digits(point.sd * factor, 2)})"
             )
     yield str(noise)
     if lines:
@@ -85,8 +87,8 @@ def _worst_groups(part: ComparedRows, unit: str) -> Iterator[str]:
         for group in sorted(groups, key=lambda g: -g.rms)[:2]:
             where = " ".join(_short(v) for v in group.of.values())
             yield (
-                f"  {name} {where}: rms {group.rms:.3g} {unit}, mean {group.mean:+.3g}, "
-                f"{group.n} rows"
+                f"  {name} {where}: rms {in_digits(group.rms)} {unit}, "
+                f"mean {in_digits(group.mean, sign=True)}, {group.n} rows"
             )
 
 

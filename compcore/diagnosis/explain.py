@@ -18,7 +18,7 @@ from abbe.compcore.effects import RotaryLocation
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.model.as_built import average_lines, seen_factor
 from abbe.compcore.model.model import Model, Term, Value
-from abbe.compcore.units import display, with_uncertainty
+from abbe.compcore.units import display, in_digits, with_uncertainty
 
 F64 = NDArray[np.float64]
 
@@ -171,8 +171,7 @@ def _sentence(text: str) -> str:
 def amount(value: float, unit: str) -> str:
     """A number in the unit that people read: µm, µrad, ppm/K."""
     name, factor = display(unit)
-    shown = value * factor
-    return f"{shown:.0f} {name}" if 100.0 <= abs(shown) < 1e6 else f"{shown:.3g} {name}"
+    return f"{in_digits(value * factor)} {name}"
 
 
 def parameter(estimate: Estimate) -> str:
@@ -213,7 +212,7 @@ def changed(standing: Standing) -> Iterator[str]:
         text = f"{change.effect.spec} changed{since}: "
         moved = _moved_parameters(change) if len(change.parameters) <= _NAMED else ""
         text += f"{moved}, " if moved else ""
-        text += f"up to {change.largest * factor:.3g} {unit} in this campaign"
+        text += f"up to {in_digits(change.largest * factor)} {unit} in this campaign"
         if change.aliases:
             text += f"; this campaign cannot tell it from a change of {'; '.join(change.aliases)}"
         yield text
@@ -233,6 +232,6 @@ def _moved_parameters(change: Change) -> str:
         by = with_uncertainty(p.by * factor, p.sd * factor)
         moved.append(
             f"{p.name} by {'' if p.by < 0.0 else '+'}{by} {unit} "
-            f"(from {p.before * factor:.4g} to {p.after * factor:.4g})"
+            f"(from {in_digits(p.before * factor, 4)} to {in_digits(p.after * factor, 4)})"
         )
     return ", ".join(moved)

@@ -44,6 +44,7 @@ from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
 from abbe.compcore.notebook import html_table
+from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
 
@@ -86,9 +87,8 @@ class Diagnosis(Findings, Shown):
         """The verdict, with the causes that are established."""
         unit, _, factor = self.unit
         names = "".join(f" {e.effect.spec}," for e in self.established)
-        return (
-            f"{self.verdict}:{names} {self.rms * factor:.3g} {unit} rms left by the model as it is"
-        )
+        left = f"{in_digits(self.rms * factor)} {unit} rms"
+        return f"{self.verdict}:{names} {left} left by the model as it is"
 
     def table(self) -> str:
         """The causes that are established, in HTML; without any the strongest candidates."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from abbe.compcore.errors import InputError
 from abbe.daemon.records.schema import LEVELS, open_to_read
@@ -35,6 +37,33 @@ class RecordedSpan:
     mean: float
     greatest: float
     count: int
+
+
+class _Level(NamedTuple):
+    """How a level is asked for one span of time; `half` of its own span, s."""
+
+    table: str
+    half: float
+    query: str
+
+
+_SPANS = (
+    _Level(
+        "full",
+        0.0,
+        "SELECT min(value), sum(value), max(value), count(*) FROM full "
+        "WHERE series = ? AND time >= ? AND time < ?",
+    ),
+    *(
+        _Level(
+            table,
+            half,
+            f"SELECT min(least), sum(mean * count), max(greatest), sum(count) FROM {table} "
+            "WHERE series = ? AND time >= ? AND time < ?",
+        )
+        for table, half in (("minutes", 30.0), ("hours", 1800.0))
+    ),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,27 +188,42 @@ class Records:
         width = max((last - first) / most, 1e-3)
         found: dict[int, dict[str, tuple[float, float, float]]] = {}
         for name, _ in self._named(names):
-            rows = self._connection.execute(
-                "SELECT min(max(cast((time - :first) / :width AS INTEGER), 0), :most - 1) AS span, "
-                "min(least), sum(mean * count) / sum(count), max(greatest) FROM ("
-                "SELECT time, value AS least, value AS mean, value AS greatest, 1 AS count "
-                "FROM full WHERE series = :series AND time BETWEEN :first AND :last UNION ALL "
-                "SELECT time + 30, least, mean, greatest, count FROM minutes "
-                "WHERE series = :series AND time BETWEEN :first - 30 AND :last - 30 UNION ALL "
-                "SELECT time + 1800, least, mean, greatest, count FROM hours "
-                "WHERE series = :series AND time BETWEEN :first - 1800 AND :last - 1800"
-                ") GROUP BY span",
-                {"series": self._number(name), "first": first, "last": last, "width": width,
-                 "most": most},
-            )  # fmt: skip
-            for span, least, mean, greatest in rows:
-                found.setdefault(int(span), {})[name] = (least, mean, greatest)
+            number = self._number(name)
+            levels = [level for level in _SPANS if self._has(level, number, first, last)]
+            for span in range(most):
+                begin = first + span * width
+                value = self._one_span(levels, number, begin, begin + width)
+                if value is not None:
+                    found.setdefault(span, {})[name] = value
         spans = sorted(found)
         return ThinnedSeries(
             [first + (span + 0.5) * width for span in spans],
             {name: [found[span].get(name) for span in spans] for name in names},
             width,
         )
+
+    def _has(self, level: _Level, number: int, first: float, last: float) -> bool:
+        """Whether a level keeps anything of a series between two times."""
+        (there,) = self._connection.execute(
+            f"SELECT EXISTS (SELECT 1 FROM {level.table} "
+            "WHERE series = ? AND time BETWEEN ? AND ?)",
+            (number, first - level.half, last - level.half),
+        ).fetchone()
+        return bool(there)
+
+    def _one_span(
+        self, levels: Sequence[_Level], number: int, begin: float, end: float
+    ) -> tuple[float, float, float] | None:
+        """Least, mean and greatest of one span: a walk along the index, nothing is sorted."""
+        least, total, greatest, count = math.inf, 0.0, -math.inf, 0
+        for level in levels:
+            low, own, high, many = self._connection.execute(
+                level.query, (number, begin - level.half, end - level.half)
+            ).fetchone()
+            if many:
+                least, greatest = min(least, low), max(greatest, high)
+                total, count = total + own, count + many
+        return (least, total / count, greatest) if count else None
 
     def _named(self, names: Sequence[str]) -> list[tuple[str, str]]:
         there = self.series()

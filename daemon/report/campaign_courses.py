@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from abbe.compcore.figures.figure import COLOURS, figure, line
+from abbe.compcore.units import in_digits
 from abbe.daemon.report.page import Figure
 from abbe.daemon.report.versions import change, number_of
 
@@ -56,7 +57,7 @@ class CampaignCourse:
             used = "fitted by some versions, held out by others"
         floor = "its noise floor is not known: nothing was repeated"
         if last.floor is not None:
-            floor = f"{last.rms:.3g} µm left, noise floor {last.floor:.3g} µm"
+            floor = f"{in_digits(last.rms)} µm left, noise floor {in_digits(last.floor)} µm"
         return f"{self.name}, {used}: {floor}"
 
 
@@ -100,13 +101,13 @@ def course_figure(course: CampaignCourse, beside: Sequence[CampaignCourse]) -> F
                     "name": name,
                     "width": 0.55,
                     "marker": {"color": colour},
-                    "text": [f"{v.rms:.3g}" for v in chosen],
+                    "text": [f"{in_digits(v.rms)}" for v in chosen],
                     "textposition": "inside",
                     "insidetextanchor": "start",
                     "textangle": 0,
                     "textfont": {"color": ink},
                     "hovertext": [f"{v.version}: {v.change}" for v in chosen],
-                    "hovertemplate": "%{hovertext}<br>%{y:.4g} µm",
+                    "hovertemplate": "%{hovertext}<br>%{in_digits(y, 4)} µm",
                 }
             )
     floors = np.array([np.nan if v.floor is None else v.floor for v in course.values])

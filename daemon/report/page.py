@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from abbe.compcore.files.text.atomic import write_atomically
+from abbe.compcore.units import in_digits
 from abbe.daemon.report.head import PageHead
 from abbe.daemon.report.still import still
 from abbe.daemon.report.style import STYLE
@@ -246,8 +247,10 @@ def number(value: float, digits: int = 4) -> str:
 
     >>> number(-12.34567), number(0.0)
     ('−12.35', '0')
+    >>> number(4664.2, 3)
+    '4664'
     """
-    return f"{value:.{digits}g}".replace("-", "−")
+    return in_digits(value, digits).replace("-", "−")
 
 
 def _in_space(trace: Mapping[str, Any]) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.figures.figure import COLOURS, Trace, figure
+from abbe.compcore.units import in_digits
 from abbe.daemon.report.page import Figure
 
 F64 = NDArray[np.float64]
@@ -98,13 +99,13 @@ def _bars(
         "y": values,
         "name": name,
         "marker": {"color": colour},
-        "text": ["" if v is None else f"{v:.3g}" for v in values],
+        "text": ["" if v is None else f"{in_digits(v)}" for v in values],
         "textposition": "inside",
         "insidetextanchor": "start",
         "textangle": 0,
         "textfont": {"color": ink},
         "hovertext": labels,
-        "hovertemplate": "%{hovertext}<br>%{y:.4g} µm",
+        "hovertemplate": "%{hovertext}<br>%{in_digits(y, 4)} µm",
     }
 
 

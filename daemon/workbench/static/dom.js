@@ -18,24 +18,30 @@ export function el(tag, properties = {}, ...children) {
 export function table(title, columns, cells, last = null) {
   const numeric = columns.map((_, k) => cells.some((row) => /^[−–]?[\d.]+$/.test(row[k])));
   const side = (k) => (numeric[k] ? "number" : null);
-  const head = columns.map((name, k) => el("th", {scope: "col", class: side(k)}, name));
+  // a column without a name is no heading
+  const head = columns.map((name, k) => (name ? el("th", {scope: "col", class: side(k)}, name) : el("td", {})));
   const body = cells.map((row, i) => el("tr", {},
     ...row.map((text, k) => el("td", {class: side(k)}, text)),
     last ? el("td", {}, last(i)) : null));
   return el("div", {class: "wide"}, el("table", {},
     title ? el("caption", {}, title) : null,
-    el("thead", {}, el("tr", {}, ...head, last ? el("th", {}) : null)),
+    el("thead", {}, el("tr", {}, ...head, last ? el("td", {}) : null)),
     el("tbody", {}, ...body)));
 }
 
-/** A number for people: three significant digits, a true minus sign. */
+/** A number for people: significant digits, a true minus sign, no exponent but a power of ten. */
 export function number(value, digits = 3) {
   if (value === null || !Number.isFinite(value)) return "–";
   const size = Math.abs(value);
-  const text = size >= 1000 && size < 1e6 ? value.toFixed(0)
-    : size !== 0 && (size < 1e-3 || size >= 1e6) ? value.toExponential(digits - 1)
-    : String(Number(value.toPrecision(digits)));
-  return text.replace(/-/g, "−");
+  if (size < 1e-12) return "0";
+  if (size >= 1e-6 && size < 1e7) {
+    const after = Math.max(0, digits - 1 - Math.floor(Math.log10(size)));
+    const text = value.toFixed(Math.min(after, 20));
+    return (text.includes(".") ? text.replace(/\.?0+$/, "") : text).replace("-", "−");
+  }
+  const [mantissa, power] = value.toExponential(digits - 1).split("e");
+  const raised = [...power.replace("+", "")].map((c) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)]).join("");
+  return `${mantissa.includes(".") ? mantissa.replace(/\.?0+$/, "") : mantissa}·10${raised}`.replace("-", "−");
 }
 
 export class Refusal extends Error {}

@@ -60,7 +60,8 @@ export class Scatter {
     this.#axes(pen);
     const {values, before, chosen} = this.linked;
     if (before) {
-      pen.fillStyle = colours().line;
+      pen.fillStyle = colours().still;
+      pen.globalAlpha = 0.5;
       for (const i of this.indices) pen.fillRect(this.#px(i) - 1.5, this.#py(before[i]) - 1.5, 3, 3);
     }
     const faint = chosen.size > 0;
