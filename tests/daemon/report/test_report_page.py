@@ -152,7 +152,7 @@ def test_written_whole_or_not_at_all(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("value", "text"), [(1234.5678, "1235"), (-0.5, "−0.5"), (1e-9, "1e−09"), (3.0, "3")]
+    ("value", "text"), [(1234.5678, "1235"), (-0.5, "−0.5"), (1e-9, "1·10⁻⁹"), (3.0, "3")]
 )
 def test_numbers_for_people(value, text):
     assert number(value) == text
