@@ -58,9 +58,9 @@ soak: $(VENV)/.dev $(VENV)/.debian ## Soak a supervised run in faults of wire an
 deb: $(VENV)/.runtime ## Build dist/abbe_VERSION_amd64.deb, which is installed without a network
 	@$(BIN)/python -m tools.deb
 
-test-systemd: $(VENV)/.dev ## Prove the .deb and its services on a real systemd in a virtual machine (half an hour)
+test-systemd: $(VENV)/.dev ## Prove the .deb and its services on a real systemd in a virtual machine (half an hour; CONTAINER=1: minutes)
 	@$(call install_debian,$(MACHINE))
-	$(BIN)/python -m tests.systemd
+	$(BIN)/python -m tests.systemd $(if $(CONTAINER),--container)
 
 clean: ## Remove everything that the other targets made
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis demo-out

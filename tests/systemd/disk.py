@@ -15,6 +15,8 @@ _DATA = "/var/lib/abbe/mill-7"
 _RECORDS = f"{_DATA}/records.sqlite"
 _SLOW = 2000
 """Bytes a second that the slow disk takes: a tenth of what is recorded."""
+_PROBE = 16384
+"""Bytes."""
 _LASTS = 40.0
 """s that each fault lasts at least: the writer tries again every 5 s."""
 _FULL = 2
@@ -39,6 +41,7 @@ def slow_disk(stage: Stage) -> str:
     before = _cycles(stage)
     machine.throttle(_SLOW)
     since, began = stage.mark(ONE), _now(stage)
+    took = _probed(stage)
     time.sleep(_LASTS)
     seen = stage.controllers[ONE].seen[since:]
     machine.throttle(0)
@@ -48,7 +51,20 @@ def slow_disk(stage: Stage) -> str:
     rows = _rows(stage, began)
     assert rows > 0, "nothing of the time with a slow disk"
     missed = after["missed"] - before["missed"]
-    return f"{went}; {missed:.0f} cycles missed; {rows} rows of that time; {_waits(stage)}"
+    slow = f"{_PROBE / 1e3:.0f} kB took {took:.0f} s"
+    return f"{went}; {slow}; {missed:.0f} cycles missed; {rows} rows of that time; {_waits(stage)}"
+
+
+def _probed(stage: Stage) -> float:
+    """How long the disk takes for a little, past the memory, s: it is slow indeed."""
+    began = time.monotonic()
+    stage.machine.do(
+        f"dd if=/dev/zero of={_DATA}/probe bs=4096 count={_PROBE // 4096} oflag=direct; "
+        f"rm {_DATA}/probe"
+    )
+    took = time.monotonic() - began
+    assert took > 0.5 * _PROBE / _SLOW, f"{_PROBE} bytes in {took:.1f} s"
+    return took
 
 
 def full_and_read_only(stage: Stage) -> str:
@@ -75,19 +91,22 @@ def full_and_read_only(stage: Stage) -> str:
 
 
 def damaged(stage: Stage) -> str:
-    """a damaged history is put aside, and a new one begun"""
+    """a history that was damaged when Abbe was killed is put aside, a new one begun"""
     machine = stage.machine
     stage.until_full(ONE)
     _until_rows_since(stage, _now(stage))
     marked, since = _now(stage), stage.mark(ONE)
-    machine.do(f"dd if=/dev/urandom of={_RECORDS} bs=4096 seek=1 count=20 conv=notrunc")
+    machine.do(
+        f"systemctl kill --signal=KILL abbe@{ONE}; "
+        f"dd if=/dev/urandom of={_RECORDS} bs=4096 seek=1 count=20 conv=notrunc"
+    )
     said = _until_said(stage, marked, "put aside as")
+    stage.until_full(ONE, since)
     _until_rows_since(stage, _now(stage))
     aside = machine.do(f"ls {_DATA} | grep damaged")
-    went = _went_on(stage.controllers[ONE].seen[since:])
     machine.do(f"systemctl stop abbe@{ONE} && umount {_DATA} && systemctl start abbe@{ONE}")
     stage.until_full(ONE)
-    return f"{went}; {said}; {len(aside.split())} files aside"
+    return f"{said}; {', '.join(aside.split())}; corrected in full and recorded again"
 
 
 def _went_on(looks: Sequence[Seen]) -> str:

@@ -20,6 +20,9 @@ _CODES = {"uint16": ">H", "int32": ">i", "uint32": ">I"}
 _REGISTERS = (*WRITE_BACK.registers, *MATCHED.registers)
 _COUNT = _REGISTERS[-1].address + _REGISTERS[-1].size
 _MATCHED = 1
+_LAST = 0.15
+"""Part of the correction that may have been seen last: a cycle of the ramp is 5 %, and the zero
+at its end stands for some milliseconds before the last word."""
 _SPEEDS = 1.1
 """How much faster than allowed a step may look: the samples' clock has 1 ms."""
 
@@ -118,7 +121,7 @@ def ramp(looks: Sequence[Seen], rate: float) -> str:
     sizes = [size for size, _ in itertools.groupby(look.size for look in path)]
     assert len(sizes) > 5, f"no ramp: {sizes}"
     assert sizes[0] > 5.0, f"there was no correction before: {sizes}"
-    assert sizes[-1] < 0.05 * sizes[0], f"it did not come to zero before its end: {sizes}"
+    assert sizes[-1] < _LAST * sizes[0], f"it did not come to zero before its end: {sizes[-30:]}"
     for one, two in itertools.pairwise(path):
         step = max(abs(a - b) for a, b in zip(one.correction, two.correction, strict=True))  # type: ignore[arg-type]
         allowed = _SPEEDS * rate * (two.sample - one.sample) + 0.02
