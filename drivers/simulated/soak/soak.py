@@ -249,7 +249,9 @@ class Soak:
             return
         killed = self._active.get("killed")
         if killed is None and not (why == "watchdog" and now < self._hung_until):
-            self._fail(now, f"Abbe had to be started again: {why}")
+            waited = self._waits.between(now - WATCHDOG, now)
+            said = f"it waited {waited:.1f} s of the last {WATCHDOG:g} s for a processor"
+            self._fail(now, f"Abbe had to be started again: {why}; {said}")
         self._log.say("!", f"over: {why}")
         self._abbe.again("killed" if killed else why)
         self._reborn_at = now + 0.3 if killed is None else max(now + 0.3, self._until(killed, now))
