@@ -194,10 +194,16 @@ def to_the_verdict(
         found = [e.found.candidate.effect for e in diagnosis.established]
         new = _motions_first([e for e in found if not course.refused_now(e)])
         read = [e for e in new if e.kind not in OF_THE_CLOCK]
+        clock = [e for e in new if read and e.kind in OF_THE_CLOCK]
         if new and not read and course.bodies():
             diagnosis = course.diagnosed()
             continue
-        if course.add_all(read or new) or course.add_another(diagnosis):
+        if (
+            course.add_all(read or new)
+            or course.add_another(diagnosis)
+            # what reads a signal was taken by none of the blocks: what reads the clock is no worse
+            or course.add_all(clock)
+        ):
             course.lag()
         elif not (
             course.detail(diagnosis)
@@ -396,10 +402,13 @@ class _StepwiseCourse:
         fuller = effect.model_copy(update=detail)
         if self.refused_now(fuller) or (fuller in self.refused and not again):
             return False
-        more, _ = with_effect(self._last.result.model, fuller.kind, fuller.where())
-        if not self._try(action, fuller, more, _FALLS):
+        before = self._last.result.model
+        more, _ = with_effect(before, fuller.kind, fuller.where())
+        found = self._better(more, (fuller,), _FALLS)
+        if found is None or _strange(found[0].model, fuller) > _strange(before, effect):
             self.refused[fuller] = len(self.steps)
             return False
+        self._make(action, fuller, *found)
         self._added[self._added.index(effect)] = fuller
         return True
 
@@ -460,3 +469,19 @@ def _apart(model: Model, effect: Effect) -> bool:
         return True
     one, other = (values[name].value for name in ("tau", "tau2"))
     return max(one, other) > _TWO * min(one, other)
+
+
+def _strange(model: Model, effect: Effect) -> int:
+    """How many parameters of an effect lie outside of what a sound machine shows.
+
+    Detail may make a cause more exact, not absurd: a slow body and where it began, a hundred times
+    what warmth does, cancel where they were fitted and nowhere else.
+    """
+    values = next((t.values for t in model.terms if t.effect == effect), {})
+    machine = model.machine
+    ranges = {p.name: p.plausible for p in (*effect.linear(machine), *effect.nonlinear(machine))}
+    return sum(
+        not ranges[name][0] <= value.value <= ranges[name][1]
+        for name, value in values.items()
+        if name in ranges
+    )

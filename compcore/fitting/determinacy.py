@@ -21,6 +21,11 @@ believable amount of it would make: it is followed all the same, or a model with
 could fit worse than without."""
 
 
+MOST_FOLLOWED = 1e4
+"""Believable amounts of a combination up to which it is followed. More of it no machine has, and
+where the campaign shows nothing of a combination but rounding, any residual asks for more."""
+
+
 class Decomposition:
     """Singular value decomposition of a weighted Jacobian in units of the unknowns' scales.
 
@@ -75,6 +80,7 @@ class Decomposition:
         asked += self.singular * (self.directions.T @ (apart / self.scale))
         beyond = np.abs(asked) > DEMANDED * max(spread, 1.0)
         beyond &= self.singular > self._rounding
+        beyond &= np.abs(asked) <= MOST_FOLLOWED * self.singular
         more = np.flatnonzero(beyond[self.rank :]) + self.rank
         if not len(more):
             return

@@ -43,12 +43,15 @@ class StartOptions:
         Tools of different lengths are used: how the spindle leans.
     shape
         Shape of linear axes' error motions; None: a spline by the length of the travel.
+    bare
+        No effects at all: the machine, its axes and sensors. What it needs, the diagnosis finds.
     """
 
     play: bool = False
     rotary_motions: bool = False
     tool_lengths: bool = False
     shape: str | None = None
+    bare: bool = False
 
 
 def usual_shape(axis: Axis) -> str:
@@ -79,6 +82,8 @@ def start_model(machine: Machine, wanted: StartOptions | None = None) -> Model:
             found=wanted.shape,
             expected="spline:N, polynomial:N or constant; tables stand in the model file",
         )
+    if wanted.bare:
+        return Model(machine)
     effects = list(_effects(machine, wanted))
     for effect in effects:
         effect.check(machine)

@@ -20,6 +20,12 @@ def diagnosing(model: Path, campaigns: Sequence[Path]) -> str:
     return shlex.join(["abbe", "diagnose", str(model), *map(str, campaigns)])
 
 
+def finding(model: Path) -> str:
+    """The command that finds what effects a machine without any has."""
+    words = ["abbe", "diagnose", str(model), "CAMPAIGN.csv", "--apply", "-o"]
+    return shlex.join([*words, str(next_version(model))])
+
+
 def checking(config: Path) -> str:
     """The command that says whether a configuration is in order."""
     return shlex.join(["abbe", "check", str(config)])

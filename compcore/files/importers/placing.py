@@ -87,6 +87,8 @@ class Readings:
         Shape (n,), mm or rad: standard uncertainty; None: that of the placing.
     tool
         Shape (n, 3), mm: the tool's offset; None: that of the placing.
+    time
+        Shape (n,), s since the file's first moment; None: the file has no times.
     gauge, gauge_sd
         Shape (n,): what the row was measured against, empty where nothing, and the standard
         uncertainty of its calibration, mm; None where nothing was.
@@ -105,6 +107,7 @@ class Readings:
     tool: F64 | None = None
     gauge: Sequence[str] | None = None
     gauge_sd: F64 | None = None
+    time: F64 | None = None
 
 
 def along_line(
@@ -140,7 +143,7 @@ def place(
 ) -> Campaign:
     """The campaign that readings and placing make together.
 
-    Times are not in the foreign files read here: every row stands at 0 s, in the order measured.
+    Rows of a file without times all stand at 0 s, in the order measured.
 
     Raises
     ------
@@ -176,7 +179,9 @@ def place(
                 for r in readings
             ]
         ),
-        time=np.zeros(n),
+        time=np.concatenate(
+            [np.zeros(len(r.value)) if r.time is None else r.time for r in readings]
+        ),
         signals=_signals(source, readings, placing),
         run=np.zeros(n, dtype=np.int64),
         setup=names,

@@ -26,6 +26,12 @@ _HEAD = """\
 # finds them all, and says which of them the measurements cannot tell.
 # Every key is explained in docs/model.md, every effect by `abbe effects KIND`.
 """
+_BARE_HEAD = """\
+# A machine without effects, made by `abbe new --bare`. Measure, then
+#     abbe diagnose {name} CAMPAIGN.csv --apply -o found.toml
+# finds the effects that the measurements show, one after another.
+# Every key is explained in docs/model.md, every effect by `abbe effects KIND`.
+"""
 _MACHINE = {
     "structure": """\
 # From the workpiece w over the bed b to the tool t. Axes with a prime carry the workpiece; a
@@ -126,7 +132,7 @@ def _pieces(model: Model, name: str) -> Iterator[str]:
     document = document_of(model)
     section = document["machine"]
     axes, signals = section.pop("axes"), section.pop("signals", {})
-    yield _HEAD.format(name=name)
+    yield (_HEAD if model.effects else _BARE_HEAD).format(name=name)
     yield _line("format", document["format"])
     yield "\n[machine]\n"
     for key, value in section.items():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from abbe.compcore.files.importers.placing import ForeignPlacing
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.plausible import TRAVEL
 from abbe.compcore.machine.structure import Structure
-from abbe.daemon.arguments.assignments import number
+from abbe.daemon.arguments.assignments import number, split_assignments, tool_offset
 from abbe.daemon.arguments.measurements.foreign_layout import ForeignLayout
 
 
@@ -34,6 +34,8 @@ class ForeignOptions:
         Test of rotary axes: what carries the sensors; whether spheres are where the file states.
     structure
         Map: the structure code.
+    measured
+        Log: column → what it measures, as typed.
     """
 
     axis: str | None = None
@@ -48,6 +50,7 @@ class ForeignOptions:
     nest: str | None = None
     placed: bool = False
     structure: str | None = None
+    measured: Sequence[str] = ()
 
 
 def read_foreign(
@@ -170,6 +173,21 @@ def _map(
     return import_map_rows(file, structure, placing)
 
 
+def _log(
+    file: Path, placing: ForeignPlacing, machine: Machine | None, options: ForeignOptions
+) -> Campaign:
+    from abbe.compcore.files.importers.log import Measured, import_log
+    from abbe.compcore.files.importers.placing import component_of
+
+    measured = {}
+    for column, text in split_assignments(options.measured).items():
+        component, at, tool = text.partition("@")
+        measured[column] = Measured(
+            component_of("X", component or "?"), tool_offset("measured", tool) if at else None
+        )
+    return import_log(file, placing, measured=measured, unit=options.unit, machine=machine)
+
+
 _READERS: Mapping[ForeignLayout, _Reader] = {
     ForeignLayout.ISO230_2: _runs,
     ForeignLayout.RTL: _laser,
@@ -178,6 +196,7 @@ _READERS: Mapping[ForeignLayout, _Reader] = {
     ForeignLayout.LENGTHS: _lengths,
     ForeignLayout.PLATE: _plates,
     ForeignLayout.RTEST: _rotary_test,
+    ForeignLayout.LOG: _log,
 }
 
 

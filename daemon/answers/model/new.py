@@ -9,14 +9,16 @@ from typing import Any
 
 from abbe.compcore.machine.machine import Axis
 from abbe.compcore.model.model import Model
-from abbe.daemon.answers.typed import fitting
+from abbe.daemon.answers.typed import finding, fitting
 
 
 def columns_of(model: Model) -> list[str]:
     """The columns that a campaign for this model has."""
     machine = model.machine
     axes = list(machine.structure.axes)
-    directions = sorted({a for e in model.effects for a in e.directions_used()}, key=axes.index)
+    used = {a for e in model.effects for a in e.directions_used()}
+    # where nothing is known yet, play is looked for in every axis
+    directions = sorted(used, key=axes.index) if model.effects else axes
     return [
         *("time", "setup", "kind", *axes),
         *(f"{axis}_dir" for axis in directions),
@@ -43,10 +45,8 @@ def as_json(model: Model, out: Path) -> dict[str, Any]:
 def as_text(model: Model, out: Path) -> Iterator[str]:
     """Lines for people."""
     machine = model.machine
-    yield (
-        f"{machine.name}, {machine.structure}: {len(model.effects)} effects with "
-        f"{_parameters(model)} parameters, none of them fitted"
-    )
+    held = f"{len(model.effects)} effects with {_parameters(model)} parameters, none of them fitted"
+    yield f"{machine.name}, {machine.structure}: {held if model.effects else 'no effects'}"
     used = {signal for effect in model.effects for signal in effect.signals_needed()}
     for axis in machine.axes.values():
         low, high = _ends(axis)
@@ -55,7 +55,7 @@ def as_text(model: Model, out: Path) -> Iterator[str]:
         use = "used" if signal.name in used else "recorded, for abbe diagnose"
         yield f"  {signal.name}: {signal.role}, {signal.unit}, {use}"
     yield "columns of a campaign (docs/campaigns.md): " + ",".join(columns_of(model))
-    yield f"next: measure, and  {fitting(out)}"
+    yield f"next: measure, and  {fitting(out) if model.effects else finding(out)}"
 
 
 def _parameters(model: Model) -> int:

@@ -15,3 +15,4 @@ class ForeignLayout(StrEnum):
     LENGTHS = "lengths"
     PLATE = "plate"
     RTEST = "rtest"
+    LOG = "log"

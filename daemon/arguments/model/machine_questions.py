@@ -58,6 +58,8 @@ def ask_machine(name: str, wanted: StartOptions) -> tuple[Machine, StartOptions]
                 partial(_typed, location_of, axis),
             )
     sensors = _ask_sensors(structure, kind)
+    if wanted.bare:
+        return machine_of(structure, name, travels, locations, sensors), wanted
     play = _yes("Will lines be measured in both directions (shows play)?", bool(kind and kind.play))
     wanted = replace(wanted, play=wanted.play or play)
     if structure.rotary and not wanted.rotary_motions:

@@ -90,12 +90,19 @@ def import_campaign(
     structure: Annotated[
         str | None, typer.Option(help='map: the structure code, such as "w b Y X Z t".')
     ] = None,
+    measured: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="log: COLUMN=Z along (X Y Z) or COLUMN=A about (A B C), @x,y,z for its tool "
+            "offset; may be repeated."
+        ),
+    ] = None,
     model: Annotated[
         Path | None, typer.Option(help="Model file: checks that every axis has its position.")
     ] = None,
     force: Force = False,
 ) -> None:
-    """Import runs, a Renishaw rtl, a ball bar test, a map, lengths, plates, or a rotary test."""
+    """Import runs, an rtl, a ball bar test, a map, lengths, plates, a rotary test, or a log."""
     from abbe.compcore.campaign.suspicions import (
         of_unknown_thermometers,
         of_values,
@@ -124,6 +131,7 @@ def import_campaign(
         nest=nest,
         placed=placed,
         structure=structure,
+        measured=measured or [],
     )
     campaign = read_foreign(layout, file, placing, machine, options)
     write_campaign(campaign, output)

@@ -64,6 +64,12 @@ def new(
         str | None,
         typer.Option(help="Of linear axes' errors: spline:N, polynomial:N; default by travel."),
     ] = None,
+    bare: Annotated[
+        bool,
+        typer.Option(
+            "--bare", help="No effects: diagnose --apply finds those that the measurements show."
+        ),
+    ] = False,
     as_json: AsJson = False,
     force: Force = False,
 ) -> None:
@@ -77,7 +83,14 @@ def new(
     from abbe.daemon.outputs import MODEL, check_outputs
 
     say = check_outputs([], [(out, MODEL)], force=force, as_json=as_json)
-    wanted = StartOptions(play, rotary_motions, tool_lengths, shape)
+    if bare and (play or rotary_motions or tool_lengths or shape or two_drives):
+        raise InputError(
+            "says which effects the model shall have, beside none at all",
+            field="bare",
+            expected="--bare without --play, --rotary-motions, --tool-lengths, --shape, "
+            "--two-drives",
+        )
+    wanted = StartOptions(play, rotary_motions, tool_lengths, shape, bare)
     if structure is not None:
         drives = two_drives_of(two_drives or [])
         sensors = [

@@ -102,3 +102,28 @@ def test_a_ball_bar_with_all_its_options(abbe, tmp_path):
     text = (tmp_path / "c.csv").read_text()
     assert 'free = [\n#     "zero",\n#     "frame",' in text
     assert "0,bar,displacement,-180,450,450,0,1" in text
+
+
+def test_a_thermal_test_of_a_logger(abbe, tmp_path):
+    (tmp_path / "log.csv").write_text("time,T_bed,x1,x2\n0,20,1.5,2\n60,21,2.5,4\n")
+    status, out, err = abbe(
+        "import-campaign", "log.csv", "--as", "log", "--at", "X=1,Y=2,Z=-3", "--unit", "um",
+        "--measured", "x1=X@0,0,-80", "--measured", "x2=X@0,0,-180", "--model", "model.toml",
+        "-o", "c.csv",
+    )  # fmt: skip
+    assert (status, err) == (0, "")
+    assert "x2 is the error along X at tool 0, 0, -180, in um" in out
+    assert "4 rows in 2 set-ups → c.csv" in out
+    status, _, err = abbe("compare", "model.toml", "c.csv", "--json")
+    assert (status, err) == (0, "")
+
+
+@pytest.mark.parametrize("text", ["x1", "x1=", "x1=E", "x1=X@1,2", "nothing=X"])
+def test_a_log_s_readings_that_cannot_be_are_one_line(abbe, tmp_path, text):
+    (tmp_path / "log.csv").write_text("time,x1\n0,1.5\n60,2.5\n")
+    status, _, err = abbe(
+        "import-campaign", "log.csv", "--as", "log", "--measured", text, "-o", "c.csv"
+    )
+    assert status == 1
+    assert len(err.strip().splitlines()) == 1
+    assert not (tmp_path / "c.csv").exists()

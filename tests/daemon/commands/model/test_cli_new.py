@@ -130,6 +130,20 @@ def test_options_say_what_will_be_measured(tmp_path: Path) -> None:
     assert {e.where()["shape"] for e in short.effects if "shape" in e.where()} == {"polynomial:3"}
 
 
+def test_a_bare_machine_is_what_the_diagnosis_begins_with(tmp_path: Path) -> None:
+    model = made(tmp_path, "bridge", "--bare", "--sensor", "T_x=scale,X")
+    assert model.effects == ()
+    assert model.machine.signals["T_x"].axis == "X"
+    out = tmp_path / "bare.toml"
+    command = ("new", "--structure", "bridge", *travels("bridge"), "--bare", "-o", out)
+    said = abbe(*command, "--force").out
+    assert f"abbe diagnose {out} CAMPAIGN.csv --apply" in said
+    assert "diagnose bare.toml CAMPAIGN.csv --apply" in out.read_text("utf-8")
+    done = abbe(*command, "--force", "--play")
+    assert done.status == 1
+    assert "beside none at all" in done.err
+
+
 def test_rotary_axes_are_where_they_were_said_to_be(tmp_path: Path) -> None:
     model = made(tmp_path, "table-table", "--location", "C=300,250,0", "--location", "A=0,250,-80")
     assert model.machine.axes["C"].location == (300.0, 250.0, 0.0)
