@@ -479,7 +479,8 @@ def _strange(model: Model, effect: Effect) -> int:
     """
     values = next((t.values for t in model.terms if t.effect == effect), {})
     machine = model.machine
-    ranges = {p.name: p.plausible for p in (*effect.linear(machine), *effect.nonlinear(machine))}
+    ranges = {p.name: p.plausible for p in effect.linear(machine)}
+    ranges |= {p.name: p.plausible for p in effect.nonlinear(machine)}
     return sum(
         not ranges[name][0] <= value.value <= ranges[name][1]
         for name, value in values.items()

@@ -53,6 +53,9 @@ _SAME = 2.0
 
 _COINCIDENCE = 8.0
 """What each further cause costs beside one description that says the same: a coincidence."""
+_ALL_BUT = 0.999
+"""Part of what the best description explains above which a cause is not its rival, but nearly all
+of it: what is left is a thirtieth in size."""
 
 BEYOND_DOUBT = 40.0
 """Least evidence of a cause that is found beside structure which no cause explains."""
@@ -275,6 +278,9 @@ def _compete(
     covers = len(chosen) == 1 and basis.chi2 - after.chi2 > strong[0].drop - _SAME
     if not left and (rigid or covers or not better):
         return chosen, []
+    # what one cause leaves of a description is described after it, where that is little of it
+    if left and len(chosen) == 1 and basis.chi2 - after.chi2 > _ALL_BUT * strong[0].drop:
+        return chosen, left
     # something is left whatever the catalogue offers
     more_said = by_causes > strong[0].evidence.value + CONVINCING
     if left and chosen and not better and (more_said or foretell):

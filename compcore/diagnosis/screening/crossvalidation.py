@@ -157,11 +157,15 @@ def _by_visit(conditions: Conditions, rows: Index) -> list[Index]:
 def _by_place(conditions: Conditions, rows: Index, pieces: int) -> list[Index]:
     """Rows as neighbouring places, halved again and again across the longest extent.
 
-    Rows of one place stay together.
+    Rows of one place stay together. Where all are of one, what was recorded there stands for the
+    places: with them left out together nothing would be left to foretell them from.
     """
-    if not conditions.positions:
+    told = [v[rows] for v in conditions.positions.values()]
+    if not any(np.ptp(v) > 0.0 for v in told):
+        told = [v[rows] for v in conditions.signals.values()]
+    if not told:
         return [rows]
-    places = np.column_stack([v[rows] for v in conditions.positions.values()])
+    places = np.column_stack(told)
     extent = np.ptp(places, axis=0)
     places = places / np.where(extent > 0.0, extent, 1.0)
     return [rows[part] for part in _halved(places, np.arange(len(rows)), pieces)]

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from abbe.compcore.diagnosis.stepwise import to_the_verdict
 from abbe.compcore.effects.registry import make_effect
 from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.model_file import load_model, save_model
@@ -43,6 +44,15 @@ def test_what_one_place_cannot_show_is_left_alone(tmp_path: Path) -> None:
             assert abs(value.value) < 1e-6
     save_model(result.model, tmp_path / "fitted.toml")
     assert load_model(tmp_path / "fitted.toml").effects == result.model.effects
+
+
+def test_one_place_without_a_clock_names_what_its_signal_does(tmp_path: Path) -> None:
+    """All rows are of one place: they are left out by what was recorded there."""
+    campaign = read_campaign(loaded(tmp_path), PRESS)
+    last = to_the_verdict(Model(PRESS), campaign).last
+    (effect,) = last.result.model.effects
+    assert effect.spec == "load_bending axis=Z direction=Z signal=load shape=constant"
+    assert last.held_out.lengths < 2e-4
 
 
 def test_what_it_does_show_is_found(tmp_path: Path) -> None:
