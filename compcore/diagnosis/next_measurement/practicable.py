@@ -48,20 +48,23 @@ def practicable(machine: Machine, campaign: Campaign) -> Iterator[Proposal]:
     tools["a tool 150 mm longer"] = tools["the usual tool"] + np.array([0.0, 0.0, -150.0])
     for axis in axes:
         others = [a for a in axes if a != axis]
-        for parts in ((0.1, 0.1), (0.9, 0.1), (0.1, 0.9), (0.9, 0.9), (0.5, 0.5)):
-            where = dict(zip(others, parts, strict=False))
-            place = ", ".join(f"{a} = {_at(machine, a, p):.0f} mm" for a, p in where.items())
+        parts = ((0.1, 0.1), (0.9, 0.1), (0.1, 0.9), (0.9, 0.9), (0.5, 0.5))
+        # with fewer other axes some of these are the same line
+        for at in dict.fromkeys(p[: len(others)] for p in parts):
+            where = dict(zip(others, at, strict=False))
+            beside = ", ".join(f"{a} = {_at(machine, a, p):.0f} mm" for a, p in where.items())
+            place = f"the line {beside}" if beside else "its travel"
             for name, tool in tools.items():
                 ends = {axis: (0.02, 0.98)} | {a: (p, p) for a, p in where.items()}
                 if axis in letters:
                     yield Proposal(
-                        f"positioning of {axis} along the line {place}, with {name}",
+                        f"positioning of {axis} along {place}, with {name}",
                         _line(campaign, machine, ends, np.eye(3)[letters[axis]], tool),
                     )
             for across in others:
                 if across in letters:
                     yield Proposal(
-                        f"straightness of {axis} in {across} along the line {place}",
+                        f"straightness of {axis} in {across} along {place}",
                         _line(
                             campaign,
                             machine,

@@ -45,7 +45,7 @@ _ERRORS = {f"d{c.lower()}": c for c in COMPONENTS}
 
 
 @dataclass(frozen=True)
-class Measured:
+class LoggedReading:
     """What a column of a log measures.
 
     Attributes
@@ -73,7 +73,7 @@ def import_log(
     path: str | Path,
     placing: ForeignPlacing | None = None,
     *,
-    measured: Mapping[str, Measured] | None = None,
+    measured: Mapping[str, LoggedReading] | None = None,
     unit: str | None = None,
     machine: Machine | None = None,
 ) -> Campaign:
@@ -138,7 +138,7 @@ def import_log(
     return place(source, sheet.data, rows, placing, head, metadata, machine)
 
 
-def _meaning(what: Measured) -> str:
+def _meaning(what: LoggedReading) -> str:
     along = "about" if what.component in "ABC" else "along"
     axis = "XYZ"[COMPONENTS.index(what.component) % 3]
     at = "" if what.tool is None else " at tool " + ", ".join(f"{x:g}" for x in what.tool)
@@ -147,7 +147,7 @@ def _meaning(what: Measured) -> str:
 
 def _placed(
     name: str,
-    what: Measured,
+    what: LoggedReading,
     value: F64,
     lines: I64,
     time: F64,
@@ -194,10 +194,10 @@ def _columns(sheet: Sheet) -> dict[str, _Column]:
 
 
 def _measured(
-    columns: Mapping[str, _Column], asked: Mapping[str, Measured] | None, sheet: Sheet
-) -> dict[str, Measured]:
+    columns: Mapping[str, _Column], asked: Mapping[str, LoggedReading] | None, sheet: Sheet
+) -> dict[str, LoggedReading]:
     named = asked or {
-        name: Measured(_ERRORS[split_unit(name)[0]])
+        name: LoggedReading(_ERRORS[split_unit(name)[0]])
         for name in columns
         if split_unit(name)[0] in _ERRORS
     }

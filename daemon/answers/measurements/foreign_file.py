@@ -176,13 +176,13 @@ def _map(
 def _log(
     file: Path, placing: ForeignPlacing, machine: Machine | None, options: ForeignOptions
 ) -> Campaign:
-    from abbe.compcore.files.importers.log import Measured, import_log
+    from abbe.compcore.files.importers.log import LoggedReading, import_log
     from abbe.compcore.files.importers.placing import component_of
 
     measured = {}
     for column, text in split_assignments(options.measured).items():
         component, at, tool = text.partition("@")
-        measured[column] = Measured(
+        measured[column] = LoggedReading(
             component_of("X", component or "?"), tool_offset("measured", tool) if at else None
         )
     return import_log(file, placing, measured=measured, unit=options.unit, machine=machine)

@@ -10,7 +10,7 @@ import pytest
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_file import read_campaign, write_campaign
-from abbe.compcore.files.importers.log import Measured, import_log
+from abbe.compcore.files.importers.log import LoggedReading, import_log
 from abbe.compcore.files.importers.placing import ForeignPlacing
 from abbe.compcore.machine.machine import Axis, Machine, Signal
 from abbe.compcore.machine.structure import Structure
@@ -68,9 +68,9 @@ def test_what_was_imported_is_read_as_a_campaign(tmp_path: Path) -> None:
 def test_five_sensors_on_a_test_bar(tmp_path: Path) -> None:
     """ISO 230-3: two indicators 150 mm apart show how the spindle tilts."""
     measured = {
-        "x_near": Measured("X", (0.0, 0.0, -50.0)),
-        "x_far": Measured("X", (0.0, 0.0, -200.0)),
-        "tilt": Measured("B"),
+        "x_near": LoggedReading("X", (0.0, 0.0, -50.0)),
+        "x_far": LoggedReading("X", (0.0, 0.0, -200.0)),
+        "tilt": LoggedReading("B"),
     }
     text = "time,x_near,x_far,tilt [urad]\n0,1.5,2.0,-3\n60,2.5,4.0,7\n"
     campaign = imported(tmp_path, text, measured=measured)
@@ -145,4 +145,4 @@ def test_every_flaw_is_one_error(tmp_path: Path, text: str, why: str, line: int 
 
 def test_a_column_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such column"):
-        imported(tmp_path, "time,dZ\n0,1.5\n", measured={"dY": Measured("Y")})
+        imported(tmp_path, "time,dZ\n0,1.5\n", measured={"dY": LoggedReading("Y")})
