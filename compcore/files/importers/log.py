@@ -61,7 +61,7 @@ class LoggedReading:
 
 
 @dataclass(frozen=True)
-class _Column:
+class _LoggedColumn:
     """A column: its place, its name without the unit, and the unit of its heading."""
 
     place: int
@@ -174,9 +174,9 @@ def _placed(
     )
 
 
-def _columns(sheet: Sheet) -> dict[str, _Column]:
+def _columns(sheet: Sheet) -> dict[str, _LoggedColumn]:
     line, header = sheet.rows[0]
-    found: dict[str, _Column] = {}
+    found: dict[str, _LoggedColumn] = {}
     for i, cell in enumerate(header):
         bracketed = cell.endswith(("]", ")"))
         end = min((cell.find(b) for b in "[(" if b in cell), default=-1) if bracketed else len(cell)
@@ -189,12 +189,12 @@ def _columns(sheet: Sheet) -> dict[str, _Column]:
                 field=name or None,
                 expected="a name per column, every name once",
             )
-        found[name] = _Column(i, name, split_unit(cell)[1])
+        found[name] = _LoggedColumn(i, name, split_unit(cell)[1])
     return found
 
 
 def _measured(
-    columns: Mapping[str, _Column], asked: Mapping[str, LoggedReading] | None, sheet: Sheet
+    columns: Mapping[str, _LoggedColumn], asked: Mapping[str, LoggedReading] | None, sheet: Sheet
 ) -> dict[str, LoggedReading]:
     named = asked or {
         name: LoggedReading(_ERRORS[split_unit(name)[0]])
@@ -219,7 +219,7 @@ def _measured(
     return dict(named)
 
 
-def _clock(columns: Mapping[str, _Column]) -> list[_Column]:
+def _clock(columns: Mapping[str, _LoggedColumn]) -> list[_LoggedColumn]:
     """The columns of the clock: one, or a date and an hour; none where nothing is called so."""
     lower = {name.lower(): c for name, c in columns.items()}
     bases = {split_time(name): c for name, c in lower.items()}
@@ -238,7 +238,7 @@ def split_time(name: str) -> str:
     return base if unit in ("s", "ms", "min", "h", "sec") and base else name
 
 
-def _times(clock: list[_Column], sheet: Sheet) -> tuple[F64, str | None]:
+def _times(clock: list[_LoggedColumn], sheet: Sheet) -> tuple[F64, str | None]:
     rows = sheet.rows[1:]
     if not clock:
         return np.zeros(len(rows)), None
@@ -254,13 +254,13 @@ def _is_axis(name: str, machine: Machine | None) -> bool:
     return AXIS.fullmatch(name) is not None if machine is None else name in machine.axes
 
 
-def _numbers(column: _Column, sheet: Sheet) -> F64:
+def _numbers(column: _LoggedColumn, sheet: Sheet) -> F64:
     return np.array(
         [number(cells[column.place], sheet, line, column.name) for line, cells in sheet.rows[1:]]
     )
 
 
-def _signal(column: _Column, sheet: Sheet) -> F64:
+def _signal(column: _LoggedColumn, sheet: Sheet) -> F64:
     if column.name in RESERVED:
         raise InputError(
             "a column with a meaning of its own in a campaign",
