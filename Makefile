@@ -10,7 +10,7 @@ BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis_co
 SOURCES := compcore drivers daemon tests benchmarks examples
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types fast bench torment soak deb test-systemd docs clean
+.PHONY: help demo demo-calibrate test lint types fast bench torment soak deb test-systemd docs clean
 
 define install_debian
 missing=; for package in $(1); do \
@@ -23,6 +23,9 @@ endef
 
 help: ## Show what there is
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*##/\t/' | expand -t 14
+
+demo-calibrate: $(VENV)/.dev ## The simulated machine calibrated, from plan to certificate, by nobody (10 min)
+	@PYTHONPATH=. $(BIN)/python -m benchmarks.calibrate
 
 demo: $(VENV)/.runtime ## See a coordinate measuring machine become ten times more accurate
 	@$(BIN)/abbe demo

@@ -20,6 +20,7 @@ NAMES = (
     "live.enter",
     "live.datum",
     "check",
+    "calibrate",
     "model.new",
     "model.fit",
     "model.compare",

@@ -37,8 +37,14 @@ def begun(
     *,
     yes: bool,
     once: bool,
+    active: Path | None = None,
 ) -> Iterator[Measurement]:
     """A measurement that is ready to run; what it holds is given back with the context.
+
+    Parameters
+    ----------
+    active
+        The model whose compensation acts, in place of what the configuration says.
 
     Raises
     ------
@@ -57,7 +63,7 @@ def begun(
     instruments = _instruments(configuration, setups)
     limits = configuration.file.measure
     course = MeasureCourse(setups, limits.within, radians(limits.within_turn))
-    require_stated(configuration, live_correction(configuration))
+    require_stated(configuration, live_correction(configuration), active)
     signals = [n for n, s in configuration.file.signals.items() if s.source is not None]
     titles = columns(machine, setups, signals)
     origin = {
@@ -65,7 +71,7 @@ def begun(
         "plan_sha256": digest(TomlSource.read(plan).data),
         "configuration_sha256": digest(_of_meaning(TomlSource.read(config).data)),
         **({"setups": ", ".join(s.name for s in setups)} if names else {}),
-        **stated_compensation(configuration, out),
+        **stated_compensation(configuration, out, active),
     }
     links = configuration.make_links(instruments=True)
     with ExitStack() as held:
@@ -83,7 +89,10 @@ def begun(
         torn = course.replay(file.rows, out)
         if torn:
             file.cut(torn)
-        task = MeasureTask(configuration, file, _started(file), instruments, work.expected, once)
+        stated = active is not None or limits.active is not None
+        task = MeasureTask(
+            configuration, file, _started(file), instruments, work.expected, stated, once
+        )
         _say_beginning(course, work, configuration, tell, goes_on=goes_on)
         yield Measurement(task, course, Person(there=not yes), tell)
 

@@ -19,13 +19,17 @@ _HOW = (
 )
 
 
-def stated_compensation(configuration: Configuration, out: Path) -> dict[str, str]:
+def stated_compensation(
+    configuration: Configuration, out: Path, given: Path | None = None
+) -> dict[str, str]:
     """What a campaign's head says of the compensation that acts: its model and its SHA-256.
 
     Parameters
     ----------
     out
         The campaign, beside which the model is looked for later.
+    given
+        The model, in place of what the configuration says.
 
     Raises
     ------
@@ -33,6 +37,8 @@ def stated_compensation(configuration: Configuration, out: Path) -> dict[str, st
         When nobody has said it and there may be one; when the model is not of this machine.
     """
     stated = configuration.file.measure.active
+    if given is not None:
+        return _acting(configuration, given, out)
     if stated is None:
         if configuration.upload is not None:
             raise InputError(
@@ -44,7 +50,11 @@ def stated_compensation(configuration: Configuration, out: Path) -> dict[str, st
         return {"active": NONE}
     if stated == NONE:
         return {"active": NONE}
-    path = configuration.path.parent / stated
+    return _acting(configuration, configuration.path.parent / stated, out)
+
+
+def _acting(configuration: Configuration, path: Path, out: Path) -> dict[str, str]:
+    """What is said of a compensation that acts, made from a model."""
     model = load_model(path)
     structure = configuration.model.machine.structure
     if str(model.machine.structure) != str(structure):
@@ -75,7 +85,7 @@ def live_correction(configuration: Configuration) -> str:
     return ""
 
 
-def require_stated(configuration: Configuration, live: str) -> None:
+def require_stated(configuration: Configuration, live: str, given: Path | None = None) -> None:
     """Refuse to measure under a correction of which nobody has said what it does.
 
     Raises
@@ -83,7 +93,7 @@ def require_stated(configuration: Configuration, live: str) -> None:
     InputError
         Saying how to state it.
     """
-    if live and configuration.file.measure.active is None:
+    if live and given is None and configuration.file.measure.active is None:
         raise InputError(
             f"{live}, and what that does to the measurement is not stated",
             file=configuration.path,

@@ -51,6 +51,8 @@ class MeasureTask:
         Plan's instrument → the one that stands for it.
     expected
         Set-up → uncertainty over the volume before and after it, mm.
+    stated
+        Whether it is stated which compensation acts.
     once
         Whether what was missed is not waited for.
     """
@@ -60,6 +62,7 @@ class MeasureTask:
     started: datetime
     instruments: Mapping[str, Instrument]
     expected: Mapping[str, tuple[float, float]]
+    stated: bool
     once: bool = False
 
 
@@ -181,7 +184,7 @@ class Measurement:
         self._judge(self._watch.step(seen, self._instrument, self.course.here), seen)
 
     def _paused(self) -> bool:
-        if self._live and self._limits.active is None:
+        if self._live and not self._task.stated:
             if not self._paused_by:
                 self._paused_by = self._live
                 self._news.event(

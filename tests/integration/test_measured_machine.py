@@ -9,13 +9,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from abbe.compcore.files.model_file import load_model
-from abbe.compcore.machine.conditions import Conditions
 from abbe.daemon.demo.prepare import START
-from abbe.drivers.simulated.process import SimulatedProcess
 from tests.support.daemon.command_line import abbe
 from tests.support.daemon.measuring import (
     TOOL,
@@ -24,7 +20,7 @@ from tests.support.daemon.measuring import (
     configuration,
     measuring,
     rms,
-    true_errors,
+    unseen_lines,
 )
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(1800)]
@@ -75,22 +71,3 @@ def test_lines_never_measured_are_tenfold_better(tmp_path: Path) -> None:
         before, after = unseen_lines(process, fitted)
     assert rms(before) > 2.0
     assert rms(before) / rms(after) > 10.0
-
-
-def unseen_lines(process: SimulatedProcess, fitted: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Errors along 40 lines anywhere, each less its mean, before and after the correction, µm."""
-    model = load_model(fitted)
-    rng = np.random.default_rng(7)
-    before, after = [], []
-    low, high = np.array([20.0, 20.0, -340.0]), np.array([680.0, 880.0, -20.0])
-    for _ in range(40):
-        first, last = rng.uniform(low, high), rng.uniform(low, high)
-        points = first + np.linspace(0.0, 1.0, 15)[:, None] * (last - first)
-        u = (last - first) / np.linalg.norm(last - first)
-        true = true_errors(process, points.tolist()) @ u
-        conditions = [Conditions.at(dict(zip("XYZ", p, strict=True)), tool=TOOL) for p in points]
-        predicted = [1e3 * float(model.predict(c).translation[0] @ u) for c in conditions]
-        left = true - np.array(predicted)
-        before.append(true - true.mean())
-        after.append(left - left.mean())
-    return np.concatenate(before), np.concatenate(after)

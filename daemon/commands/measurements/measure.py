@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from abbe.daemon.arguments.measurements.plan_reading import OnlySetups, PlanFile
-from abbe.daemon.arguments.options import ConfigFile
+from abbe.daemon.arguments.options import ActiveModel, ConfigFile
 
 if TYPE_CHECKING:
     from abbe.daemon.measure.told import Tell
@@ -35,6 +35,7 @@ def measure(
     once: Annotated[
         bool, typer.Option("--once", help="Do not wait for what was missed to be driven to again.")
     ] = False,
+    active: ActiveModel = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="One JSON object an event on standard output.")
     ] = False,
@@ -53,7 +54,7 @@ def measure(
             "nobody can be asked when an instrument is set up (no terminal, or --json): say --yes"
         )
     with telling(as_json=as_json) as tell:
-        run(plan, config, out, tuple(setup or ()), tell, yes=yes, once=once)
+        run(plan, config, out, tuple(setup or ()), tell, yes=yes, once=once, active=active)
 
 
 def run(
@@ -65,6 +66,7 @@ def run(
     *,
     yes: bool,
     once: bool,
+    active: Path | None = None,
 ) -> None:
     """Measure a plan, as the command does.
 
@@ -80,6 +82,6 @@ def run(
     from abbe.daemon.measure.beginning import begun
     from abbe.daemon.measure.ending import missing_words, run_until_ended
 
-    with begun(plan, config, out, names, tell, yes=yes, once=once) as measurement:
+    with begun(plan, config, out, names, tell, yes=yes, once=once, active=active) as measurement:
         asyncio.run(run_until_ended(measurement))
         missing_words(measurement, tell, once=once)

@@ -19,6 +19,7 @@ import numpy as np
 from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.plan_file import PlannedWork, read_plan
+from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.planning.motion import ProgramStep, steps_of
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.daemon.demo.configuration import demo_configuration
@@ -324,3 +325,22 @@ def true_errors(
 def rms(values: Any) -> float:
     """Root of the mean square."""
     return math.sqrt(float(np.mean(np.square(values))))
+
+
+def unseen_lines(process: SimulatedProcess, fitted: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Errors along 40 lines anywhere, each less its mean, before and after the correction, µm."""
+    model = load_model(fitted)
+    rng = np.random.default_rng(7)
+    before, after = [], []
+    low, high = np.array([20.0, 20.0, -340.0]), np.array([680.0, 880.0, -20.0])
+    for _ in range(40):
+        first, last = rng.uniform(low, high), rng.uniform(low, high)
+        points = first + np.linspace(0.0, 1.0, 15)[:, None] * (last - first)
+        u = (last - first) / np.linalg.norm(last - first)
+        true = true_errors(process, points.tolist()) @ u
+        conditions = [Conditions.at(dict(zip("XYZ", p, strict=True)), tool=TOOL) for p in points]
+        predicted = [1e3 * float(model.predict(c).translation[0] @ u) for c in conditions]
+        left = true - np.array(predicted)
+        before.append(true - true.mean())
+        after.append(left - left.mean())
+    return np.concatenate(before), np.concatenate(after)

@@ -1,0 +1,74 @@
+"""``abbe calibrate``: plan, program, measure, fit, diagnose, table or live, upload, verify."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from abbe.daemon.arguments.options import ConfigFile
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("calibrate")(calibrate)
+
+
+def calibrate(
+    config: ConfigFile,
+    folder: Annotated[
+        Path, typer.Option(help="Where plan, campaign, models, tables, certificate go.",
+                           metavar="DIR")
+    ] = Path("calibration"),
+    time: Annotated[str, typer.Option(help="Time to measure in: 4h, 90min.")] = "4h",
+    check_time: Annotated[str, typer.Option(help="Time to verify in.")] = "1h",
+    tool: Annotated[
+        list[str] | None,
+        typer.Option(help="Where the optics or the probe sit, mm; may be repeated.",
+                     metavar="NAME=x,y,z"),
+    ] = None,
+    controller: Annotated[
+        str, typer.Option(help="Makes programs for it: linuxcnc, fanuc, …", metavar="NAME")
+    ] = "",
+    tables: Annotated[
+        str, typer.Option(help="Makes tables for it; else the configuration of abbe run.",
+                          metavar="NAME")
+    ] = "",
+    upto: Annotated[
+        str, typer.Option(help="Stop after this step; the same command goes on.", metavar="STEP")
+    ] = "",
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Nobody is asked: every cause that is established is "
+                           "added, tables are uploaded.")
+    ] = False,
+) -> None:  # fmt: skip
+    """Lead from 'which measurements?' to a verified machine; stopped at any step, it goes on there.
+
+    An example: abbe calibrate cmm.toml --time 4h --tool P=0,0,-150
+    """
+    from abbe.compcore.errors import AbbeError, InputError
+    from abbe.daemon.commands.calibration.guide import calibrate as lead
+    from abbe.daemon.commands.calibration.request import CalibrationRequest
+    from abbe.daemon.config import load_config
+    from abbe.daemon.measure.person import somebody_there
+
+    if not yes and not somebody_there():
+        raise AbbeError("nobody can be asked (no terminal): say --yes")
+    configuration = load_config(config)
+    if not configuration.file.instrument:
+        raise InputError(
+            "no instrument to measure with",
+            file=config,
+            field="instrument",
+            expected="a section [instrument.laser], … (docs/measure.md)",
+        )
+    request = CalibrationRequest(
+        configuration, folder, time, check_time, tuple(tool or ()), controller, tables, yes
+    )
+
+    def ask(question: str) -> bool:
+        return yes or typer.confirm(question, default=True)
+
+    if lead(request, typer.echo, ask, upto):
+        typer.echo(f"calibrated: {folder}")

@@ -1,0 +1,57 @@
+"""The guide through a calibration: step after step, from where it was left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from abbe.compcore.errors import AbbeError, InputError
+from abbe.daemon.commands.calibration.request import CalibrationRequest
+from abbe.daemon.commands.calibration.state import CalibrationState
+from abbe.daemon.commands.calibration.steps import Ask, steps_of
+
+
+def calibrate(
+    request: CalibrationRequest, say: Callable[[str], None], ask: Ask, upto: str = ""
+) -> bool:
+    """Go through all steps that are not done; whether all are.
+
+    Parameters
+    ----------
+    say, ask
+        Tell a line; ask yes or no.
+    upto
+        The step after which to stop; empty: none.
+
+    Raises
+    ------
+    InputError
+        For a step that there is not, a folder that cannot be made.
+    AbbeError
+        When a step cannot be done; those before it stay done.
+    """
+    try:
+        request.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot be made: {error.strerror}", file=request.folder) from None
+    state = CalibrationState.read(request.folder, request.config)
+    steps = list(steps_of(request, say, ask))
+    names = [step.name for step in steps]
+    if upto and upto not in names:
+        raise InputError("no such step", field="upto", found=upto, expected=", ".join(names))
+    for number, step in enumerate(steps, start=1):
+        title = f"{number}/{len(steps)} {step.name}: {step.title}"
+        if state.done(step.name, step.made_from, step.makes):
+            say(f"{title}: done {state.steps[step.name].at}")
+        else:
+            if not ask(f"{title}. Go on?"):
+                say("stopped; the same command goes on here")
+                return False
+            say(title)
+            lacking = [path for path in step.made_from if not path.exists()]
+            if lacking:
+                raise AbbeError(f"{step.name} needs {lacking[0]}, which is not there")
+            step.run()
+            state.note(step.name, step.made_from)
+        if step.name == upto:
+            return False
+    return True

@@ -1,0 +1,196 @@
+"""The steps of a calibration: each calls the command of its name, on files of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from abbe.daemon.commands.calibration.diagnosing import complete_model
+from abbe.daemon.commands.calibration.live_configuration import write_live_configuration
+from abbe.daemon.commands.calibration.request import CalibrationRequest
+
+Ask = Callable[[str], bool]
+"""Asks a person yes or no."""
+
+MODEL, PLAN, PROGRAM, CAMPAIGN = "start.toml", "plan.toml", "program.nc", "campaign.csv"
+FITTED, CALIBRATED, TABLES, LIVE = "fitted.toml", "calibrated.toml", "tables", "live.toml"
+CHECK_PLAN, CHECK_PROGRAM, CHECK = "check.toml", "check.nc", "check.csv"
+CERTIFICATE = "certificate.html"
+
+
+@dataclass(frozen=True)
+class CalibrationStep:
+    """One step.
+
+    Attributes
+    ----------
+    name, title
+        Its name in the state, and what it does for people.
+    made_from, makes
+        Files that it reads, by which it is known to be up to date, and that it writes.
+    run
+        Does it.
+    """
+
+    name: str
+    title: str
+    made_from: tuple[Path, ...]
+    makes: tuple[Path, ...]
+    run: Callable[[], None]
+
+
+def steps_of(
+    request: CalibrationRequest, say: Callable[[str], None], ask: Ask
+) -> Iterator[CalibrationStep]:
+    """The steps of a calibration in their order."""
+    yield from _measured(request)
+    yield from _modelled(request, say, ask)
+    yield from _applied(request)
+    yield from _verified(request)
+
+
+def _measured(request: CalibrationRequest) -> Iterator[CalibrationStep]:
+    file = request.file
+    model, plan_file, campaign = file(MODEL), file(PLAN), file(CAMPAIGN)
+
+    def start() -> None:
+        from abbe.compcore.files.model_file import load_model, save_model
+        from abbe.compcore.model.start_model import StartOptions, start_model
+
+        loaded = load_model(request.model)
+        if not loaded.effects:
+            rotary = bool(loaded.machine.structure.rotary)
+            options = StartOptions(play=True, rotary_motions=rotary)
+            loaded = start_model(loaded.machine, options)
+        save_model(loaded, model)
+
+    yield CalibrationStep("start", "the model to begin with", (request.model,), (model,), start)
+
+    def planned() -> None:
+        from abbe.daemon.commands.measurements.plan import plan
+
+        plan(
+            model, instruments=request.instruments, time=request.time, out=plan_file,
+            tool=list(request.tools),
+        )  # fmt: skip
+
+    yield CalibrationStep("plan", "which measurements", (model,), (plan_file,), planned)
+    yield from _program(request, "program", plan_file, file(PROGRAM), model)
+
+    def measured() -> None:
+        _measure(request, plan_file, campaign, None)
+
+    yield CalibrationStep("measure", "measuring", (plan_file,), (campaign,), measured)
+
+
+def _program(
+    request: CalibrationRequest, name: str, plan_file: Path, out: Path, model: Path
+) -> Iterator[CalibrationStep]:
+    def made() -> None:
+        from abbe.daemon.commands.measurements.program import program
+
+        program(plan_file, controller=request.controller, out=out, model=model)
+
+    if request.controller:
+        yield CalibrationStep(name, "the program of it", (plan_file,), (out,), made)
+
+
+def _modelled(
+    request: CalibrationRequest, say: Callable[[str], None], ask: Ask
+) -> Iterator[CalibrationStep]:
+    file = request.file
+    model, campaign = file(MODEL), file(CAMPAIGN)
+    fitted, calibrated = file(FITTED), file(CALIBRATED)
+
+    def fit_all() -> None:
+        from abbe.daemon.commands.model.fit import fit
+
+        fit(model, [campaign], out=fitted)
+
+    yield CalibrationStep("fit", "the model fitted", (model, campaign), (fitted,), fit_all)
+
+    def diagnosed() -> None:
+        complete_model(fitted, campaign, calibrated, say, ask)
+
+    yield CalibrationStep(
+        "diagnose", "what is missing", (fitted, campaign), (calibrated,), diagnosed
+    )
+
+
+def _applied(request: CalibrationRequest) -> Iterator[CalibrationStep]:
+    calibrated, tables = request.file(CALIBRATED), request.file(TABLES)
+    record = tables / "abbe-tables.json"
+
+    def made() -> None:
+        from abbe.daemon.commands.tables.table import table
+
+        table(calibrated, controller=request.tables, out=tables, tool=_tool(request.tools))
+
+    def uploaded() -> None:
+        from abbe.daemon.commands.tables.upload import upload
+
+        upload(request.config, tables, yes=request.yes)
+
+    def live() -> None:
+        write_live_configuration(request.config, calibrated, request.file(LIVE))
+
+    if not request.tables:
+        makes = (request.file(LIVE),)
+        yield CalibrationStep("live", "the configuration of abbe run", (calibrated,), makes, live)
+        return
+    yield CalibrationStep("table", "tables for the controller", (calibrated,), (record,), made)
+    if request.uploads:
+        yield CalibrationStep("upload", "tables uploaded", (record,), (), uploaded)
+
+
+def _verified(request: CalibrationRequest) -> Iterator[CalibrationStep]:
+    file = request.file
+    calibrated, campaign = file(CALIBRATED), file(CAMPAIGN)
+    plan_file, check, page = file(CHECK_PLAN), file(CHECK), file(CERTIFICATE)
+    active = calibrated if request.uploads else None
+
+    def planned() -> None:
+        from abbe.daemon.commands.measurements.verify import verify
+
+        verify(
+            calibrated, out=plan_file, fitted=[campaign], time=request.check_time, runs=2,
+            tool=list(request.tools), instruments="laser",
+        )  # fmt: skip
+
+    made_from = (calibrated, campaign)
+    yield CalibrationStep("check-plan", "lines to verify it", made_from, (plan_file,), planned)
+    yield from _program(request, "check-program", plan_file, file(CHECK_PROGRAM), calibrated)
+
+    def measured() -> None:
+        _measure(request, plan_file, check, active)
+
+    yield CalibrationStep("check", "these lines measured", (plan_file,), (check,), measured)
+
+    def judged() -> None:
+        import typer
+
+        from abbe.daemon.commands.measurements.verify import verify
+
+        try:
+            verify(
+                calibrated, [check], check=plan_file, active=active, fitted=[campaign], report=page
+            )
+        except typer.Exit as ended:
+            if ended.exit_code not in (0, None):
+                raise
+
+    yield CalibrationStep("verify", "the certificate", (calibrated, check), (page,), judged)
+
+
+def _measure(request: CalibrationRequest, plan_file: Path, out: Path, active: Path | None) -> None:
+    from abbe.daemon.commands.measurements.measure import run
+    from abbe.daemon.measure.show import telling
+
+    with telling(as_json=False) as tell:
+        run(plan_file, request.config, out, (), tell, yes=request.yes, once=False, active=active)
+
+
+def _tool(tools: Sequence[str]) -> str:
+    """The first tool's offset, for which tables are made."""
+    return tools[0].partition("=")[2] if tools else "0,0,0"

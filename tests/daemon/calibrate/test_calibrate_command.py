@@ -1,0 +1,121 @@
+"""abbe calibrate: its steps done once, again where their files changed, stopped, gone on with."""
+
+import json
+import shutil
+
+import pytest
+
+from abbe.daemon.config import load_config
+from tests.support.daemon.command_line import abbe
+from tests.support.daemon.live_run import MODEL
+from tests.support.daemon.measuring import configuration
+from tests.support.daemon.simulated_registers import ready_line
+
+NEW = (
+    "new", "--structure", "w b Y X Z t", "--travel", "Y=0,900", "--travel", "X=0,700",
+    "--travel", "Z=-360,0", "--shape", "polynomial:1",
+)  # fmt: skip
+
+
+@pytest.fixture
+def config(tmp_path):
+    shutil.copy(MODEL, tmp_path / "model.toml")
+    return configuration(ready_line(), tmp_path)
+
+
+def calibrate(config, *more):
+    return abbe("calibrate", config, "--folder", config.parent / "c", "--time", "60min", "--yes",
+                "--controller", "linuxcnc", "--tool", "P=0,0,-150", *more)  # fmt: skip
+
+
+def test_it_stops_goes_on_and_does_nothing_twice(config):
+    done = calibrate(config, "--upto", "plan")
+    assert done.status == 0, done.err
+    folder = config.parent / "c"
+    assert {p.name for p in folder.iterdir()} == {"start.toml", "plan.toml", "calibration.json"}
+    before = (folder / "plan.toml").read_bytes()
+    done = calibrate(config, "--upto", "program")
+    assert done.status == 0, done.err
+    assert "plan: which measurements: done" in done.out
+    assert (folder / "plan.toml").read_bytes() == before
+    program = (folder / "program.nc").read_text("ascii")
+    # the plan changed by hand: its program is made anew, the plan is not
+    text = before.decode().replace("runs = 2", "runs = 1").replace("both_ways = true",
+                                                                   "both_ways = false")  # fmt: skip
+    (folder / "plan.toml").write_text(text)
+    done = calibrate(config, "--upto", "program")
+    assert done.status == 0, done.err
+    assert (folder / "plan.toml").read_text() == text
+    assert (folder / "program.nc").read_text("ascii") != program
+    # another model: all of it anew
+    (config.parent / "model.toml").write_text(
+        MODEL.read_text("utf-8").replace("Bridge CMM", "Other CMM"), encoding="utf-8"
+    )
+    done = calibrate(config, "--upto", "plan")
+    assert done.status == 0, done.err
+    assert (folder / "plan.toml").read_text() != text
+
+
+def test_each_step_is_named_and_an_unknown_one_refused(config):
+    done = calibrate(config, "--upto", "zz")
+    assert done.status == 1
+    for name in ("plan", "program", "measure", "fit", "diagnose", "live", "check", "verify"):
+        assert name in done.err
+    done = calibrate(config, "--tables", "linuxcnc", "--upto", "zz")
+    assert "table" in done.err
+    assert "live" not in done.err
+
+
+def test_a_folder_of_another_configuration_is_refused(config, tmp_path):
+    assert calibrate(config, "--upto", "start").status == 0
+    other = config.with_name("other.toml")
+    shutil.copy(config, other)
+    done = abbe("calibrate", other, "--folder", config.parent / "c", "--yes", "--upto", "start")
+    assert done.status == 1
+    assert "another configuration" in done.err
+    state = config.parent / "c" / "calibration.json"
+    state.write_text("{}")
+    done = calibrate(config, "--upto", "start")
+    assert done.status == 1
+    assert "not the state of a calibration" in done.err
+    assert state.read_text() == "{}"
+
+
+def test_a_model_without_effects_begins_with_those_of_its_structure(config):
+    model = config.parent / "model.toml"
+    text = MODEL.read_text("utf-8")
+    model.write_text(text[: text.index("[[effects]]")], encoding="utf-8")
+    done = calibrate(config, "--upto", "start")
+    assert done.status == 0, done.err
+    assert "[[effects]]" in (config.parent / "c" / "start.toml").read_text("utf-8")
+
+
+def test_the_live_configuration_is_the_one_there_is_with_the_calibrated_model(config):
+    from abbe.daemon.commands.calibration.live_configuration import write_live_configuration
+
+    folder = config.parent / "c"
+    folder.mkdir()
+    shutil.copy(MODEL, folder / "calibrated.toml")
+    write_live_configuration(config, folder / "calibrated.toml", folder / "live.toml")
+    made = load_config(folder / "live.toml")
+    assert made.model_path.resolve() == (folder / "calibrated.toml").resolve()
+    same = config.read_text("utf-8").replace('"model.toml"', '"calibrated.toml"')
+    assert (folder / "live.toml").read_text("utf-8") == same
+
+
+def test_nobody_to_ask_and_nothing_to_measure_with(config):
+    done = abbe("calibrate", config)
+    assert done.status == 1
+    assert "--yes" in done.err
+    text = config.read_text("utf-8")
+    config.write_text(text[: text.index("[instrument.laser]")], encoding="utf-8")
+    done = calibrate(config)
+    assert done.status == 1
+    assert "no instrument" in done.err
+
+
+def test_the_state_is_plain_json(config):
+    assert calibrate(config, "--upto", "start").status == 0
+    state = json.loads((config.parent / "c" / "calibration.json").read_text("utf-8"))
+    assert state["format"] == "abbe-calibration/1"
+    assert list(state["steps"]) == ["start"]
