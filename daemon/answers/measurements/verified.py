@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -113,6 +113,8 @@ def verified(
         active = load_model(files.active)
         require_signals(campaign, active)
         bare = uncompensated(campaign, active)
+    elif before is None:
+        _refuse_compensated(campaign)
     planned: Sequence[PlannedSetup] = ()
     if files.check is not None:
         planned = read_plan(files.check, model.machine).setups
@@ -137,3 +139,17 @@ def _campaign(paths: Sequence[Path], model: Model) -> Campaign:
     campaign = read_campaigns(paths, model.machine)
     require_signals(campaign, model)
     return campaign
+
+
+def _refuse_compensated(campaign: Campaign) -> None:
+    """Refuse to take off again what a head says was compensated already."""
+    for file, head in zip(campaign.files, campaign.metadata, strict=False):
+        for said in head.values():
+            if isinstance(said, Mapping) and said.get("active_sha256"):
+                raise InputError(
+                    "was measured while a compensation was active, as its head says",
+                    file=file,
+                    field="active",
+                    found=said.get("active"),
+                    expected="--active with the model that was compensated, or --before",
+                )

@@ -76,6 +76,19 @@ def test_what_was_measured_with_compensation_is_put_back(shop):
     assert (found["after"], found["before"]) == ("measured", "put back")
 
 
+def test_what_was_compensated_already_is_not_taken_off_again(shop, tmp_path):
+    text = (shop / "after.csv").read_text("utf-8")
+    head = '# [measured]\n# active = "m.toml"\n# active_sha256 = "00"\n'
+    said = tmp_path / "said.csv"
+    said.write_text(text.replace("time,setup", head + "time,setup", 1), "utf-8")
+    done = abbe("verify", shop / "m.toml", said)
+    assert done.status == 1
+    assert "said.csv" in done.err
+    assert "--active" in done.err
+    assert abbe("verify", shop / "m.toml", said, "--active", shop / "m.toml").status == 0
+    assert abbe("verify", shop / "m.toml", said, "--before", shop / "before.csv").status == 0
+
+
 @pytest.mark.parametrize(
     ("limit", "outcome", "status"),
     [
