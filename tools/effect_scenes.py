@@ -430,6 +430,14 @@ SCENES: Mapping[str, Scene] = {
         others=(("scale_expansion", {"axis": "X", "signals": "T"}, {"alpha": 16e-6}),),
         state={"T": 20.0},
     ),
+    "sensor_gain": Scene(
+        {"signal": "T"},
+        {"gain": 0.1},
+        _over("X"),
+        "a scale's sensor shows 30 °C at 29.1: what must be taken off the prediction",
+        others=(("scale_expansion", {"axis": "X", "signals": "T"}, {"alpha": 16e-6}),),
+        state={"T": 30.0},
+    ),
     "error_grid": Scene(
         {"file": "grid.json"},
         {},

@@ -83,6 +83,7 @@ _SAID: Mapping[str, Callable[[Where, str], str]] = {
     "instrument_drift": lambda w, s: f"the instrument drifts in {w['setup']}: {s}",
     "length_bias": lambda _, s: f"the instrument adds a constant to each distance: {s}",
     "sensor_offset": lambda w, s: f"the thermometer {w['signal']} reads wrong, worth {s}",
+    "sensor_gain": lambda w, s: f"the thermometer {w['signal']} reads differences wrong: {s}",
     "setup_zero": lambda w, s: f"the zero of {w['setup']} is not what was thought: {s}",
     "setup_slope": lambda w, s: f"the reference of {w['setup']} was not aligned: {s}",
     "setup_frame": lambda w, s: f"the set-up {w['setup']} lies elsewhere than thought: {s}",

@@ -289,16 +289,21 @@ def _compete(
         kept = _beside(pool, basis, chosen, left, patterns)
         if len(kept) == len(chosen):
             return kept, left
-        if kept:
-            # what the others explained is unexplained again
-            return kept, patterns.established(pool.joined(basis, kept))
+        # what the others explained is unexplained again
+        return kept, patterns.established(pool.joined(basis, kept)) if kept else strong
     extended = basis
     described: list[ResidualPattern] = []
     for s in strong[:1]:
         extended = extended.extended(patterns.with_lower_orders(s))
         described.append(s)
     more, _ = search(pool, extended)
-    more = [f for f in more if f.evidence.value > BEYOND_DOUBT]
+    # an instrument's cause is fitted to the very rows that show it: beside structure that is only
+    # described it takes up what the description leaves there
+    more = [
+        f
+        for f in more
+        if f.evidence.value > BEYOND_DOUBT and f.candidate.effect.scope != "instrument"
+    ]
     if more:
         both = pool.joined(extended, more)
         more = [] if patterns.established(both) else more

@@ -24,17 +24,14 @@ if TYPE_CHECKING:
     from abbe.compcore.effects.catalogue.formula import Formula
     from abbe.compcore.effects.catalogue.gravity import GravityFlexure
     from abbe.compcore.effects.catalogue.instruments.laser import AirRefraction, Cosine, DeadPath
-    from abbe.compcore.effects.catalogue.instruments.readings import (
-        InstrumentDrift,
-        LengthBias,
-        SensorOffset,
-    )
+    from abbe.compcore.effects.catalogue.instruments.readings import InstrumentDrift, LengthBias
     from abbe.compcore.effects.catalogue.instruments.setup import (
         SetupFrame,
         SetupScale,
         SetupSlope,
         SetupZero,
     )
+    from abbe.compcore.effects.catalogue.instruments.thermometers import SensorGain, SensorOffset
     from abbe.compcore.effects.catalogue.linear.linear_axes import (
         Angular,
         Positioning,
@@ -101,6 +98,7 @@ __all__ = [
     "Scale",
     "ScaleExpansion",
     "ScrewHeating",
+    "SensorGain",
     "SensorOffset",
     "SetupFrame",
     "SetupScale",

@@ -209,7 +209,7 @@ class Effect(BaseModel, ABC):
         """
         return self.motions(machine, conditions, nonlinear)
 
-    def amend(self, conditions: Conditions, coefficients: F64) -> Conditions:
+    def amend(self, machine: Machine, conditions: Conditions, coefficients: F64) -> Conditions:
         """The recorded conditions as, by this effect, they truly were.
 
         Only an effect that corrects a *reading* (a thermometer's offset) changes anything. Every

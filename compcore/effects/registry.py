@@ -39,6 +39,7 @@ FAMILIES: dict[str, str] = {
     "workpiece": "Workpiece",
     "instruments.laser": "Instrument",
     "instruments.readings": "Instrument",
+    "instruments.thermometers": "Instrument",
     "instruments.setup": "Instrument",
     "formula": "Formula",
 }

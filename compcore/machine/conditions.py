@@ -269,15 +269,27 @@ class Conditions:
 
         A signal that was not recorded stays so.
         """
+        return self._with_reading(name, lambda v: v + offset)
 
-        def raised(lags: Mapping[tuple[str, float], F64]) -> dict[tuple[str, float], F64]:
-            return {key: v + offset if key[0] == name else v for key, v in lags.items()}
+    def with_gain(self, name: str, factor: float, about: float) -> Conditions:
+        """The same conditions with a signal, and its lags, `factor` times as far from a value.
+
+        `about`: the value that stays, in the signal's unit. A signal that was not recorded stays
+        so.
+        """
+        return self._with_reading(name, lambda v: about + factor * (v - about))
+
+    def _with_reading(self, name: str, amended: Callable[[F64], F64]) -> Conditions:
+        """A signal amended by what commutes with a lag: straight lines of the reading."""
+
+        def lagged(lags: Mapping[tuple[str, float], F64]) -> dict[tuple[str, float], F64]:
+            return {key: amended(v) if key[0] == name else v for key, v in lags.items()}
 
         return replace(
             self,
-            signals={k: v + offset if k == name else v for k, v in self.signals.items()},
-            given_lags=raised(self.given_lags),
-            _lags=raised(self._lags),
+            signals={k: amended(v) if k == name else v for k, v in self.signals.items()},
+            given_lags=lagged(self.given_lags),
+            _lags=lagged(self._lags),
         )
 
     def setup_rows(self) -> SetupRows:

@@ -337,7 +337,7 @@ class Model:
         A sensor's offset, for one, is taken off its readings.
         """
         for effect, coefficients in self._amending:
-            conditions = effect.amend(conditions, coefficients)
+            conditions = effect.amend(self.machine, conditions, coefficients)
         return conditions
 
     @cached_property

@@ -68,8 +68,8 @@ def _motions(model: Model, term: Term, conditions: Conditions) -> tuple[Motion, 
     effect: Effect = term.effect
     nonlinear = term.nonlinear(model.machine)
     if effect.reads_model:
-        others = [other for other in model.terms if other.fitted and other is not term]
-        return effect.motions_among(model.machine, conditions, nonlinear, others)
+        fitted = [other for other in model.terms if other.fitted]
+        return effect.motions_among(model.machine, conditions, nonlinear, fitted)
     return effect.motions(model.machine, conditions, nonlinear)
 
 

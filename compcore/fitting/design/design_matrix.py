@@ -163,7 +163,7 @@ class Problem:
             amended = with_tools(campaign.conditions, campaign.tool_name, offsets)
             for i in self._amending:
                 own = theta[layout.linear_of(i)]
-                amended = self.model.effects[i].amend(amended, own)
+                amended = self.model.effects[i].amend(self.model.machine, amended, own)
             self._conditions = (key, amended)
         return self._conditions[1]
 
@@ -210,9 +210,7 @@ class Problem:
             return effect.motions(machine, conditions, nonlinear)
         values = self.layout.values(theta, np.zeros(self.layout.size))
         terms = [
-            Term(other.effect, own)
-            for other, own in zip(self.model.terms, values, strict=True)
-            if other.effect != effect
+            Term(other.effect, own) for other, own in zip(self.model.terms, values, strict=True)
         ]
         return effect.motions_among(machine, conditions, nonlinear, terms)
 

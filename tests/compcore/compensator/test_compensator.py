@@ -231,6 +231,24 @@ def test_readings_are_amended() -> None:
     assert compensator.errors(many)[:, 0] == pytest.approx(expected, abs=1e-9)
 
 
+def test_a_gain_is_taken_off_readings_and_off_their_lags() -> None:
+    of = machine()
+    expansion = term(of, "scale_expansion", 1e-5, axis="X", signals=("T_x",), tau=300.0)
+    gain = term(of, "sensor_gain", 0.25, signal="T_x")
+    compensator = Compensator(model(expansion, gain, of=of))
+    compensator.update(0.0, WARM)
+    compensator.update(200.0, {**WARM, "T_x": WARM["T_x"] + 5.0})
+    alpha, part = expansion.values["alpha"].value, gain.values["gain"].value
+    lagged = WARM["T_x"] + 5.0 * lag_of_a_ramp(200.0, 300.0)
+    true = (lagged - 20.0) / (1.0 + part)
+    assert compensator.step((0.0, 500.0, 0.0))[0] == pytest.approx(alpha * 500 * true)
+
+
+def lag_of_a_ramp(duration: float, tau: float) -> float:
+    """A first-order lag behind a ramp from 0 to 1, at its end."""
+    return float(1.0 - tau / duration * -np.expm1(-duration / tau))
+
+
 def test_only_update_evaluates_effects(monkeypatch: pytest.MonkeyPatch) -> None:
     compensator = Compensator(full_model())
     calls = []

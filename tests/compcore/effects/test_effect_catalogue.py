@@ -108,9 +108,11 @@ def test_columns_depend_on_nothing_else_than_they_say(row):
         np.testing.assert_array_equal(one[channel], two[channel])
 
 
-@pytest.mark.parametrize(
-    "row", [r for r in ROWS if r.kind != "sensor_offset"], ids=lambda r: r.label
-)
+AMENDING = ("sensor_offset", "sensor_gain")
+"""Kinds that act through other effects."""
+
+
+@pytest.mark.parametrize("row", [r for r in ROWS if r.kind not in AMENDING], ids=lambda r: r.label)
 def test_columns_depend_on_all_that_they_say(row):
     effect = make(row)
     if effect.scope == "instrument":
@@ -178,9 +180,7 @@ def test_a_model_file_gives_back_the_effect_and_its_values(row):
     assert parse_model(TomlSource(format_model(model))) == model
 
 
-FITTED = [
-    r for r in ROWS if r.kind not in ("sensor_offset", "air_refraction", "dead_path", "cosine")
-]
+FITTED = [r for r in ROWS if r.kind not in (*AMENDING, "air_refraction", "dead_path", "cosine")]
 
 
 @pytest.mark.parametrize("row", FITTED, ids=lambda r: r.label)

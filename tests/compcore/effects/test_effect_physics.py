@@ -198,6 +198,51 @@ def test_the_columns_of_a_sensor_s_offset_are_the_derivative():
     assert effect.motions(MILL, readings(), {}) == ()
 
 
+def magnified(at, gain):
+    """What a thermometer shows that reads differences from 20 °C too large by a part of them."""
+    return {**at.signals, "T_x": 20.0 + (1.0 + gain) * (at.signals["T_x"] - 20.0)}
+
+
+def test_a_sensor_s_gain_is_taken_off_its_readings():
+    """The machine errs by its true temperature, lags included; the sensor magnifies it."""
+    at = readings()
+    shown = Conditions(positions=at.positions, signals=magnified(at, 0.1), time=at.time)
+    truth = model(MILL, *WARM).predict(at)
+    deceived = model(MILL, *WARM).predict(shown)
+    assert np.abs(deceived.translation - truth.translation).max() > 1e-3
+    knowing = model(MILL, *WARM, ("sensor_gain signal=T_x", {"gain": 0.1}))
+    np.testing.assert_allclose(knowing.predict(shown).translation, truth.translation, atol=1e-14)
+    assert not any(name.startswith("sensor_gain") for name in knowing.contributions(shown))
+    lags = {("T_x", 800.0): shown.lag("T_x", 800.0)}
+    kept = Conditions(positions=at.positions, signals=shown.signals, time=at.time, given_lags=lags)
+    np.testing.assert_allclose(knowing.predict(kept).translation, truth.translation, atol=1e-14)
+
+
+@pytest.mark.parametrize("gain", [0.0, 0.15])
+def test_the_columns_of_a_sensor_s_gain_are_the_derivative(gain):
+    step = 1e-5
+    ends = [
+        model(MILL, *WARM, ("sensor_gain signal=T_x", {"gain": g})).error_motions(readings())
+        for g in (gain + step, gain - step)
+    ]
+    whole = model(MILL, *WARM, ("sensor_gain signal=T_x", {"gain": gain}))
+    effect = whole.terms[-1].effect
+    found: dict = {}
+    for motion in effect.motions_among(MILL, whole.amended(readings()), {}, whole.terms):
+        found[motion.error_motion] = found.get(motion.error_motion, 0.0) + motion.columns[:, 0]
+    assert {str(c) for c in found} == {"E_XX", "E_AY", "dZ"}
+    for channel, column in found.items():
+        slope = (ends[0][channel] - ends[1][channel]) / (2 * step)
+        if str(channel) != "dZ":  # a square: its derivative is taken over half a unit
+            np.testing.assert_allclose(column, slope, atol=1e-7 * np.abs(slope).max())
+
+
+def test_a_sensor_s_gain_is_one_of_a_temperature():
+    effect = make_effect("sensor_gain", {"signal": "F"})
+    with pytest.raises(InputError, match=r"not a temperature|no such signal"):
+        effect.check(MILL)
+
+
 def test_a_sensor_s_offset_needs_a_signal_that_exists():
     effect = make_effect("sensor_offset", {"signal": "T_q"})
     with pytest.raises(InputError, match=r"no such signal.*T_q.*T_x"):

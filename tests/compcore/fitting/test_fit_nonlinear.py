@@ -1,5 +1,7 @@
 """Non-linear parameters: time constants, periods, moments, from far starts; steps and offsets."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -123,6 +125,23 @@ def test_a_thermometers_offset_is_found_through_the_effect_that_reads_it() -> No
     assert result.chi2_per_dof == pytest.approx(1.0, abs=0.25)
     assert abs(offset.value - 0.8) < 4.0 * offset.sd
     assert offset.sd < 0.05
+
+
+def test_a_thermometers_gain_is_found_through_the_mean_that_reads_it() -> None:
+    """Of two thermometers on a scale one magnifies: their mean is not what one factor explains."""
+    machine = bridge("T", "T_far")
+    campaign, rng = day(machine, 6)
+    conditions = campaign.conditions
+    far = 20.0 + 1.5 * np.sin(conditions.time / 4000.0 + 0.5)
+    conditions = replace(conditions, signals={**conditions.signals, "T_far": far})
+    campaign = replace(campaign, conditions=conditions)
+    wanted = model(machine, "scale_expansion axis=X signals=T,T_far", "sensor_gain signal=T")
+    theta = np.array([12e-6, 0.15])
+    result = fit(wanted, with_truth(wanted, campaign, theta, rng))
+    gain = result.model.terms[1].values["gain"]
+    assert result.chi2_per_dof == pytest.approx(1.0, abs=0.25)
+    assert abs(gain.value - 0.15) < 4.0 * gain.sd
+    assert gain.sd < 0.05
 
 
 def test_exact_composition_is_fitted_as_it_predicts() -> None:

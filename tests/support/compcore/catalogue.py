@@ -654,6 +654,7 @@ ROWS: tuple[Row, ...] = (
         spec="length_bias of one base",
     ),
     Row("sensor_offset", {"signal": "T_x"}, {"offset": 0.4}, lambda w: {}),
+    Row("sensor_gain", {"signal": "T_x"}, {"gain": 0.04}, lambda w: {}),
     Row(
         "setup_zero",
         {"setup": "line"},

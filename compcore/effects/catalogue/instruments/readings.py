@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.campaign.coverage import Coverage
-from abbe.compcore.effects.base import F64, Effect, FittedEffect, Motion, Parameter
+from abbe.compcore.effects.base import Effect, Motion, Parameter
 from abbe.compcore.effects.catalogue.instruments.setup import MEASURED, SetupEffect
 from abbe.compcore.effects.registry import register
-from abbe.compcore.effects.signals import by_sense, recorded
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
 
@@ -116,88 +115,3 @@ class LengthBias(Effect):
             if len(coverage.bases) > 1:
                 for base in coverage.bases:
                     yield cls(base=base)
-
-
-@register
-class SensorOffset(Effect):
-    """A temperature sensor that reads wrong by a constant.
-
-    It displaces nothing by itself: the effects that use the sensor see another temperature than
-    there is. So it acts through them, on the campaign and live alike: every prediction starts from
-    readings from which the offset has been taken off. It adds nothing to the compensation; what it
-    corrects is the thermometer.
-
-    Formula
-        Effects read ``T − offset`` in place of T. To first order in the offset this is
-        ``−offset·Σ ∂(error motions)/∂T`` over the model's fitted effects.
-    Parameters
-    ----------
-        offset in the signal's unit (K), reading minus truth; within ±2 K: thermistors of one batch
-        agree within 0.2 K, Pt100 of class B within 0.3 K, a bad contact costs 1 to 2 K.
-    Signals
-        The one that reads wrong.
-    Typical causes
-        Uncalibrated or exchanged sensor, bad thermal contact, self-heating, a two-wire Pt100 with a
-        long cable.
-    Cure
-        Calibrate against a reference in a bath; mount with paste; enter the offset in the link's
-        configuration, and take this effect out of the model.
-    Source
-        Zhang et al., CIRP Annals 34/1 (1985), on effective coefficients; ISO/TR 16015.
-    """
-
-    kind = "sensor_offset"
-    scope = "instrument"
-    reads_model = True
-    signal: str
-
-    def linear(self, machine: Machine) -> tuple[Parameter, ...]:
-        """The offset."""
-        signal = machine.signals[self.signal]
-        unit = "K" if signal.temperature else signal.unit
-        return (Parameter("offset", unit, (-2.0, 2.0), f"{self.signal} reads too much by this"),)
-
-    def motions(
-        self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
-    ) -> tuple[Motion, ...]:
-        """None by itself; see `motions_among`."""
-        return ()
-
-    def motions_among(
-        self,
-        machine: Machine,
-        conditions: Conditions,
-        nonlinear: Mapping[str, float],
-        model: Sequence[FittedEffect],
-    ) -> tuple[Motion, ...]:
-        """Minus what the model's effects do for one more unit of the signal."""
-        found = []
-        half = 0.5
-        for term in model:
-            effect = term.effect
-            if effect.reads_model or self.signal not in effect.signals_needed():
-                continue
-            values, own = term.coefficients(machine), term.nonlinear(machine)
-            ends = [
-                effect.motions(machine, conditions.with_offset(self.signal, step), own)
-                for step in (half, -half)
-            ]
-            for high, low in zip(*ends, strict=True):
-                slope = (low.columns - high.columns) @ values[high.parameters] / (2.0 * half)
-                found.append(Motion(high.error_motion, slope[:, None]))
-        return tuple(found)
-
-    def amend(self, conditions: Conditions, coefficients: F64) -> Conditions:
-        """The readings without the offset."""
-        return conditions.with_offset(self.signal, -float(coefficients[0]))
-
-    def positions_used(self, machine: Machine) -> tuple[str, ...]:
-        """None: it acts through other effects."""
-        return ()
-
-    @classmethod
-    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[SensorOffset]:
-        """Each recorded temperature: those on scales and screws first."""
-        signals = recorded(machine, coverage, temperature=True)
-        for signal in by_sense(signals, ("scale", "screw", "structure")):
-            yield cls(signal=signal.name)

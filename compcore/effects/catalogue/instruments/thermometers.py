@@ -1,0 +1,219 @@
+"""Effects of thermometers: they act through the effects that read them, and move nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+from abbe.compcore.campaign.coverage import Coverage
+from abbe.compcore.effects.base import F64, Effect, FittedEffect, Motion, Parameter
+from abbe.compcore.effects.registry import register
+from abbe.compcore.effects.signals import by_sense, recorded
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import Machine
+
+Amended = Callable[[Conditions, float], Conditions]
+"""Conditions, and how much an amendment grows → the conditions that it makes of them."""
+
+
+def by_reading(
+    machine: Machine,
+    conditions: Conditions,
+    model: Sequence[FittedEffect],
+    signal: str,
+    amended: Amended,
+) -> tuple[Motion, ...]:
+    """What a model's effects do for one more unit of what amends a reading, straight lines of it.
+
+    Parameters
+    ----------
+    model
+        The model's fitted terms; those that amend readings themselves are left out.
+    signal
+        The signal that is amended.
+    amended
+        Makes the amended conditions.
+    """
+    found = []
+    half = 0.5
+    for term in model:
+        effect = term.effect
+        if effect.reads_model or signal not in effect.signals_needed():
+            continue
+        values, own = term.coefficients(machine), term.nonlinear(machine)
+        high, low = (
+            effect.motions(machine, amended(conditions, step), own) for step in (half, -half)
+        )
+        for more, less in zip(high, low, strict=True):
+            slope = (more.columns - less.columns) @ values[more.parameters] / (2.0 * half)
+            found.append(Motion(more.error_motion, slope[:, None]))
+    return tuple(found)
+
+
+@register
+class SensorOffset(Effect):
+    """A temperature sensor that reads wrong by a constant.
+
+    It displaces nothing by itself: the effects that use the sensor see another temperature than
+    there is. So it acts through them, on the campaign and live alike: every prediction starts from
+    readings from which the offset has been taken off. It adds nothing to the compensation; what it
+    corrects is the thermometer.
+
+    Formula
+        Effects read ``T − offset`` in place of T. To first order in the offset this is
+        ``−offset·Σ ∂(error motions)/∂T`` over the model's fitted effects.
+    Parameters
+    ----------
+        offset in the signal's unit (K), reading minus truth; within ±2 K: thermistors of one batch
+        agree within 0.2 K, Pt100 of class B within 0.3 K, a bad contact costs 1 to 2 K.
+    Signals
+        The one that reads wrong.
+    Typical causes
+        Uncalibrated or exchanged sensor, bad thermal contact, self-heating, a two-wire Pt100 with a
+        long cable.
+    Cure
+        Calibrate against a reference in a bath; mount with paste; enter the offset in the link's
+        configuration, and take this effect out of the model.
+    Source
+        Zhang et al., CIRP Annals 34/1 (1985), on effective coefficients; ISO/TR 16015.
+    """
+
+    kind = "sensor_offset"
+    scope = "instrument"
+    reads_model = True
+    signal: str
+
+    def linear(self, machine: Machine) -> tuple[Parameter, ...]:
+        """The offset."""
+        signal = machine.signals[self.signal]
+        unit = "K" if signal.temperature else signal.unit
+        return (Parameter("offset", unit, (-2.0, 2.0), f"{self.signal} reads too much by this"),)
+
+    def motions(
+        self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
+    ) -> tuple[Motion, ...]:
+        """None by itself; see `motions_among`."""
+        return ()
+
+    def motions_among(
+        self,
+        machine: Machine,
+        conditions: Conditions,
+        nonlinear: Mapping[str, float],
+        model: Sequence[FittedEffect],
+    ) -> tuple[Motion, ...]:
+        """Minus what the model's effects do for one more unit of the signal."""
+        return by_reading(
+            machine, conditions, model, self.signal, lambda c, by: c.with_offset(self.signal, -by)
+        )
+
+    def amend(self, machine: Machine, conditions: Conditions, coefficients: F64) -> Conditions:
+        """The readings without the offset."""
+        return conditions.with_offset(self.signal, -float(coefficients[0]))
+
+    def positions_used(self, machine: Machine) -> tuple[str, ...]:
+        """None: it acts through other effects."""
+        return ()
+
+    @classmethod
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[SensorOffset]:
+        """Each recorded temperature: those on scales and screws first."""
+        signals = recorded(machine, coverage, temperature=True)
+        for signal in by_sense(signals, ("scale", "screw", "structure")):
+            yield cls(signal=signal.name)
+
+
+@register
+class SensorGain(Effect):
+    """A temperature sensor whose differences are wrong in proportion: its gain.
+
+    It reads a change of 10 K as one of 11. Of an effect that reads this sensor alone nothing is
+    seen, since its coefficient is fitted to the readings as they are; of one that reads a
+    *difference*, or a mean, much: two thermometers on a column that warms evenly by 10 K seem to
+    drift apart by 1 K, and the column seems to bend. As an offset it acts through the effects that
+    use the sensor, on the campaign and live, and adds nothing to the compensation.
+
+    Formula
+        Effects read ``T0 + (T − T0)/(1 + gain)`` in place of T, T0 the machine's reference
+        temperature. To first order this is ``−gain·(T − T0)·Σ ∂(error motions)/∂T`` over the
+        model's fitted effects. Wrong about another temperature than T0 (a thermistor is right at
+        25 °C): a gain and a `sensor_offset`.
+    Parameters
+    ----------
+        gain, reading minus truth of a difference, in parts of it; within ±0.2: the constant B of a
+        thermistor taken 1 % too large makes −0.01; thermistors of other types than stated 0.05 to
+        0.2, a thermometer that touches half its body and half the air up to −0.5.
+    Signals
+        The one that reads wrong.
+    Typical causes
+        The constants of another thermistor, a reference voltage that is off, a sensor that sits
+        loosely, self-heating that depends on the air.
+    Cure
+        Calibrate at two temperatures, in a bath; enter the constants in the link's configuration,
+        and take this effect out of the model.
+    Source
+        Steinhart and Hart, Deep-Sea Research 15 (1968), 497-503 (a thermistor's constants); ISO/TR
+        16015.
+    """
+
+    kind = "sensor_gain"
+    scope = "instrument"
+    reads_model = True
+    signal: str
+
+    def check(self, machine: Machine) -> None:
+        """A temperature."""
+        super().check(machine)
+        if not machine.signals[self.signal].temperature:
+            raise InputError(
+                "not a temperature",
+                field="signal",
+                found=f"{self.signal} in {machine.signals[self.signal].unit}",
+                expected="a signal in degC or K",
+            )
+
+    def linear(self, machine: Machine) -> tuple[Parameter, ...]:
+        """The gain."""
+        text = f"{self.signal} reads differences too large by this part"
+        return (Parameter("gain", "1", (-0.2, 0.2), text),)
+
+    def motions(
+        self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
+    ) -> tuple[Motion, ...]:
+        """None by itself; see `motions_among`."""
+        return ()
+
+    def motions_among(
+        self,
+        machine: Machine,
+        conditions: Conditions,
+        nonlinear: Mapping[str, float],
+        model: Sequence[FittedEffect],
+    ) -> tuple[Motion, ...]:
+        """Minus what the model's effects do for the signal's excess over the reference."""
+        about = machine.reference_temperature
+        own = [t.coefficients(machine)[0] for t in model if t.effect == self]
+        whole = 1.0 + (float(own[0]) if own else 0.0)
+        return by_reading(
+            machine,
+            conditions,
+            model,
+            self.signal,
+            lambda c, by: c.with_gain(self.signal, 1.0 - by / whole, about),
+        )
+
+    def amend(self, machine: Machine, conditions: Conditions, coefficients: F64) -> Conditions:
+        """The readings without the gain."""
+        factor = 1.0 / (1.0 + float(coefficients[0]))
+        return conditions.with_gain(self.signal, factor, machine.reference_temperature)
+
+    def positions_used(self, machine: Machine) -> tuple[str, ...]:
+        """None: it acts through other effects."""
+        return ()
+
+    @classmethod
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[SensorGain]:
+        """Each recorded temperature: those on the structure first, whose differences are read."""
+        signals = recorded(machine, coverage, temperature=True)
+        for signal in by_sense(signals, ("structure", "scale", "screw")):
+            yield cls(signal=signal.name)
