@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.compcore.verification.tolerance import Tolerance
 from abbe.compcore.verification.verify import Verification, VerificationRequest, verify
 from abbe.compcore.verification.words import verification_warnings
+from abbe.daemon.answers import measured_under
 from abbe.daemon.answers.measurements.verified_files import (
     FittedCampaigns,
     NamedModel,
@@ -114,7 +115,9 @@ def verified(
         require_signals(campaign, active)
         bare = uncompensated(campaign, active)
     elif before is None:
-        _refuse_compensated(campaign)
+        # abbe measure writes what was active into the head
+        put_back = measured_under.bare(campaign)
+        bare = None if put_back is campaign else put_back
     planned: Sequence[PlannedSetup] = ()
     if files.check is not None:
         planned = read_plan(files.check, model.machine).setups
@@ -139,17 +142,3 @@ def _campaign(paths: Sequence[Path], model: Model) -> Campaign:
     campaign = read_campaigns(paths, model.machine)
     require_signals(campaign, model)
     return campaign
-
-
-def _refuse_compensated(campaign: Campaign) -> None:
-    """Refuse to take off again what a head says was compensated already."""
-    for file, head in zip(campaign.files, campaign.metadata, strict=False):
-        for said in head.values():
-            if isinstance(said, Mapping) and said.get("active_sha256"):
-                raise InputError(
-                    "was measured while a compensation was active, as its head says",
-                    file=file,
-                    field="active",
-                    found=said.get("active"),
-                    expected="--active with the model that was compensated, or --before",
-                )

@@ -12,6 +12,7 @@ import pytest
 
 from abbe.compcore.campaign.overlap import overlap
 from abbe.compcore.files.campaign_file import read_campaigns
+from abbe.compcore.files.growing_campaign import BEGUN
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.plan_file import read_plan
 from abbe.compcore.planning.plan import campaign_of
@@ -76,17 +77,23 @@ def test_what_was_measured_with_compensation_is_put_back(shop):
     assert (found["after"], found["before"]) == ("measured", "put back")
 
 
-def test_what_was_compensated_already_is_not_taken_off_again(shop, tmp_path):
+def test_a_campaign_that_says_what_was_active_is_put_back(shop, tmp_path):
+    """As abbe measure writes it into the head; refused where that model is not there any more."""
     text = (shop / "after.csv").read_text("utf-8")
-    head = '# [measured]\n# active = "m.toml"\n# active_sha256 = "00"\n'
+    digest = hashlib.sha256((shop / "m.toml").read_bytes()).hexdigest()
+    head = f'# [{BEGUN}]\n# active = "active.toml"\n# active_sha256 = "{digest}"\n'
     said = tmp_path / "said.csv"
     said.write_text(text.replace("time,setup", head + "time,setup", 1), "utf-8")
     done = abbe("verify", shop / "m.toml", said)
     assert done.status == 1
     assert "said.csv" in done.err
     assert "--active" in done.err
-    assert abbe("verify", shop / "m.toml", said, "--active", shop / "m.toml").status == 0
-    assert abbe("verify", shop / "m.toml", said, "--before", shop / "before.csv").status == 0
+    (tmp_path / "active.toml").write_bytes((shop / "m.toml").read_bytes())
+    _, found = verified(shop, said)
+    (one,) = found["lines"]
+    assert one["after"]["E"]["value"] == pytest.approx(9.0)
+    assert one["before"]["E"]["value"] == pytest.approx(49.0, abs=1e-3)
+    assert (found["after"], found["before"]) == ("measured", "put back")
 
 
 @pytest.mark.parametrize(
