@@ -143,3 +143,25 @@ def test_on_paper_the_volume_is_there(browser: Browser, tmp_path: Path) -> None:
         page.evaluate("document.querySelectorAll('canvas').forEach((c) => c.remove())")
         assert len(paper) - len(drawings.findall(page.pdf(print_background=False))) >= pictures
         assert_quiet(seen, bench)
+
+
+def test_little_travels(browser: Browser, tmp_path: Path) -> None:
+    """The first sight is small, and what the browser has is not sent again."""
+    campaign = some_setups(BRIDGE / "fit.csv", tmp_path / "some.csv", every=3)
+    with opened(BRIDGE / "model.toml", campaign) as bench:
+        seen = visit(browser, bench)
+        page = seen.page
+        page.wait_for_selector("h1.bad")
+        page.click("#tab-learn")
+        page.wait_for_selector("#what-if[data-ready]")
+        page.wait_for_selector(".plot .main-svg")
+        weigh = """() => performance.getEntriesByType("resource").concat(
+          performance.getEntriesByType("navigation")).reduce((sum, e) => sum + e.transferSize, 0)"""
+        whole = page.evaluate(weigh)
+        # with Plotly, once
+        assert 500_000 < whole < 2_500_000
+        page.reload()
+        page.wait_for_selector("h1.bad")
+        again = page.evaluate(weigh)
+        assert 0 < again < 300_000
+        assert_quiet(seen, bench)

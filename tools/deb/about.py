@@ -116,6 +116,10 @@ def copyright_of(packages: Path) -> str:
         "Copyright: the authors of Abbe\n"
         "License: Apache-2.0\n"
         f" On Debian systems the license is in {_APACHE}.\n"
+        "\nFiles: usr/lib/abbe/lib/*/abbe/daemon/workbench/static/uplot*\n"
+        "Copyright: 2022 Leon Sorokin\n"
+        "License: uPlot\n"
+        " uPlot 1.6.32: MIT. Its licence is uplot-license.txt beside it.\n"
     )
     for info in sorted(packages.glob("*.dist-info"), key=lambda path: path.name.lower()):
         said = HeaderParser().parsestr((info / "METADATA").read_text(encoding="utf-8"))

@@ -23,7 +23,9 @@ export function table(title, columns, cells, last = null) {
   const body = cells.map((row, i) => el("tr", {},
     ...row.map((text, k) => el("td", {class: side(k)}, text)),
     last ? el("td", {}, last(i)) : null));
-  return el("div", {class: "wide"}, el("table", {},
+  // what is wider than the window is scrolled with keys, too
+  const words = title || columns.filter(Boolean).join(", ");
+  return el("div", {class: "wide", tabindex: 0, role: "group", "aria-label": words}, el("table", {},
     title ? el("caption", {}, title) : null,
     el("thead", {}, el("tr", {}, ...head, last ? el("td", {}) : null)),
     el("tbody", {}, ...body)));
