@@ -33,6 +33,8 @@ _JUDGED_WITHIN = 600.0
 """s for recording and judging: ten years of checks."""
 _GRACE = 3.0
 """s that a reading is given to be recorded and judged when the run ends."""
+_ENDED = 5.0
+"""s that the judging process is given to be gone."""
 _LAST = 12.0
 """s that recording it in this process may take then."""
 _OLD = 5.0
@@ -120,7 +122,7 @@ class LiveChecks:
                     async with asyncio.timeout(_GRACE):
                         await self._recorded()
             judging.cancel()
-            await asyncio.wait({looking, judging}, timeout=_GRACE)
+            await asyncio.wait({looking, judging}, timeout=_ENDED)
             await self._record_the_rest()
             for new in self._new:
                 logger.warning("check %s: not recorded: the run ended", new.typed.name)
