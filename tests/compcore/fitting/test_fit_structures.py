@@ -101,8 +101,11 @@ def test_columns_are_slopes_of_the_prediction_for_every_kind_of_effect(code: str
             moved[k] += sign * step
             ends.append(problem.predicted(moved) * problem.weight)
         slope = (ends[0] - ends[1]) / (2.0 * step)
-        # to first order: the errors' own size, some 1e-3 of the arms, is left
-        assert found[:, k] == pytest.approx(slope, abs=4e-3 * np.abs(slope).max() + 1e-9), unknown
+        # to first order: the errors' own size, some 1e-3 of the arms, is left; of a thermometer's
+        # offset beside its gain the gain, here up to some per cent
+        amends = unknown.owner >= 0 and model.effects[unknown.owner].reads_model
+        left = 2e-2 if amends else 4e-3
+        assert found[:, k] == pytest.approx(slope, abs=left * np.abs(slope).max() + 1e-9), unknown
 
 
 @pytest.mark.parametrize("code", ["w b Y X Z t", "w C' X' b Z Y t", "w X' b Y Z C B t"])

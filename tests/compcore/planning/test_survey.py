@@ -67,7 +67,7 @@ def test_at_equal_time_a_plan_leaves_less_than_the_presets_and_keeps_its_word(na
     plan = plan_survey(aim, AT_HAND, 5.0 * HOUR, compare=True)
     assert plan.seconds <= 5.0 * HOUR
     assert plan.presets is not None
-    rotary = any(axis.rotary for axis in aim.machine.axes)
+    rotary = any(axis.rotary for axis in aim.machine.axes.values())
     assert set(plan.presets) == set(PRESETS) - (set() if rotary else {"iso10791-6"})
     assert plan.after <= 0.8 * min(plan.presets.values())
     reached = [carry_out(plan, seed) for seed in SEEDS]
