@@ -9,8 +9,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import pickle
-import sys
 import time
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
@@ -38,7 +36,7 @@ _ENDED = 5.0
 _LAST = 12.0
 """s that recording it in this process may take then."""
 _OLD = 5.0
-"""s after which the last cycle says nothing of now."""
+"""s that a cycle is waited for."""
 _SHOWN = 3
 """Series of a check that the journal names."""
 
@@ -78,7 +76,7 @@ class LiveChecks:
         self._links = links
         self._record: CycleRecord | None = None
         self._new: list[NewReading] = []
-        self._wake = asyncio.Event()
+        self._wake, self._came = asyncio.Event(), asyncio.Event()
         self._blind = False
         self.state = LiveChecksState()
         self.keep: Keep | None = None
@@ -96,6 +94,7 @@ class LiveChecks:
     def __call__(self, record: CycleRecord) -> None:
         """Keep a cycle's record."""
         self._record = record
+        self._came.set()
 
     def judge_anew(self) -> None:
         """Judge once more: the model has changed."""
@@ -154,7 +153,7 @@ class LiveChecks:
                 try:
                     measured = await trigger.look(time.monotonic())
                     if measured is not None:
-                        self._take(measured)
+                        await self._take(measured)
                 except NotTakenError as error:
                     self._refuse(trigger.name, str(error))
                 except Exception:
@@ -162,15 +161,18 @@ class LiveChecks:
                         self._blind = True
                         logger.exception("check %s: cannot be looked at", trigger.name)
 
-    def _take(self, measured: MeasuredPoint) -> None:
-        """Put a measurement in line, with the machine's state at this moment."""
+    async def _take(self, measured: MeasuredPoint) -> None:
+        """Put a measurement in line, with the machine's state at this moment.
+
+        Raises
+        ------
+        NotTakenError
+            When that is not known.
+        """
         from abbe.daemon.checks.job import NewReading
         from abbe.daemon.checks.readings import reading_of
 
-        record = self._record
-        now = time.monotonic()
-        if record is None or now - self._pipeline.began - record.time > _OLD:
-            raise NotTakenError("the machine's state then is not known: no cycle")
+        record = await self._cycle_since(measured.name, time.monotonic())
         section, configuration = self._points[measured.name], self._configuration()
         unit = ""
         if section.value is not None:
@@ -183,6 +185,28 @@ class LiveChecks:
         self._new.append(NewReading(typed, signals, when, section.corrected))
         self._wake.set()
 
+    async def _cycle_since(self, name: str, moment: float) -> CycleRecord:
+        """The first cycle that was asked for after a moment (monotonic, s).
+
+        An earlier one, which a busy computer hands on late, knows the machine as it was before the
+        controller measured: another place, another reference.
+        """
+        try:
+            async with asyncio.timeout(_OLD):
+                while True:
+                    self._came.clear()
+                    await self._came.wait()
+                    record = self._record
+                    if record is None:
+                        continue
+                    if self._pipeline.began + record.time - record.age >= moment:
+                        return record
+        except TimeoutError:
+            raise NotTakenError("the machine's state then is not known: no cycle") from None
+        except asyncio.CancelledError:
+            self._refuse(name, "the run ended before the machine's state was known")
+            raise
+
     def _refuse(self, name: str, why: str) -> None:
         logger.warning("check %s: not recorded: %s", name, why, extra={"event": "check refused"})
         self.state = replace(self.state, refused={**self.state.refused, name: why})
@@ -190,12 +214,13 @@ class LiveChecks:
     async def _judge(self) -> None:
         """Record what is in line, and judge; the first time what was recorded before."""
         from abbe.daemon.checks.job import CheckOutcome
+        from abbe.daemon.checks.judging import judged
 
         while True:
             self._wake.clear()
             new = tuple(self._new)
             try:
-                outcome = await self._done(self._request(new))
+                outcome = await judged(self._request(new), _JUDGED_WITHIN)
             except Exception as error:  # noqa: BLE001  (whoever looks on must not end the run)
                 why = str(error) or f"it took longer than {_JUDGED_WITHIN:g} s"
                 outcome = CheckOutcome(refused={n.typed.name: why for n in new}, problem=why)
@@ -218,35 +243,6 @@ class LiveChecks:
             ChartDesign(running.file.checks.false_alarm_every),
             check_point.diagnosing(path, model, None, "", changed),
         )
-
-    async def _done(self, request: CheckRequest) -> CheckOutcome:
-        from abbe.daemon.checks.job import CheckOutcome
-
-        # a session of its own: what a terminal sends to all is for the run
-        process = await asyncio.create_subprocess_exec(
-            sys.executable,
-            "-m",
-            "abbe.daemon.checks.job",
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.PIPE,
-            start_new_session=True,
-        )
-        try:
-            data = await asyncio.to_thread(pickle.dumps, request)
-            async with asyncio.timeout(_JUDGED_WITHIN):
-                out, said = await process.communicate(data)
-        finally:
-            if process.returncode is None:
-                process.kill()
-                await process.wait()
-        if process.returncode:
-            lines = said.decode("utf-8", "replace").strip().splitlines() or ["no reason"]
-            raise RuntimeError(f"its process ended with {process.returncode}: {lines[-1]}")
-        found = pickle.loads(out)
-        if not isinstance(found, CheckOutcome):
-            raise TypeError("its process gave another answer")
-        return found
 
     def _take_over(self, outcome: CheckOutcome, new: tuple[NewReading, ...]) -> None:
         before = self.state

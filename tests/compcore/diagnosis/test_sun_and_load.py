@@ -64,7 +64,7 @@ def test_a_load_cell_in_a_second_run() -> None:
 
 
 def test_proposals_for_a_machine_of_one_axis_are_lines_each_once() -> None:
-    from abbe.compcore.diagnosis.practicable import practicable
+    from abbe.compcore.diagnosis.next_measurement.practicable import practicable
 
     model, run, _ = _read("r05-load-cell")
     said = [p.what for p in practicable(model.machine, run)]

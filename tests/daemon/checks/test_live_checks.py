@@ -180,6 +180,28 @@ async def test_a_reference_that_moves_is_not_taken(model, tmp_path, caplog) -> N
     assert caplog.text.count("check laser: not recorded") == 1
 
 
+async def test_a_cycle_from_before_the_measurement_says_nothing_of_it(model, tmp_path) -> None:
+    """A busy computer hands on late what it knew of the place before: a new cycle is waited for."""
+    device = plc()
+    async with probing(device, model, LASER, tmp_path) as (service, _):
+        cycles, x = service.logbook.cycles, service.pipeline.axes.index("X")
+        await until(lambda: looked_at(service))
+        device.measured("laser", 300.0125, trigger=0)
+        await until(lambda: cycles.latest.reference[x] == pytest.approx(300.0125, abs=1e-4))
+        service.pipeline.listeners.remove(service.checks)
+        device.stand("X", 310.0)
+        await until(lambda: cycles.latest.indicated[x] == 310.0 and cycles.latest.speeds[x] == 0.0)
+        device.measured("laser", 310.02)
+        number = cycles.latest.number
+        await until(lambda: cycles.latest.number > number + 50)
+        assert service.checks.idle
+        service.pipeline.listeners.append(service.checks)
+        await until(lambda: "laser" in series(service))
+    kept = read_campaign(tmp_path / "checks.csv", load_model(model).machine)
+    assert kept.value * 1e3 == pytest.approx([20.0], abs=0.05)
+    assert kept.conditions.positions["X"] == pytest.approx([310.0])
+
+
 async def _go(device: ProbingPlc) -> None:
     """To and fro along X, some 10 mm/s, until cancelled."""
     at, step = 300.0, 0.1
@@ -272,7 +294,7 @@ async def test_a_judge_that_fails_or_hangs_costs_no_correction(
     judge = tmp_path / "judge"
     judge.write_text(program)
     judge.chmod(0o755)
-    monkeypatch.setattr("abbe.daemon.checks.live.sys.executable", str(judge))
+    monkeypatch.setattr("abbe.daemon.checks.judging.sys.executable", str(judge))
     monkeypatch.setattr("abbe.daemon.checks.live._JUDGED_WITHIN", 0.5)
     device = plc()
     async with probing(device, model, BALL, tmp_path) as (service, _):
