@@ -126,7 +126,9 @@ def test_on_paper_the_volume_is_there(browser: Browser, tmp_path: Path) -> None:
         page = seen.page
         page.wait_for_selector(".volume canvas")
         canvas = page.locator(".volume canvas").first
-        canvas.scroll_into_view_if_needed()
+        canvas.evaluate(
+            "drawn => drawn.scrollIntoView({block: 'center'})"
+        )  # may be drawn anew meanwhile
         assert canvas.evaluate(INK) > 300
         # what stands on paper is black on white, also where the screen is dark
         dark = page.evaluate("getComputedStyle(document.body).backgroundColor")

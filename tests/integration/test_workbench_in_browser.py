@@ -47,7 +47,9 @@ def test_the_whole_loop_by_clicking(browser: Browser, tmp_path: Path) -> None:
 
         # one brush: a lump of points of one picture is selected in all of them
         canvas = first.locator("canvas")
-        canvas.scroll_into_view_if_needed()
+        canvas.evaluate(
+            "drawn => drawn.scrollIntoView({block: 'center'})"
+        )  # may be drawn anew meanwhile
         box = canvas.bounding_box()
         assert box is not None
         page.mouse.move(box["x"] + 50, box["y"] + 10)

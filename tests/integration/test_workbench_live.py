@@ -144,7 +144,7 @@ def test_volume_and_history(browser: Browser, tmp_path: Path) -> None:
             for picture in pictures.all():
                 assert 0 < int(picture.get_attribute("data-points") or 0) <= 2000
             chart = page.locator(".past .u-over").first
-            chart.scroll_into_view_if_needed()
+            chart.evaluate("drawn => drawn.scrollIntoView({block: 'center'})")
             area = chart.bounding_box()
             assert area is not None
             page.mouse.move(area["x"] + 0.7 * area["width"], area["y"] + 40)
