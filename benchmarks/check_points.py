@@ -188,8 +188,8 @@ def named_so(
 ) -> bool:
     """Whether the sentence names what it is, at the stated number of checks after it happened."""
     until = FIRST_DAY + (7 * ((AT + promise.within) // 5) + (AT + promise.within) % 5) * DAY
-    told = judge(model, checks.rows(checks.conditions.time < until), design)
-    change = told.change or found.change
+    later = judge(model, checks.rows(checks.conditions.time < until), design)
+    change = later.change or found.change
     return bool(
         change
         and change.patterns

@@ -11,7 +11,7 @@ from abbe.compcore.errors import AbbeError
 from abbe.daemon.control.controls import ControlledService, Controls
 from abbe.daemon.control.doors import ControlDoor, StatusDoor
 from abbe.daemon.control.server import ControlServer
-from abbe.daemon.status.survey import SurveyedService
+from abbe.daemon.status.status_source import ObservedService
 
 logger = logging.getLogger("abbe.service")
 
@@ -65,7 +65,7 @@ async def _open(server: ControlServer, stack: AsyncExitStack) -> None:
     stack.push_async_callback(server.stop)
 
 
-async def _watch_files(service: SurveyedService, *, supervised: bool) -> None:
+async def _watch_files(service: ObservedService, *, supervised: bool) -> None:
     """Say, once, that a file was changed since it was read."""
     known: tuple[object, ...] = ()
     while True:
@@ -83,7 +83,7 @@ async def _watch_files(service: SurveyedService, *, supervised: bool) -> None:
         known = changed
 
 
-async def _show(service: SurveyedService, controls: Controls) -> None:
+async def _show(service: ObservedService, controls: Controls) -> None:
     """Keep the HTTP process running, where the configuration wants one."""
     setup = service.configuration.http
     if setup is not None:

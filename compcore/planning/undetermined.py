@@ -43,9 +43,9 @@ class Undecided:
 
 def undecided(task: SurveyTask, known: Knowledge, start: Knowledge) -> Iterator[Undecided]:
     """Combinations that the rows say less of than was known before, largest in the volume first."""
-    told = known.precision - start.precision
+    gained = known.precision - start.precision
     half = np.linalg.cholesky(start.covariance)
-    values, vectors = np.linalg.eigh(half.T @ told @ half)
+    values, vectors = np.linalg.eigh(half.T @ gained @ half)
     left = half @ vectors[:, values < 1.0]
     if not left.shape[1]:
         return

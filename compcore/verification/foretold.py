@@ -96,8 +96,8 @@ def foretold_line(model: Model, comparison: Comparison, line: LineTest) -> Foret
     seen = seen - left @ (left.T @ seen)
     misfit = comparison.residual[rows] * weight
     inner = np.eye(seen.shape[1]) + seen.T @ seen
-    told = seen.T @ misfit
-    chi2 = float(misfit @ misfit - told @ np.linalg.solve(inner, told))
+    shared = seen.T @ misfit
+    chi2 = float(misfit @ misfit - shared @ np.linalg.solve(inner, shared))
     freedom = len(rows) - left.shape[1]
     variance = (1.0 - (left**2).sum(axis=1) + (seen**2).sum(axis=1)) / weight**2
     stated = not comparison.uncertainty.open and model.covariance is not None

@@ -26,7 +26,7 @@ from abbe.daemon.control.requests import (
 from abbe.daemon.pipeline.compensate import LiveCompensator
 from abbe.daemon.pipeline.reading.expected import expected_of
 from abbe.daemon.status.run_status import RunStatus
-from abbe.daemon.status.survey import Survey, SurveyedService
+from abbe.daemon.status.status_source import ObservedService, StatusSource
 
 logger = logging.getLogger("abbe.control")
 
@@ -36,7 +36,7 @@ _LOOK = 1.0
 """s for a look at the files that the run was made from."""
 
 
-class ControlledService(SurveyedService, Protocol):
+class ControlledService(ObservedService, Protocol):
     """A service, as far as its controls need it."""
 
     switches_in_file: Mapping[str, Switch]
@@ -52,13 +52,13 @@ class Controls:
 
     Attributes
     ----------
-    survey
+    status_now
         Makes the run's status.
     """
 
     def __init__(self, service: ControlledService) -> None:
         self._service = service
-        self.survey = Survey(service)
+        self.status_now = StatusSource(service)
         self._one_by_one = asyncio.Lock()
 
     async def __call__(self, request: Request, who: str) -> dict[str, Any]:
@@ -95,7 +95,7 @@ class Controls:
         with contextlib.suppress(TimeoutError):  # a file server that is away keeps nobody waiting
             async with asyncio.timeout(_LOOK):
                 await self._service.logbook.look_at_files(self._service.identity)
-        return self.survey()
+        return self.status_now()
 
     async def _switch(self, request: SwitchRequest) -> str:
         service = self._service

@@ -16,7 +16,7 @@ from abbe.daemon.control.controls import Controls
 from abbe.daemon.guard import DIRECTIONS
 from abbe.daemon.http.exchange.feed import Feed
 from abbe.daemon.http.exchange.wire import LONGEST_MESSAGE
-from abbe.daemon.status.survey import SurveyedService
+from abbe.daemon.status.status_source import ObservedService
 
 logger = logging.getLogger("abbe.http")
 
@@ -45,7 +45,7 @@ class HttpProcess:
         Where it listens, and who may ask.
     """
 
-    def __init__(self, service: SurveyedService, controls: Controls, setup: HttpSetup) -> None:
+    def __init__(self, service: ObservedService, controls: Controls, setup: HttpSetup) -> None:
         self._service, self._controls, self._setup = service, controls, setup
 
     async def run(self) -> None:

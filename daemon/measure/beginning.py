@@ -17,11 +17,11 @@ from abbe.daemon.config import Configuration, load_config
 from abbe.daemon.config.channels import split
 from abbe.daemon.measure.compensation import live_correction, require_stated, stated_compensation
 from abbe.daemon.measure.course import MeasureCourse, chosen
+from abbe.daemon.measure.events import MeasureEvent, Tell, minutes
 from abbe.daemon.measure.instrument import Instrument
 from abbe.daemon.measure.person import Person
 from abbe.daemon.measure.rows import columns, digest, head
 from abbe.daemon.measure.session import Measurement, MeasureTask
-from abbe.daemon.measure.told import MeasureEvent, Tell, minutes
 from abbe.daemon.outputs import CAMPAIGN, check_outputs
 from abbe.daemon.ownership.claims import held_by_watch
 from abbe.daemon.ownership.lock import hold

@@ -6,8 +6,8 @@ import asyncio
 import signal
 
 from abbe.compcore.errors import AbbeError
+from abbe.daemon.measure.events import MeasureEvent, Tell, target_words
 from abbe.daemon.measure.session import Measurement
-from abbe.daemon.measure.told import MeasureEvent, Tell, target_words
 
 _SHOWN = 8
 

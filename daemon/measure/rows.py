@@ -18,7 +18,7 @@ from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.daemon.measure.average import SteadyReading
-from abbe.daemon.measure.told import unit_of_kind
+from abbe.daemon.measure.events import unit_of_kind
 
 PART = "."
 """Between a set-up's name and the number of its zero: ``01_laser.2``. No plan has it in a name."""

@@ -13,6 +13,7 @@ from abbe.compcore.files.growing_campaign import GrowingCampaign
 from abbe.daemon.config import Configuration
 from abbe.daemon.measure.compensation import live_correction
 from abbe.daemon.measure.course import MeasureCourse
+from abbe.daemon.measure.events import Tell, place_words, setup_words, target_words
 from abbe.daemon.measure.instrument import Instrument, nominal_distance
 from abbe.daemon.measure.kept_rows import KeptRows
 from abbe.daemon.measure.machine_view import MachineView, SeenMachine
@@ -27,7 +28,6 @@ from abbe.daemon.measure.target_watch import (
     TargetUnsteady,
     TargetWatch,
 )
-from abbe.daemon.measure.told import Tell, place_words, setup_words, target_words
 
 _LAST_TRIES = 5.0
 """s for which, at the end, rows that are not on the disk are tried to be written."""

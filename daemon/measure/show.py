@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import typer
 
-from abbe.daemon.measure.told import MeasureEvent, Tell, minutes
+from abbe.daemon.measure.events import MeasureEvent, Tell, minutes
 
 
 @contextmanager

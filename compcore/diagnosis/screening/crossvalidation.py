@@ -142,8 +142,8 @@ def _by_visit(conditions: Conditions, rows: Index) -> list[Index]:
         measured[:, :3] = c.u
     if c.kind is not None:
         measured[:, 3] = c.kind
-    told = (*c.positions.values(), *c.directions.values(), *measured.T, *c.tool.T)
-    places = np.round(np.column_stack(told), _DECIMALS)
+    shown = (*c.positions.values(), *c.directions.values(), *measured.T, *c.tool.T)
+    places = np.round(np.column_stack(shown), _DECIMALS)
     _, place, visits = np.unique(places, axis=0, return_inverse=True, return_counts=True)
     if len(visits) < 2 or visits.min() < _AGAIN:
         return []
@@ -160,12 +160,12 @@ def _by_place(conditions: Conditions, rows: Index, pieces: int) -> list[Index]:
     Rows of one place stay together. Where all are of one, what was recorded there stands for the
     places: with them left out together nothing would be left to foretell them from.
     """
-    told = [v[rows] for v in conditions.positions.values()]
-    if not any(np.ptp(v) > 0.0 for v in told):
-        told = [v[rows] for v in conditions.signals.values()]
-    if not told:
+    shown = [v[rows] for v in conditions.positions.values()]
+    if not any(np.ptp(v) > 0.0 for v in shown):
+        shown = [v[rows] for v in conditions.signals.values()]
+    if not shown:
         return [rows]
-    places = np.column_stack(told)
+    places = np.column_stack(shown)
     extent = np.ptp(places, axis=0)
     places = places / np.where(extent > 0.0, extent, 1.0)
     return [rows[part] for part in _halved(places, np.arange(len(rows)), pieces)]

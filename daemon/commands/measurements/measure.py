@@ -11,7 +11,7 @@ from abbe.daemon.arguments.measurements.plan_reading import OnlySetups, PlanFile
 from abbe.daemon.arguments.options import ActiveModel, ConfigFile
 
 if TYPE_CHECKING:
-    from abbe.daemon.measure.told import Tell
+    from abbe.daemon.measure.events import Tell
 
 
 def register(app: typer.Typer) -> None:

@@ -196,7 +196,7 @@ class Feed:
         self._asked = None
         self._listen(self._at_the_end_of_a_cycle, wanted=False)
         self._status_due = time.monotonic() + _STATUS_EVERY
-        self._send(packed(FeedFrame.STATUS, self._controls.survey().model_dump_json().encode()))
+        self._send(packed(FeedFrame.STATUS, self._controls.status_now().model_dump_json().encode()))
 
     def _want_cycles(self, every: float | None) -> None:
         self._every = every

@@ -17,7 +17,7 @@ from rich.console import Console
 from abbe.compcore.files.campaign_file import read_campaign, write_campaign
 from abbe.compcore.files.model_file import load_model
 from abbe.daemon.show.screen import LiveScreen
-from abbe.daemon.status.survey import Survey
+from abbe.daemon.status.status_source import StatusSource
 from abbe.daemon.status.text import lines
 from abbe.drivers.simulated.bridge.checks import SPHERES
 from abbe.drivers.simulated.bridge.machine import AXES, PLACES, TOOL
@@ -67,7 +67,7 @@ async def test_the_alarm_its_fields_and_the_command_that_it_prints(tmp_path, cap
             found = [q - e for q, e in zip(stands, read(today, name), strict=True)]
             plc.measured(name, *found)
         await until(lambda: service.checks.state.changed)
-        status = Survey(service)()
+        status = StatusSource(service)()
         axes = service.pipeline.axes
         screen = LiveScreen(loaded.machine, axes, AXES, {}, "", checks=service.checks)
         screen(service.logbook.cycles.latest)

@@ -17,7 +17,7 @@ from abbe.compcore.files.model_file import load_model
 from abbe.daemon.config import load_config
 from abbe.daemon.http.metrics import RunCollector
 from abbe.daemon.service import Service
-from abbe.daemon.status.survey import Survey
+from abbe.daemon.status.status_source import StatusSource
 from abbe.daemon.status.text import lines
 from tests.support.daemon.command_line import abbe
 from tests.support.daemon.probing_plc import (
@@ -78,7 +78,7 @@ async def test_a_sphere_is_recorded_judged_and_shown(model, tmp_path, caplog) ->
         # beyond the prediction: the scale has grown by α·5 K·300 mm = 16.5 µm
         found = series(service)["ball_X"]
         assert found["beyond_prediction"] == pytest.approx(-4.0 - 16.5, abs=0.5)
-        status = Survey(service)()
+        status = StatusSource(service)()
         assert status.checks is not None
         assert (status.checks.verdict, status.checks.checks) == ("sound", 1)
         assert any("checks: sound, 1 of them" in line for line in lines(status))
@@ -263,7 +263,7 @@ async def test_what_cannot_be_used_is_refused_and_said(model, tmp_path, caplog) 
         trigger = next(t for t in service.checks._triggers if t.name == "ball")
         await until(lambda: trigger._known == 0.0)
         assert not (tmp_path / "checks.csv").exists()
-        status = Survey(service)()
+        status = StatusSource(service)()
         assert set(status.checks.refused) == {"ball", "block"}
         # and what is measured then is taken
         device.measured("ball", 300.004, 119.999, -80.002)
@@ -304,7 +304,7 @@ async def test_a_judge_that_fails_or_hangs_costs_no_correction(
         number = service.logbook.cycles.latest.number
         await until(lambda: service.logbook.cycles.latest.number > number + 20)
         assert service.logbook.cycles.latest.decision.compensating
-        assert Survey(service)().checks.verdict == "unknown"
+        assert StatusSource(service)().checks.verdict == "unknown"
         # the next one is judged again
         monkeypatch.undo()
         device.measured("ball", 300.004, 119.999, -80.002)

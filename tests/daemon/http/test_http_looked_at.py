@@ -25,7 +25,7 @@ from abbe.daemon.http import supervisor
 from abbe.daemon.http.cycles.cycle_event import StreamedCycle
 from abbe.daemon.http.exchange.packing import CyclePacker
 from abbe.daemon.status.run_status import AxisStatus, RunStatus
-from abbe.daemon.status.survey import Survey
+from abbe.daemon.status.status_source import StatusSource
 from abbe.drivers.link import LinkDownError, LinkState
 from tests.daemon.pipeline.test_pipeline import EXAMPLE, SENSORS, compensating
 from tests.support.daemon.observed import Observed, events, observed, until
@@ -218,8 +218,8 @@ async def test_nobody_asks_and_nothing_is_worked_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made: list[str] = []
-    survey, pack = Survey.__call__, CyclePacker.__call__
-    monkeypatch.setattr(Survey, "__call__", lambda s: made.append("status") or survey(s))
+    survey, pack = StatusSource.__call__, CyclePacker.__call__
+    monkeypatch.setattr(StatusSource, "__call__", lambda s: made.append("status") or survey(s))
     monkeypatch.setattr(
         CyclePacker, "__call__", lambda s, r, d: made.append("cycle") or pack(s, r, d)
     )
@@ -249,7 +249,7 @@ async def test_nobody_asks_and_nothing_is_worked_out(
 async def test_a_cycle_that_hangs_is_not_healthy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("abbe.daemon.status.survey._HANGS", 0.3)
+    monkeypatch.setattr("abbe.daemon.status.status_source._HANGS", 0.3)
     async with observed(tmp_path) as found, found.client() as client:
         await found.run.until(compensating)
         found.run.link.delay = 4.0

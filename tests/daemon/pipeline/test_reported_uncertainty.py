@@ -19,7 +19,7 @@ from abbe.daemon.config import load_config
 from abbe.daemon.config.notes import notes
 from abbe.daemon.pipeline.writing.reported_uncertainty import ReportedAxis
 from abbe.daemon.service import Service
-from abbe.daemon.status.survey import Survey
+from abbe.daemon.status.status_source import StatusSource
 from abbe.drivers.link import ChannelInfo
 from tests.support.daemon.command_line import abbe
 from tests.support.daemon.live_run import PATIENCE, read_holding
@@ -202,7 +202,7 @@ async def test_records_and_status_have_it_too(folder, tmp_path) -> None:
     async with running(folder, tmp_path) as (service, plc, _):
         plc.stand("X", 499.0)
         await until(lambda: plc.reported[1] == 1)
-        assert Survey(service)().outside == ["X"]
+        assert StatusSource(service)().outside == ["X"]
         seen = service.logbook.cycles.latest.time
         await until(lambda: service.logbook.cycles.latest.time > seen + 0.5)
     with sqlite3.connect(tmp_path / "records.sqlite") as records:

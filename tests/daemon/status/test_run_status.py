@@ -189,7 +189,7 @@ async def test_cut_is_never_called_in_full(
 
 
 async def test_a_cycle_that_hangs_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("abbe.daemon.status.survey._HANGS", 0.3)
+    monkeypatch.setattr("abbe.daemon.status.status_source._HANGS", 0.3)
     async with running(tmp_path) as run:
         await run.until(compensating)
         run.link.delay = 3.0

@@ -50,8 +50,26 @@ def by_reading(
     return tuple(found)
 
 
+class ThermometerEffect(Effect):
+    """A thermometer that reads wrong: it acts through the effects that read its signal."""
+
+    scope = "instrument"
+    reads_model = True
+    signal: str
+
+    def motions(
+        self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
+    ) -> tuple[Motion, ...]:
+        """None by itself; see `motions_among`."""
+        return ()
+
+    def positions_used(self, machine: Machine) -> tuple[str, ...]:
+        """None: it acts through other effects."""
+        return ()
+
+
 @register
-class SensorOffset(Effect):
+class SensorOffset(ThermometerEffect):
     """A temperature sensor that reads wrong by a constant.
 
     It displaces nothing by itself: the effects that use the sensor see another temperature than
@@ -79,21 +97,12 @@ class SensorOffset(Effect):
     """
 
     kind = "sensor_offset"
-    scope = "instrument"
-    reads_model = True
-    signal: str
 
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """The offset."""
         signal = machine.signals[self.signal]
         unit = "K" if signal.temperature else signal.unit
         return (Parameter("offset", unit, (-2.0, 2.0), f"{self.signal} reads too much by this"),)
-
-    def motions(
-        self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
-    ) -> tuple[Motion, ...]:
-        """None by itself; see `motions_among`."""
-        return ()
 
     def motions_among(
         self,
@@ -111,10 +120,6 @@ class SensorOffset(Effect):
         """The readings without the offset."""
         return conditions.with_offset(self.signal, -float(coefficients[0]))
 
-    def positions_used(self, machine: Machine) -> tuple[str, ...]:
-        """None: it acts through other effects."""
-        return ()
-
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[SensorOffset]:
         """Each recorded temperature: those on scales and screws first."""
@@ -124,7 +129,7 @@ class SensorOffset(Effect):
 
 
 @register
-class SensorGain(Effect):
+class SensorGain(ThermometerEffect):
     """A temperature sensor whose differences are wrong in proportion: its gain.
 
     It reads a change of 10 K as one of 11. Of an effect that reads this sensor alone nothing is
@@ -157,9 +162,6 @@ class SensorGain(Effect):
     """
 
     kind = "sensor_gain"
-    scope = "instrument"
-    reads_model = True
-    signal: str
 
     def check(self, machine: Machine) -> None:
         """A temperature."""
@@ -176,12 +178,6 @@ class SensorGain(Effect):
         """The gain."""
         text = f"{self.signal} reads differences too large by this part"
         return (Parameter("gain", "1", (-0.2, 0.2), text),)
-
-    def motions(
-        self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
-    ) -> tuple[Motion, ...]:
-        """None by itself; see `motions_among`."""
-        return ()
 
     def motions_among(
         self,
@@ -206,10 +202,6 @@ class SensorGain(Effect):
         """The readings without the gain."""
         factor = 1.0 / (1.0 + float(coefficients[0]))
         return conditions.with_gain(self.signal, factor, machine.reference_temperature)
-
-    def positions_used(self, machine: Machine) -> tuple[str, ...]:
-        """None: it acts through other effects."""
-        return ()
 
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[SensorGain]:

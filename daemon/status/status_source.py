@@ -1,4 +1,4 @@
-"""The survey of a running service: its status at this moment, made only when somebody asks."""
+"""The status of a running service: what it is at this moment, made only when somebody asks."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _LIMITS = tuple(float(limit) / _MILLI for limit in _LIMITS_MS)
 _CARRIES = (LinkState.UP, LinkState.DEGRADED)
 
 
-class SurveyedService(Protocol):
+class ObservedService(Protocol):
     """A service, as far as its status needs it."""
 
     configuration: Configuration
@@ -63,7 +63,7 @@ class SurveyedService(Protocol):
         """Its check points."""
 
 
-class Survey:
+class StatusSource:
     """Makes the status of a service; a call takes some tenths of a millisecond.
 
     Parameters
@@ -72,7 +72,7 @@ class Survey:
         What runs.
     """
 
-    def __init__(self, service: SurveyedService) -> None:
+    def __init__(self, service: ObservedService) -> None:
         self._service = service
         self._host = socket.gethostname()
         self._user = _user()
