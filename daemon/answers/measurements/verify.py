@@ -28,6 +28,13 @@ STATUS = {Conformity.PASSES: 0, Conformity.FAILS: 3, Conformity.NEITHER: 4, None
 """Outcome → exit status."""
 
 
+def outcome_words(found: Verification) -> str:
+    """The outcome for people: one that rests on a state that was computed is called so."""
+    if found.outcome is None or found.measured:
+        return WORDS[found.outcome]
+    return f"{WORDS[found.outcome]}, as computed, not as measured"
+
+
 def scaled(value: float | None, factor: float) -> float | None:
     """A number in the unit of people; None stays."""
     return None if value is None or not math.isfinite(value) else value * factor
@@ -147,7 +154,7 @@ def as_text(answer: VerificationAnswer) -> Iterator[str]:
     found = answer.verification
     machine = answer.model.machine
     name = machine.name or "this machine"
-    yield f"Verification of {name}, {machine.structure}: {WORDS[found.outcome]}"
+    yield f"Verification of {name}, {machine.structure}: {outcome_words(found)}"
     yield f"  after: {answer.after_words}; before: {answer.before_words}"
     for warning in answer.warnings():
         yield f"  WARNING: {warning}"

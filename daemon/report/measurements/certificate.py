@@ -13,7 +13,7 @@ from abbe.compcore.verification.verify import Verification, VerifiedLine
 from abbe.daemon.answers.measurements.iso230 import MEANINGS, display
 from abbe.daemon.answers.measurements.iso10360 import where
 from abbe.daemon.answers.measurements.verified import VerificationAnswer
-from abbe.daemon.answers.measurements.verify import WORDS, foretold_words, said
+from abbe.daemon.answers.measurements.verify import WORDS, foretold_words, outcome_words, said
 from abbe.daemon.report.head import FileOnPage, PageHead, facts_of, file_on_page
 from abbe.daemon.report.page import Page, number
 
@@ -26,7 +26,7 @@ def certificate(answer: VerificationAnswer) -> Page:
     machine = answer.model.machine
     page = Page(
         f"Certificate of verification: {machine.name or 'machine'}",
-        f"{machine.structure}; {WORDS[found.outcome]}",
+        f"{machine.structure}; {outcome_words(found)}",
         _head(answer),
     )
     page.key_figures(list(_key(found)))
@@ -66,13 +66,21 @@ def _head(answer: VerificationAnswer) -> PageHead:
 
 
 def _key(found: Verification) -> Iterator[tuple[str, str, str]]:
-    yield "outcome", WORDS[found.outcome] if found.outcome else "not judged", ""
+    yield (
+        "outcome" if found.measured else "outcome, computed",
+        (WORDS[found.outcome] if found.outcome else "not judged"),
+        "",
+    )
     outcomes = [f.outcome for f in found.figures]
     if found.lengths is not None:
         outcomes.append(found.lengths.outcome)
     if outcomes:
         kept = sum(o is Conformity.PASSES for o in outcomes)
-        yield "proven to be kept", f"{kept} of {len(outcomes)}", "tolerances"
+        yield (
+            "proven to be kept" if found.measured else "kept, as computed",
+            f"{kept} of {len(outcomes)}",
+            "tolerances",
+        )
     pairs = [(v.before, v.after) for v in found.lines if v.before and not v.after.rotary]
     worst = [
         (max(values), name)

@@ -115,6 +115,19 @@ def test_a_tolerance_is_decided_by_the_guard_band(shop, limit, outcome, status):
     assert judged["U"] == pytest.approx(U_E)
 
 
+def test_a_state_that_was_computed_is_never_said_to_pass_as_it_is(shop, tmp_path):
+    """Nothing was measured with the compensation active: text and certificate say so at once."""
+    page = tmp_path / "certificate.html"
+    words = ("verify", shop / "m.toml", shop / "before.csv", "--tolerance", "E=60um")
+    done = abbe(*words, "--report", page)
+    assert done.out.splitlines()[0].endswith(": passes, as computed, not as measured")
+    assert "kept, as computed" in page.read_text("utf-8")
+    assert "outcome, computed" in page.read_text("utf-8")
+    measured = abbe("verify", shop / "m.toml", shop / "after.csv", "--before", shop / "before.csv",
+                    *words[3:])  # fmt: skip
+    assert measured.out.splitlines()[0].endswith(": passes")
+
+
 def test_k_widens_the_guard_band(shop):
     words = (shop / "after.csv", "--before", shop / "before.csv", "--tolerance", "X.E=11um")
     assert verified(shop, *words)[1]["outcome"] == "passes"
