@@ -10,7 +10,7 @@ BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis_co
 SOURCES := compcore drivers daemon tests benchmarks examples
 
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-calibrate test lint types fast bench torment soak deb test-systemd docs clean
+.PHONY: help demo demo-calibrate test lint types fast bench torment soak deb test-systemd test-calibration docs clean
 
 define install_debian
 missing=; for package in $(1); do \
@@ -64,6 +64,9 @@ deb: $(VENV)/.runtime ## Build dist/abbe_VERSION_amd64.deb, which is installed w
 test-systemd: $(VENV)/.dev ## Prove the .deb and its services on a real systemd in a virtual machine (half an hour; CONTAINER=1: minutes)
 	@$(call install_debian,$(MACHINE))
 	$(BIN)/python -m tests.systemd $(if $(CONTAINER),--container)
+
+test-calibration: $(VENV)/.dev $(VENV)/.debian ## Calibrate a real LinuxCNC from plan to certificate (three minutes)
+	$(BIN)/pytest -m calibration tests/drivers/linuxcnc
 
 clean: ## Remove everything that the other targets made
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis demo-out

@@ -31,6 +31,7 @@ from abbe.daemon.records.recorder import Recorder
 from abbe.daemon.records.run import recorded
 from abbe.daemon.reload import Prepared, Takeover, prepare
 from abbe.daemon.status.logbook import Logbook
+from abbe.daemon.systemd.late_cycles import LateCycles
 from abbe.daemon.systemd.notify import Notifier
 from abbe.daemon.systemd.supervised import Supervised
 from abbe.daemon.upload.history.unfinished import unfinished_in
@@ -103,6 +104,8 @@ class Service:
         self._stop = asyncio.Event()
         self._at_once = asyncio.Event()
         self._notifier = Notifier.of_environment() if notifier is None else notifier
+        self._late = LateCycles(configuration.file.cycle.period, self._notifier.watchdog)
+        self.add([self._late])
         self._reloading: asyncio.Task[None] | None = None
         self._recorder: Recorder | None = None
 
@@ -237,7 +240,8 @@ class Service:
                     self._reported.running(),
                     self.checks.running(),
                 ):
-                    await self._until_ended()
+                    with self._late.running():
+                        await self._until_ended()
             finally:
                 gc.unfreeze()
                 if not self.again:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel
@@ -26,13 +27,26 @@ class ScaledNumber(BaseModel):
     unit: str | None = ""
     """Unit of the value, for people."""
 
-    def value_of(self, number: float) -> float:
-        """The value, in `unit`, that a number stands for."""
-        return number * self.scale + self.offset
+    @property
+    def value_of(self) -> Callable[[float], float]:
+        """The function number → the value, in `unit`, that it stands for."""
+        # a live cycle calls it for every channel: it looks nothing up
+        scale, offset = self.scale, self.offset
+        return lambda number: number * scale + offset
 
-    def number_of(self, value: float) -> float:
-        """The number that stands for a value in `unit`."""
-        return (value - self.offset) / self.scale
+    @property
+    def number_of(self) -> Callable[[float], float]:
+        """The function value in `unit` → the number that stands for it."""
+        scale, offset = self.scale, self.offset
+        return lambda value: (value - offset) / scale
+
+    @staticmethod
+    def values_of(channels: Sequence[ScaledNumber]) -> Callable[[Sequence[float]], list[float]]:
+        """The function numbers of several channels → their values, each as by `value_of`."""
+        scales = tuple((c.scale, c.offset) for c in channels)
+        return lambda numbers: [
+            number * scale + offset for number, (scale, offset) in zip(numbers, scales, strict=True)
+        ]
 
     def range_of(self, low: float, high: float) -> tuple[float, float]:
         """Smallest and largest value, of the smallest and largest number."""

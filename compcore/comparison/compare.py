@@ -1,4 +1,4 @@
-"""The comparison: a model beside measurements, nothing fitted but the placing of instruments."""
+"""The comparison: a model beside measurements, nothing fitted but placings and runs' beginnings."""
 
 from __future__ import annotations
 
@@ -30,9 +30,11 @@ from abbe.compcore.figures.figure import Figure
 from abbe.compcore.figures.shown import Shown
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.design.row_blocks import rows_at_once
+from abbe.compcore.fitting.design.run_starts import Bodies
 from abbe.compcore.fitting.design.weights import Uncertainty
 from abbe.compcore.fitting.gauss_newton import gauss_newton
 from abbe.compcore.fitting.reduction import leverage
+from abbe.compcore.fitting.words import start_lines
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
 from abbe.compcore.notebook import html_table
@@ -57,8 +59,8 @@ class Comparison(Shown):
     Attributes
     ----------
     problem, theta
-        What was compared (`Problem`), and the values: the model's, with base points and tools
-        fitted.
+        What was compared (`Problem`), and the values: the model's, with base points, tools and
+        how warm lagged bodies began fitted.
     residual, weighted
         Measured − predicted − nuisances, (n,): mm or rad, and in units of sd.
     measured
@@ -97,7 +99,7 @@ class Comparison(Shown):
     @property
     def fitted_files(self) -> tuple[str, ...]:
         """Those of the campaign's files to which the model was fitted, by their SHA-256."""
-        known = _fitted(self.problem.model)
+        known = self.problem.model.fitted_to
         files = self.problem.campaign.files
         return tuple(file for file, sha256 in files.items() if sha256 in known)
 
@@ -166,6 +168,7 @@ class Comparison(Shown):
         if files := self.fitted_files:
             yield fitted_note(files)
         yield from self.verdict()
+        yield from start_lines(self.problem, self.theta)
         yield from comparison_words(
             self.problem.campaign,
             self.lengths,
@@ -233,8 +236,8 @@ def compare(model: Model, campaign: Campaign) -> Comparison:
     """Lay a model beside a campaign.
 
     Only what the placing of the instruments leaves unknown is fitted: set-ups' nuisances, base
-    points, tools. Effects of the instrument that belong to one set-up or base point count only on
-    the campaign to which they were fitted.
+    points, tools; and how warm lagged bodies were when each run began. Effects of the instrument
+    that belong to one set-up or base point count only on the campaign to which they were fitted.
 
     Raises
     ------
@@ -245,11 +248,15 @@ def compare(model: Model, campaign: Campaign) -> Comparison:
     require_type(campaign, Campaign, "campaign")
     if not campaign.n:
         raise FitError("the campaign has no rows")
-    seen_in_fit = _seen_in_fit(model, campaign)
+    seen_in_fit = model.seen(campaign.files.values())
     left_out = () if seen_in_fit else tuple(e.spec for e in model.effects if bound_to_setup(e))
     applied = model if seen_in_fit else _without_bound(model)
     uncertainty = Uncertainty.of(campaign, model.machine)
-    problem = Problem(applied, campaign, sd=uncertainty.sd)
+    # how warm bodies were when another run began the fit does not say
+    bodies: Bodies = "asked" if seen_in_fit else "all"
+    problem = Problem(applied, campaign, sd=uncertainty.sd, bodies=bodies)
+    if not seen_in_fit:
+        problem.expect_starts(problem.layout.of_model(applied, campaign))
     share = float(model.fit.get("determined", 0)) / campaign.n if seen_in_fit else 0.0
     with threads_for(min(problem.n, rows_at_once(problem.layout.size)) * problem.layout.size):
         return _compared(problem, applied, uncertainty, share, left_out)
@@ -265,12 +272,17 @@ def _compared(
     campaign = problem.campaign
     theta = problem.layout.of_model(applied, campaign)
     placed = np.arange(problem.layout.model_size, problem.layout.size)
-    misfit = campaign.value - problem.predicted(theta)
     for _ in range(_UNCERTAINTY_ROUNDS if uncertainty.open else 1):
-        if placed.size:
-            theta, decomposition = gauss_newton(problem, theta, placed)
-            absorbed = leverage(problem, theta, decomposition, placed)
-            misfit = campaign.value - problem.predicted(theta)
+        free = placed
+        while free.size:
+            theta, decomposition = gauss_newton(problem, theta, free)
+            theta, ends = problem.believable(theta)
+            if not np.isin(free, ends).any():
+                break
+            free = np.setdiff1d(free, ends)
+        misfit = campaign.value - problem.predicted(theta)
+        if free.size:
+            absorbed = leverage(problem, theta, decomposition, free)
         else:
             absorbed = problem.eliminator(theta).leverage(campaign.n)
         if uncertainty.open:
@@ -309,15 +321,6 @@ def _without_bound(model: Model) -> Model:
     # without values they predict nothing
     terms = tuple(replace(t, values={}) if bound_to_setup(t.effect) else t for t in model.terms)
     return replace(model, terms=terms, covariance=None)
-
-
-def _seen_in_fit(model: Model, campaign: Campaign) -> bool:
-    return bool(campaign.files) and set(campaign.files.values()) <= _fitted(model)
-
-
-def _fitted(model: Model) -> set[str]:
-    """The SHA-256 of the campaigns to which a model was fitted."""
-    return {str(record.get("sha256")) for record in model.fit.get("campaigns", ())}
 
 
 def _part(

@@ -173,8 +173,12 @@ class _GivenValues:
         size = self._a.shape[0]
         self._known = np.zeros((size, m + size - m))
         self._known[:m, :m] = half
-        # base points and tools are placed anew, causes beside the model are free
-        self._known[m:, m:] = np.eye(size - m) * 1e3 / BASE_SCALE
+        # base points and tools are placed anew, causes beside the model are free;
+        # bodies begin where their warmth can be
+        free = np.full(size - m, 1e3 / BASE_SCALE)
+        expected = problem.prior_sd[m:] / self.layout.scale[m:]
+        free[: len(expected)] = np.minimum(free[: len(expected)], expected)
+        self._known[m:, m:] = np.diag(free)
 
     def _half(self, let_go: Sequence[int]) -> F64:
         size = self._a.shape[0]

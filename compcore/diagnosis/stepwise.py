@@ -19,6 +19,7 @@ from abbe.compcore.diagnosis.foretelling import OF_THE_CLOCK, WORTH
 from abbe.compcore.diagnosis.screening.blocks import Blocks
 from abbe.compcore.diagnosis.screening.candidates import RIGID
 from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut
+from abbe.compcore.diagnosis.screening.independence import independent_share
 from abbe.compcore.diagnosis.screening.screening import Basis
 from abbe.compcore.diagnosis.thermometers import further_thermometers, warmth_together
 from abbe.compcore.diagnosis.verdict import Diagnosis, lacking
@@ -405,7 +406,7 @@ class _StepwiseCourse:
         before = self._last.result.model
         more, _ = with_effect(before, fuller.kind, fuller.where())
         found = self._better(more, (fuller,), _FALLS)
-        if found is None or _strange(found[0].model, fuller) > _strange(before, effect):
+        if found is None or not _worth(self._last.result, found[0]):
             self.refused[fuller] = len(self.steps)
             return False
         self._make(action, fuller, *found)
@@ -471,18 +472,12 @@ def _apart(model: Model, effect: Effect) -> bool:
     return max(one, other) > _TWO * min(one, other)
 
 
-def _strange(model: Model, effect: Effect) -> int:
-    """How many parameters of an effect lie outside of what a sound machine shows.
-
-    Detail may make a cause more exact, not absurd: a slow body and where it began, a hundred times
-    what warmth does, cancel where they were fitted and nowhere else.
-    """
-    values = next((t.values for t in model.terms if t.effect == effect), {})
-    machine = model.machine
-    ranges = {p.name: p.plausible for p in effect.linear(machine)}
-    ranges |= {p.name: p.plausible for p in effect.nonlinear(machine)}
-    return sum(
-        not ranges[name][0] <= value.value <= ranges[name][1]
-        for name, value in values.items()
-        if name in ranges
-    )
+def _worth(plainer: FitResult, fuller: FitResult) -> bool:
+    """Whether more detail is worth its coefficients, with as many rows as are independent."""
+    before, after = plainer.thin, fuller.thin
+    share = independent_share(after.weighted, after.problem.campaign.conditions)
+    rows = max(2.0, share * after.problem.n)
+    weight = after.problem.weight
+    was = float(np.sum((before.residual * weight) ** 2))
+    more = after.problem.layout.size - before.problem.layout.size
+    return after.chi2 <= 0.0 or rows * math.log(was / after.chi2) > more * math.log(rows)

@@ -40,6 +40,7 @@ from abbe.compcore.diagnosis.words import diagnosis_words
 from abbe.compcore.errors import FitError, require_type
 from abbe.compcore.figures.figure import Figure
 from abbe.compcore.figures.shown import Shown
+from abbe.compcore.fitting.design.run_starts import Bodies
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
@@ -146,7 +147,10 @@ def diagnose(model: Model, campaign: Campaign, *, progress: Progress = lambda _:
     require_type(model, Model, "model")
     require_type(campaign, Campaign, "campaign")
     progress("fitting the model as it is")
-    return _of_fit(fit(model, campaign), model, progress)
+    known = bool(model.terms) and all(t.fitted for t in model.terms)
+    # how warm bodies were when another run began the model does not say, and it is no change of it
+    bodies: Bodies = "all" if known and not model.seen(campaign.files.values()) else "asked"
+    return _of_fit(fit(model, campaign, bodies=bodies), model, progress)
 
 
 def lacking(whole: FitResult, *, progress: Progress = lambda _: None) -> Diagnosis:

@@ -171,6 +171,8 @@ class Effect(BaseModel, ABC):
     """Whether the columns depend on the tool's offset (levers not counted)."""
     given: ClassVar[bool] = False
     """Whether all its values are given with it: without parameters, nothing to be fitted."""
+    of_a_run: ClassVar[tuple[str, ...]] = ()
+    """Parameters that older model files hold and that belong to a run: read over."""
     reads_model: ClassVar[bool] = False
     """Whether the columns follow from the model's other effects (`motions_among`)."""
 
@@ -216,6 +218,34 @@ class Effect(BaseModel, ABC):
         prediction, of campaigns and live, starts from the amended conditions.
         """
         return conditions
+
+    @property
+    def settles(self) -> bool:
+        """Whether a body stands behind a lag, and so settles when a run begins (`settling`)."""
+        return False
+
+    @property
+    def began_anywhere(self) -> bool:
+        """Whether that body is known not to have been in equilibrium when its run began."""
+        return False
+
+    def settling(
+        self,
+        machine: Machine,
+        conditions: Conditions,
+        nonlinear: Mapping[str, float],
+        since: F64,
+    ) -> tuple[Motion, ...]:
+        """As `motions`, of bodies that were 1 unit above their signal's lag when the run began.
+
+        Each column per unit of its linear parameter.
+
+        Parameters
+        ----------
+        since
+            Shape (n,), s since each row's run began; infinite where nobody knows.
+        """
+        return ()
 
     def check(self, machine: Machine) -> None:
         """Refuse a machine on which this effect makes no sense.

@@ -34,7 +34,7 @@ KEY_WORDS = {
     "period": "period in mm; fitted where it is left out",
     "tau": "time constant in s",
     "tau2": "time constant in s of a second body behind the same signal",
-    "start": "fit: the body was not in equilibrium when the clock started",
+    "start": "fit: how warm the body was when its run began is fitted in each run",
     "along": "direction of the carried part while the axis stands at 0: X, Y or Z",
     "gravity": "fit: the machine stands tilted; else along −Z",
     "t0": "moment in s; fitted where it is left out",

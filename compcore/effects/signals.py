@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from itertools import combinations
 
+import numpy as np
+
 from abbe.compcore.campaign.coverage import Coverage
-from abbe.compcore.effects.base import F64, Effect, NonlinearParameter
+from abbe.compcore.effects.base import F64, Effect, Motion, NonlinearParameter
 from abbe.compcore.effects.keys import Tau
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine, Signal
@@ -111,3 +114,35 @@ class LaggedEffect(Effect):
     def lag(self, nonlinear: Mapping[str, float]) -> float | None:
         """The time constant in force, s; None for no lag."""
         return nonlinear["tau"] if self.tau == "fit" else self.tau
+
+    def lags(self, nonlinear: Mapping[str, float]) -> tuple[float, ...]:
+        """The time constants of all bodies, s; empty without a lag."""
+        tau = self.lag(nonlinear)
+        return () if tau is None else (tau,)
+
+    @property
+    def settles(self) -> bool:
+        """Whether there is a lag."""
+        return self.tau is not None
+
+    def warmed(self) -> tuple[str, ...]:
+        """The signals that stand for one body: of a difference the first alone."""
+        return self.signals_needed()[:1]
+
+    def settling(
+        self,
+        machine: Machine,
+        conditions: Conditions,
+        nonlinear: Mapping[str, float],
+        since: F64,
+    ) -> tuple[Motion, ...]:
+        """The motions with ``e^(−t/τ)`` in place of the lagged excess."""
+        signals, lags = dict(conditions.signals), {}
+        for name in self.signals_needed():
+            rest = machine.reference_temperature if machine.signals[name].temperature else 0.0
+            signals[name] = np.full(conditions.n, rest)
+            for tau in self.lags(nonlinear):
+                above = np.exp(-since / tau) if name in self.warmed() else 0.0
+                lags[name, tau] = signals[name] + above
+        decaying = replace(conditions, signals=signals, given_lags=lags, _lags={}, _made={})
+        return self.motions(machine, decaying, nonlinear)

@@ -56,17 +56,28 @@ def parse_model(source: TomlSource, grids: Mapping[str, str] | None = None) -> M
         )
         fit = dict(file.fit)
         packed = fit.pop("covariance", None)
-        size = sum(len(term.values) for term in terms)
         model = Model(machine, terms, file.machine.composition, fit, tuple(file.history))
         if packed is None:
             return model
-        covariance = unpack_symmetric(packed, size)
+        kept = [
+            stays
+            for section, term in zip(file.effects, terms, strict=True)
+            for stays in _kept(section.get("parameters", {}), term, machine)
+        ]
+        covariance = unpack_symmetric(packed, len(kept))
         check_covariance(covariance)
-        return replace(model, covariance=covariance)
+        return replace(model, covariance=covariance[np.ix_(kept, kept)])
     except InputError as error:
         if error.file not in (None, source.file):
             raise  # another file's, such as a grid's
         raise source.located(error) from None
+
+
+def _kept(section: Mapping[str, Any], term: Term, machine: Machine) -> list[bool]:
+    """Whether each of an effect's parameters in the covariance of a file is one of a machine."""
+    linear = len(term.effect.linear(machine)) if term.values else 0
+    gone = sum(name in section for name in term.effect.of_a_run)
+    return [True] * linear + [False] * gone + [True] * (len(term.values) - linear)
 
 
 def _machine(section: MachineSection) -> Machine:
@@ -192,6 +203,8 @@ def _values(
     for name, raw in section.items():
         path = (*here, name)
         parameter = shaped(source, ParameterSection, raw, path)
+        if name in effect.of_a_run:
+            continue
         if name not in known:
             raise source.error(
                 f"{effect.kind} has no such parameter",

@@ -18,6 +18,7 @@ from abbe.compcore.figures.figure import Figure
 from abbe.compcore.figures.shown import Shown
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.design.row_blocks import rows_at_once
+from abbe.compcore.fitting.design.run_starts import Bodies
 from abbe.compcore.fitting.design.weights import Uncertainty
 from abbe.compcore.fitting.determinacy import Decomposition
 from abbe.compcore.fitting.frame import ReferenceFrame
@@ -113,6 +114,7 @@ def fit(
     robust: bool = False,
     frame: ReferenceFrame | None = None,
     near: bool = False,
+    bodies: Bodies = "asked",
     progress: Progress | None = None,
 ) -> FitResult:
     """Fit all effects of a model to a campaign.
@@ -126,6 +128,9 @@ def fit(
     near
         Look for time constants, periods and moments only near where the model has values of them;
         everywhere for effects without values. Quicker, where a model has grown by an effect.
+    bodies
+        Whose beginnings are free; with ``all`` those of every lagged body, expected as far from
+        its signal as the model's own values make likely.
     progress
         Told in a few words what is being done.
 
@@ -152,7 +157,7 @@ def fit(
         with _threads(problem):
             solved = _solved(problem, uncertainty, robust, lambda _: None)
             model, wide, knots = _with_knots(model, *solved)
-    result = _result(model, campaign, uncertainty, robust, frame, tell, near)
+    result = _result(model, campaign, uncertainty, robust, frame, tell, near, bodies)
     if not knots:
         return result
     tell("how sure the knots are")
@@ -162,9 +167,11 @@ def fit(
 
 def _result(
     model: Model, campaign: Campaign, uncertainty: Uncertainty, robust: bool,
-    frame: ReferenceFrame, tell: Progress, near: bool = False,
+    frame: ReferenceFrame, tell: Progress, near: bool = False, bodies: Bodies = "asked",
 ) -> FitResult:  # fmt: skip
-    problem = Problem(model, campaign, sd=uncertainty.sd)
+    problem = Problem(model, campaign, sd=uncertainty.sd, bodies=bodies)
+    if bodies == "all":
+        problem.expect_starts(problem.layout.of_model(model, campaign))
     with _threads(problem):
         solved, theta, decomposition, uncertainty, aside = _solved(
             problem, uncertainty, robust, tell, near

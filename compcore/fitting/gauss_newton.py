@@ -88,7 +88,8 @@ def _no_worse(problem: Problem, theta: F64, calm: F64) -> F64:
 
 def _cost(problem: Problem, theta: F64) -> float:
     left = problem.eliminator(theta).project(problem.residual(theta))
-    return 0.5 * float(left @ left)
+    known = theta / problem.prior_sd
+    return 0.5 * float(left @ left + known @ known)
 
 
 def _line_search(problem: Problem, theta: F64, step: F64, before: float) -> F64:

@@ -38,7 +38,8 @@ def triangle(
         return np.column_stack([part.columns(theta)[:, free], *more, part.residual(theta)])
 
     if not problem.large:
-        return _factor(problem.eliminator(theta).project(columns_of(problem)))
+        columns = problem.eliminator(theta).project(columns_of(problem))
+        return _factor(np.vstack([columns, _prior(problem, theta, free, columns.shape[1])]))
     if beside:
         problem = problem.prepared_for(beside, theta)
     block_columns = _of_blocks(problem, theta, columns_of)
@@ -61,7 +62,18 @@ def triangle(
                 own = columns[rows]
                 columns[rows] = own - basis @ (basis.T @ own)
             factors = [_factor(np.vstack([*factors, columns]))]
-    return factors[0]
+    known = _prior(problem, theta, free, factors[0].shape[1])
+    return _factor(np.vstack([*factors, known])) if len(known) else factors[0]
+
+
+def _prior(problem: Problem, theta: F64, free: Index, width: int) -> F64:
+    """What is known beforehand, as further rows of `triangle`: shape (known unknowns, width)."""
+    sd = problem.prior_sd[free]
+    known = np.flatnonzero(np.isfinite(sd))
+    out = np.zeros((len(known), width))
+    out[np.arange(len(known)), known] = 1.0 / sd[known]
+    out[:, -1] = -theta[free][known] / sd[known]
+    return out
 
 
 def leverage(

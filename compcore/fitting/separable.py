@@ -49,12 +49,15 @@ class Profile:
         self.index = list(layout.searched)
         self.parameters = list(layout.searched.values())
         self.terms = sorted({layout.unknowns[i].owner for i in self.index})
+        began = np.concatenate([problem.start_index(t) for t in self.terms])
         own = np.concatenate([np.arange(layout.size)[layout.terms[t]] for t in self.terms])
+        own = np.concatenate([own, began])
         others = np.setdiff1d(np.arange(layout.size), own)
         self._eliminator = self.problem.eliminator(theta)
         columns = self.problem.columns(theta)
         residual = self.problem.residual(theta)
         linear = np.concatenate([np.arange(layout.size)[layout.linear_of(t)] for t in self.terms])
+        linear = np.concatenate([linear, began])
         residual += columns[:, linear] @ theta[linear]
         self._q = self._basis(columns[:, others], layout.scale[others])
         self._y = self._apart(residual)
@@ -77,7 +80,12 @@ class Profile:
             if len(self._kept) > 64:
                 self._kept.clear()
             effect = self.problem.model.effects[term]
-            columns = self.problem.effect_columns(effect, values, self.theta)
+            columns = np.hstack(
+                [
+                    self.problem.effect_columns(effect, values, self.theta),
+                    self.problem.start_columns(term, values, self.theta),
+                ]
+            )
             size = np.linalg.norm(columns, axis=0)
             self._kept[key] = self._apart(columns / np.where(size > 0.0, size, 1.0))
         return self._kept[key]

@@ -150,8 +150,15 @@ def _complement(taken: F64) -> F64:
     return np.asarray(u[:, len(s) :])
 
 
+_PLACED = {
+    -1: "the base points' place",
+    -2: "the tools' offsets",
+    -3: "how warm bodies were when a run began",
+}
+
+
 def _groups(problem: Problem) -> dict[int, NDArray[np.int64]]:
-    """Term → its indices in θ; −1: base points, −2: tools."""
+    """Term → its indices in θ; −1: base points, −2: tools, −3: how warm bodies began."""
     layout = problem.layout
     groups = {t: np.arange(where.start, where.stop) for t, where in enumerate(layout.terms)}
     bases = [np.arange(w.start, w.stop) for w in layout.bases.values()]
@@ -160,13 +167,15 @@ def _groups(problem: Problem) -> dict[int, NDArray[np.int64]]:
         groups[-1] = np.concatenate(bases)
     if tools:
         groups[-2] = np.concatenate(tools)
+    if layout.starts:
+        groups[-3] = np.concatenate([np.arange(s.where.start, s.where.stop) for s in layout.starts])
     return groups
 
 
 def _part(problem: Problem, theta: F64, term: int, direction: F64 | None) -> str:
     """Which part of an effect a null direction is: its constant, its slope, …; None: all of it."""
     if term < 0:
-        return "the base points' place" if term == -1 else "the tools' offsets"
+        return _PLACED[term]
     layout = problem.layout
     effect = problem.model.effects[term]
     if direction is None:

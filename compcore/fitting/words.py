@@ -5,8 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 
+import numpy as np
+from numpy.typing import NDArray
+
 from abbe.compcore.campaign.campaign import LENGTHS, Kind
 from abbe.compcore.campaign.noise import NoiseFloor
+from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.knots.choice import KnotChoice
 from abbe.compcore.fitting.rigid_body import rigid_body_test
 from abbe.compcore.fitting.solution import Solution
@@ -48,6 +52,27 @@ def gauge_words(gauges: Mapping[str, float]) -> Iterator[str]:
         )
 
 
+def start_lines(problem: Problem, theta: NDArray[np.float64]) -> Iterator[str]:
+    """How far lagged bodies were from their signals when each run began."""
+    layout, campaign = problem.layout, problem.campaign
+    for start in layout.starts:
+        effect = problem.model.effects[start.term]
+        signal = problem.model.machine.signals[effect.signals_needed()[0]]
+        unit = "K" if signal.temperature else signal.unit
+        size = theta[layout.linear_of(start.term)][: start.count]
+        apart = [
+            f"{value / own:+.3g} {unit}"
+            for value, own in zip(theta[start.where], size, strict=True)
+            if own
+        ]
+        if apart:
+            file = campaign.file_of(int(np.argmax(start.rows(campaign.conditions))))
+            yield (
+                f"at first, in {file}: {effect.spec}: {' and '.join(apart)} off equilibrium with "
+                f"{signal.name}"
+            )
+
+
 def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
     """Lines of text about a fit, without its parameters."""
     problem = result.problem
@@ -71,6 +96,7 @@ def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
     for kind, source in result.uncertainty.source.items():
         yield f"uncertainty of each {kind.name.lower().replace('_', ' ')}: {_SOURCES[source]}"
     yield from gauge_words(result.gauges)
+    yield from start_lines(problem, result.theta)
     if result.frame.tool is not None:
         offset = ", ".join(f"{v:g}" for v in result.frame.tool)
         yield (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -200,6 +200,16 @@ class Model:
 
     def __repr__(self) -> str:
         return f"<Model: {self.summary()}>"
+
+    @property
+    def fitted_to(self) -> set[str]:
+        """The SHA-256 of the campaigns to which the model was fitted."""
+        return {str(record.get("sha256")) for record in self.fit.get("campaigns", ())}
+
+    def seen(self, files: Iterable[str]) -> bool:
+        """Whether the model was fitted to all files of a campaign, by their SHA-256."""
+        wanted = set(files)
+        return bool(wanted) and wanted <= self.fitted_to
 
     def summary(self) -> str:
         """The machine, its structure, how much of the model is fitted, in one line."""

@@ -43,6 +43,9 @@ class StartOptions:
         Tools of different lengths are used: how the spindle leans.
     shape
         Shape of linear axes' error motions; None: a spline by the length of the travel.
+    positioning_only
+        Of the axes' own motions only positioning and, where asked for, play: what tables over an
+        axis's own position hold, and lines along the axes show.
     bare
         No effects at all: the machine, its axes and sensors. What it needs, the diagnosis finds.
     """
@@ -52,6 +55,7 @@ class StartOptions:
     tool_lengths: bool = False
     shape: str | None = None
     bare: bool = False
+    positioning_only: bool = False
 
 
 def usual_shape(axis: Axis) -> str:
@@ -94,7 +98,8 @@ def _effects(machine: Machine, wanted: StartOptions) -> Iterator[Effect]:
     for name in machine.structure.axes:
         axis = machine.axes[name]
         yield from _rotary(axis, wanted) if axis.rotary else _linear(axis, wanted)
-    for first, second in combinations(machine.structure.linear, 2):
+    pairs = combinations(machine.structure.linear, 2)
+    for first, second in () if wanted.positioning_only else pairs:
         if own_component(first) != own_component(second):
             yield make_effect("squareness", {"axes": [first, second]})
     if wanted.tool_lengths and not machine.structure.spindle_on_workpiece:
@@ -110,11 +115,12 @@ def _linear(axis: Axis, wanted: StartOptions) -> Iterator[Effect]:
     shape = usual_shape(axis) if wanted.shape is None else wanted.shape
     where = {"axis": axis.name, "shape": shape}
     yield make_effect("positioning", where)
-    for direction in "XYZ":
-        if direction != own_component(axis.name):
-            yield make_effect("straightness", where | {"direction": direction})
-    for about in "XYZ":
-        yield make_effect("angular", where | {"about": about})
+    if not wanted.positioning_only:
+        for direction in "XYZ":
+            if direction != own_component(axis.name):
+                yield make_effect("straightness", where | {"direction": direction})
+        for about in "XYZ":
+            yield make_effect("angular", where | {"about": about})
     if wanted.play:
         yield make_effect("backlash", {"axis": axis.name})
 
@@ -124,9 +130,10 @@ def _rotary(axis: Axis, wanted: StartOptions) -> Iterator[Effect]:
     form: dict[str, str] = {"axis": axis.name}
     if 2.0 * axis.half_travel < WHOLE_TURN:
         form["shape"] = "spline:6"
-    yield make_effect("rotary_location", {"axis": axis.name})
+    if not wanted.positioning_only:
+        yield make_effect("rotary_location", {"axis": axis.name})
     yield make_effect("rotary_positioning", form)
-    if not wanted.rotary_motions:
+    if wanted.positioning_only or not wanted.rotary_motions:
         return
     across = [d for d in "XYZ" if d != turned_about(axis.name)]
     yield make_effect("rotary_axial", form)

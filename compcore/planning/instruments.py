@@ -79,6 +79,9 @@ INSTRUMENTS: Mapping[str, PlannedInstrument] = {
 }
 """Name on the command line → instrument."""
 
+TOUCHED = ("gauge-block", "step-gauge", "ball-plate", "sphere")
+"""Artefacts that a probe touches: a target of theirs lies in or on the artefact."""
+
 
 def instruments_called(names: Sequence[str]) -> tuple[PlannedInstrument, ...]:
     """The instruments of some names, each once; ``all``: every one.

@@ -58,16 +58,24 @@ class ProgramStep:
 
 
 def steps_of(
-    machine: Machine, setups: Sequence[PlannedSetup], space: WorkingSpace
+    machine: Machine,
+    setups: Sequence[PlannedSetup],
+    space: WorkingSpace,
+    stands: float | None = None,
 ) -> tuple[ProgramStep, ...]:
     """All steps for some set-ups.
+
+    Parameters
+    ----------
+    stands
+        How long it stands at each target, s; None: as long as the set-up's instrument needs.
 
     Raises
     ------
     InputError
         Naming set-up, target and axis, for a move outside the travels or through a keep-out box.
     """
-    return tuple(_Way(machine, space).through(setups))
+    return tuple(_Way(machine, space, stands).through(setups))
 
 
 def drawn_back(machine: Machine, offset: Sequence[float]) -> tuple[str, float]:
@@ -93,9 +101,10 @@ def drawn_back(machine: Machine, offset: Sequence[float]) -> tuple[str, float]:
 class _Way:
     """The way through a program, checked move by move."""
 
-    def __init__(self, machine: Machine, space: WorkingSpace) -> None:
+    def __init__(self, machine: Machine, space: WorkingSpace, stands: float | None) -> None:
         self._machine = machine
         self._space = space
+        self._stands = stands
         self._at: dict[str, float] = {}
         self._number = 0
 
@@ -137,9 +146,10 @@ class _Way:
                     yield self._move(setup, beyond)
             yield self._move(setup, target)
             self._number += 1
+            seconds = setup.instrument.reading if self._stands is None else self._stands
             yield ProgramStep(
-                "target", at=target, number=self._number, seconds=setup.instrument.reading,
-                setup=setup.name, directions={a: int(s) for a, s in sense.items()},
+                "target", at=target, number=self._number, seconds=seconds, setup=setup.name,
+                directions={a: int(s) for a, s in sense.items()},
             )  # fmt: skip
             before = sense
         yield self._move(setup, {back: height})

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.artefacts.calibrated_plate import CalibratedPlate
 from abbe.compcore.campaign.plan import line_steps
 from abbe.compcore.campaign.sampling import HELD
 from abbe.compcore.machine.machine import Axis, Machine
@@ -40,6 +41,8 @@ class SurveyTask:
         Axis → the shortest wave that is to be seen, mm or rad.
     held
         Part of its amplitude that a table shall hold.
+    plate
+        The ball plate at hand that the machine touches itself; None: any of 5 × 5 balls.
     """
 
     model: Model
@@ -47,6 +50,7 @@ class SurveyTask:
     tools: Mapping[str, Place] = field(default_factory=lambda: {"T1": (0.0, 0.0, -100.0)})
     waves: Mapping[str, float] = field(default_factory=dict)
     held: float = HELD
+    plate: CalibratedPlate | None = None
 
     @property
     def machine(self) -> Machine:

@@ -78,6 +78,11 @@ class SetupVisits:
         return len(self.order)
 
     @property
+    def told_by_direction(self) -> frozenset[str]:
+        """Axes whose direction tells two visits of one target from each other."""
+        return frozenset(self._senses)
+
+    @property
     def left(self) -> list[int]:
         """Visits that are not done."""
         return [int(i) for i in np.flatnonzero(~self._taken)]

@@ -36,6 +36,11 @@ def uploading(config: Path, *words: str | Path) -> str:
     return shlex.join(["abbe", "upload", str(config), *map(str, words)])
 
 
+def calibrating(config: Path, folder: Path) -> str:
+    """The command that leads through a calibration, from where it is."""
+    return shlex.join(["abbe", "calibrate", str(config), "--folder", str(folder)])
+
+
 @dataclass(frozen=True)
 class Adding:
     """What ``abbe add`` is given beside the effect: the model and the campaigns of a diagnosis."""

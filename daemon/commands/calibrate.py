@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from abbe.daemon.arguments.measurements.plan_reading import Feed, Stands
 from abbe.daemon.arguments.options import ConfigFile
 
 
@@ -35,6 +36,13 @@ def calibrate(
         str, typer.Option(help="Makes tables for it; else the configuration of abbe run.",
                           metavar="NAME")
     ] = "",
+    feed: Feed = 3000.0,
+    stands: Stands = None,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(help="Conditions that the tables are for, as abbe table takes them.",
+                     metavar="SIGNAL=VALUE"),
+    ] = None,
     upto: Annotated[
         str, typer.Option(help="Stop after this step; the same command goes on.", metavar="STEP")
     ] = "",
@@ -64,8 +72,9 @@ def calibrate(
             expected="a section [instrument.laser], … (docs/measure.md)",
         )
     request = CalibrationRequest(
-        configuration, folder, time, check_time, tuple(tool or ()), controller, tables, yes
-    )
+        configuration, folder, time, check_time, tuple(tool or ()), controller, tables, yes,
+        feed=feed, stands=stands, at=tuple(at or ("reference",)),
+    )  # fmt: skip
 
     def ask(question: str) -> bool:
         return yes or typer.confirm(question, default=True)

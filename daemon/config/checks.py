@@ -12,6 +12,7 @@ from abbe.daemon.config.configuration import Configuration
 from abbe.daemon.config.instruments import check_instruments
 from abbe.daemon.config.outputs import PER_MM, check_outputs
 from abbe.daemon.config.paces import check_paces
+from abbe.daemon.config.probing import check_probing
 from abbe.daemon.config.sections.readings import SignalSection
 from abbe.drivers.link import Link
 from abbe.drivers.transducers import AnyTransducerConfig, make_transducer
@@ -61,6 +62,7 @@ class _Checks:
         self._output_units()
         self._check_points()
         check_instruments(self.channels)
+        check_probing(self.channels)
         check_outputs(self.channels, self.model.machine)
         check_paces(self.channels)
 

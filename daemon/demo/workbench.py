@@ -66,6 +66,7 @@ def main() -> None:
     from abbe.daemon.workbench.live.view import LiveView
     from abbe.daemon.workbench.serve import serve
     from abbe.daemon.workbench.session import Workbench
+    from abbe.daemon.workbench.views import WorkbenchViews
 
     with contextlib.suppress(OSError, AttributeError):
         os.nice(_NICER)
@@ -85,7 +86,8 @@ def main() -> None:
     threading.Thread(target=until_the_demo_ends, daemon=True).start()
     bench = Workbench(shop.model, [shop.campaign], at_once=False)
     with socket.socket(fileno=int(sys.argv[1])) as made:
-        serve(bench, LiveView(shop.config, first=True), made, invite, key=task["key"])
+        live = LiveView(shop.config, first=True)
+        serve(WorkbenchViews(live, bench), made, invite, key=task["key"])
 
 
 if __name__ == "__main__":

@@ -22,6 +22,9 @@ class GuardState(enum.Enum):
     FALLING = "falling"
     """Missing for longer than the hold time; ramped to zero."""
 
+    # every cycle looks its states up in tables, and an Enum's own hash is that of its name
+    __hash__ = object.__hash__
+
 
 class Direction:
     """One direction's share and, while something is missing, since when."""

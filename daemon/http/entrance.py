@@ -6,6 +6,7 @@ import asyncio
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from abbe.daemon.http.cycles.hub import OVER
 from abbe.daemon.http.gate import LOCAL
 from abbe.daemon.http.interface import Interface
 
@@ -36,16 +37,21 @@ class Entrance:
         if scope["type"] != "http":
             return
         scope[LOCAL] = self._local
-        status = 500
+        status, begun = 500, False
 
         async def counted(message: Message) -> None:
-            nonlocal status
+            nonlocal status, begun
             if message["type"] == "http.response.start":
-                status = message["status"]
+                status, begun = message["status"], True
             await send(message)
 
         try:
             await self._admit(scope, receive, counted)
+        except asyncio.CancelledError:
+            # the server ends, and this has not been answered in the time that it gives
+            if begun:
+                raise
+            await _say(counted, 503, OVER.encode())
         finally:
             route = getattr(scope.get("route"), "path", "other")
             self._interface.requests.labels(route=route, status=str(status)).inc()

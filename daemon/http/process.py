@@ -23,8 +23,6 @@ _NICER = 10
 _MEMORY = 1_000_000_000
 """Bytes of its own data: it fails before the correction's computer does."""
 _LONGEST = 20_000_000
-_LAST_ANSWERS = 0.2
-"""s that answers under way are given once the run is over."""
 
 
 class JournalHandler(logging.Handler):
@@ -61,8 +59,6 @@ async def run(descriptor: int) -> None:
     beating.cancel()
     if serving.done():
         serving.result()
-    # who asks at this moment is told so, which takes a moment
-    await asyncio.sleep(_LAST_ANSWERS)
     serving.cancel()
     with contextlib.suppress(asyncio.CancelledError):
         await serving

@@ -105,7 +105,7 @@ class _Place:
                     self._path.unlink()
 
     async def serve(self, made: socket.socket) -> None:
-        """Serve at a socket until cancelled."""
+        """Serve at a socket until cancelled; whoever has asked by then is answered."""
         config = bounded_config(self._app)
         config.load()
         watching = None
@@ -113,8 +113,13 @@ class _Place:
             config.ssl = _tls(self._certificate, self._key)
             watching = asyncio.create_task(_renew(config.ssl, self._certificate, self._key))
         server = _Server(config)
+        serving = asyncio.create_task(server.serve(sockets=[made]))
         try:
-            await server.serve(sockets=[made])
+            await asyncio.shield(serving)
+        except asyncio.CancelledError:
+            server.should_exit = True
+            await serving
+            raise
         finally:
             if watching is not None:
                 watching.cancel()

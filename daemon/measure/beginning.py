@@ -8,9 +8,11 @@ from datetime import UTC, datetime
 from math import radians
 from pathlib import Path
 
+from abbe.compcore.artefacts.calibrated_plate import CalibratedPlate
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.growing_campaign import GrowingCampaign
 from abbe.compcore.files.plan_file import PlannedWork, read_plan
+from abbe.compcore.files.plate_file import read_plate
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.daemon.config import Configuration, load_config
@@ -18,10 +20,13 @@ from abbe.daemon.config.channels import split
 from abbe.daemon.measure.compensation import live_correction, require_stated, stated_compensation
 from abbe.daemon.measure.course import MeasureCourse, chosen
 from abbe.daemon.measure.events import MeasureEvent, Tell, minutes
-from abbe.daemon.measure.instrument import Instrument
+from abbe.daemon.measure.following.instrument import Instrument
+from abbe.daemon.measure.following.session import Measurement
 from abbe.daemon.measure.person import Person
+from abbe.daemon.measure.probing.lying_plate import GAUGE_COLUMNS, probed
+from abbe.daemon.measure.probing.session import ProbedMeasurement
 from abbe.daemon.measure.rows import columns, digest, head
-from abbe.daemon.measure.session import Measurement, MeasureTask
+from abbe.daemon.measure.task import MeasureTask
 from abbe.daemon.outputs import CAMPAIGN, check_outputs
 from abbe.daemon.ownership.claims import held_by_watch
 from abbe.daemon.ownership.lock import hold
@@ -38,7 +43,7 @@ def begun(
     yes: bool,
     once: bool,
     active: Path | None = None,
-) -> Iterator[Measurement]:
+) -> Iterator[Measurement | ProbedMeasurement]:
     """A measurement that is ready to run; what it holds is given back with the context.
 
     Parameters
@@ -60,30 +65,42 @@ def begun(
     machine = configuration.model.machine
     work = read_plan(plan, machine)
     setups = chosen(work, names, plan)
-    instruments = _instruments(configuration, setups)
-    limits = configuration.file.measure
-    course = MeasureCourse(setups, limits.within, radians(limits.within_turn))
+    plate = _touched(configuration, setups)
+    instruments = {} if plate is not None else _instruments(configuration, setups)
+    limits, probing = configuration.file.measure, configuration.file.probing
+    # a plate lies anyhow near its place
+    within = limits.within if plate is None or probing is None else probing.placing
+    course = MeasureCourse(setups, within, radians(limits.within_turn))
     require_stated(configuration, live_correction(configuration), active)
     signals = [n for n, s in configuration.file.signals.items() if s.source is not None]
-    titles = columns(machine, setups, signals)
+    more = () if plate is None else GAUGE_COLUMNS[: 3 if plate.sd else 1]
+    titles = columns(machine, setups, signals, more)
     origin = {
         "by": "abbe measure",
         "plan_sha256": digest(TomlSource.read(plan).data),
         "configuration_sha256": digest(_of_meaning(TomlSource.read(config).data)),
         **({"setups": ", ".join(s.name for s in setups)} if names else {}),
+        **(
+            {}
+            if plate is None
+            else {"plate_sha256": digest([plate.points, plate.calibrated.tolist(), plate.diameter])}
+        ),
         **stated_compensation(configuration, out, active),
     }
     links = configuration.make_links(instruments=True)
     with ExitStack() as held:
         what = f"measuring into {out.resolve()}"
-        held.enter_context(hold([f"campaign {out.resolve()}", *held_by_watch(links)], what))
+        # who moves a machine is the only one who does
+        moved = [] if plate is None or probing is None else [*links[probing.link].owns]
+        own = dict.fromkeys([f"campaign {out.resolve()}", *held_by_watch(links), *moved])
+        held.enter_context(hold([*own], what))
         goes_on = out.exists() and out.stat().st_size > 0
         if goes_on:
             file = GrowingCampaign.resume(out, origin, titles, machine)
         else:
             now = datetime.now(UTC)
-            more = {"plan": str(plan), "started": now.isoformat()}
-            top = head(machine, setups, limits.conditions, origin | more, now)
+            when = {"plan": str(plan), "started": now.isoformat()}
+            top = head(machine, setups, limits.conditions, origin | when, now)
             file = GrowingCampaign.begin(out, top, titles)
         held.callback(file.close)
         torn = course.replay(file.rows, out)
@@ -91,10 +108,13 @@ def begun(
             file.cut(torn)
         stated = active is not None or limits.active is not None
         task = MeasureTask(
-            configuration, file, _started(file), instruments, work.expected, stated, once
-        )
-        _say_beginning(course, work, configuration, tell, goes_on=goes_on)
-        yield Measurement(task, course, Person(there=not yes), tell)
+            configuration, file, _started(file), instruments, work.expected, stated, work.space,
+            plate, once,
+        )  # fmt: skip
+        kind = Measurement if plate is None else ProbedMeasurement
+        begins = kind(task, course, Person(there=not yes), tell)
+        _say_beginning(course, work, configuration, tell, goes_on=goes_on, follows=plate is None)
+        yield begins
 
 
 def _of_meaning(data: Mapping[str, object]) -> Mapping[str, object]:
@@ -109,6 +129,40 @@ def _started(file: GrowingCampaign) -> datetime:
         raise InputError(
             "does not say when it was begun", file=file.path, field="measured.started"
         ) from None
+
+
+def _touched(
+    configuration: Configuration, setups: Sequence[PlannedSetup]
+) -> CalibratedPlate | None:
+    """The plate that the machine touches in all of these set-ups; None: in none of them.
+
+    Raises
+    ------
+    InputError
+        When it does in some.
+    """
+    section = configuration.file.probing
+    # who reads errors of a plate from the controller says so, and nothing is moved
+    if section is None or "ball-plate" in _stood_for(configuration):
+        return None
+    mine = [s for s in setups if probed(s)]
+    if not mine:
+        return None
+    if len(mine) < len(setups):
+        raise InputError(
+            "the machine touches the ball plate by itself, and others are followed: not in one go",
+            file=configuration.path,
+            field="probing",
+            found=", ".join(s.name for s in setups),
+            expected="--setup " + " --setup ".join(s.name for s in mine) + ", a file of its own",
+        )
+    return read_plate(configuration.path.parent / section.plate)
+
+
+def _stood_for(configuration: Configuration) -> set[str]:
+    """The plan's instruments that some section reads."""
+    sections = configuration.file.instrument
+    return {key for name, s in sections.items() for key in s.measures or (name,)}
 
 
 def _instruments(
@@ -146,6 +200,7 @@ def _say_beginning(
     tell: Tell,
     *,
     goes_on: bool,
+    follows: bool,
 ) -> None:
     about = {"done": course.done, "of": course.total, "left_s": round(course.seconds_left, 1)}
     count = f"{len(course.setups)} set-ups, {course.total} targets"
@@ -159,7 +214,7 @@ def _say_beginning(
     limits = configuration.file.measure
     needs = limits.still_for + limits.settle + limits.average
     short = [s.name for s in course.setups if s.instrument.reading < needs]
-    if short:
+    if short and follows:
         stands = min(s.instrument.reading for s in course.setups if s.name in short)
         words = (
             f"a target needs {needs:g} s ([measure] still_for + settle + average), and the program "

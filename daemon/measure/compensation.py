@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import os
 from pathlib import Path
@@ -13,6 +14,8 @@ from abbe.daemon.control.runs import found_runs, same_file
 from abbe.daemon.ownership.claims import held_by_run
 
 NONE = "none"
+_LOOK_FOR_RUNS = 10.0
+"""s between two looks at whether a correction runs."""
 _HOW = (
     f'active = "{NONE}" in [measure] where it does not move the machine or change the positions '
     "that it indicates, else the model that it was made from"
@@ -100,3 +103,23 @@ def require_stated(configuration: Configuration, live: str, given: Path | None =
             field="measure.active",
             expected=_HOW,
         )
+
+
+class RunsBeside:
+    """Whether a correction of the same machine runs meanwhile, looked at now and then.
+
+    Attributes
+    ----------
+    live
+        As `live_correction`, when it was last looked at.
+    """
+
+    def __init__(self, configuration: Configuration) -> None:
+        self._configuration = configuration
+        self.live = ""
+
+    async def watch(self) -> None:
+        """Look over and over, until cancelled."""
+        while True:
+            await asyncio.sleep(_LOOK_FOR_RUNS)
+            self.live = await asyncio.to_thread(live_correction, self._configuration)

@@ -7,12 +7,13 @@ import signal
 
 from abbe.compcore.errors import AbbeError
 from abbe.daemon.measure.events import MeasureEvent, Tell, target_words
-from abbe.daemon.measure.session import Measurement
+from abbe.daemon.measure.following.session import Measurement
+from abbe.daemon.measure.probing.session import ProbedMeasurement
 
 _SHOWN = 8
 
 
-async def run_until_ended(measurement: Measurement) -> None:
+async def run_until_ended(measurement: Measurement | ProbedMeasurement) -> None:
     """Run until nothing is left, or SIGINT, SIGTERM or SIGHUP."""
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
@@ -26,7 +27,7 @@ async def run_until_ended(measurement: Measurement) -> None:
             loop.remove_signal_handler(number)
 
 
-def missing_words(measurement: Measurement, tell: Tell, *, once: bool) -> None:
+def missing_words(measurement: Measurement | ProbedMeasurement, tell: Tell, *, once: bool) -> None:
     """Say how it ended.
 
     Raises
@@ -54,8 +55,9 @@ def missing_words(measurement: Measurement, tell: Tell, *, once: bool) -> None:
     for line in lines:
         tell(MeasureEvent("missed", line, about))
     count = course.total - course.done
-    words = f"{count} of {course.total} targets are not measured; the same command goes on"
-    if once:
+    because = f"{measurement.reason}; " if measurement.reason else ""
+    words = f"{because}{count} of {course.total} targets are not measured; the same command goes on"
+    if once and not measurement.reason:
         tell(MeasureEvent("ended", words, about))
         return
     raise AbbeError(words)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from abbe.compcore.files.growing_campaign import GrowingCampaign, Row
 
+_LAST_TRIES = 5.0
+"""s for which, at the end, rows that are not on the disk are tried to be written."""
 _AGAIN = 1.0
 """s until a disk that took nothing is tried again."""
 
@@ -81,3 +85,10 @@ class KeptRows:
             self._waiting.popleft()
             first.written()
         self.problem = ""
+
+    async def last(self) -> None:
+        """At the end: bring to the disk what waits, as long as that may take."""
+        until = time.monotonic() + _LAST_TRIES
+        while self.waiting and time.monotonic() < until:
+            self.flush(time.monotonic(), at_once=True)
+            await asyncio.sleep(0.2)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from abbe.compcore.errors import InputError
 from abbe.daemon.config import Configuration
-from abbe.daemon.measure.instrument import Instrument
+from abbe.daemon.measure.following.instrument import Instrument
+from abbe.daemon.measure.unseen_moves import UnseenMoves
 from abbe.daemon.pipeline.plan import make_plan
 from abbe.daemon.pipeline.reading.convert import PositionConverter, SignalConverter, SignalReading
 from abbe.daemon.pipeline.reading.directions import StatedDirections
@@ -36,6 +38,8 @@ class SeenMachine:
         Why the positions are not to be believed; empty when they are.
     signals
         Signal → its reading.
+    unseen
+        Axes that came to where they are while nobody looked: their direction is not known.
     """
 
     time: float
@@ -43,6 +47,15 @@ class SeenMachine:
     directions: Mapping[str, float]
     fault: str
     signals: Mapping[str, SignalReading]
+    unseen: frozenset[str] = frozenset()
+
+
+def missing_signal(seen: SeenMachine, held: float) -> str:
+    """The first signal that was not read for longer than `held` s, and why; else empty."""
+    for name, reading in seen.signals.items():
+        if seen.time - reading.time > held and (reading.fault or math.isnan(reading.value)):
+            return f"{name}: {reading.fault or 'not read yet'}"
+    return ""
 
 
 class MachineView:
@@ -101,6 +114,13 @@ class MachineView:
         self._directions = StatedDirections(
             self.axes, [file.axes[axis].deadband for axis in self.axes], plan.directions
         )
+        stated = [channel is not None for channel in plan.directions]
+        self._moves = UnseenMoves(
+            [
+                math.inf if said else file.axes[axis].deadband
+                for axis, said in zip(self.axes, stated, strict=True)
+            ]
+        )
         self._signals_every = file.cycle.signals_every
         self._signals_due = 0.0
         self._task: asyncio.Task[None] | None = None
@@ -123,6 +143,8 @@ class MachineView:
         now = time.monotonic()
         values, faults = self._positions(batch, now)
         directions = self._directions(values, batch, faults)
+        moves = zip(self.axes, self._moves.step(now, values), strict=True)
+        unseen = frozenset(axis for axis, moved in moves if moved)
         fault = "; ".join(f"{axis}: {why}" for axis, why in faults.items())
         if len(set(faults.values())) == 1:
             fault = next(iter(faults.values()))
@@ -137,9 +159,13 @@ class MachineView:
         return SeenMachine(
             now,
             dict(zip(self.axes, values, strict=True)),
-            dict(zip(self.axes, directions, strict=True)),
+            {
+                axis: 0.0 if axis in unseen else direction
+                for axis, direction in zip(self.axes, directions, strict=True)
+            },
             fault,
             self._signals.readings,
+            unseen,
         )
 
     async def _read_slowly(self) -> None:

@@ -8,9 +8,9 @@ from pathlib import Path
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.daemon.measure.course import MeasureCourse
 from abbe.daemon.measure.events import MeasureEvent, Tell, minutes, target_words, unit_of_kind
+from abbe.daemon.measure.following.target_watch import TargetUnsteady
 from abbe.daemon.measure.machine_view import SeenMachine
 from abbe.daemon.measure.rows import part_name
-from abbe.daemon.measure.target_watch import TargetUnsteady
 
 
 class MeasureNews:

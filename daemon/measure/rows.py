@@ -17,7 +17,6 @@ from abbe.compcore.files.growing_campaign import BEGUN
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.planned_setup import PlannedSetup
-from abbe.daemon.measure.average import SteadyReading
 from abbe.daemon.measure.events import unit_of_kind
 
 PART = "."
@@ -27,14 +26,17 @@ _TOOL = ("tool_x", "tool_y", "tool_z")
 
 
 def columns(
-    machine: Machine, setups: Sequence[PlannedSetup], signals: Sequence[str]
+    machine: Machine,
+    setups: Sequence[PlannedSetup],
+    signals: Sequence[str],
+    more: Sequence[str] = (),
 ) -> tuple[str, ...]:
-    """The columns of the campaign of some set-ups."""
+    """The columns of the campaign of some set-ups, `more` among them."""
     axes = machine.structure.axes
     base = ("base",) if any(s.kind == Kind.DISTANCE for s in setups) else ()
     directions = tuple(f"{a}_dir" for a in axes)
     first = ("time", "setup", "kind", *axes, *directions, *_TOOL, *_UNIT_VECTOR)
-    return (*first, *base, "value", "sd", *signals)
+    return (*first, *base, "value", "sd", *more, *signals)
 
 
 def head(
@@ -72,12 +74,11 @@ def rows_of(
     setup: PlannedSetup,
     part: int,
     target: int,
-    reading: SteadyReading,
     place: Mapping[str, float],
     values: Sequence[float],
     directions: Mapping[str, float],
     time: float,
-    stated: float,
+    sds: Sequence[float],
     signals: Mapping[str, float],
 ) -> list[dict[str, str | float | None]]:
     """The rows of one target, one for each direction that was read.
@@ -90,8 +91,8 @@ def rows_of(
         Errors or distances, mm or rad.
     time
         s since the campaign's start.
-    stated
-        The instrument's standard uncertainty, mm or rad.
+    sds
+        Their standard uncertainties, mm or rad.
     """
     _, scale = unit_of_kind(setup.kind)
     common: dict[str, str | float | None] = {
@@ -113,7 +114,7 @@ def rows_of(
             u = setup.u[target][k] / np.linalg.norm(setup.u[target][k])
             row |= {name: round(float(x), 10) for name, x in zip(_UNIT_VECTOR, u, strict=True)}
         row["value"] = round(value * scale, digits)
-        row["sd"] = round(reading.sd(k, stated) * scale, digits) or 10.0**-digits
+        row["sd"] = round(sds[k] * scale, digits) or 10.0**-digits
         made.append(row)
     return made
 

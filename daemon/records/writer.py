@@ -20,6 +20,7 @@ from pathlib import Path
 
 from abbe.daemon.records.schema import NotRecordsError, open_to_write
 from abbe.daemon.records.thinning import Retention, thin
+from abbe.daemon.records.whole_file import WholeFileLooks
 
 logger = logging.getLogger("abbe.records")
 
@@ -90,6 +91,7 @@ class RecordWriter:
         self._inode = 0
         self._connection: sqlite3.Connection | None = None
         self._thin_at = time.monotonic() + _THIN_EVERY / 10
+        self._looks = WholeFileLooks(path)
         self._thread = threading.Thread(target=self._run, name="records", daemon=True)
         self._thread.start()
 
@@ -110,14 +112,17 @@ class RecordWriter:
         while True:
             ending = self._end.wait(COMMIT_EVERY)
             if time.monotonic() >= retry_at or ending:
-                items = self._waiting()
+                items: list[_Item] = []
                 try:
+                    self._notice_damage()
+                    items = self._waiting()
                     self._write(items)
                 except sqlite3.Error as error:
                     self._lost += len(items)
                     self._failed(error)
                     retry_at = time.monotonic() + _AGAIN
             if ending:
+                self._looks.close()
                 self._close()
                 return
 
@@ -220,6 +225,11 @@ class RecordWriter:
         self._close()
         self._begin_anew()
         logger.warning("the records were taken away (%s): begun anew", self._path)
+
+    def _notice_damage(self) -> None:
+        """A page that is not written any more would be found damaged by who needs it."""
+        if damage := self._looks.damage(self._inode):
+            raise sqlite3.DatabaseError(damage)
 
     def _begin_anew(self) -> None:
         """The next file is a new one: it has to know what runs."""

@@ -24,7 +24,8 @@ ALWAYS = ("date", "machine", "serial", "operator", "instrument", "environment")
 """What stands on every page, stated or not."""
 _UNSTATED = "not stated"
 _SHORT = 12
-_AIR = ("ambient", "air")
+AIR = ("ambient", "air")
+"""Roles of signals that say how warm the air is."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +147,7 @@ def facts_of(
 def _air(conditions: Sequence[Mapping[str, Any]], machine: Machine) -> Iterable[str]:
     """What thermometers in the air showed."""
     for name, signal in machine.signals.items():
-        if signal.role in _AIR:
+        if signal.role in AIR:
             low, high = extent(conditions, "signals", name)
             if low <= high:
                 unit = "°C" if signal.unit == "degC" else signal.unit

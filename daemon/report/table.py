@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from abbe.compcore.figures.figure import COLOURS, figure, line, points
 from abbe.compcore.model.uncertainty import UNKNOWN
+from abbe.compcore.tables.remainder import Remainder
 from abbe.compcore.tables.table import Table, unit_of_position
 from abbe.daemon.answers.tables.make import FULL, NONE, TableAnswer
 from abbe.daemon.answers.tables.words import remaining_rows, trust_lines
 from abbe.daemon.report.head import FileOnPage, head_of
-from abbe.daemon.report.page import Page, number
+from abbe.daemon.report.page import Cell, Figure, Page, number
 
+HELD_COLUMNS = ["Table", "Points", "From", "To", "Directions", "Largest", "Unit"]
 _GREY = "#9aa4ae"
 _MOST = 1200
 """Points drawn of the working volume."""
@@ -49,22 +52,25 @@ def table_page(done: TableAnswer) -> Page:
     )
     _remaining(page, done)
     page.section("Tables")
-    page.table(
-        ["Table", "Points", "From", "To", "Directions", "Largest", "Unit"],
-        [
-            [
-                row["table"], "×".join(map(str, row["points"])), _list(row["from"]),
-                _list(row["to"]), row["directions"], row["largest"],
-                row["unit"].replace("u", "µ", 1),
-            ]
-            for row in record["tables"]
-        ],
-    )  # fmt: skip
-    _curves(page, done.made.tables)
+    page.table(HELD_COLUMNS, held_rows(record))
+    for each in table_curves(done.made.tables):
+        page.figure(each)
     page.section("At the controller")
     page.notes(controller.activation())
     _conditions(page, done)
     return page
+
+
+def held_rows(record: Mapping[str, Any]) -> list[list[Cell]]:
+    """Each table of a record in a row: where it lies, how large it is."""
+    return [
+        [
+            row["table"], "×".join(map(str, row["points"])), _list(row["from"]),
+            _list(row["to"]), row["directions"], row["largest"],
+            row["unit"].replace("u", "µ", 1),
+        ]
+        for row in record["tables"]
+    ]  # fmt: skip
 
 
 def _list(values: Sequence[float]) -> str:
@@ -102,11 +108,20 @@ def _remaining(page: Page, done: TableAnswer) -> None:
         ],
         digits=3,
     )
-    colours = {NONE: _GREY, done.request.controller.name: COLOURS[0], FULL: COLOURS[2]}
-    for axis in done.model.machine.structure.axes:
+    axes = done.model.machine.structure.axes
+    for each in where_left(axes, done.remaining, done.request.controller.name):
+        page.figure(each)
+
+
+def where_left(
+    axes: Sequence[str], remaining: Mapping[str, Remainder], controller: str
+) -> Iterator[Figure]:
+    """What is left of the error along each axis: without tables, with them, with full ones."""
+    colours = {NONE: _GREY, controller: COLOURS[0], FULL: COLOURS[2]}
+    for axis in axes:
         unit, factor = unit_of_position(axis)
         clouds = []
-        for key, left in done.remaining.items():
+        for key, left in remaining.items():
             if key in colours:
                 every = max(1, len(left.errors) // _MOST)
                 length = np.linalg.norm(left.errors, axis=1)[::every] * 1e3
@@ -114,10 +129,11 @@ def _remaining(page: Page, done: TableAnswer) -> None:
                 marker = {"size": 4, "color": colours[key], "opacity": 0.55}
                 clouds.append(points(where, length, key, marker=marker))
         unit = "°" if unit == "deg" else unit
-        page.figure(figure(clouds, f"{axis}, {unit}", "left of the error, µm", height=320))
+        yield figure(clouds, f"{axis}, {unit}", "left of the error, µm", height=320)
 
 
-def _curves(page: Page, tables: Sequence[Table]) -> None:
+def table_curves(tables: Sequence[Table]) -> Iterator[Figure]:
+    """What the tables over single axes hold, a picture for each axis and unit."""
     for axis in dict.fromkeys(t.inputs[0] for t in tables if len(t.inputs) == 1):
         unit, factor = unit_of_position(axis)
         for of in ("error, µm", "error, µrad", "error, µm per m of the lever"):
@@ -138,7 +154,7 @@ def _curves(page: Page, tables: Sequence[Table]) -> None:
                     )
             if traces:
                 shown = "°" if unit == "deg" else unit
-                page.figure(figure(traces, f"{axis}, {shown}", of, height=360))
+                yield figure(traces, f"{axis}, {shown}", of, height=360)
 
 
 def _what(table: Table) -> str:

@@ -65,6 +65,16 @@ EVENTS = {
         "No check measurement accuses the machine any more",
         "Nothing has to be done.",
     ),
+    "no processor": (
+        "The computer gives the correction too little processor time",
+        "Cycles do not come, so that the controller falls back by the heartbeat. Look for what\n"
+        "else runs on this computer ('systemd-cgtop', 'top'), and have it run elsewhere, or later.",
+    ),
+    "cycle hangs": (
+        "The correction's cycle does not come to its end",
+        "It had a processor: something that it waits for does not come back. The service manager\n"
+        "ends it and begins it anew; where each thread was stands in the journal then.",
+    ),
     "correction changed": (
         "The correction's state changed",
         "Which axes, and whether they are corrected in full, held, ramped or not corrected.",

@@ -74,6 +74,7 @@ UMask=0027
 Environment=PYTHONDONTWRITEBYTECODE=1 PYTHONUNBUFFERED=1
 
 # the cycle goes before what else runs on this computer
+CPUWeight=1000
 Nice=-5
 IOSchedulingClass=best-effort
 IOSchedulingPriority=2

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import gzip
 import hashlib
+import json
 from collections.abc import Callable
 from importlib.resources import files
 from typing import Annotated, Any
@@ -12,22 +13,28 @@ from typing import Annotated, Any
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.responses import Response
 
-from abbe.compcore.errors import AbbeError
+from abbe.compcore.errors import AbbeError, InputError
 from abbe.daemon.report.page import plotly_script
-from abbe.daemon.workbench.live.view import LiveView
+from abbe.daemon.workbench.asked import AskedOfWorkbench, Nothing
+from abbe.daemon.workbench.calibration.routes import calibration_routes
 from abbe.daemon.workbench.session import Workbench
+from abbe.daemon.workbench.tables.routes import table_routes
+from abbe.daemon.workbench.views import WorkbenchViews
 
 _KINDS = {
     "html": "text/html; charset=utf-8",
     "css": "text/css; charset=utf-8",
     "js": "text/javascript; charset=utf-8",
+    "json": "application/json",
     "svg": "image/svg+xml",
     "txt": "text/plain; charset=utf-8",
 }
+_WORDS = "words-"
+"""Begins the name of a language's file."""
 _LEVEL = 6
 """Of compression."""
 _SMALL = 2000
@@ -35,42 +42,32 @@ _SMALL = 2000
 Spec = Annotated[str, Field(min_length=1, max_length=2000)]
 
 
-class _Asked(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
-
-
-class AddedCause(_Asked):
+class AddedCause(AskedOfWorkbench):
     """A cause to be added."""
 
     spec: Spec
 
 
-class TriedCause(_Asked):
+class TriedCause(AskedOfWorkbench):
     """A cause to be tried; without `values` as it would be fitted."""
 
     spec: Spec
     values: dict[str, float] | None = Field(default=None, max_length=1000)
 
 
-class OtherVersion(_Asked):
+class OtherVersion(AskedOfWorkbench):
     """A version to go back to, by its place in the list."""
 
     version: int
 
 
-class Nothing(_Asked):
-    """A request that says no more than its path."""
-
-
-def application(bench: Workbench | None, live: LiveView, end: Callable[[], None]) -> FastAPI:
+def application(views: WorkbenchViews, end: Callable[[], None]) -> FastAPI:
     """The ASGI application, to be set behind a `WorkbenchDoor`.
 
     Parameters
     ----------
-    bench
-        The session; None: there are no campaigns, and the live view is all.
-    live
-        The run that is looked at.
+    views
+        What is shown.
     end
         Ends the server.
     """
@@ -80,21 +77,35 @@ def application(bench: Workbench | None, live: LiveView, end: Callable[[], None]
     # streams are left alone by it
     app.add_middleware(GZipMiddleware, minimum_size=_SMALL, compresslevel=_LEVEL)
     _files(app)
-    app.include_router(live.routes())
-    _frame(app, bench, live, end)
-    if bench is not None:
-        _look(app, bench)
-        _change(app, bench)
+    app.include_router(views.live.routes())
+    _frame(app, views, end)
+    if views.bench is not None:
+        _look(app, views.bench)
+        _change(app, views.bench)
+    if views.desk is not None:
+        app.include_router(table_routes(views.desk))
+    if views.guide is not None:
+        app.include_router(calibration_routes(views.guide))
     return app
 
 
 def _files(app: FastAPI) -> None:
     """Every file by its own route: no path is ever made of what somebody sends."""
+    languages = {"en": "English"}
     for file in sorted(files("abbe.daemon.workbench").joinpath("static").iterdir(), key=str):
         name = file.name
+        if name.startswith(_WORDS):
+            code = name.removeprefix(_WORDS).removesuffix(".json")
+            languages[code] = json.loads(file.read_bytes())["_language"]
         kind = _KINDS[name.rpartition(".")[2]]
         path = "/" if name == "index.html" else f"/{name}"
         app.add_api_route(path, _served(file.read_bytes(), kind), include_in_schema=False)
+
+    @app.get("/api/languages")
+    def known_languages() -> dict[str, str]:
+        """Code of each language → its own name; each but English is a file of words."""
+        return languages
+
     script = plotly_script()
     app.add_api_route("/plotly.min.js", _served(script, _KINDS["js"]), include_in_schema=False)
 
@@ -118,11 +129,14 @@ def _served(content: bytes, kind: str) -> Callable[[Request], Response]:
     return served
 
 
-def _frame(app: FastAPI, bench: Workbench | None, live: LiveView, end: Callable[[], None]) -> None:
+def _frame(app: FastAPI, views: WorkbenchViews, end: Callable[[], None]) -> None:
+    bench, live, desk = views.bench, views.live, views.desk
+
     @app.get("/api/state")
     def state() -> dict[str, Any]:
         """What is known, and what is under way."""
-        return live.state() if bench is None else {**bench.state(), "first": live.first}
+        found = live.state() if bench is None else bench.state()
+        return {**found, "views": views.names, "first": views.first}
 
     @app.get("/api/head")
     def head() -> dict[str, Any]:
@@ -137,6 +151,8 @@ def _frame(app: FastAPI, bench: Workbench | None, live: LiveView, end: Callable[
     @app.post("/api/end")
     def ended(_: Nothing) -> dict[str, str]:
         """End the workbench."""
+        if desk is not None and desk.busy:
+            raise InputError("something is under way at the controller", expected="its end")
         end()
         return {}
 

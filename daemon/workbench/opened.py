@@ -20,10 +20,13 @@ class WhatToOpen:
         The configuration of the run that is seen live; None: whichever runs.
     model
         The model that campaigns are laid beside; None: there are none.
+    uploads
+        Whether the configuration names a controller that takes tables.
     """
 
     config: Path | None
     model: Path | None
+    uploads: bool = False
 
 
 def what_to_open(
@@ -31,6 +34,8 @@ def what_to_open(
     campaigns: Sequence[Path],
     holdout: Sequence[Path] = (),
     versions: Path | None = None,
+    tables: Path | None = None,
+    calibration: Path | None = None,
 ) -> WhatToOpen:
     """Tell a model from a configuration by what stands in it.
 
@@ -40,11 +45,12 @@ def what_to_open(
         For a file that cannot be read, a model alone, and what needs campaigns where there are
         none.
     """
-    config, model = None, file
+    config, model, uploads = None, file, False
     if file is not None:
         source = TomlSource.read(file)
         if str(source.data.get("format", "")).startswith("abbe-config/"):
             config, model = file, None
+            uploads = "upload" in source.data
             named = source.data.get("model")
             if campaigns:
                 if not isinstance(named, str):
@@ -62,4 +68,11 @@ def what_to_open(
             field="--holdout" if holdout else "--versions",
             expected="abbe open MODEL.toml CAMPAIGN.csv",
         )
-    return WhatToOpen(config, model)
+    for option, folder in (("--tables", tables), ("--calibration", calibration)):
+        if folder is not None and config is None:
+            raise InputError(
+                "is of a machine and its controller",
+                field=option,
+                expected=f"the configuration of a run: abbe open CONFIG.toml {option} FOLDER",
+            )
+    return WhatToOpen(config, model, uploads)

@@ -13,13 +13,11 @@ import uvicorn
 from abbe.daemon.http.bounded import bounded_config
 from abbe.daemon.workbench.application import application
 from abbe.daemon.workbench.door import SESSION, WorkbenchDoor
-from abbe.daemon.workbench.live.view import LiveView
-from abbe.daemon.workbench.session import Workbench
+from abbe.daemon.workbench.views import WorkbenchViews
 
 
 def serve(
-    bench: Workbench | None,
-    live: LiveView,
+    views: WorkbenchViews,
     made: socket.socket,
     invite: Callable[[str], None],
     *,
@@ -30,10 +28,8 @@ def serve(
 
     Parameters
     ----------
-    bench
-        The session; None: the live view is all.
-    live
-        The run that is looked at.
+    views
+        What is shown.
     made
         From `abbe.daemon.workbench.address.listening`.
     invite, key, session
@@ -44,14 +40,13 @@ def serve(
     def end() -> None:
         server.should_exit = True
 
-    app, port = application(bench, live, end), made.getsockname()[1]
+    app, port = application(views, end), made.getsockname()[1]
     door = WorkbenchDoor(app, port, invite, key=key, session=session)
     server = _LoopbackServer(bounded_config(door))
     try:
         server.run(sockets=[made])
     finally:
-        if bench is not None:
-            bench.close()
+        views.close()
 
 
 class _LoopbackServer(uvicorn.Server):

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from abbe.drivers.bus_lock import BusLock
 from abbe.drivers.ipp.config import IppConfig
 from abbe.drivers.ipp.errors import ServerError, Severity, StoppedError
+from abbe.drivers.ipp.grammar import Value
 from abbe.drivers.ipp.latest import Latest
 from abbe.drivers.ipp.question import IppQuestion, positions, questions
 from abbe.drivers.ipp.reports import MoveReport
@@ -33,6 +34,8 @@ logger = logging.getLogger("abbe.drivers.ipp")
 _NAN = float("nan")
 _MARK_EVERY = 0.1
 """s between two questions of which the answers' places among the reports tell how old those are."""
+_OVERTAKES = "E0999"
+"""Tag of a command that overtakes the others."""
 _SILENCES = 2
 """Commands that one call waits for in vain before it gives up on the rest."""
 
@@ -107,6 +110,48 @@ class Asking:
         except LinkError as error:
             lost = Sample(_NAN, time.monotonic(), Quality.UNAVAILABLE, str(error))
             return dict.fromkeys(names, lost)
+
+    async def command(self, text: str, within: float) -> tuple[Value, ...]:
+        """Have a command carried out that no channel asks for; its data.
+
+        Raises
+        ------
+        StoppedError
+            When it failed with an error that stops the server.
+        LinkError
+            When it was not completed in `within` s, and when the connection is lost.
+        """
+        async with self._bus_lock:
+            session = self._session
+            if session is None:
+                raise LinkDownError("the connection is closed")
+            self._status.requests += 1
+            try:
+                reply = await session.ask(text, within=within)
+            except StoppedError as error:
+                self._status.failures += 1
+                self._state.halt(error.error)
+                raise
+            except LinkDownError as error:
+                self._status.failures += 1
+                if not self._closing:
+                    self.reconnector.lost(str(error))
+                raise
+            self._state.resume()
+            return reply.data
+
+    async def overtake(self, text: str) -> None:
+        """Have an event command carried out beside whatever the server is at: ``AbortE()``.
+
+        Raises
+        ------
+        LinkError
+            When it was not.
+        """
+        session = self._session
+        if session is None or not self.reconnector.up:
+            raise LinkDownError("the connection is closed")
+        await session.ask(text, _OVERTAKES)
 
     def command_of(self, name: str) -> str:
         """The command by which a channel is had."""

@@ -1,4 +1,4 @@
-"""The I++ DME link: positions and temperatures of a CMM that speaks it; it never writes."""
+"""The I++ DME link: positions and temperatures of a CMM that speaks it; its probe on request."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import ClassVar
 from abbe.drivers import resources
 from abbe.drivers.ipp.asking import Asking
 from abbe.drivers.ipp.config import IppConfig
+from abbe.drivers.ipp.probing import IppProbe
 from abbe.drivers.link import (
     ChannelInfo,
     Link,
@@ -18,9 +19,10 @@ from abbe.drivers.link import (
     Sample,
     WirePlace,
 )
+from abbe.drivers.touch_probe import TouchingLink, TouchProbe
 
 
-class IppLink(Link):
+class IppLink(Link, TouchingLink):
     """One I++ DME server and its channels.
 
     Parameters
@@ -107,6 +109,10 @@ class IppLink(Link):
                 f"link {self.name}: nothing written: {', '.join(values)}: an I++ DME link only "
                 "reads; the machine is corrected through its controller, see docs/ipp.md"
             ).leaving(untouched=values)
+
+    def touch_probe(self) -> TouchProbe:
+        """The machine's own probe; only who asks for it has the machine moved."""
+        return IppProbe(self._asking)
 
     def _describe(self, name: str) -> str:
         config, channel = self._config, self._config.channels[name]

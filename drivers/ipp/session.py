@@ -125,7 +125,9 @@ class Session(asyncio.Protocol):
         except OSError as error:
             raise LinkDownError(f"no connection: {error.strerror or error}") from error
 
-    async def ask(self, command: str, event: str | None = None) -> CommandReply:
+    async def ask(
+        self, command: str, event: str | None = None, *, within: float | None = None
+    ) -> CommandReply:
         """Send a command and wait until it is completed.
 
         Parameters
@@ -134,6 +136,8 @@ class Session(asyncio.Protocol):
             Without tag: ``Get(X(), Y())``.
         event
             Tag to send it with, whose data then goes to `on_event`; default the next number.
+        within
+            s for it to be completed, where that is another time than the session's.
 
         Raises
         ------
@@ -155,7 +159,8 @@ class Session(asyncio.Protocol):
         loop = asyncio.get_running_loop()
         began = time.monotonic()
         transaction = self._waiting[tag] = _Transaction(loop.create_future(), began)
-        give_up = loop.call_later(self._timeout, _expire, transaction.answer)
+        limit = self._timeout if within is None else within
+        give_up = loop.call_later(limit, _expire, transaction.answer)
         completed = False
         try:
             transport.write(f"{tag} {command}\r\n".encode("ascii"))
@@ -165,7 +170,7 @@ class Session(asyncio.Protocol):
             if transaction.error is None:
                 what = "taken and not completed" if transaction.taken else "no answer"
                 stray = f"; last came {self._cutter.last_stray}" if self._cutter.last_stray else ""
-                raise LinkTimeoutError(f"{command}: {what} in {self._timeout:g} s{stray}") from None
+                raise LinkTimeoutError(f"{command}: {what} in {limit:g} s{stray}") from None
         finally:
             give_up.cancel()
             del self._waiting[tag]

@@ -23,9 +23,9 @@ rounded in silence.
 
 from __future__ import annotations
 
-import math
 import struct
 from collections.abc import Callable, Sequence
+from math import isfinite
 from operator import itemgetter
 from typing import Literal
 
@@ -170,7 +170,7 @@ def compile_encoder(
 
 
 def compile_reader(
-    number_type: NumberType, *, bit: int = 0, scaled: ScaledNumber = UNSCALED
+    number_type: NumberType, bit: int = 0, scaled: ScaledNumber = UNSCALED
 ) -> Callable[[Raw], float]:
     """Build the function raw number → value.
 
@@ -184,7 +184,7 @@ def compile_reader(
 
         def from_float(raw: Raw) -> float:
             value = value_of(raw)
-            if not math.isfinite(value):
+            if not isfinite(value):
                 raise NotRepresentableError(f"the device holds {raw}, not a finite number")
             return value
 
@@ -200,6 +200,23 @@ def compile_reader(
 
         return from_int64
     return value_of if scaled.scaling else float
+
+
+def compile_readers(
+    kinds: Sequence[tuple[NumberType, int, ScaledNumber]],
+) -> Callable[[Sequence[Raw]], list[float]]:
+    """Build the function raw numbers → values of several channels; raises as `compile_reader`'s.
+
+    Parameters
+    ----------
+    kinds
+        Type, bit and scale of each.
+    """
+    if all(kind != "bit" and kind not in _FLOAT_LIMITS and WORDS[kind] < 4 for kind, _, _ in kinds):
+        # whole numbers that every float64 holds: nothing to be checked
+        return ScaledNumber.values_of([scaled for _, _, scaled in kinds])
+    readers = tuple(compile_reader(kind, bit=bit, scaled=scaled) for kind, bit, scaled in kinds)
+    return lambda numbers: [read(raw) for read, raw in zip(readers, numbers, strict=True)]
 
 
 def compile_writer(
@@ -218,7 +235,9 @@ def compile_writer(
 
     def to_raw(value: float) -> Raw:
         number = number_of(value)
-        if not math.isfinite(number):
+        if low <= number <= high:
+            return round(number) if whole else number
+        if not isfinite(number):
             raise NotRepresentableError(f"{value} is not a finite number")
         raw: Raw = round(number) if whole else number
         if not low <= raw <= high:

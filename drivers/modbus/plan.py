@@ -12,6 +12,7 @@ from abbe.drivers.modbus.codec import (
     compile_decoder,
     compile_encoder,
     compile_reader,
+    compile_readers,
     compile_writer,
 )
 from abbe.drivers.modbus.config import BIT_TABLES, ModbusChannelConfig, ModbusConfig, Table
@@ -77,6 +78,8 @@ class ReadRequest:
         What is asked for.
     names, readers
         The channels in it and how the raw number of each becomes its value.
+    values
+        The same for all of them at once.
     decode
         Bytes of the answer → raw numbers, in the order of `names`.
     """
@@ -84,6 +87,7 @@ class ReadRequest:
     span: Span
     names: tuple[str, ...]
     readers: tuple[Callable[[Raw], float], ...]
+    values: Callable[[Sequence[Raw]], list[float]]
     decode: Callable[[bytes], tuple[Raw, ...]]
 
 
@@ -294,12 +298,12 @@ def _read_request(unit: int, channels: dict[str, ModbusChannelConfig]) -> ReadRe
                 for at, c in zip(offsets, channels.values(), strict=True)
             ],
         )
+    kinds = [(c.number_type, c.bit or 0, c) for c in channels.values()]
     return ReadRequest(
         span=Span(unit, table, first, count),
         names=tuple(channels),
-        readers=tuple(
-            compile_reader(c.number_type, bit=c.bit or 0, scaled=c) for c in channels.values()
-        ),
+        readers=tuple(compile_reader(*kind) for kind in kinds),
+        values=compile_readers(kinds),
         decode=decode,
     )
 

@@ -137,7 +137,7 @@ class ModbusReader:
         last, numbers = self._last, request.decode(answer)
         try:
             # all of them good is by far the most frequent answer, so a short way
-            values = [reader(raw) for reader, raw in zip(request.readers, numbers, strict=True)]
+            values = request.values(numbers)
         except NotRepresentableError:
             for name, reader, raw in zip(request.names, request.readers, numbers, strict=True):
                 try:

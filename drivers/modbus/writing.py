@@ -54,17 +54,10 @@ class ModbusWriter:
     ) -> None:
         """As the link's `write`; `names` are the keys of `values`, in order."""
         plan = self._plans.get(names) or self._plan(names)
-        raw: dict[str, float] = {}
-        wrong = []
-        for name, to_raw in plan.writers:
-            try:
-                raw[name] = to_raw(float(values[name]))
-            except NotRepresentableError as exc:
-                unit = self._config.channels[name].unit
-                wrong.append(f"{name}: {exc}{' ' if unit else ''}{unit}")
-        if wrong:
-            nothing = LinkError(f"link {self._name}: nothing written; {'; '.join(wrong)}")
-            raise nothing.leaving(untouched=names)
+        try:
+            raw = {name: to_raw(values[name]) for name, to_raw in plan.writers}
+        except NotRepresentableError:
+            raise self._none_of(plan, values) from None
         done: list[str] = []
         going: tuple[str, ...] = ()
         try:
@@ -80,6 +73,18 @@ class ModbusWriter:
             raise _same_kind(exc)(
                 f"link {self._name}: not written: {', '.join(left)}: {exc}{written}"
             ).leaving(kept, (*done, *exc.written)) from exc
+
+    def _none_of(self, plan: WritePlan, values: Mapping[str, float]) -> LinkError:
+        """The error of a batch of which some value does not fit: each that does not, and why."""
+        wrong = []
+        for name, to_raw in plan.writers:
+            try:
+                to_raw(values[name])
+            except NotRepresentableError as exc:
+                unit = self._config.channels[name].unit
+                wrong.append(f"{name}: {exc}{' ' if unit else ''}{unit}")
+        nothing = LinkError(f"link {self._name}: nothing written; {'; '.join(wrong)}")
+        return nothing.leaving(untouched=values)
 
     async def _write_one(
         self, request: WriteRequest, numbers: Sequence[float], until: float

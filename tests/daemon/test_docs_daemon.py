@@ -23,6 +23,7 @@ PAGES = {
     "RecordsSection": (ROOT / "docs" / "records.md").read_text("utf-8"),
     "HttpSection": (ROOT / "docs" / "status.md").read_text("utf-8"),
     "InstrumentSection": (ROOT / "docs" / "measure.md").read_text("utf-8"),
+    "ProbingSection": (ROOT / "docs" / "measure.md").read_text("utf-8"),
     "MeasureSection": (ROOT / "docs" / "measure.md").read_text("utf-8"),
 }
 """Section → the page of its keys, where it is not the service's."""

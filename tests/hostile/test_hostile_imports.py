@@ -72,6 +72,14 @@ RTEST = "# nest = spindle\n# sphere = 90, 40, 60\nC,dX [um],dY,dZ\n" + "".join(
     f"{30 * i},{i % 3}.5,{i % 4}.25,-{i % 2}.125\n" for i in range(12)
 )
 
+BRIDGE = FIVE.replace("C' ", "").replace("[machine.axes.C]\ntravel = [-400.0, 400.0]\n", "")
+
+PROBED = "X,Y,Z,C\n" + "".join(
+    f"{40 + x + 14.5 * i:.3f},{20 + 14.5 * j:.3f},{14.5 * k:.3f},{c}\n"
+    for c, x in ((0, 0.0), (90, 1.0))
+    for i, j, k in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1))
+)
+
 AT = ("--at", "Y=450,Z=-180", "-o", "out.csv", "--force")
 
 
@@ -98,6 +106,8 @@ READ: dict[str, tuple[str, tuple[str, ...], str]] = {
     "lengths": (LENGTHS, command("lengths"), "out.csv"),
     "plate": (PLATE, command("plate"), "out.csv"),
     "rotary test": (RTEST, ("iso10791", "m.toml", "f.txt", "-o", "out.csv", "--force"), "out.csv"),
+    "probed": (PROBED, ("import-campaign", "f.txt", "--as", "probed", "--model", "m.toml", *AT[2:]),
+               "out.csv"),
     "errors of length": (
         "position,calibrated,error 1 [um],error 2\nX,100,1,2\nY,300,1,2\n",
         ("iso10360", "f.txt", "--mpe", "3+L/300"), "",
@@ -110,7 +120,7 @@ READ: dict[str, tuple[str, tuple[str, ...], str]] = {
 
 def files(kind: str, text: str | bytes) -> dict[str, str | bytes]:
     """The bad file and what is needed beside it."""
-    beside = {"points": {"m.txt": MAP}, "rotary test": {"m.toml": FIVE}}
+    beside = {"points": {"m.txt": MAP}, "rotary test": {"m.toml": FIVE}, "probed": {"m.toml": FIVE}}
     return {"f.txt": text, **beside.get(kind, {})}
 
 
@@ -147,6 +157,8 @@ def named() -> Iterator[Case]:
         ("rotary test", "60,2.5", "nan,2.5"), ("rotary test", "90, 40, 60", "90, 40"),
         ("rotary test", "90, 40, 60", "90, 40, 1e300"), ("rotary test", "spindle", "wall"),
         ("rotary test", "dX [um]", "dX [furlong]"), ("rotary test", "C,dX", "Q,dX"),
+        ("probed", "54.500", "1e300"), ("probed", "54.500", "nan"), ("probed", "54.500", "55.500"),
+        ("probed", "X,Y", "X,X"), ("probed", ",C", ",Q"), ("probed", "14.500,90", "9.500,90"),
         ("errors of length", "[um]", "[furlong]"), ("errors of length", "X,100", "X,0"),
         ("map rows", "100.0000\t0.001", "100.0000\t1e300"),
         ("map", "100.0000\t0.001", "1e300\t0.001"),
@@ -161,6 +173,24 @@ def named() -> Iterator[Case]:
         text = good.replace(before, after, 1)
         kept = (out,) if out else ()
         yield Case(f"{kind}: {after[:24]!r}", files(kind, text), arguments, ("f.txt",), kept=kept)
+
+
+def certificates() -> Iterator[Case]:
+    """Certificates of ball plates, by name."""
+    good = "# diameter = 22\n# sd = 0.3\nball,cx,cy,cz\n1,0,0,0\n2,90,0,0\n3,0,80,0\n4,90,80,0\n"
+    plan = ("plan", "m.toml", "--instruments", "ball-plate", "--plate", "f.txt", "-o", "out.toml",
+            "--force")  # fmt: skip
+    for before, after in (
+        ("# diameter = 22\n", ""), ("22", "1e300"), ("22", "nan"), ("22", "-22"), ("0.3", "-1"),
+        ("2,90", "2,1e300"), ("2,90,0,0", "2,90,0"), ("2,90", "2,nan"), ("2,90", "1,90"),
+        ("cx,cy", "cx,cx"), ("cz", "z"), ("3,0,80,0\n4,90,80,0\n", ""), ("2,90", "\x00"),
+        ("3,0,80,0\n4,90,80,0", "3,45,0,0"), (good[2:], ""),
+    ):  # fmt: skip
+        text = good.replace(before, after, 1)
+        assert text != good, before
+        files = {"f.txt": text, "m.toml": BRIDGE}
+        yield Case(f"certificate: {after[:24]!r} {before[:9]!r}", files, plan, ("f.txt",),
+                   kept=("out.toml",))  # fmt: skip
 
 
 def mutated() -> Iterator[Case]:
@@ -218,7 +248,7 @@ def typed() -> Iterator[Case]:
         yield Case(f"typed: {arguments[0]} {title}", beside, arguments, (says,), kept=kept)
 
 
-CASES = [*named(), *mutated(), *typed()]
+CASES = [*named(), *certificates(), *mutated(), *typed()]
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)

@@ -7,10 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, expect
 
-from tests.support.daemon.browser import INK, assert_quiet, chromium, visit
+from tests.support.daemon.browser import INK, assert_for_everybody, assert_quiet, chromium, visit
 from tests.support.daemon.live_run import compensating, live_run, machine
 from tests.support.daemon.some_setups import some_setups
 from tests.support.daemon.workbench import opened
@@ -18,28 +17,12 @@ from tests.support.daemon.workbench import opened
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(900)]
 
 BRIDGE = Path(__file__).parents[1] / "data" / "p03-bridge"
-RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     with chromium() as started:
         yield started
-
-
-def assert_for_everybody(page: Page) -> None:
-    """axe-core finds nothing, with everything opened that can be."""
-    page.evaluate("document.querySelectorAll('main details').forEach((d) => { d.open = true; })")
-    found = Axe().run(page, options={"runOnly": {"type": "tag", "values": RULES}})
-    said = [
-        f"{v['id']}: {v['help']}: {[n['html'][:120] for n in v['nodes'][:4]]}"
-        for v in found.response["violations"]
-    ]
-    assert said == []
-    # numbers as people write them
-    text = page.locator("main").inner_text()
-    assert re.findall(r"(?<![\w.])\d+(?:\.\d+)?e[+−-]?\d\d(?!\w)", text) == []
-    assert len(found.response["passes"]) > 10
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -60,4 +60,7 @@ def test_answers_are_counted_by_kind() -> None:
     counts = ClientCounts()
     for path in ("/healthz", "/readyz", "/metrics", "/api/v1/axes", "/", "/api/v1/cycles?every=0"):
         counts.answered(path)
+    for number in range(25):
+        counts.amiss(f"{number}")
+    assert (len(counts.wrong), counts.more) == (20, 5)
     assert counts.answers == {"health": 2, "metrics": 1, "api": 1, "page": 1, "cycles": 1}

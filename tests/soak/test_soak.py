@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import pytest
 
 from abbe.drivers.simulated.soak.__main__ import main
 from abbe.drivers.simulated.soak.faults import COMPUTER_FAULTS
-from abbe.drivers.simulated.soak.memory import MemoryCurve
 from abbe.drivers.simulated.soak.soak import Soak
 from abbe.drivers.simulated.soak.supervisor import clock_library
 from abbe.drivers.simulated.torment.judge.evidence import ShownPicture, Taken
@@ -79,18 +77,20 @@ def test_what_a_killed_life_wrote_last_is_no_step_of_the_next(
     assert soak._checker.violations == []
 
 
-def test_memory_s_growth_is_the_slope_of_the_longest_life() -> None:
-    curve = MemoryCurve()
-    assert math.isnan(curve.growth)
-    curve.begin()
-    for second in range(50):
-        curve.note(second, 100.0 + second)
-    curve.begin()
-    for second in range(4000):
-        warm_up = 20.0 * min(1.0, second / 500.0)
-        curve.note(second, 60.0 + warm_up + 1.5 * second / 3600.0)
-    curve.note(4000.0, math.nan)
-    assert curve.growth == pytest.approx(1.5)
+@pytest.mark.parametrize(("waited", "broken"), [(3.6, False), (2.0, True), (0.1, True)])
+def test_who_had_no_processor_did_not_hang(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, waited: float, broken: bool
+) -> None:
+    """It is started again, as by systemd, and told; a promise is broken only by who had one."""
+    soak = Soak(seed=1, seconds=10.0, folder=tmp_path)
+    monkeypatch.setattr(soak._abbe, "look", lambda _: "watchdog")
+    monkeypatch.setattr(soak._waits, "between", lambda *_: waited)
+    soak._keep_alive(100.0)
+    soak._clients.close()
+    soak._abbe.close()
+    assert bool(soak._checker.violations) == broken
+    assert soak._abbe.restarts == {"watchdog" if broken else "no processor": 1}
+    assert f"it waited {waited} s of the last 4 s for a processor" in soak._findings.lines[0]
 
 
 def test_the_page_names_every_fault() -> None:

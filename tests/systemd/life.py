@@ -62,29 +62,6 @@ def confined(stage: Stage) -> str:
     return f"exposure {found[1]}; no capability, no W+X page, user abbe, group dialout"
 
 
-def denied_memory(stage: Stage) -> str:
-    """under the unit's own rules writable and executable memory is refused"""
-    # the service's own unit, with another program in place of Abbe
-    program = (
-        "import mmap\n"
-        "try:\n mmap.mmap(-1, 4096, prot=7)\n"
-        "except OSError as error:\n print('refused:', error)\n"
-        "else:\n print('given')\n"
-    )
-    stage.machine.put("/usr/local/lib/probe.py", program)
-    stage.machine.do(
-        "sed -e 's|^ExecStart=.*|ExecStart=/usr/lib/abbe/bin/python3 /usr/local/lib/probe.py|' "
-        "-e 's|^Type=.*|Type=oneshot|' -e 's|^Restart=.*|Restart=no|' "
-        "/usr/lib/systemd/system/abbe@.service > /run/systemd/system/probe@.service"
-    )
-    stage.machine.do("systemctl daemon-reload && systemctl start probe@probe")
-    out = stage.machine.do("journalctl -u probe@probe -o cat --no-pager")
-    assert "refused: [Errno" in out, out
-    stage.machine.do("rm -r /run/systemd/system/probe@.service /etc/abbe/probe /var/lib/abbe/probe")
-    stage.machine.do("systemctl daemon-reload")
-    return next(line for line in out.splitlines() if "refused" in line)
-
-
 def reload(stage: Stage) -> str:
     """reload leads another model in; a bad file changes nothing; the process stays"""
     pid = stage.show(ONE, "MainPID")

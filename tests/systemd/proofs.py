@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from tests.support.systemd.stage import Stage
-from tests.systemd import disk, life, package
+from tests.systemd import disk, life, package, unit
 
 Proof = Callable[[Stage], str]
 
@@ -18,7 +18,8 @@ ALL: Sequence[Proof] = (
     life.ready,
     life.asked,
     life.confined,
-    life.denied_memory,
+    unit.denied_memory,
+    unit.ended_alone,
     life.reload,
     life.frozen,
     life.killed,

@@ -214,7 +214,7 @@ class _Known:
         rows = [rows_at(campaign, machine, positions, u) for u in np.eye(3)]
         grids = []
         for part in rows:
-            problem = Problem(self._result.problem.model, part)
+            problem = Problem(self._result.problem.model, part, bodies="none")
             columns = _model_columns(problem, self._result.theta, self._scale) * part.sd[:, None]
             grids.append(columns - columns[len(columns) // 2])
         return np.vstack(grids)
@@ -239,7 +239,8 @@ class _New:
         strength: F64,
         proposals: Sequence[Proposal],
     ) -> None:
-        self._problem = Problem(result.problem.model, join_campaigns([p.rows for p in proposals]))
+        planned = join_campaigns([p.rows for p in proposals])
+        self._problem = Problem(result.problem.model, planned, bodies="none")
         self._theta = result.theta
         self._eliminator = self._problem.eliminator(self._theta)
         ends = np.cumsum([p.rows.n for p in proposals])

@@ -13,6 +13,7 @@ from abbe.compcore.fitting.design.common_errors import CommonErrors
 from abbe.compcore.fitting.design.nuisance import Eliminator, SetupNuisances, setup_blocks
 from abbe.compcore.fitting.design.observation import Observation, with_tools
 from abbe.compcore.fitting.design.row_blocks import RowBlock, row_blocks, rows_at_once
+from abbe.compcore.fitting.design.run_starts import Bodies, since_begin
 from abbe.compcore.fitting.design.unknowns import UnknownLayout
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.model.model import Model, Term
@@ -21,6 +22,12 @@ F64 = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _Key = tuple[tuple[float, ...], bytes]
+
+_NEVER = 1e-9
+"""Part of a believable beginning that is none."""
+
+_FURTHEST = 2.0
+"""Likely distances from its signal beyond which no body is, however much the rows ask for it."""
 
 OutsideEffect = tuple[Effect, Mapping[str, float]]
 """An effect that is laid beside a model, and its non-linear parameters by name."""
@@ -40,23 +47,36 @@ class Problem:
         Standard uncertainty of each row, (n,), mm or rad; default the campaign's own. Every entry
         must be positive (`abbe.compcore.fitting.design.weights` fills gaps); infinity takes a row
         out of the fit.
+    bodies
+        Whose beginnings are free in each run (`run_starts`).
 
     Attributes
     ----------
     weight
         1/sd, shape (n,).
+    prior_sd
+        Shape (layout.size,): how far from 0 an unknown may well lie; infinite for most.
     """
 
-    def __init__(self, model: Model, campaign: Campaign, *, sd: F64 | None = None) -> None:
+    def __init__(
+        self,
+        model: Model,
+        campaign: Campaign,
+        *,
+        sd: F64 | None = None,
+        bodies: Bodies = "asked",
+    ) -> None:
         self.model = model
         self.campaign = campaign
-        self.layout = UnknownLayout.of(model, campaign)
+        self.layout = UnknownLayout.of(model, campaign, bodies)
+        self.prior_sd = np.full(self.layout.size, np.inf)
         self.sd = campaign.sd if sd is None else sd
         self.weight = 1.0 / self.sd
         self._amending = [i for i, e in enumerate(model.effects) if e.reads_model]
         self._given: dict[int, tuple[Motion, ...]] = {}
         self._beside: dict[str, tuple[Motion, ...]] = {}
         self._motions: dict[int, tuple[_Key, tuple[Motion, ...]]] = {}
+        self._settling: dict[int, tuple[tuple[float, ...], tuple[Motion, ...]]] = {}
         self._tool_directions: dict[int, F64] = {}
         self._conditions: tuple[bytes, Conditions] | None = None
         self._observation: tuple[bytes, Observation] | None = None
@@ -81,7 +101,7 @@ class Problem:
         self._keep_lags(theta)
         other.campaign = self.campaign.rows(rows)
         other.sd, other.weight = self.sd[rows], self.weight[rows]
-        other._motions, other._tool_directions = {}, {}
+        other._motions, other._settling, other._tool_directions = {}, {}, {}
         other._conditions = other._observation = other._blocks = other._eliminator = None
         other._given = {
             i: tuple(m.rows(rows) for m in self.motions(i, theta))
@@ -202,6 +222,48 @@ class Problem:
             self._motions[term] = (key, self._motions_of(effect, nonlinear, theta))
         return self._motions[term][1]
 
+    def settling(self, term: int, nonlinear: Mapping[str, float]) -> tuple[Motion, ...]:
+        """What a term's bodies move while they settle from 1 unit above their signals."""
+        key = tuple(nonlinear.values())
+        if term not in self._settling or self._settling[term][0] != key:
+            conditions = self.campaign.conditions
+            since = since_begin(self.layout.starts_of(term), conditions)
+            effect = self.model.effects[term]
+            moved = effect.settling(self.model.machine, conditions, nonlinear, since)
+            self._settling[term] = (key, moved)
+        return self._settling[term][1]
+
+    def start_columns(self, term: int, nonlinear: Mapping[str, float], theta: F64) -> F64:
+        """Weighted columns of where a term's bodies began, run by run, (n, unknowns)."""
+        starts = self.layout.starts_of(term)
+        if not starts:
+            return np.zeros((self.n, 0))
+        each = self.stacked(self.settling(term, nonlinear), self.layout.linear_counts[term], theta)
+        conditions = self.campaign.conditions
+        return np.hstack([each[:, : s.count] * s.rows(conditions)[:, None] for s in starts])
+
+    def expect_starts(self, theta: F64) -> None:
+        """Expect bodies to begin as near to their signals as warmth lets them, by θ's parameters.
+
+        A campaign that is compared must not turn any drift into a body that nobody knows.
+        """
+        for start in self.layout.starts:
+            own = theta[self.layout.linear_of(start.term)][: start.count]
+            felt = np.abs(own) * start.span
+            least = _NEVER * self.layout.scale[start.where]
+            self.prior_sd[start.where] = np.maximum(felt, least)
+
+    def believable(self, theta: F64) -> tuple[F64, Index]:
+        """θ with what is expected near 0 no further away than it can be, and what was beyond."""
+        limit = _FURTHEST * self.prior_sd
+        held = np.clip(theta, -limit, limit)
+        return held, np.flatnonzero(np.abs(theta) >= limit)
+
+    def start_index(self, term: int) -> Index:
+        """Where `start_columns` stand in θ."""
+        parts = [np.arange(s.where.start, s.where.stop) for s in self.layout.starts_of(term)]
+        return np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
+
     def _motions_of(
         self, effect: Effect, nonlinear: Mapping[str, float], theta: F64
     ) -> tuple[Motion, ...]:
@@ -269,6 +331,9 @@ class Problem:
             for k in layout.nonlinear_of(i):
                 if layout.searched[k].smooth:
                     out[:, k] = self._slope(i, k, theta)
+            if layout.starts:
+                nonlinear = layout.nonlinear_values(i, theta)
+                out[:, self.start_index(i)] = self.start_columns(i, nonlinear, theta)
         if layout.bases or layout.tools:
             self._place_columns(out, theta, observation)
         return out
@@ -284,8 +349,9 @@ class Problem:
             moved = theta.copy()
             moved[k] = min(max(here + sign * step, low), high)
             nonlinear = self.layout.nonlinear_values(term, moved)
-            columns = self.effect_columns(effect, nonlinear, theta)
-            ends.append(columns @ theta[self.layout.linear_of(term)])
+            end = self.effect_columns(effect, nonlinear, theta) @ theta[self.layout.linear_of(term)]
+            began = self.start_columns(term, nonlinear, theta) @ theta[self.start_index(term)]
+            ends.append(end + began)
             places.append(moved[k])
         return np.asarray((ends[0] - ends[1]) / (places[0] - places[1]))
 
@@ -331,6 +397,14 @@ class Problem:
                 value = motion.amount(coefficients)
                 old = sums.get(motion.error_motion)
                 sums[motion.error_motion] = value if old is None else old + value
+        for i in {start.term: None for start in self.layout.starts}:
+            for motion in self.settling(i, self.layout.nonlinear_values(i, theta)):
+                for start in self.layout.starts_of(i):
+                    began = np.zeros(self.layout.linear_counts[i])
+                    began[: start.count] = theta[start.where]
+                    value = motion.amount(began)
+                    value = value * start.rows(self.campaign.conditions)
+                    sums[motion.error_motion] = sums.get(motion.error_motion, 0.0) + value
         return sums
 
     def predicted(self, theta: F64) -> F64:

@@ -1,4 +1,4 @@
-"""The unknowns of a fit: the effects' parameters, base points and tools, in one vector."""
+"""The unknowns of a fit in one vector: parameters, and what belongs to placings and runs."""
 
 from __future__ import annotations
 
@@ -12,6 +12,14 @@ from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import NonlinearParameter, Parameter
 from abbe.compcore.errors import InputError
+from abbe.compcore.fitting.design.run_starts import (
+    Bodies,
+    RunStart,
+    beginning,
+    likely_span,
+    runs_with_a_clock,
+)
+from abbe.compcore.machine.typical import typical
 from abbe.compcore.model.model import Model, Value
 
 F64 = NDArray[np.float64]
@@ -22,12 +30,12 @@ BASE_SCALE = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Unknown:
-    """One unknown of a fit: a parameter, a base point's coordinate or a tool offset's component.
+    """One unknown of a fit: a parameter, or what a placing of instrument, tool or run leaves open.
 
     Attributes
     ----------
     owner
-        Index of the model's term, or -1 for a base point or tool.
+        Index of the model's term; -1 for a base point, a tool, or how warm a body began.
     name, unit
         Parameter name (``c3``, ``tau``, ``base B1 x``) and unit inside the code.
     scale
@@ -52,10 +60,10 @@ def plausible_scale(parameter: Parameter | NonlinearParameter) -> float:
 
 @dataclass(frozen=True)
 class UnknownLayout:
-    """The layout of θ, the vector of unknowns: effects' parameters, base points, tools.
+    """The layout of θ, the vector of unknowns: effects' parameters, then what belongs to a placing.
 
     Term by term (linear parameters, then non-linear ones), then base points (x, y, z each), then
-    the free components of tools.
+    the free components of tools, then where lagged bodies began in each run.
 
     Attributes
     ----------
@@ -68,6 +76,8 @@ class UnknownLayout:
         can show.
     bases, tools
         Name → slice of θ; the axes (0, 1, 2) that are free for tools.
+    starts
+        The beginnings of lagged bodies, run by run.
     """
 
     unknowns: tuple[Unknown, ...]
@@ -76,10 +86,14 @@ class UnknownLayout:
     searched: Mapping[int, NonlinearParameter] = field(default_factory=dict)
     bases: Mapping[str, slice] = field(default_factory=dict)
     tools: Mapping[str, tuple[slice, tuple[int, ...]]] = field(default_factory=dict)
+    starts: tuple[RunStart, ...] = ()
 
     @classmethod
-    def of(cls, model: Model, campaign: Campaign) -> UnknownLayout:
-        """The layout for a model and a campaign; base points that no row uses are left out."""
+    def of(cls, model: Model, campaign: Campaign, bodies: Bodies = "asked") -> UnknownLayout:
+        """The layout for a model and a campaign; base points that no row uses are left out.
+
+        `bodies`: whose beginnings are free.
+        """
         unknowns: list[Unknown] = []
         terms, counts = [], []
         searched: dict[int, NonlinearParameter] = {}
@@ -107,7 +121,8 @@ class UnknownLayout:
                 unknowns += [
                     Unknown(-1, f"tool {tool.name} {'xyz'[k]}", "mm", BASE_SCALE) for k in free
                 ]
-        return cls(tuple(unknowns), tuple(terms), tuple(counts), searched, bases, tools)
+        starts = _starts(model, campaign, bodies, unknowns)
+        return cls(tuple(unknowns), tuple(terms), tuple(counts), searched, bases, tools, starts)
 
     @property
     def size(self) -> int:
@@ -123,6 +138,10 @@ class UnknownLayout:
     def scale(self) -> F64:
         """The unknowns' scales, shape (size,)."""
         return np.array([u.scale for u in self.unknowns])
+
+    def starts_of(self, term: int) -> list[RunStart]:
+        """Where a term's bodies began, run by run."""
+        return [start for start in self.starts if start.term == term]
 
     def linear_of(self, term: int) -> slice:
         """The place of a term's linear parameters in θ."""
@@ -175,6 +194,35 @@ class UnknownLayout:
             }
             for where in self.terms
         ]
+
+
+def _starts(
+    model: Model, campaign: Campaign, bodies: Bodies, unknowns: list[Unknown]
+) -> tuple[RunStart, ...]:
+    """Beginnings of the model's lagged bodies in a campaign's runs; joins their unknowns."""
+    found: list[RunStart] = []
+    conditions, machine = campaign.conditions, model.machine
+    for i, effect in enumerate(model.effects):
+        free = beginning(effect, machine, bodies)
+        if not free:
+            continue
+        signal = machine.signals[effect.signals_needed()[0]]
+        common = 0.5 * typical(signal).change
+        for run, rows in runs_with_a_clock(conditions):
+            first = len(unknowns)
+            for p in free:
+                name = f"{p.name} at first, run {run + 1}"
+                unknowns.append(Unknown(-1, name, p.unit, plausible_scale(p) * common))
+            found.append(
+                RunStart(
+                    i,
+                    run,
+                    float(conditions.time[rows].min()),
+                    slice(first, len(unknowns)),
+                    likely_span(machine, effect, conditions, rows),
+                )
+            )
+    return tuple(found)
 
 
 def _bases_used(campaign: Campaign) -> list[str]:

@@ -6,16 +6,31 @@ from collections.abc import Iterator, Sequence
 
 from abbe.compcore.planning.instruments import PlannedInstrument
 from abbe.compcore.planning.planned_setup import PlannedSetup
-from abbe.compcore.planning.setups import lines, points, rotations
+from abbe.compcore.planning.setups import lines, plates, points, rotations
 from abbe.compcore.planning.targets import SurveyTask
 
+_OWN = {
+    *("positioning", "backlash", "cyclic", "scale_expansion", "screw_heating"),
+    "rotary_positioning",
+}
+"""Effects by which an axis errs along itself, wherever the others stand."""
 
-def possible(task: SurveyTask, instruments: Sequence[PlannedInstrument]) -> Iterator[PlannedSetup]:
-    """Set-ups within travels and outside keep-out boxes, one run each."""
-    for instrument in instruments:
-        for setup in _of(task, instrument):
-            if task.space.hindrance(task.machine, setup) is None:
-                yield setup
+
+def possible(task: SurveyTask, instruments: Sequence[PlannedInstrument]) -> Sequence[PlannedSetup]:
+    """Set-ups within travels and outside keep-out boxes, one run each.
+
+    Of a model that knows only how axes err along themselves those in which one axis moves, where
+    there are such: what squareness and angles do along a diagonal it would call positioning.
+    """
+    found = [
+        setup
+        for instrument in instruments
+        for setup in _of(task, instrument)
+        if task.space.hindrance(task.machine, setup) is None
+    ]
+    alone = [setup for setup in found if setup.axis]
+    kinds = {effect.kind for effect in task.model.effects}
+    return alone if alone and kinds and kinds <= _OWN else found
 
 
 def _of(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[PlannedSetup]:
@@ -28,6 +43,8 @@ def _of(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[PlannedSetu
         yield from points.ball_bars(task, instrument)
     elif key in ("tracker", "laser-tracker"):
         yield from points.distances(task, instrument)
+    elif key == "ball-plate" and task.plate is not None:
+        yield from plates.probed_plates(task, instrument, task.plate)
     elif key == "ball-plate":
         yield from points.ball_plates(task, instrument)
     elif key == "gauge-block":

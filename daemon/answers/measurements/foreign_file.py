@@ -145,6 +145,16 @@ def _rotary_test(
     return import_rtest(file, machine, placing, own)
 
 
+def _probed(
+    file: Path, placing: ForeignPlacing, machine: Machine | None, _: ForeignOptions
+) -> Campaign:
+    from abbe.compcore.files.importers.probed import import_probed
+
+    if machine is None:
+        raise typer.BadParameter("needed for this kind of file", param_hint="--model")
+    return import_probed(file, machine, placing)
+
+
 def _lengths(
     file: Path, placing: ForeignPlacing, machine: Machine | None, _: ForeignOptions
 ) -> Campaign:
@@ -196,6 +206,7 @@ _READERS: Mapping[ForeignLayout, _Reader] = {
     ForeignLayout.LENGTHS: _lengths,
     ForeignLayout.PLATE: _plates,
     ForeignLayout.RTEST: _rotary_test,
+    ForeignLayout.PROBED: _probed,
     ForeignLayout.LOG: _log,
 }
 

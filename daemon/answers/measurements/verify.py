@@ -28,6 +28,10 @@ STATUS = {Conformity.PASSES: 0, Conformity.FAILS: 3, Conformity.NEITHER: 4, None
 """Outcome → exit status."""
 
 
+_ROUND_OFF = 1e-6
+"""µm or µrad: a figure that the model does not have, but for rounding."""
+
+
 def outcome_words(found: Verification) -> str:
     """The outcome for people: one that rests on a state that was computed is called so."""
     if found.outcome is None or found.measured:
@@ -217,7 +221,10 @@ def said(test: LineTest, figure: str, factor: float, coverage: float) -> str:
 
 def foretold_words(one: VerifiedLine, figure: str, factor: float, coverage: float) -> str:
     """``23.0 ± 1.5``: what the model says of a figure before; empty where it says nothing."""
-    told = None if one.foretold is None else one.foretold.figures.get(figure)
-    if told is None:
+    found = None if one.foretold is None else one.foretold.figures.get(figure)
+    if found is None:
         return ""
-    return with_uncertainty(told.value * factor, scaled(told.sd, coverage * factor))
+    value, expanded = found.value * factor, scaled(found.sd, coverage * factor)
+    if max(abs(value), expanded or 0.0) < _ROUND_OFF:
+        return "0"
+    return with_uncertainty(value, expanded)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from abbe.compcore.machine.machine import Machine
 from abbe.compcore.model.uncertainty import COVERAGE, UNKNOWN
 from abbe.compcore.tables.compensation_types import on_machine, types_needed
 from abbe.compcore.tables.projection.orientation import pointing_axes
@@ -112,21 +113,28 @@ def trust_lines(controller: Controller) -> Iterator[str]:
 def remaining_rows(done: TableAnswer) -> list[tuple[str, Remainder]]:
     """What is left, named for people."""
     controller = done.request.controller
-    types = "+".join(held_types(done)[:2])
-    products = " with products" if SINGLE in done.remaining else ""
-    names = {
-        NONE: NONE,
-        SINGLE: f"{controller.name}, {types}",
-        controller.name: f"{controller.name}, {types}{products}",
-        IDEAL: f"{types}{products} without limits",
-        FULL: "L-VOL (a controller with levers)",
-    }
+    names = names_of_remaining(controller, done.model.machine, done.remaining)
     own = done.remaining[controller.name]
     return [
         (names[key], left)
         for key, left in done.remaining.items()
         if key != IDEAL or left.largest < own.largest - _WORTH
     ]
+
+
+def names_of_remaining(
+    controller: Controller, machine: Machine, remaining: Collection[str]
+) -> dict[str, str]:
+    """What a remainder is of → its name for people."""
+    types = "+".join(on_machine(controller.capability.types, machine)[:2])
+    products = " with products" if SINGLE in remaining else ""
+    return {
+        NONE: NONE,
+        SINGLE: f"{controller.name}, {types}",
+        controller.name: f"{controller.name}, {types}{products}",
+        IDEAL: f"{types}{products} without limits",
+        FULL: "L-VOL (a controller with levers)",
+    }
 
 
 def held_types(done: TableAnswer) -> tuple[str, ...]:

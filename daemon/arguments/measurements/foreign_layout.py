@@ -15,4 +15,5 @@ class ForeignLayout(StrEnum):
     LENGTHS = "lengths"
     PLATE = "plate"
     RTEST = "rtest"
+    PROBED = "probed"
     LOG = "log"

@@ -5,10 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from abbe.compcore.campaign.even_steps import even_steps
 from abbe.compcore.campaign.noise import noise_floor
+from abbe.compcore.campaign.sampling import resolves
 from abbe.compcore.diagnosis import diagnose
 from abbe.compcore.diagnosis.words import diagnosis_words
+from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.text.atomic import write_atomically
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.model.model import Model
 from abbe.daemon.answers.inputs import load
 from abbe.daemon.answers.model import expected_times as expected
 from abbe.daemon.answers.typed import Adding
@@ -44,14 +50,36 @@ def complete_model(
         adding = Adding(model, [campaign])
         for line in diagnosis_words(found, noise, (), adding.command, adding.fitting):
             say(line)
-        best = found.established[0] if found.established else None
-        if best is None:
-            break
-        spec = best.effect.spec
-        if not ask(f"add {spec}?"):
-            break
         following = out.with_name(f"{fitted.stem}-{number + 1}{fitted.suffix}")
-        add(model, spec, [campaign], following)
+        for cause in found.established:
+            spec = cause.effect.spec
+            if not ask(f"add {spec}?"):
+                continue
+            add(model, spec, [campaign], following)
+            hidden = _hidden_wave(load_model(following), spec, measured.conditions)
+            if not hidden:
+                break
+            following.unlink()
+            say(f"{spec} is not added: {hidden}")
+        else:
+            break
         model = following
     write_atomically(out, model.read_bytes())
     say(f"written: {out}, which is {model.name}")
+
+
+def _hidden_wave(model: Model, spec: str, conditions: Conditions) -> str:
+    """The wave of an effect that a campaign's even steps cannot tell from a longer one; or empty.
+
+    Between the targets such a wave would be corrected that nobody has seen.
+    """
+    steps = even_steps(conditions)
+    for term in (t for t in model.terms if t.effect.spec == spec):
+        nonlinear = term.nonlinear(model.machine)
+        for axis, wave in term.effect.repeats(model.machine, nonlinear).items():
+            if axis in steps and not is_rotary(axis) and not resolves(steps[axis], wave):
+                return (
+                    f"{axis} was read every {steps[axis]:.3g} mm, which does not tell its wave of "
+                    f"{wave:.3g} mm from a longer one; a line with other steps would"
+                )
+    return ""

@@ -3,11 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from abbe.compcore.errors import AbbeError, InputError
 from abbe.daemon.commands.calibration.request import CalibrationRequest
 from abbe.daemon.commands.calibration.state import CalibrationState
-from abbe.daemon.commands.calibration.steps import Ask, steps_of
+from abbe.daemon.commands.calibration.steps import Ask, CalibrationStep, steps_of
+
+
+@dataclass(frozen=True)
+class StepNow:
+    """A step as it stands: `at` and `note` of its record where it is done, else empty."""
+
+    step: CalibrationStep
+    at: str
+    note: str
+
+
+def steps_now(request: CalibrationRequest) -> list[StepNow]:
+    """Every step of a calibration, and whether it is done; changes nothing.
+
+    Raises
+    ------
+    InputError
+        As `CalibrationState.read`.
+    """
+    state = CalibrationState.read(request.folder, request.config)
+    found = []
+    for step in steps_of(request, lambda _: None, lambda _: False):
+        done = state.done(step.name, step.made_from, step.makes)
+        record = state.steps[step.name] if done else None
+        found.append(StepNow(step, record.at if record else "", record.note if record else ""))
+    return found
 
 
 def calibrate(
@@ -51,7 +78,7 @@ def calibrate(
             if lacking:
                 raise AbbeError(f"{step.name} needs {lacking[0]}, which is not there")
             step.run()
-            state.note(step.name, step.made_from)
+            state.note(step.name, step.made_from, request.by)
         if step.name == upto:
             return False
     return True

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from abbe.compcore.machine.machine import Machine
 from abbe.daemon.config import Configuration
+
+_OWN = {"L-POS", "R-POS"}
+"""Types of tables over an axis's own position (ISO/TR 16907, 8.2)."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +33,15 @@ class CalibrationRequest:
         Dialect of the tables; empty: the machine is corrected live.
     yes
         Whether nobody is asked.
+    by
+        Who has it done, for the state; may be empty.
+    as_json
+        Whether measuring tells JSON objects, a line each.
+    feed, stands
+        Of the programs, mm/min, and how long they stand at a target, s; None: as the instrument
+        needs.
+    at
+        Conditions that the tables are for.
     """
 
     configuration: Configuration
@@ -38,6 +52,11 @@ class CalibrationRequest:
     controller: str
     tables: str
     yes: bool
+    by: str = ""
+    as_json: bool = False
+    feed: float = 3000.0
+    stands: float | None = None
+    at: tuple[str, ...] = ("reference",)
 
     @property
     def config(self) -> Path:
@@ -62,6 +81,32 @@ class CalibrationRequest:
         """Whether tables are made and there is a controller that takes them."""
         return bool(self.tables) and self.configuration.upload is not None
 
+    @property
+    def table_options(self) -> list[str]:
+        """Options of the tables' dialect as ``abbe table --set`` takes them: those of [upload]."""
+        if self.configuration.upload is None:
+            return []
+        return [f"{k}={_as_typed(v)}" for k, v in self.configuration.upload.section.options.items()]
+
+    def holds_positioning_only(self, machine: Machine) -> bool:
+        """Whether the tables hold nothing but each axis's own positioning."""
+        from abbe.drivers.controllers import make_controller
+
+        if not self.tables:
+            return False
+        options = dict(text.split("=", 1) for text in self.table_options)
+        capability = make_controller(self.tables, machine, options).capability
+        return set(capability.types) <= _OWN
+
     def file(self, name: str) -> Path:
         """A file of the calibration."""
         return self.folder / name
+
+
+def _as_typed(value: object) -> str:
+    """A value of an option as it is typed: ``true``, ``X:1,Y:2``."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, Mapping):
+        return ",".join(f"{k}:{_as_typed(v)}" for k, v in value.items())
+    return str(value)

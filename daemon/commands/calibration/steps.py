@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from abbe.daemon.commands.calibration.acting_tables import require_acting
 from abbe.daemon.commands.calibration.diagnosing import complete_model
 from abbe.daemon.commands.calibration.live_configuration import write_live_configuration
 from abbe.daemon.commands.calibration.request import CalibrationRequest
@@ -61,7 +62,8 @@ def _measured(request: CalibrationRequest) -> Iterator[CalibrationStep]:
         loaded = load_model(request.model)
         if not loaded.effects:
             rotary = bool(loaded.machine.structure.rotary)
-            options = StartOptions(play=True, rotary_motions=rotary)
+            only = request.holds_positioning_only(loaded.machine)
+            options = StartOptions(play=True, rotary_motions=rotary, positioning_only=only)
             loaded = start_model(loaded.machine, options)
         save_model(loaded, model)
 
@@ -90,7 +92,10 @@ def _program(
     def made() -> None:
         from abbe.daemon.commands.measurements.program import program
 
-        program(plan_file, controller=request.controller, out=out, model=model)
+        program(
+            plan_file, controller=request.controller, out=out, model=model, feed=request.feed,
+            stands=request.stands,
+        )  # fmt: skip
 
     if request.controller:
         yield CalibrationStep(name, "the program of it", (plan_file,), (out,), made)
@@ -125,7 +130,10 @@ def _applied(request: CalibrationRequest) -> Iterator[CalibrationStep]:
     def made() -> None:
         from abbe.daemon.commands.tables.table import table
 
-        table(calibrated, controller=request.tables, out=tables, tool=_tool(request.tools))
+        table(
+            calibrated, controller=request.tables, out=tables, tool=_tool(request.tools),
+            at=list(request.at), settings=request.table_options,
+        )  # fmt: skip
 
     def uploaded() -> None:
         from abbe.daemon.commands.tables.upload import upload
@@ -187,10 +195,14 @@ def _measure(request: CalibrationRequest, plan_file: Path, out: Path, active: Pa
     from abbe.daemon.commands.measurements.measure import run
     from abbe.daemon.measure.show import telling
 
-    with telling(as_json=False) as tell:
+    if request.uploads:
+        require_acting(request.configuration, active)
+    with telling(as_json=request.as_json) as tell:
         run(plan_file, request.config, out, (), tell, yes=request.yes, once=False, active=active)
 
 
 def _tool(tools: Sequence[str]) -> str:
-    """The first tool's offset, for which tables are made."""
-    return tools[0].partition("=")[2] if tools else "0,0,0"
+    """The offset of the first tool of the plan, for which tables are made."""
+    from abbe.daemon.arguments.plan_arguments import tools_of
+
+    return ",".join(f"{v:g}" for v in next(iter(tools_of(tools).values())))

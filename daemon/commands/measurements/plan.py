@@ -58,6 +58,13 @@ def plan(
     tool: Tools = None,
     keep_out: KeepOutBoxes = None,
     tool_radius: ToolRadius = 0.0,
+    plate: Annotated[
+        Path | None,
+        typer.Option(
+            help="The ball plate at hand, which the machine touches itself: ball,cx,cy,cz.",
+            metavar="PLATE.csv",
+        ),
+    ] = None,
     apart: Annotated[
         list[str] | None,
         typer.Option(help="Tell these causes apart instead; give two or more.", metavar="EFFECT"),
@@ -89,7 +96,9 @@ def plan(
     from abbe.daemon.arguments.assignments import number, split_assignments
     from abbe.daemon.outputs import PLAN, REPORT, check_outputs
 
-    say = check_outputs([model], [(out, PLAN), (report, REPORT)], force=force, as_json=as_json)
+    say = check_outputs(
+        [model, plate], [(out, PLAN), (report, REPORT)], force=force, as_json=as_json
+    )
     waves = {}
     for axis, text in split_assignments(wave or []).items():
         rotary = bool(axis) and is_rotary(axis)
@@ -101,6 +110,7 @@ def plan(
         return
 
     from abbe.compcore.files.plan_file import write_plan
+    from abbe.compcore.files.plate_file import read_plate
     from abbe.compcore.planning.envelope import WorkingSpace
     from abbe.compcore.planning.targets import SurveyTask
     from abbe.daemon.answers.measurements import survey as answer
@@ -114,7 +124,7 @@ def plan(
     grown, places = with_effects(_determined(loaded), apart or [])
     task = SurveyTask(
         grown, WorkingSpace(keep_out_of(keep_out or []), tool_radius), tools_of(tool or []),
-        waves, held,
+        waves, held, None if plate is None else read_plate(plate),
     )  # fmt: skip
     made = _planned(task, instruments, preset, seconds_of(time), places, changed)
     if out is not None:

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from abbe.daemon.arguments.bounded import within
-from abbe.daemon.arguments.measurements.plan_reading import OnlySetups, PlanFile
+from abbe.daemon.arguments.measurements.plan_reading import Feed, OnlySetups, PlanFile, Stands
 from abbe.daemon.arguments.options import Force
 
 
@@ -31,9 +30,8 @@ def program(
         Path | None, typer.Option(help="List of the targets.", metavar="FILE.csv")
     ] = None,
     setup: OnlySetups = None,
-    feed: Annotated[
-        float, typer.Option(callback=within(1.0, 20000.0, "mm/min"), help="Of all moves, mm/min.")
-    ] = 3000.0,
+    feed: Feed = 3000.0,
+    stands: Stands = None,
     force: Force = False,
 ) -> None:
     """Write the program that moves a machine through a plan, target by target.
@@ -44,6 +42,7 @@ def program(
     from abbe.compcore.files.model_file import load_model
     from abbe.compcore.files.plan_file import model_of, read_plan
     from abbe.compcore.files.text.atomic import write_together
+    from abbe.compcore.planning.instruments import TOUCHED
     from abbe.compcore.planning.motion import steps_of
     from abbe.daemon.outputs import PROGRAM, TARGETS, check_outputs
     from abbe.drivers.programs.dialect import targets_csv
@@ -64,7 +63,17 @@ def program(
                 found=name,
                 expected="one of " + ", ".join(s.name for s in work.setups),
             )
-    steps = steps_of(machine, wanted, work.space)
+    touched = [s.name for s in wanted if s.instrument.key in TOUCHED]
+    if touched:
+        raise InputError(
+            "its targets are what a probe touches, and a program would drive into them",
+            file=plan,
+            field="setup",
+            found=", ".join(touched),
+            expected="for a ball plate abbe measure with a section [probing], for the rest the "
+            "controller's own probing cycles; --setup for the others",
+        )
+    steps = steps_of(machine, wanted, work.space, stands)
     title = f"{machine.name or 'machine'}, {machine.structure}"
     # all that could be refused comes before anything is written
     contents: dict[Path, str] = {out: dialect.text(steps, machine, title, feed)}

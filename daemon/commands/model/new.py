@@ -70,6 +70,12 @@ def new(
             "--bare", help="No effects: diagnose --apply finds those that the measurements show."
         ),
     ] = False,
+    positioning: Annotated[
+        bool,
+        typer.Option(
+            "--positioning", help="Of each axis its positioning alone, and its play (--play)."
+        ),
+    ] = False,
     as_json: AsJson = False,
     force: Force = False,
 ) -> None:
@@ -83,14 +89,14 @@ def new(
     from abbe.daemon.outputs import MODEL, check_outputs
 
     say = check_outputs([], [(out, MODEL)], force=force, as_json=as_json)
-    if bare and (play or rotary_motions or tool_lengths or shape or two_drives):
+    if bare and (play or rotary_motions or tool_lengths or shape or two_drives or positioning):
         raise InputError(
             "says which effects the model shall have, beside none at all",
             field="bare",
             expected="--bare without --play, --rotary-motions, --tool-lengths, --shape, "
-            "--two-drives",
+            "--two-drives, --positioning",
         )
-    wanted = StartOptions(play, rotary_motions, tool_lengths, shape, bare)
+    wanted = StartOptions(play, rotary_motions, tool_lengths, shape, bare, positioning)
     if structure is not None:
         drives = two_drives_of(two_drives or [])
         sensors = [

@@ -40,6 +40,21 @@ def open_workbench(
             metavar="FOLDER",
         ),
     ] = None,
+    tables: Annotated[
+        Path | None,
+        typer.Option(
+            help="Tables that `abbe table` wrote, to be looked at and uploaded; with a "
+            "configuration.",
+            metavar="FOLDER",
+        ),
+    ] = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of `abbe calibrate`, begun or not; with a configuration.",
+            metavar="FOLDER",
+        ),
+    ] = None,
     port: Annotated[
         int, typer.Option(help="Port on 127.0.0.1; 0: any that is free.", max=_HIGHEST, min=0)
     ] = 0,
@@ -55,20 +70,24 @@ def open_workbench(
         bool, typer.Option("--browser/--no-browser", help="Open the browser.")
     ] = True,
 ) -> None:
-    """See a run live; compare, learn what is missing, try it, add it, watch the error fall.
+    """See a run live; compare, learn what is missing, try it, add it, watch, upload, calibrate.
 
     Served to a browser on this computer alone and without the internet. Ctrl-C ends it.
     """
     from abbe.daemon.progress import shown
 
     with shown("reading"):
+        from abbe.daemon.commands.calibration.in_browser import calibration_commands
         from abbe.daemon.workbench.address import listening
+        from abbe.daemon.workbench.calibration.guide import CalibrationGuide
         from abbe.daemon.workbench.live.view import LiveView
         from abbe.daemon.workbench.opened import what_to_open
         from abbe.daemon.workbench.serve import serve
         from abbe.daemon.workbench.session import Workbench
+        from abbe.daemon.workbench.tables.desk import TableDesk
+        from abbe.daemon.workbench.views import WorkbenchViews
 
-        found = what_to_open(file, campaigns or [], holdout or [], versions)
+        found = what_to_open(file, campaigns or [], holdout or [], versions, tables, calibration)
         bench = None
         if found.model is not None:
             at_once = found.config is None
@@ -76,6 +95,12 @@ def open_workbench(
                 found.model, campaigns or [], holdout or [], versions, at_once=at_once
             )
         live = LiveView(found.config, first=bench is None or found.config is not None)
+        desk = None
+        if found.config is not None and (tables is not None or found.uploads):
+            desk = TableDesk(found.config, tables)
+        guide = None
+        if found.config is not None and calibration is not None:
+            guide = CalibrationGuide(found.config, calibration, calibration_commands())
     first = True
 
     def invite(address: str) -> None:
@@ -90,7 +115,7 @@ def open_workbench(
             _show(address)
 
     with listening(port) as made:
-        serve(bench, live, made, invite, session=session)
+        serve(WorkbenchViews(live, bench, desk, guide), made, invite, session=session)
     typer.echo("The workbench is closed.")
 
 

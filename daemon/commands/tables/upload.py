@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,8 +15,7 @@ from abbe.daemon.arguments.options import AsJson
 if TYPE_CHECKING:
     from abbe.daemon.config import Configuration
     from abbe.daemon.upload.operator import TerminalOperator
-    from abbe.daemon.upload.operator_port import OperatorPort
-    from abbe.daemon.upload.session import Result, UploadRequest
+    from abbe.daemon.upload.session import UploadRequest
 
 
 def register(app: typer.Typer) -> None:
@@ -96,6 +94,7 @@ def _change(
     import asyncio
 
     from abbe.compcore.errors import AbbeError
+    from abbe.daemon.answers.tables.upload_words import named, naming, result_json, result_lines
     from abbe.daemon.answers.tables.words import trust_lines
     from abbe.daemon.upload.operator import TerminalOperator, can_ask
     from abbe.daemon.upload.session import roll_back, setup_of, upload
@@ -109,7 +108,7 @@ def _change(
     with TerminalOperator(quiet=as_json, yes=yes) as operator:
         for line in trust_lines(setup.make_controller(configuration.model.machine)):
             operator.tell(line)
-        port = _naming(operator.port(), configuration)
+        port = naming(operator.port(), configuration.path)
         doing = (
             roll_back(configuration, request, port)
             if tables is None
@@ -117,17 +116,12 @@ def _change(
         )
         result = asyncio.run(doing)
     if as_json:
-        typer.echo(_json(_as_json(result, request), configuration))
+        typer.echo(_json(result_json(result, request), configuration))
     else:
-        for line in _lines(result, request):
-            typer.echo(_named(line, configuration))
+        for line in result_lines(result, request):
+            typer.echo(named(line, configuration.path))
     if not result.ok:
         raise typer.Exit(1)
-
-
-def _named(line: str, configuration: Configuration) -> str:
-    """A line whose command can be typed as it stands."""
-    return line.replace("abbe upload CONFIG.toml", uploading(configuration.path))
 
 
 def _json(reported: Any, configuration: Configuration) -> str:
@@ -136,44 +130,17 @@ def _json(reported: Any, configuration: Configuration) -> str:
     return json.dumps(reported, ensure_ascii=False).replace("abbe upload CONFIG.toml", named)
 
 
-def _naming(port: OperatorPort, configuration: Configuration) -> OperatorPort:
-    """A port that tells whole commands."""
-    return replace(port, tell=lambda line: port.tell(_named(line, configuration)))
-
-
-def _lines(result: Result, request: UploadRequest) -> list[str]:
-    if result.outcome is not None:
-        return result.outcome.lines()
-    if result.cleared is None:
-        return ["the earlier upload has to be brought to its end first; nothing was written"]
-    if result.cleared.nothing_to_do:
-        return [*result.cleared.lines(), "it is active already: nothing to do"]
-    if request.dry_run:
-        return [*result.cleared.lines(), "dry run: nothing was written"]
-    return ["nothing was written"]
-
-
-def _as_json(result: Result, request: UploadRequest) -> dict[str, Any]:
-    return {
-        "done": result.ok and not request.dry_run,
-        "dry_run": request.dry_run,
-        "preflight": None if result.cleared is None else result.cleared.as_json(),
-        "nothing_to_do": result.cleared is not None and result.cleared.nothing_to_do,
-        "recovered": None if result.recovered is None else result.recovered.as_json(),
-        **({} if result.outcome is None else result.outcome.as_json()),
-    }
-
-
 def _recover(configuration: Configuration, request: UploadRequest, as_json: bool) -> None:
     import asyncio
 
+    from abbe.daemon.answers.tables.upload_words import named, naming
     from abbe.daemon.upload.operator import TerminalOperator
     from abbe.daemon.upload.session import finish
 
     with TerminalOperator(quiet=as_json, yes=True) as operator:
         operator.begin("recovering")
         outcome = asyncio.run(
-            finish(configuration, request, _naming(operator.port(), configuration))
+            finish(configuration, request, naming(operator.port(), configuration.path))
         )
     if as_json:
         reported = {"recovered": None if outcome is None else outcome.as_json()}
@@ -182,7 +149,7 @@ def _recover(configuration: Configuration, request: UploadRequest, as_json: bool
         typer.echo("no upload was cut off: nothing to recover")
     else:
         for line in outcome.lines():
-            typer.echo(_named(line, configuration))
+            typer.echo(named(line, configuration.path))
     if outcome is not None and outcome.open:
         raise typer.Exit(1)
 
@@ -190,6 +157,7 @@ def _recover(configuration: Configuration, request: UploadRequest, as_json: bool
 def _status(configuration: Configuration, as_json: bool) -> None:
     import asyncio
 
+    from abbe.daemon.answers.tables.upload_words import named
     from abbe.daemon.upload.operator import TerminalOperator
     from abbe.daemon.upload.session import opened, working
     from abbe.daemon.upload.status import status, status_lines
@@ -205,7 +173,7 @@ def _status(configuration: Configuration, as_json: bool) -> None:
         typer.echo(json.dumps(found, ensure_ascii=False))
         return
     for line in status_lines(found):
-        typer.echo(_named(line, configuration))
+        typer.echo(named(line, configuration.path))
 
 
 def _check(configuration: Configuration, as_json: bool) -> None:

@@ -14,6 +14,7 @@ from abbe.daemon.config.sections.guard import GuardSection
 from abbe.daemon.config.sections.http import HttpSection
 from abbe.daemon.config.sections.measure import InstrumentSection, MeasureSection
 from abbe.daemon.config.sections.output import OutputSection
+from abbe.daemon.config.sections.probing import ProbingSection
 from abbe.daemon.config.sections.readings import (
     AxisSection,
     ControllerSection,
@@ -98,6 +99,7 @@ class ConfigFile(Section):
     checks: ChecksSection = ChecksSection()
     instrument: dict[str, InstrumentSection] = Field(default_factory=dict)
     measure: MeasureSection = MeasureSection()
+    probing: ProbingSection | None = None
     control: ControlSection | None = None
     http: HttpSection | None = None
     upload: UploadSection | None = None

@@ -35,7 +35,8 @@ _STATUS_WITHIN = 2.0
 """s in which the run has to say something."""
 _ANSWER_WITHIN = 30.0
 """s for an operation: a model is folded anew."""
-_OVER = "the run is over"
+OVER = "the run is over"
+"""What is said to who asks then."""
 _QUEUE = 256
 """Cycles that wait for one client."""
 
@@ -80,6 +81,10 @@ class Subscription:
         self._waiting.append((number, event))
         self._something.set()
 
+    def wake(self) -> None:
+        """Whoever waits for a cycle waits no longer."""
+        self._something.set()
+
     async def take(self, within: float) -> tuple[list[tuple[int, bytes]], int]:
         """All that waits, and how many are missing since the last call; empty when nothing comes.
 
@@ -120,6 +125,7 @@ class Hub:
         self._status: bytes = b""
         self._status_at = -1e9
         self._asked: asyncio.Future[bytes] | None = None
+        self._asked_at = -1e9
         self._answers: dict[int, asyncio.Future[dict[str, Any]]] = {}
         self._numbers = itertools.count()
         self._subscriptions: set[Subscription] = set()
@@ -144,9 +150,12 @@ class Hub:
                 self._take(*await next_frame(self._reader))
         except (asyncio.IncompleteReadError, ConnectionError):
             self.ended = True
+            for subscription in self._subscriptions:
+                subscription.wake()
             for waiting in (self._asked, *self._answers.values()):
                 if waiting is not None and not waiting.done():
-                    waiting.set_exception(SilentRunError(_OVER))
+                    waiting.set_exception(SilentRunError(OVER))
+                    waiting.exception()  # nobody may wait for it any more
 
     def _take(self, kind: FeedFrame, content: bytes) -> None:
         if kind is FeedFrame.STATUS:
@@ -193,15 +202,19 @@ class Hub:
         if time.monotonic() - self._status_at < _GOOD_FOR:
             return self._status
         if self.ended:
-            raise SilentRunError(_OVER)
+            raise SilentRunError(OVER)
+        now = time.monotonic()
+        # one answer for all who wait, however late it comes: the end of the run has to find them
         if self._asked is None:
             self._asked = asyncio.get_running_loop().create_future()
+            self._asked_at = -1e9
+        if now - self._asked_at > _STATUS_WITHIN:
+            self._asked_at = now
             self.say(WantStatus())
         try:
             async with asyncio.timeout(_STATUS_WITHIN):
                 return await asyncio.shield(self._asked)
         except TimeoutError:
-            self._asked = None
             raise SilentRunError(f"the run has not answered within {_STATUS_WITHIN:g} s") from None
 
     async def do(self, request: Request, who: str) -> dict[str, Any]:

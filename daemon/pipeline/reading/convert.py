@@ -121,13 +121,14 @@ class PositionConverter:
         latest, problem = self._watch.taken(batch, now) if self._dated else (math.inf, "")
         oldest = now - self._stale_after
         times = []
+        fresh = oldest <= latest
         for name, link, channel, convert, low, high in self._steps:
             sample = batch.get(link, _NOTHING).get(channel, _MISSING)
             if convert is not None:
                 sample = convert(sample)
             value, time, quality, _ = sample
             times.append(time)
-            if quality is _GOOD and time >= oldest <= latest and low <= value <= high:
+            if fresh and quality is _GOOD and time >= oldest and low <= value <= high:
                 positions.append(value)
             else:
                 positions.append(math.nan)

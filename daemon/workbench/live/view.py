@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
 from starlette.responses import Response
 
+from abbe.compcore.campaign.measuring_conditions import STATED
 from abbe.compcore.errors import AbbeError, InputError
+from abbe.compcore.model.model import Model
 from abbe.daemon.answers.inputs import now
+from abbe.daemon.config import load_config
 from abbe.daemon.config.identity import abbe_version
+from abbe.daemon.report.head import AIR, facts_of
+from abbe.daemon.status.run_status import RunStatus
 from abbe.daemon.workbench.live import history
 from abbe.daemon.workbench.live.follower import LiveFollower
 from abbe.daemon.workbench.live.present import PresentRun
@@ -42,26 +48,42 @@ class LiveView:
 
     def state(self) -> dict[str, Any]:
         """What the page asks of a session, where there is none."""
-        return {"changes": 0, "task": None, "error": "", "version": "", "first": "only live"}
+        return {"changes": 0, "task": None, "error": "", "version": ""}
 
     def head(self) -> dict[str, Any]:
         """Machine, date, files of the run."""
-        machine, files = "Abbe", []
+        machine, files, air = "Abbe", [], []
+        model = self._model()
         try:
             status = self._present.status()
         except AbbeError:
-            pass
+            if model is not None:
+                machine = model.machine.name or "Machine"
         else:
             machine = status.machine or "Machine"
             files = [[f.role, Path(f.path).name, f.sha256] for f in status.files]
+            air = list(_air(status, model))
         made = now()
+        facts = facts_of([], None if model is None else model.machine)
+        facts |= {STATED["machine"]: machine, STATED["date"]: made}
+        facts[STATED["environment"]] = "; ".join(air)
+        del facts[STATED["instrument"]]
         return {
             "machine": machine,
-            "facts": [["Date", made]],
+            "facts": [list(fact) for fact in facts.items()],
             "files": files,
             "abbe": abbe_version(),
             "made": made,
         }
+
+    def _model(self) -> Model | None:
+        """The model of the run, or of the configuration where none is seen."""
+        if self._present.model_or_none is not None or self._present.config is None:
+            return self._present.model_or_none
+        try:
+            return load_config(self._present.config).model
+        except AbbeError:
+            return None
 
     def routes(self) -> APIRouter:
         """The routes."""
@@ -101,3 +123,12 @@ class LiveView:
                 expected="a line [records] in its configuration",
             )
         return path
+
+
+def _air(status: RunStatus, model: Model | None) -> Iterator[str]:
+    """What thermometers in the air show at present."""
+    for name, signal in status.signals.items():
+        known = None if model is None else model.machine.signals.get(name)
+        if known is not None and known.role in AIR and signal.value is not None:
+            unit = "°C" if signal.unit == "degC" else signal.unit
+            yield f"{name} {signal.value:.2f} {unit}"

@@ -1,4 +1,5 @@
 // Elements, requests and numbers. Text goes into the page as text only, never as HTML.
+import {label} from "./language.js";
 import {colours, onColours} from "./theme.js";
 
 /** An element: tag, properties (`class`, `on…`, attributes), children (elements or text). */
@@ -19,7 +20,7 @@ export function table(title, columns, cells, last = null) {
   const numeric = columns.map((_, k) => cells.some((row) => /^[−–]?[\d.]+$/.test(row[k])));
   const side = (k) => (numeric[k] ? "number" : null);
   // a column without a name is no heading
-  const head = columns.map((name, k) => (name ? el("th", {scope: "col", class: side(k)}, name) : el("td", {})));
+  const head = columns.map((name, k) => (name ? el("th", {scope: "col", class: side(k)}, label(name)) : el("td", {})));
   const body = cells.map((row, i) => el("tr", {},
     ...row.map((text, k) => el("td", {class: side(k)}, text)),
     last ? el("td", {}, last(i)) : null));
@@ -53,9 +54,11 @@ export async function get(path) {
   return answer(await fetch(path, {cache: "no-store"}));
 }
 
-export async function post(path, body = {}) {
+/** Have something done; `token` where that takes a role. */
+export async function post(path, body = {}, token = "") {
+  const role = token ? {authorization: `Bearer ${token}`} : {};
   return answer(await fetch(path, {
-    method: "POST", headers: {"content-type": "application/json"}, body: JSON.stringify(body),
+    method: "POST", headers: {"content-type": "application/json", ...role}, body: JSON.stringify(body),
   }));
 }
 

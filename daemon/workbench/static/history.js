@@ -1,8 +1,10 @@
 // The past of a run: a picture for each kind of series, the same time in all; zoom asks the server again.
+import {t} from "./language.js";
 import {el, get, number, Refusal} from "./dom.js";
 import {colours, curve, onColours} from "./theme.js";
 
 const SPANS = {Hour: 3600, Day: 86400, Month: 30 * 86400};
+const LAST = {Hour: t("Last hour"), Day: t("Last day"), Month: t("Last month")};
 const FOLLOW = 10_000; // ms until the present is asked for again
 const HEIGHT = 190;
 let library = null;
@@ -21,18 +23,18 @@ export class History {
     this.span = "Hour";
     this.zooms = [];
     this.pictures = [];
-    this.said = el("p", {class: "note", role: "status"}, "Being read …");
+    this.said = el("p", {class: "note", role: "status"}, t("Being read …"));
     this.buttons = Object.keys(SPANS).map((name) => el("button", {class: "small", "data-span": name,
-      "aria-pressed": String(name === this.span), onclick: () => this.#choose(name)}, `Last ${name.toLowerCase()}`));
+      "aria-pressed": String(name === this.span), onclick: () => this.#choose(name)}, LAST[name]));
     const tool = (words, act) => el("button", {class: "small", onclick: act}, words);
-    this.back = tool("Back", () => { this.zooms.pop(); this.#load(); });
+    this.back = tool(t("Back"), () => { this.zooms.pop(); this.#load(); });
     this.place = el("div", {class: "panels charts"});
-    this.node = el("section", {id: "history"}, el("h2", {}, "History"),
+    this.node = el("section", {id: "history"}, el("h2", {}, t("History")),
       el("p", {class: "tools"}, ...this.buttons,
-        tool("Earlier", () => this.#zoom((a, b) => [a - 0.5 * (b - a), a + 0.5 * (b - a)])),
-        tool("Later", () => this.#zoom((a, b) => [a + 0.5 * (b - a), b + 0.5 * (b - a)])),
-        tool("Closer", () => this.#zoom((a, b) => [a + 0.25 * (b - a), b - 0.25 * (b - a)])),
-        tool("Wider", () => this.#zoom((a, b) => [a - 0.5 * (b - a), b + 0.5 * (b - a)])),
+        tool(t("Earlier"), () => this.#zoom((a, b) => [a - 0.5 * (b - a), a + 0.5 * (b - a)])),
+        tool(t("Later"), () => this.#zoom((a, b) => [a + 0.5 * (b - a), b + 0.5 * (b - a)])),
+        tool(t("Closer"), () => this.#zoom((a, b) => [a + 0.25 * (b - a), b - 0.25 * (b - a)])),
+        tool(t("Wider"), () => this.#zoom((a, b) => [a - 0.5 * (b - a), b + 0.5 * (b - a)])),
         this.back),
       this.said, this.place);
     this.timer = setInterval(() => { if (!this.zooms.length && this.span !== "Month") this.#load(); }, FOLLOW);
@@ -72,14 +74,13 @@ export class History {
       this.range = this.zooms.at(-1) ?? [Math.max(now - SPANS[this.span], Math.min(oldest, now - 60)), now];
       this.#lay(known.pictures);
       this.said.textContent = known.pictures.length
-        ? `${when(this.range[0])} to ${when(this.range[1])}. Lines are means, shades reach from the least to the `
-          + "greatest. Drag across a picture to see a part of it."
-        : "Nothing has been recorded yet.";
+        ? t("{from} to {to}. Lines are means, shades reach from the least to the greatest. Drag across a picture to see a part of it.", {from: when(this.range[0]), to: when(this.range[1])})
+        : t("Nothing has been recorded yet.");
       await Promise.all(this.pictures.map((picture) => picture.load(...this.range)));
       [this.node.dataset.first, this.node.dataset.last] = this.range.map((t) => t.toFixed(3));
       this.node.dataset.ready = String(turn);
     } catch (error) {
-      if (turn === this.turn) this.said.textContent = error instanceof Refusal ? error.message : "The records cannot be read now.";
+      if (turn === this.turn) this.said.textContent = error instanceof Refusal ? error.message : t("The records cannot be read now.");
     }
   }
 
@@ -97,7 +98,7 @@ class PastPicture {
   constructor(wanted, zoom) {
     this.wanted = wanted;
     this.zoom = zoom;
-    this.place = el("div", {class: "chart", role: "img", "aria-label": `${wanted.title}, over time; the numbers stand below.`});
+    this.place = el("div", {class: "chart", role: "img", "aria-label": t("{what}, over time; the numbers stand below.", {what: wanted.title})});
     this.values = wanted.series.map(() => el("span", {class: "number"}));
     this.names = wanted.series.map((name, k) => el("span", {class: "curve"},
       el("i", {class: `swatch swatch-${k % 7}`}), `${name} `, this.values[k]));

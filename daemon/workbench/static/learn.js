@@ -1,4 +1,5 @@
 // Learn: which cause is missing; any cause tried by hand before it is added.
+import {t} from "./language.js";
 import {draw, el, table} from "./dom.js";
 import {tryOut} from "./what_if.js";
 
@@ -8,29 +9,28 @@ const MOST = 12; // candidates that are listed
 export function learnView(found, state, act) {
   const trial = el("section", {id: "what-if", class: "card"});
   const open = (spec) => tryOut(trial, spec, found, state, act);
-  const add = (spec, words = "Add it and refit") => el("button", {class: "main add",
+  const add = (spec, words = t("Add it and refit")) => el("button", {class: "main add",
     disabled: !state.writes, "data-spec": spec, onclick: () => act("/api/add", {spec})}, words);
   const attempt = (spec) => el("button", {class: "small try", "data-spec": spec,
-    onclick: () => { open(spec); trial.scrollIntoView({block: "nearest"}); }}, "Try it");
+    onclick: () => { open(spec); trial.scrollIntoView({block: "nearest"}); }}, t("Try it"));
   const view = [el("section", {class: "verdict"},
     el("h1", {class: found.verdict === "complete" ? "good" : "bad"}, found.title),
     ...found.said.map((text) => el("p", {}, text)),
     state.writes ? null : el("p", {class: "warning"},
-      "Nothing can be added: no folder for versions was stated. Start again with  "
-      + "abbe open … --versions FOLDER"))];
+      t("Nothing can be added: no folder for versions was stated. Start again with  abbe open … --versions FOLDER")))];
   const causes = el("div", {class: "causes"});
   found.causes.forEach((cause, k) => causes.append(causeCard(cause, k, add, attempt)));
   for (const s of found.structure) {
     const place = el("div", {class: "plot"});
-    causes.append(el("section", {class: "card"}, el("h2", {}, "What no cause explains"),
+    causes.append(el("section", {class: "card"}, el("h2", {}, t("What no cause explains")),
       el("p", {}, s.said), place, s.spec ? el("p", {},
-        "A formula describes it without explaining it: ", el("code", {}, s.spec), " ",
-        add(s.spec, "Add the formula")) : null));
+        t("A formula describes it without explaining it: "), el("code", {}, s.spec), " ",
+        add(s.spec, t("Add the formula"))) : null));
     draw(place, s.figure);
   }
   if (found.verdict === "changed" || found.verdict === "complete")
     causes.append(el("p", {}, el("button", {class: "main", id: "fit", disabled: !state.writes,
-      onclick: () => act("/api/fit")}, "Fit the model as it is to these campaigns")));
+      onclick: () => act("/api/fit")}, t("Fit the model as it is to these campaigns"))));
   view.push(el("div", {class: "columns"}, causes, trial));
   view.push(others(found, open, trial, attempt));
   view.push(adviceView(found));
@@ -41,10 +41,10 @@ export function learnView(found, state, act) {
 
 /** What to measure next; it is known a little later than the causes. */
 export function adviceView(found) {
-  return el("section", {id: "advice"}, el("h2", {}, "What to measure next"),
-    found.advice === null ? el("p", {}, "being worked out …")
+  return el("section", {id: "advice"}, el("h2", {}, t("What to measure next")),
+    found.advice === null ? el("p", {}, t("being worked out …"))
       : found.advice.length ? el("ul", {}, ...found.advice.map((text) => el("li", {}, text)))
-        : el("p", {}, "Nothing that would tell more stands out."));
+        : el("p", {}, t("Nothing that would tell more stands out.")));
 }
 
 function causeCard(cause, k, add, attempt) {
@@ -55,16 +55,15 @@ function causeCard(cause, k, add, attempt) {
     el("p", {}, el("code", {}, cause.spec)),
     el("p", {}, add(cause.spec), " ", attempt(cause.spec)),
     cause.instrument ? el("p", {class: "warning"},
-      "It belongs to the instrument: it never goes into the machine's compensation.") : null,
+      t("It belongs to the instrument: it never goes into the machine's compensation.")) : null,
     el("p", {}, cause.explanation),
-    table("", ["parameter", "fitted", "plausible", "what it is"], cause.parameters),
+    table("", [t("parameter"), t("fitted"), t("plausible"), t("what it is")], cause.parameters),
     place,
-    el("p", {class: "note"}, "Each dot is a row: what the cause would add, and what is left without "
-      + "it. Means on the dashed line: it explains them."),
-    cause.aliases.length ? table("What this campaign cannot tell from it",
-      ["cause", "what it is", "χ² that tells them apart (14 is certain)"], cause.aliases,
+    el("p", {class: "note"}, t("Each dot is a row: what the cause would add, and what is left without it. Means on the dashed line: it explains them.")),
+    cause.aliases.length ? table(t("What this campaign cannot tell from it"),
+      [t("cause"), t("what it is"), t("χ² that tells them apart (14 is certain)")], cause.aliases,
       (i) => attempt(cause.aliases[i][0])) : null,
-    el("details", {}, el("summary", {}, "The same as a command"),
+    el("details", {}, el("summary", {}, t("The same as a command")),
       el("pre", {}, cause.command)));
 }
 
@@ -76,14 +75,13 @@ function others(found, open, trial, attempt) {
     event.preventDefault();
     if (wanted.value.trim()) { open(wanted.value.trim()); trial.scrollIntoView({block: "nearest"}); }
   };
-  return el("section", {}, el("h2", {}, "What else it could be"),
-    el("p", {}, `${found.tested} causes were tested. Evidence of 12 is convincing, a lead of 10 over `
-      + "the next is a clear distinction."),
-    table("The strongest, each alone against the model as it is", ["cause", "what it is", "evidence"],
+  return el("section", {}, el("h2", {}, t("What else it could be")),
+    el("p", {}, t("{n} causes were tested. Evidence of 12 is convincing, a lead of 10 over the next is a clear distinction.", {n: found.tested})),
+    table(t("The strongest, each alone against the model as it is"), [t("cause"), t("what it is"), t("evidence")],
       listed.map((c) => [c.spec, c.said, c.evidence === null ? "–" : c.evidence.toFixed(1)]),
       (i) => attempt(listed[i].spec)),
-    el("form", {onsubmit: go}, el("label", {for: "any-cause"}, "Try any other: "), wanted, " ",
-      el("button", {class: "small"}, "Try it"),
+    el("form", {onsubmit: go}, el("label", {for: "any-cause"}, t("Try any other: ")), wanted, " ",
+      el("button", {class: "small"}, t("Try it")),
       el("datalist", {id: "all-causes"},
         ...found.candidates.map((c) => el("option", {value: c.spec}, c.said)))));
 }

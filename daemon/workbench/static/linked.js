@@ -1,5 +1,6 @@
 // What is selected in one picture is selected in all: rows of the campaign, by their place in the
 // arrays that the server sent.
+import {t} from "./language.js";
 import {number} from "./dom.js";
 
 export class Linked {
@@ -51,7 +52,7 @@ export class Linked {
     const r = this.rows;
     const where = Object.entries(r.axes).map(([a, q]) => `${a} ${number(q.at[i], 5)} ${q.unit}`);
     return [`${number(this.values[i])} ${r.units[r.part[i]]}`,
-      `${r.setups[r.setup[i]] || "no set-up"}, line ${r.line[i]}`, where.join(", ")];
+      t("{setup}, line {line}", {setup: r.setups[r.setup[i]] || t("no set-up"), line: r.line[i]}), where.join(", ")];
   }
 
   words() {
@@ -61,7 +62,7 @@ export class Linked {
       if (!own.length) return null;
       const mean = own.reduce((a, b) => a + b, 0) / own.length;
       const rms = Math.sqrt(own.reduce((a, b) => a + b * b, 0) / own.length);
-      return `${own.length} rows, rms ${number(rms)} ${unit}, mean ${number(mean)}`;
+      return t("{n} rows, rms {rms} {unit}, mean {mean}", {n: own.length, rms: number(rms), unit, mean: number(mean)});
     });
     const setups = new Map();
     for (const i of chosen) {
@@ -69,7 +70,7 @@ export class Linked {
       setups.set(name, (setups.get(name) ?? 0) + 1);
     }
     const most = [...setups].sort((a, b) => b[1] - a[1]).slice(0, 3).map(([name]) => name);
-    const more = setups.size > 3 ? ` and ${setups.size - 3} more set-ups` : "";
-    return `Selected: ${parts.filter(Boolean).join("; ")} – in ${most.join(", ")}${more}`;
+    const more = setups.size > 3 ? t(" and {n} more set-ups", {n: setups.size - 3}) : "";
+    return t("Selected: {what} – in {where}", {what: parts.filter(Boolean).join("; "), where: most.join(", ") + more});
   }
 }

@@ -1,4 +1,5 @@
 // Live: the machine as it stands, in the words of `abbe status`; its volume now; what was.
+import {t} from "./language.js";
 import {el, get, number, Refusal, table} from "./dom.js";
 import {History, when} from "./history.js";
 import {FigureInSpace} from "./space.js";
@@ -9,7 +10,7 @@ export class Live {
   /** `seen` is called when a run is seen that was not before. */
   constructor(seen) {
     this.seen = seen;
-    this.state = el("h1", {id: "state"}, "Looking for a run …");
+    this.state = el("h1", {id: "state"}, t("Looking for a run …"));
     this.age = el("p", {class: "note", id: "age"});
     this.lost = el("p", {class: "warning", id: "lost", role: "alert", hidden: true});
     this.warnings = el("div", {id: "warnings"});
@@ -21,12 +22,12 @@ export class Live {
     this.now = el("div", {id: "now"},
       this.axes,
       el("div", {class: "columns"},
-        this.volume = el("section", {class: "card", id: "volume"}, el("h2", {}, "The volume now"), el("p", {class: "note"}, "Being worked out …")),
-        el("section", {class: "card"}, el("h2", {}, "Sensors and links"), this.warm, this.links)));
+        this.volume = el("section", {class: "card", id: "volume"}, el("h2", {}, t("The volume now")), el("p", {class: "note"}, t("Being worked out …"))),
+        el("section", {class: "card"}, el("h2", {}, t("Sensors and links")), this.warm, this.links)));
     this.node = el("div", {class: "live"},
       el("section", {class: "verdict"}, this.state, this.age, this.lost, this.warnings), this.now);
     this.past = el("div", {});
-    this.node.append(this.past, el("details", {}, el("summary", {}, "Cycle, journal, files"), this.more));
+    this.node.append(this.past, el("details", {}, el("summary", {}, t("Cycle, journal, files")), this.more));
     this.#listen();
   }
 
@@ -45,14 +46,13 @@ export class Live {
     });
     take("run", (found) => this.#run(found));
     take("cycle", (found) => this.#cycle(found));
-    take("lost", (found) => this.#lose(`The machine is not seen since ${when(Date.parse(found.since) / 1000)}: `
-      + `${found.why}. It is asked again every second.`));
+    take("lost", (found) => this.#lose(t("The machine is not seen since {since}: {why}. It is asked again every second.", {since: when(Date.parse(found.since) / 1000), why: found.why})));
     source.onerror = () => {
       if (this.ending) return;
-      const since = this.heard ? when(this.heard / 1000) : "the beginning";
+      const since = this.heard ? when(this.heard / 1000) : t("the beginning");
       this.#lose(source.readyState === EventSource.CLOSED
-        ? "The workbench does not let this window look any more. Open the address that its terminal shows."
-        : `The server is lost since ${since}. It is asked again; if 'abbe open' was ended, start it anew.`);
+        ? t("The workbench does not let this window look any more. Open the address that its terminal shows.")
+        : t("The server is lost since {since}. It is asked again; if 'abbe open' was ended, start it anew.", {since}));
     };
     this.clock = setInterval(() => this.#say(), 1000);
     this.volumes = setInterval(() => { if (!document.hidden && !this.isLost) this.#volume(); }, VOLUME_EVERY);
@@ -63,7 +63,7 @@ export class Live {
     this.lost.textContent = words;
     this.lost.hidden = false;
     this.node.classList.add("old");
-    if (!this.found) this.state.textContent = "No run is seen";
+    if (!this.found) this.state.textContent = t("No run is seen");
     this.node.dataset.seen = "lost";
     this.#say();
   }
@@ -73,7 +73,7 @@ export class Live {
     if (!this.found) return;
     const seconds = Math.max(0, (Date.now() - this.heard) / 1000);
     this.age.textContent = this.isLost || seconds > 3
-      ? `What stands here is ${number(seconds, 2)} s old and says nothing of the present.`
+      ? t("What stands here is {s} s old and says nothing of the present.", {s: number(seconds, 2)})
       : `${when(Date.parse(this.found.at) / 1000)}; ${this.found.cycle}`;
   }
 
@@ -89,18 +89,18 @@ export class Live {
     this.state.className = found.light;
     this.warnings.replaceChildren(
       ...found.faults.map((text) => el("p", {class: "warning"}, text)),
-      ...found.less_sure.map((text) => el("p", {class: "warning"}, `less sure: ${text}`)),
+      ...found.less_sure.map((text) => el("p", {class: "warning"}, t("less sure: {what}", {what: text}))),
       ...[...found.checks, ...found.switches].map((text) => el("p", {class: "note"}, text)));
     this.#axes(found.axes);
-    this.warm.replaceChildren(table("", ["Sensor", "Where", "Reads", "Age"],
+    this.warm.replaceChildren(table("", [t("Sensor"), t("Where"), t("Reads"), t("Age")],
       found.signals.map((s) => [s.name, s.where, s.value, s.stale || s.age])));
     found.signals.forEach((s, k) => {
       if (s.stale) this.warm.querySelectorAll("tbody tr")[k].className = "stale";
     });
     this.links.replaceChildren(...found.links.map((l) => el("li", {class: l.light}, l.words)));
     this.more.replaceChildren(el("p", {}, found.cycle),
-      table("What runs", ["", "File", "SHA-256", ""], found.files),
-      table("Journal, newest first", ["Time", "", "What"], found.events));
+      table(t("What runs"), ["", t("File"), "SHA-256", ""], found.files),
+      table(t("Journal, newest first"), [t("Time"), "", t("What")], found.events));
     this.#say();
     if (first || back) {
       this.seen();
@@ -155,10 +155,10 @@ class AxisCard {
     this.corrected = el("p", {class: "large"});
     this.guard = el("span", {class: "guard"});
     this.stale = el("p", {class: "warning", hidden: true});
-    this.measured = row("error, measured independently", this.parts.measured);
-    this.node = el("section", {class: "card axis", "data-axis": name, "aria-label": `Axis ${name}`},
+    this.measured = row(t("error, measured independently"), this.parts.measured);
+    this.node = el("section", {class: "card axis", "data-axis": name, "aria-label": t("Axis {name}", {name})},
       el("h2", {}, name, " ", this.guard), this.corrected,
-      el("dl", {}, row("indicated", this.parts.indicated), row("correction", this.parts.correction), this.measured),
+      el("dl", {}, row(t("indicated"), this.parts.indicated), row(t("correction"), this.parts.correction), this.measured),
       this.stale);
   }
 
@@ -168,7 +168,7 @@ class AxisCard {
     put(this.guard, axis.guard);
     this.guard.className = `guard ${axis.light}`;
     put(this.parts.indicated, axis.indicated);
-    put(this.parts.correction, [axis.correction || "none", axis.sure ? `± ${axis.sure}` : ""].join(" "));
+    put(this.parts.correction, [axis.correction || t("none"), axis.sure ? `± ${axis.sure}` : ""].join(" "));
     if (axis.measured) put(this.parts.measured, axis.measured);
     if (!this.parts.measured.textContent) this.measured.hidden = true;
     else this.measured.hidden = false;

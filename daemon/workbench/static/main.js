@@ -1,15 +1,22 @@
 // The frame: what is known of the machine, what is under way, and the views.
+import {label, offerLanguages, t, translatePage} from "./language.js";
 import {el, get, post, Refusal} from "./dom.js";
+import {Calibration} from "./calibrate.js";
 import {compareView} from "./compare.js";
 import {adviceView, learnView} from "./learn.js";
 import {Live} from "./live.js";
+import {moment, reportOf} from "./paper.js";
+import {Tables} from "./tables.js";
 import {watchView} from "./watch.js";
 
-let TABS = ["live", "compare", "learn", "watch"];
+let TABS = ["live", "compare", "learn", "watch", "tables", "calibrate"];
+/** Views that follow by themselves what they show. */
+const OWN = {live: () => new Live(() => header().catch(() => {})), tables: () => new Tables(),
+  calibrate: () => new Calibration()};
 const QUICK = 250, CALM = 1500; // ms between two looks at the server
 const $ = (id) => document.getElementById(id);
 const view = $("view");
-let tab = null, live = null, seen = null, state = null, ended = false, mine = false, drawing = 0;
+let tab = null, own = null, seen = null, state = null, ended = false, mine = false, drawing = 0;
 
 /** Show a tab; what it needs is computed if nobody has asked for it yet. */
 async function show(name) {
@@ -20,18 +27,19 @@ async function show(name) {
   }
   view.setAttribute("aria-labelledby", `tab-${name}`);
   $("selection").hidden = true;
-  if (name !== "live") { live?.close(); live = null; }
+  if (own && own.name !== name) { own.close(); own = null; }
   await refresh();
 }
 
 /** Draw the present tab with what is known. */
 async function refresh() {
   const turn = ++drawing;
-  if (tab === "live") {
-    if (live) return;
-    live = new Live(() => header().catch(() => {}));
-    view.replaceChildren(live.node);
-    view.dataset.tab = "live";
+  if (tab in OWN) {
+    if (own) return;
+    own = OWN[tab]();
+    own.name = tab;
+    view.replaceChildren(own.node);
+    view.dataset.tab = tab;
     return;
   }
   const found = await get(`/api/${tab}`);
@@ -39,7 +47,7 @@ async function refresh() {
   let parts;
   if (found === null) {
     if (tab !== "watch" && !state?.task && !state?.error) await ask(`/api/${tab}`);
-    parts = [el("p", {class: "waiting"}, state?.error ? "Not known." : "Being worked out …")];
+    parts = [el("p", {class: "waiting"}, state?.error ? t("Not known.") : t("Being worked out …"))];
   } else if (tab === "compare") parts = compareView(found, () => show("learn"));
   else if (tab === "learn") {
     const key = JSON.stringify([state.version, found.title, found.rms]);
@@ -87,7 +95,7 @@ async function look() {
   if (tab === null) begin();
   $("task").hidden = now.task === null;
   if (now.task) {
-    const left = now.task.left > 2 ? `, about ${Math.ceil(now.task.left)} s left` : "";
+    const left = now.task.left > 2 ? t(", about {s} s left", {s: Math.ceil(now.task.left)}) : "";
     $("task-words").textContent = `${now.task.what}: ${now.task.stage}${left}`;
     $("task-bar").value = now.task.done;
   }
@@ -96,7 +104,7 @@ async function look() {
   seen = now.changes;
   if (now.error) trouble(now.error);
   else if (before && before.version !== now.version && !mine)
-    trouble(`The model is ${now.version} now: it was changed in another window.`);
+    trouble(t("The model is {version} now: it was changed in another window.", {version: now.version}));
   else if (over || before?.error) trouble("");
   if (!now.task) mine = false;
   await header();
@@ -105,21 +113,14 @@ async function look() {
 
 /** Which views there are, and the one that is shown first. */
 function begin() {
-  tab = state.first === "compare" ? "compare" : "live";
-  if (state.first === "only live") {
-    TABS = ["live"];
-    for (const name of ["compare", "learn", "watch"]) $(`tab-${name}`).remove();
-  }
+  tab = state.first;
+  for (const name of TABS) if (!state.views.includes(name)) $(`tab-${name}`).remove();
+  TABS = state.views;
   for (const t of TABS) {
     $(`tab-${t}`).setAttribute("aria-selected", String(t === tab));
     $(`tab-${t}`).tabIndex = t === tab ? 0 : -1;
   }
   view.setAttribute("aria-labelledby", `tab-${tab}`);
-}
-
-/** A moment as people write it. */
-function moment(text) {
-  return /^\d{4}-\d\d-\d\dT/.test(text) ? text.slice(0, 16).replace("T", " ") : text;
 }
 
 async function header() {
@@ -129,13 +130,13 @@ async function header() {
   $("version").textContent = state.version;
   const facts = $("facts");
   facts.querySelector("dl").replaceChildren(...head.facts.map(([name, text]) =>
-    el("div", {}, el("dt", {}, name), el("dd", {class: text ? null : "unstated"}, moment(text) || "not stated"))));
+    el("div", {}, el("dt", {}, label(name)), el("dd", {class: text ? null : "unstated"}, moment(text) || t("not stated")))));
   facts.querySelector("table").replaceChildren(el("tbody", {}, ...head.files.map(([part, file, sha]) =>
     el("tr", {}, el("td", {}, part), el("td", {}, file),
       el("td", {}, el("code", {class: "sha"}, sha || "–"))))));
   const said = head.facts.filter(([name]) => ["Date", "Serial number"].includes(name));
   facts.querySelector("summary").textContent = [
-    ...said.map(([name, text]) => `${name}: ${moment(text) || "not stated"}`),
+    ...said.map(([name, text]) => `${label(name)}: ${moment(text) || t("not stated")}`),
     ...head.files.map(([part, file, sha]) => `${part}: ${file} (${sha.slice(0, 12)})`)].join(" · ");
   $("made").textContent = `Abbe ${head.abbe}, ${moment(head.made)}`;
 }
@@ -148,7 +149,7 @@ async function watchOver() {
     } catch (error) {
       view.classList.add("lost");
       trouble(error instanceof Refusal ? error.message
-        : "The workbench does not answer. It is asked again; if 'abbe open' was ended, start it anew.");
+        : t("The workbench does not answer. It is asked again; if 'abbe open' was ended, start it anew."));
       seen = null;
     }
     await new Promise((resolve) => setTimeout(resolve, state?.task ? QUICK : CALM));
@@ -166,12 +167,34 @@ for (const name of TABS) {
     show(next);
   });
 }
+/** What is shown now, as a page of its own; the window asks for `madeReport`. */
+async function report() {
+  const button = $("report");
+  button.disabled = true;
+  try {
+    const name = $(`tab-${tab}`).textContent.replace(/^\d /, "");
+    window.madeReport = await reportOf(view, name, await get("/api/head"), state.version);
+    if (window.open("report.html", "_blank")) trouble("");
+    else trouble(t("The browser did not let the report's window open: allow it, and press Report once more."));
+  } catch (error) {
+    trouble(t("The report could not be made: {why}", {why: error.message}));
+  } finally {
+    button.disabled = false;
+  }
+}
+
+$("report").addEventListener("click", report);
 $("end").addEventListener("click", async () => {
+  try {
+    await post("/api/end");
+  } catch (error) {
+    trouble(error.message);
+    return;
+  }
   ended = true;
-  live?.close();
-  await ask("/api/end");
-  document.body.replaceChildren(el("main", {}, el("h1", {}, "The workbench is closed."),
-    el("p", {}, "The versions that were made lie in their folder. This window can be closed.")));
+  own?.close();
+  document.body.replaceChildren(el("main", {}, el("h1", {}, t("The workbench is closed.")),
+    el("p", {}, t("The versions that were made lie in their folder. This window can be closed."))));
 });
 // a session lasts while somebody is there: what pages ask by themselves does not count
 let here = Date.now();
@@ -181,4 +204,6 @@ for (const kind of ["pointerdown", "keydown"])
     here = Date.now();
     post("/api/here").catch(() => {});
   });
+translatePage();
+offerLanguages($("language"));
 watchOver();

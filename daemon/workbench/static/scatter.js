@@ -1,4 +1,5 @@
 // A picture of residuals against something, on a canvas: thousands of points, redrawn in a blink.
+import {label, t} from "./language.js";
 import {el, number} from "./dom.js";
 import {line, sharp} from "./space.js";
 import {colours, onColours} from "./theme.js";
@@ -39,10 +40,10 @@ export class Scatter {
     const pad = 0.03 * (this.high - this.low);
     [this.low, this.high] = [this.low - pad, this.high + pad];
     this.canvas = el("canvas", {role: "img",
-      "aria-label": `Residuals ${panel.title}: ${own.length} rows. The tables select rows, too.`});
+      "aria-label": t("Residuals {where}: {n} rows. The tables select rows, too.", {where: label(panel.title), n: own.length})});
     this.tip = el("output", {class: "tip", hidden: true});
     this.node = el("figure", {class: "scatter", "data-panel": `${panel.part} ${panel.title}`},
-      el("figcaption", {}, panel.title), el("div", {}, this.canvas, this.tip));
+      el("figcaption", {}, label(panel.title)), el("div", {}, this.canvas, this.tip));
     this.#listen();
     linked.pictures.push(this);
     onColours(this.canvas, () => this.draw());
@@ -135,7 +136,7 @@ export class Scatter {
         pen.fillText(number(v, 4), x, HEIGHT - EDGE.bottom + 4);
       }
       pen.fillText(this.label, EDGE.left + this.#wide / 2, HEIGHT - 14);
-    } else pen.fillText("one column for each set-up", EDGE.left + this.#wide / 2, HEIGHT - 22);
+    } else pen.fillText(t("one column for each set-up"), EDGE.left + this.#wide / 2, HEIGHT - 22);
     pen.save();
     pen.translate(9, EDGE.top + this.#tall / 2);
     pen.rotate(-Math.PI / 2);

@@ -1,4 +1,5 @@
 // A box in space on a canvas, turned with the mouse, a finger or the arrow keys; paper gets it as it stands.
+import {t} from "./language.js";
 import {el, number} from "./dom.js";
 import {colours, onColours} from "./theme.js";
 
@@ -9,7 +10,7 @@ export class Space {
   constructor(ends, names, label) {
     this.turn = [-0.6, 0.45];
     this.names = names;
-    this.canvas = el("canvas", {role: "img", tabindex: 0, "aria-label": `${label} Arrow keys turn it.`});
+    this.canvas = el("canvas", {role: "img", tabindex: 0, "aria-label": t("{what} Arrow keys turn it.", {what: label})});
     this.setEnds(ends);
     this.#listen();
     onColours(this.canvas, () => this.draw());
@@ -184,9 +185,21 @@ function ends(values) {
   return [own.reduce((a, b) => Math.min(a, b)), own.reduce((a, b) => Math.max(a, b))];
 }
 
+let finer = 0; // dots for each of the screen's; 0: as the screen
+
+/** Have pictures drawn finer than the screen while `act` lasts. */
+export async function drawnFiner(factor, act) {
+  finer = factor;
+  try {
+    return await act();
+  } finally {
+    finer = 0;
+  }
+}
+
 /** A canvas's pen, as sharp as the screen. */
 export function sharp(canvas, height) {
-  const scale = window.devicePixelRatio || 1;
+  const scale = finer || window.devicePixelRatio || 1;
   const [wide, tall] = [Math.round(canvas.clientWidth * scale), Math.round(height * scale)];
   if (canvas.width !== wide || canvas.height !== tall) [canvas.width, canvas.height] = [wide, tall];
   const pen = canvas.getContext("2d");

@@ -23,11 +23,26 @@ export function onColours(element, draw) {
   redraws.add([new WeakRef(element), draw]);
 }
 
-function changed() {
+async function changed() {
   known = null;
+  const drawn = [];
   for (const entry of redraws) {
-    if (entry[0].deref()?.isConnected) entry[1]();
+    if (entry[0].deref()?.isConnected) drawn.push(entry[1]());
     else redraws.delete(entry);
+  }
+  await Promise.all(drawn);
+}
+
+/** Have everything in the colours of paper while `act` lasts. */
+export async function onPaper(act) {
+  const root = document.documentElement.classList;
+  root.add("on-paper");
+  try {
+    await changed();
+    return await act();
+  } finally {
+    root.remove("on-paper");
+    await changed();
   }
 }
 

@@ -1,4 +1,5 @@
 // Residuals in the machine's volume, as arrows along the measured direction.
+import {t} from "./language.js";
 import {el, number} from "./dom.js";
 import {max, min} from "./scatter.js";
 import {line, Space} from "./space.js";
@@ -13,7 +14,7 @@ export class Volume extends Space {
     super([0, 1, 2].map((k) => {
       const own = indices.map((i) => rows.place[3 * i + k]);
       return [min(own), max(own)];
-    }), ["X", "Y", "Z"], "Residuals in the volume. The tables select rows, too.");
+    }), ["X", "Y", "Z"], t("Residuals in the volume. The tables select rows, too."));
     this.linked = linked;
     this.reach = reach;
     this.selects = false;
@@ -21,10 +22,9 @@ export class Volume extends Space {
     const mode = el("button", {"aria-pressed": "false", onclick: () => {
       this.selects = !this.selects;
       mode.setAttribute("aria-pressed", String(this.selects));
-    }}, "Select instead of turning");
+    }}, t("Select instead of turning"));
     this.node = el("figure", {class: "volume", "data-panel": `${part} volume`},
-      el("figcaption", {}, `In the volume: each arrow stands where the axes stood, along what was `
-        + `measured; blue is minus, orange plus; the longest is ${number(reach / 1.05)} ${rows.units[part]}. `,
+      el("figcaption", {}, t("In the volume: each arrow stands where the axes stood, along what was measured; blue is minus, orange plus; the longest is {size} {unit}. ", {size: number(reach / 1.05), unit: rows.units[part]}),
       mode),
       el("div", {}, this.canvas));
     linked.pictures.push(this);

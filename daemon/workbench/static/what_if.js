@@ -1,4 +1,5 @@
 // What if: sliders for a cause's parameters; the residuals answer while they are moved.
+import {t} from "./language.js";
 import {el, number, post} from "./dom.js";
 import {Linked} from "./linked.js";
 import {legend} from "./compare.js";
@@ -14,7 +15,7 @@ export async function tryOut(place, spec, found, state, act) {
   try {
     answer = await post("/api/try", {spec});
   } catch (error) {
-    place.replaceChildren(el("h2", {}, "What if"), el("p", {class: "warning"}, error.message));
+    place.replaceChildren(el("h2", {}, t("What if")), el("p", {class: "warning"}, error.message));
     return;
   }
   if (place.dataset.spec !== spec) return; // another one was asked for meanwhile
@@ -32,8 +33,8 @@ export async function tryOut(place, spec, found, state, act) {
   };
   const ask = latest(async () => show(await post("/api/try", {spec, values})));
   const controls = answer.sliders.map((s) => new Slider(s, (v) => { values[s.name] = v; ask(); }));
-  const amount = new Slider({name: "amount of it", unit: "%", value: 100, low: 0, high: 200,
-    what: "0 %: not at all; 100 %: as the measurements say"}, (v) => {
+  const amount = new Slider({name: t("amount of it"), unit: "%", value: 100, low: 0, high: 200,
+    what: t("0 %: not at all; 100 %: as the measurements say")}, (v) => {
     answer.sliders.forEach((s, k) => {
       if (!s.amount) return;
       values[s.name] = (best[s.name] * v) / 100;
@@ -45,23 +46,22 @@ export async function tryOut(place, spec, found, state, act) {
     amount.set(100);
     controls.forEach((c, k) => c.set((values[answer.sliders[k].name] = answer.sliders[k].value)));
     ask();
-  }}, "As the measurements say");
+  }}, t("As the measurements say"));
   const own = panelsOf(found, answer.where);
   const nodes = controls.map((c) => c.node);
   place.replaceChildren(
-    el("h2", {}, "What if"), el("p", {}, el("code", {}, spec)),
-    el("p", {}, "Move a slider: what would be left if this were in the model, and all the rest of "
-      + "the model fitted again? Nothing is added before you say so."),
+    el("h2", {}, t("What if")), el("p", {}, el("code", {}, spec)),
+    el("p", {}, t("Move a slider: what would be left if this were in the model, and all the rest of the model fitted again? Nothing is added before you say so.")),
     bars.node, amount.node,
     ...(nodes.length > MANY
-      ? [el("details", {}, el("summary", {}, `its ${nodes.length} parameters`), ...nodes)] : nodes),
+      ? [el("details", {}, el("summary", {}, t("its {n} parameters", {n: nodes.length})), ...nodes)] : nodes),
     el("p", {}, back, " ", el("button", {class: "main add", disabled: !state.writes,
-      "data-spec": spec, onclick: () => act("/api/add", {spec})}, "Add it and refit")),
+      "data-spec": spec, onclick: () => act("/api/add", {spec})}, t("Add it and refit"))),
     el("p", {class: "legend"}, el("span", {}, el("b", {class: "before"}, "■"),
-      " grey: left by the model as it is; in colour: with this cause")),
+      t(" grey: left by the model as it is; in colour: with this cause"))),
     el("div", {class: "panels"},
       ...own.map((panel) => new Scatter(panel, linked, reach[panel.part]).node)),
-    el("details", {}, el("summary", {}, "What the marks mean"), legend()));
+    el("details", {}, el("summary", {}, t("What the marks mean")), legend()));
   show(answer);
   place.dataset.ready = "1";
 }
@@ -136,13 +136,13 @@ class Bars {
     this.said = el("span", {});
     const before = el("div", {class: "bar"});
     before.style.width = `${(100 * rms) / this.full}%`;
-    const rows = [el("div", {class: "bars-row"}, el("span", {}, "as it is"), el("div", {}, before),
+    const rows = [el("div", {class: "bars-row"}, el("span", {}, t("as it is")), el("div", {}, before),
       el("span", {}, `${number(rms)} ${unit} rms`)),
-    el("div", {class: "bars-row"}, el("span", {}, "with it"), el("div", {}, this.bar), this.said)];
+    el("div", {class: "bars-row"}, el("span", {}, t("with it")), el("div", {}, this.bar), this.said)];
     if (floor !== null) {
       const noise = el("div", {class: "bar noise"});
       noise.style.width = `${Math.min(100, (100 * floor) / this.full)}%`;
-      rows.push(el("div", {class: "bars-row"}, el("span", {}, "noise floor"), el("div", {}, noise),
+      rows.push(el("div", {class: "bars-row"}, el("span", {}, t("noise floor")), el("div", {}, noise),
         el("span", {}, `${number(floor)} ${unit}`)));
     }
     this.node = el("div", {class: "bars"}, ...rows);

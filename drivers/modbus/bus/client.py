@@ -45,6 +45,7 @@ from pymodbus.pdu.register_message import (
     ReadInputRegistersRequest,
     WriteSingleRegisterRequest,
 )
+from pymodbus.transaction import TransactionManager
 
 from abbe.drivers.link import (
     LinkDownError,
@@ -110,6 +111,9 @@ class ModbusClient:
         self._tcp_framer: StrictTcpFramer | None = None
         self._answer: asyncio.Future[ModbusPDU] | None = None
         self._wait_limit = WaitLimit(_expire)
+        # the request of the last read: a live cycle asks for the same again and again
+        self._asked: Span | None = None
+        self._question = ModbusPDU()
         self.asked_at = time.monotonic()
         """`time.monotonic()` in s just before the last request was sent."""
         self.answered_at = time.monotonic()
@@ -138,6 +142,8 @@ class ModbusClient:
                 trace_connect=self._on_connect,
             )
             client.ctx.framer = self._tcp_framer = StrictTcpFramer(decoder())
+            received = self._receiver(client.ctx, self._tcp_framer)
+            client.ctx.data_received = received  # type: ignore[assignment,method-assign]
         else:
             client = AsyncModbusSerialClient(
                 str(config.port),
@@ -189,8 +195,12 @@ class ModbusClient:
         LinkDownError, LinkTimeoutError, LinkProtocolError
             As in `abbe.drivers.link`; `GatewayError` and `RefusedError` among them.
         """
-        request = _READ[span.table](address=span.address, count=span.count, dev_id=span.unit)
-        head = span.answer
+        if span is not self._asked:
+            self._asked = span
+            self._question = _READ[span.table](
+                address=span.address, count=span.count, dev_id=span.unit
+            )
+        head, request = span.answer, self._question
         answer = await self._execute(request, span, head, 2 + head[1])
         if type(answer) is Confirmed:
             return answer.payload
@@ -280,7 +290,13 @@ class ModbusClient:
         if began > until:
             raise TooLateError("too old before it could be sent, so not sent")
         try:
-            reply = await self._transact(client, request, limit)
+            # in place of pymodbus's execute, which goes round the event loop once more for its
+            # time-out, has the retries, and does not notice the loss of the connection
+            answer: asyncio.Future[ModbusPDU] = asyncio.get_running_loop().create_future()
+            context.response_future = self._answer = answer
+            self._wait_limit.begin(answer, limit)
+            context.pdu_send(request)
+            reply = await answer
         except LinkDownError:
             raise
         except TimeoutError as exc:
@@ -288,6 +304,7 @@ class ModbusClient:
         except OSError as exc:
             raise LinkDownError(f"cannot send on {config.where}: {exc}") from exc
         finally:
+            self._wait_limit.end()
             self.answered_at = time.monotonic()
         self.round_trip = self.answered_at - began
         if type(reply) is Confirmed:
@@ -313,22 +330,25 @@ class ModbusClient:
         more = f" ({strange} bytes came that answer something else)" if strange else ""
         return LinkTimeoutError(f"no answer from unit {span.unit} in {limit:.3g} s{more}")
 
-    async def _transact(self, client: _Client, request: ModbusPDU, limit: float) -> ModbusPDU:
-        """Send a request and wait at most `limit` s for what the framer takes for its answer.
+    def _receiver(
+        self, context: TransactionManager, framer: StrictTcpFramer
+    ) -> Callable[[bytes], None]:
+        """What takes a TCP connection's bytes: the expected answer at once, all else as pymodbus.
 
-        In place of pymodbus's ``execute``, which goes round the event loop once more for its
-        time-out, has the retries, and does not notice the loss of the connection.
+        Nearly every answer comes whole and alone; on pymodbus's way it is copied four times.
         """
-        context = client.ctx
-        loop = asyncio.get_running_loop()
-        answer: asyncio.Future[ModbusPDU] = loop.create_future()
-        context.response_future = self._answer = answer
-        self._wait_limit.begin(answer, limit)
-        try:
-            context.pdu_send(request)
-            return await answer
-        finally:
-            self._wait_limit.end()
+        otherwise = context.data_received
+
+        def received(data: bytes) -> None:
+            answer = self._answer
+            if not context.recv_buffer and answer is not None and not answer.done():
+                found = framer.expected(data)
+                if found is not None:
+                    answer.set_result(found)
+                    return
+            otherwise(data)
+
+        return received
 
     def _out_of_step(self, client: _Client) -> LinkDownError:
         """Close a connection whose byte stream cannot be followed any more; the error to raise."""

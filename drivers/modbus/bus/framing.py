@@ -113,6 +113,12 @@ class StrictTcpFramer(FramerSocket):
         self._wanted = _HEADER.pack(transaction, 0, size + 1, unit) + answer
         self._size = size + _HEADER.size
 
+    def expected(self, data: bytes) -> Confirmed | None:
+        """The answer, where `data` is all of it and nothing else; else None."""
+        if len(data) == self._size and data.startswith(self._wanted):
+            return Confirmed(data[len(self._wanted) :])
+        return None
+
     def decode(self, data: bytes) -> tuple[int, int, int, bytes]:
         """As the base class, with transaction id −1, which no request has, in place of 0."""
         used, unit, transaction, frame = super().decode(data)
@@ -122,8 +128,8 @@ class StrictTcpFramer(FramerSocket):
         self, data: bytes, exp_devid: int, exp_tid: int
     ) -> tuple[int, ModbusPDU | None]:
         """As the base class, but an undecodable answer is no answer and no error in asyncio."""
-        if len(data) == self._size and data.startswith(self._wanted):
-            return self._size, Confirmed(data[len(self._wanted) :])
+        if (answer := self.expected(data)) is not None:
+            return self._size, answer
         try:
             return super().handleFrame(data, exp_devid, exp_tid)
         except ModbusIOException:

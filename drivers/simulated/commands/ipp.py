@@ -10,11 +10,15 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from abbe.drivers.simulated.bridge.machine import TOOL, make_bridge
 from abbe.drivers.simulated.bridge.plant import Disturbances, Plant, shop_climate
 from abbe.drivers.simulated.commands.point_argument import point
+from abbe.drivers.simulated.ipp.carrier import ProbeCarrier
 from abbe.drivers.simulated.ipp.machine import COORDINATES, IppMachine
 from abbe.drivers.simulated.ipp.server import IppServer
+from abbe.drivers.simulated.ipp.workpiece import SimulatedPlate
 from abbe.drivers.simulated.remote_control import Orders, announce, serve_orders
 
 
@@ -45,6 +49,9 @@ def _parser() -> argparse.ArgumentParser:
         "--stand-at", type=point, metavar="X,Y,Z", help="go there and stand instead of moving, mm"
     )
     parser.add_argument("--rotary", action="store_true", help="with a rotary table")
+    parser.add_argument(
+        "--hurry", type=float, default=1.0, help="moves so many times faster than it is told"
+    )
     parser.add_argument("--seats", type=int, default=1, help="clients at the same time")
     parser.add_argument(
         "--die-with-stdin", action="store_true", help="take orders there, end when it ends"
@@ -65,13 +72,38 @@ async def _serve(options: argparse.Namespace) -> None:
         options.tool,
         disturbances=disturbances,
     )
-    server = IppServer(IppMachine(plant, rotary=options.rotary), options.seats)
+    carrier = ProbeCarrier(plant, options.hurry)
+    server = IppServer(IppMachine(plant, rotary=options.rotary), options.seats, carrier)
     port = await server.start(options.host, options.port)
     announce(ready=True, protocol="ipp", host=options.host, port=port, pid=os.getpid())
     try:
         await serve_orders(_orders(server), die_with_stdin=options.die_with_stdin)
     finally:
         server.go()
+
+
+def table_orders(server: IppServer) -> Orders:
+    """What somebody at the machine's table can do, and ask of the truth."""
+    carrier, plant = server.carrier, server.machine.plant
+
+    def plate(balls: list[list[float]], diameter: float, **lies: Any) -> None:
+        carrier.plates[:] = [SimulatedPlate(np.array(balls), diameter, **lies)]
+
+    def gone(ball: int, *, back: bool = False) -> None:
+        if back:
+            carrier.lift()
+        for one in carrier.plates:
+            one.gone = one.gone - {ball} if back else one.gone | {ball}
+
+    def thermistors(lost: int) -> None:
+        plant.disturbances.thermistors_open = lost
+
+    def truth(points: list[list[float]], tool: list[float]) -> dict[str, Any]:
+        at = plant.latch(time.monotonic()).temperatures
+        errors = plant.machine.error(np.array(points), np.tile(at, (len(points), 1)), tool)
+        return {"errors": errors.tolist(), "temperatures": at.tolist()}
+
+    return {"plate": plate, "gone": gone, "thermistors": thermistors, "truth": truth}
 
 
 def _orders(server: IppServer) -> Orders:
@@ -121,11 +153,13 @@ def _orders(server: IppServer) -> Orders:
     def report() -> dict[str, Any]:
         return {
             "commands": list(server.commands),
+            "nearest_way": server.carrier.nearest_way,
             "clients": len(server.connections),
             "turned_away": server.turned_away,
         }
 
     return {
+        **table_orders(server),
         "silent": silent,
         "fault": fault,
         "error": error,

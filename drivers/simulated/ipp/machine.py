@@ -24,6 +24,10 @@ class UnknownError(LookupError):
     """The machine has no such axis, or no such property."""
 
 
+class ScaleSensorError(LookupError):
+    """A scale's temperature cannot be told."""
+
+
 class IppMachine:
     """The bridge as an I++ DME server shows it.
 
@@ -36,12 +40,14 @@ class IppMachine:
 
     Attributes
     ----------
+    plant
+        As given.
     coordinates
         In which system positions are; the part's lies 100, 200, −50 mm off the machine's.
     """
 
     def __init__(self, plant: Plant, *, rotary: bool = False) -> None:
-        self._plant = plant
+        self.plant = plant
         self._rotary = rotary
         self._began = time.monotonic()
         self.coordinates = "MachineCsy"
@@ -55,10 +61,10 @@ class IppMachine:
             When there is no such axis.
         """
         now = time.monotonic()
-        latch = self._plant.latch(now)
+        latch = self.plant.latch(now)
         origin = (100.0, 200.0, -50.0) if self.coordinates == "PartCsy" else (0.0, 0.0, 0.0)
         known = {
-            axis: latch.position[i] + self._plant.tool[i] - origin[i] for i, axis in enumerate(AXES)
+            axis: latch.position[i] + self.plant.tool[i] - origin[i] for i, axis in enumerate(AXES)
         } | {"Tool.A": 0.0, "Tool.B": 90.0}
         if self._rotary:
             known["R"] = math.fmod(0.1 * (now - self._began), 360.0)
@@ -78,7 +84,7 @@ class IppMachine:
             "Part.XpanCoefficient": (11.5,),
             "Tool.Name": ("Probe1",),
             "Tool.Alignment": (0.0, 0.0, 1.0),
-            "Tool.AvrOffsets": self._plant.tool,
+            "Tool.AvrOffsets": self.plant.tool,
         }
         return _found(known, name)
 
@@ -89,15 +95,21 @@ class IppMachine:
         ------
         UnknownError
             When there is no such scale.
+        ScaleSensorError
+            When one of its thermistors is broken.
         """
         places = self._places()
+        broken = self.plant.disturbances.thermistors_open
+        for axis in axes:
+            if any(broken >> PLACES.index(p) & 1 for p in _found(SCALE_SENSORS, axis)):
+                raise ScaleSensorError(axis)
         return {
             axis: round(0.5 * sum(places[place] for place in _found(SCALE_SENSORS, axis)), 4)
             for axis in axes
         }
 
     def _places(self) -> dict[str, float]:
-        latch, machine = self._plant.latch(time.monotonic()), self._plant.machine
+        latch, machine = self.plant.latch(time.monotonic()), self.plant.machine
         shown = (latch.temperatures + machine.sensor_errors).tolist()
         return dict(zip(PLACES, shown, strict=True))
 

@@ -12,9 +12,11 @@ import asyncio
 import math
 import re
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 
-from abbe.drivers.simulated.ipp.machine import IppMachine, UnknownError
+from abbe.drivers.simulated.ipp.carrier import ProbeCarrier
+from abbe.drivers.simulated.ipp.machine import IppMachine, ScaleSensorError, UnknownError
 from abbe.drivers.simulated.ipp.wire import (
     IppCommandError,
     IppFaults,
@@ -24,6 +26,7 @@ from abbe.drivers.simulated.ipp.wire import (
 )
 
 _LINE = re.compile(r"(\d{5}|E\d{4}) ([A-Za-z]\w*)\((.*)\)\s*")
+_MOTIONS = ("GoTo", "PtMeas")
 _PACE = 0.005
 """s between two looks whether a move is to be reported."""
 _LEAST_TIME = 0.1
@@ -39,6 +42,9 @@ class IppConnection(asyncio.Protocol):
         self._held = b""
         self._session = False
         self._stopped = False
+        self._behind: deque[str] = deque()
+        """Commands that wait for the machine to come where it is sent."""
+        self._motion: asyncio.Task[None] | None = None
         self._reports: dict[str, asyncio.Task[None]] = {}
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -52,10 +58,11 @@ class IppConnection(asyncio.Protocol):
         self._server.connections.append(self)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """End its reports."""
+        """End its reports, and stop the machine where it is on the way for this client."""
         if self in self._server.connections:
             self._server.connections.remove(self)
         self._end_reports()
+        self._abort()
 
     def data_received(self, data: bytes) -> None:
         """Carry out the commands that the bytes complete."""
@@ -95,7 +102,14 @@ class IppConnection(asyncio.Protocol):
             self.say(f'{tag} ! Error(2, 0001, "", "Illegal tag")\r\n{tag} %\r\n')
             return
         tag, method, arguments = found.groups()
+        if self._motion is not None and not method.endswith("E"):
+            self._behind.append(line)
+            return
         server.commands.append(f"{method}({arguments})")
+        if method in _MOTIONS and self._session and not self._stopped:
+            self.say(f"{tag} &\r\n")
+            self._motion = asyncio.ensure_future(self._move(tag, method, arguments))
+            return
         answer = [] if faults.untaken > 0 else [f"{tag} &"]
         faults.untaken = max(0, faults.untaken - 1)
         try:
@@ -117,6 +131,27 @@ class IppConnection(asyncio.Protocol):
             asyncio.get_running_loop().call_later(faults.lateness, self.say, text)
         else:
             self.say(text)
+
+    async def _move(self, tag: str, method: str, arguments: str) -> None:
+        """Carry out a command that takes the machine somewhere, then what waits behind it."""
+        try:
+            text = await self._server.carrier.carry_out(method, arguments)
+            answer = "" if text is None else f"{tag} # {text}\r\n"
+        except IppCommandError as error:
+            self._stopped = self._stopped or error.severity >= 2
+            answer = error_line(tag, error.severity, error.number, method, error.text) + "\r\n"
+        except asyncio.CancelledError:
+            self._stopped = True
+            answer = error_line(tag, 2, 6, method, "Transaction aborted") + "\r\n"
+        self._motion = None
+        self.say(f"{answer}{tag} %\r\n")
+        while self._behind and self._motion is None:
+            self._carry_out(self._behind.popleft())
+
+    def _abort(self) -> None:
+        self._server.carrier.halt()
+        if self._motion is not None:
+            self._motion.cancel()
 
     def _result(self, tag: str, method: str, arguments: str) -> list[str]:
         """The texts of data of a command, mostly one or none."""
@@ -152,6 +187,20 @@ class IppConnection(asyncio.Protocol):
         self._stopped = False
         return []
 
+    def _do_AbortE(self, tag: str, arguments: str) -> list[str]:
+        self._abort()
+        return []
+
+    def _do_OnPtMeasReport(self, tag: str, arguments: str) -> list[str]:
+        if [name for name, _ in named_arguments(arguments)] != ["X", "Y", "Z"]:
+            raise IppCommandError(3, 509, "Bad argument")
+        return []
+
+    def _do_SetProp(self, tag: str, arguments: str) -> list[str]:
+        for name, value in named_arguments(arguments):
+            self._server.carrier.set_property(name, value)
+        return []
+
     def _do_GetDMEVersion(self, tag: str, arguments: str) -> list[str]:
         return ['DMEVersion("1.4")']
 
@@ -178,6 +227,8 @@ class IppConnection(asyncio.Protocol):
             values = self._server.machine.scale_temperatures(names)
         except UnknownError:
             raise IppCommandError(9, 1002, "Axis does not exist") from None
+        except ScaleSensorError:
+            raise IppCommandError(1, 1500, "No scale temperature") from None
         return [", ".join(f"{name}({value})" for name, value in values.items())]
 
     def _do_OnMoveReportE(self, tag: str, arguments: str) -> list[str]:
@@ -240,6 +291,8 @@ class IppServer:
         What it speaks for.
     seats
         Clients that it takes at the same time; further ones are turned away.
+    carrier
+        What moves and touches.
 
     Attributes
     ----------
@@ -247,8 +300,11 @@ class IppServer:
         What clients sent, without tags.
     """
 
-    def __init__(self, machine: IppMachine, seats: int = 1) -> None:
+    def __init__(
+        self, machine: IppMachine, seats: int = 1, carrier: ProbeCarrier | None = None
+    ) -> None:
         self.machine = machine
+        self.carrier = carrier or ProbeCarrier(machine.plant)
         self.seats = seats
         self.faults = IppFaults()
         self.connections: list[IppConnection] = []

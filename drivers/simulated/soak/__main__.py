@@ -35,7 +35,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say(f"{asked.seconds:g} s, seed {asked.seed} …")
         outcome = soak.run()
     _report(outcome)
-    return 1 if outcome.violations or outcome.http.wrong else 0
+    curves = (outcome.memory, outcome.http_memory)
+    grows = any(found is not None and found.shown for found in (c.growth for c in curves))
+    return 1 if outcome.violations or outcome.http.wrong or grows else 0
 
 
 def _report(outcome: SoakOutcome) -> None:
@@ -58,7 +60,7 @@ def _report(outcome: SoakOutcome) -> None:
         f"clients               {outcome.answers} answers at the control socket",
         f"clients over HTTP     {_counts(outcome.http.answers)} answers; silent ones cut off "
         f"{outcome.http.cut}, rubbish {outcome.http.rubbish}, {outcome.http.gone} found nobody, "
-        f"{len(outcome.http.wrong)} wrong answers",
+        f"{len(outcome.http.wrong) + outcome.http.more} wrong answers",
         *outcome.http.wrong,
     )
     _say_memory("memory               ", outcome.memory)
@@ -68,9 +70,8 @@ def _report(outcome: SoakOutcome) -> None:
 def _say_memory(what: str, memory: MemoryCurve) -> None:
     if life := memory.longest:
         _say(
-            f"{what} {life[0][1]:.1f} MB at first, {life[-1][1]:.1f} MB after "
-            f"{life[-1][0]:.0f} s; {memory.growth:+.2f} MB an hour after "
-            f"{min(SETTLED, life[-1][0] / 2):.0f} s"
+            f"{what} {life[0][1]:.1f} MB at first, {life[-1][1]:.1f} MB after {life[-1][0]:.0f} s; "
+            f"after {SETTLED:g} s: {memory.growth or 'watched for too short a time'}"
         )
 
 

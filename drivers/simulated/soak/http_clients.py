@@ -52,7 +52,10 @@ class ClientCounts:
     gone
         Connections that ended in the middle, or could not be made: Abbe was not there.
     wrong
-        Answers that are none: another status than 200 and 503, or an event out of order.
+        Answers that are none: another status than 200 and 503, or an event out of order; the first
+        of them.
+    more
+        How many more there were.
     """
 
     answers: dict[str, int] = field(default_factory=dict)
@@ -60,6 +63,7 @@ class ClientCounts:
     rubbish: int = 0
     gone: int = 0
     wrong: list[str] = field(default_factory=list)
+    more: int = 0
 
     def answered(self, path: str) -> None:
         """One more answer to a path."""
@@ -72,6 +76,8 @@ class ClientCounts:
         """Note an answer that is none; the first of them tell enough."""
         if len(self.wrong) < 20:
             self.wrong.append(text)
+        else:
+            self.more += 1
 
 
 class AskingClients:

@@ -19,6 +19,7 @@ WATCHDOG = 4.0
 """s without a sign of life until the process is killed."""
 START = 60.0
 """s for it to be ready, on a busy computer."""
+_OWN = ("Anonymous:", "Swap:")
 _FAKETIME = "*/faketime/libfaketime.so.1"
 
 
@@ -177,16 +178,16 @@ class Supervisor:
         made.replace(self._clock)
 
     def memory(self) -> float:
-        """Resident memory, MB."""
-        return _resident(self.pid)
+        """Its own memory, MB."""
+        return _own_memory(self.pid)
 
     def http_memory(self) -> float:
-        """Resident memory of its HTTP process, MB; NaN while there is none."""
+        """That of its HTTP process, MB; NaN while there is none."""
         try:
             said = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text(encoding="ascii")
         except OSError:
             return float("nan")
-        return _resident(int(said.split()[0])) if said.split() else float("nan")
+        return _own_memory(int(said.split()[0])) if said.split() else float("nan")
 
     def close(self) -> None:
         """End everything."""
@@ -229,9 +230,15 @@ class Supervisor:
                         self._due = time.monotonic() + WATCHDOG
 
 
-def _resident(pid: int) -> float:
+def _own_memory(pid: int) -> float:
+    """What a process has taken for itself, in memory or swapped out, MB; NaN where it is gone.
+
+    Not the pages of files that it reads: how many of its libraries lie in memory is the kernel's
+    doing, and those of its database belong to the computer.
+    """
     try:
-        pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
-    except (OSError, IndexError):
+        text = Path(f"/proc/{pid}/smaps_rollup").read_text(encoding="ascii")
+    except OSError:
         return float("nan")
-    return pages * resource.getpagesize() / 1e6
+    kilobytes = [int(line.split()[1]) for line in text.splitlines() if line.startswith(_OWN)]
+    return sum(kilobytes) * 1024e-6 if kilobytes else float("nan")

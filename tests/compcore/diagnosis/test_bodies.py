@@ -4,63 +4,13 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.diagnosis.screening.candidates import candidates
 from abbe.compcore.diagnosis.stepwise import Course, to_the_verdict
 from abbe.compcore.effects import make_effect
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.model_file import parse_model
-from abbe.compcore.files.text.toml_source import TomlSource
-from abbe.compcore.model.model import Model
-from benchmarks.hidden.judging.trial import as_campaign
-
-F64 = NDArray[np.float64]
-
-MINUTE = 60.0
-
-
-def body(speed: F64, tau: float, begins: float | None) -> F64:
-    """A body that follows a speed, by small steps of its heat balance (Euler, 600 a minute).
-
-    `begins`: how warm it is at first; None: in equilibrium.
-    """
-    out = np.empty(len(speed))
-    state = float(speed[0]) if begins is None else begins
-    for i in range(len(speed)):
-        out[i] = state
-        end = speed[min(i + 1, len(speed) - 1)]
-        for k in range(600):
-            now = speed[i] + (end - speed[i]) * (k + 0.5) / 600.0
-            state += (now - state) * (MINUTE / 600.0) / tau
-    return out
-
-
-def growth(seed: int, truth: list[tuple[float, float, float | None]]) -> tuple[Model, Campaign]:
-    """A spindle's nose read every minute for five hours; mm at 10,000 rpm, τ in s, at first."""
-    rng = np.random.default_rng(seed)
-    speed = np.repeat(rng.choice([0.0, 0.3, 0.6, 1.0], 12), 25)
-    grown = sum(k * body(speed, tau, begins) for k, tau, begins in truth)
-    text = """
-format = "abbe-model/1"
-[machine]
-name = "mill"
-structure = "w b X Y Z t"
-[machine.signals.n]
-unit = "rpm"
-role = "speed"
-"""
-    text += "".join(f"[machine.axes.{a}]\ntravel = [0.0, 400.0]\n" for a in "XYZ")
-    rows = ['# format = "abbe-campaign/1"', '# instrument = "probe"', "# [setups.z]"]
-    rows += ['# free = ["zero"]', "time,setup,kind,X,Y,Z,ux,uy,uz,value,n"]
-    for i, (n, e) in enumerate(zip(speed, np.broadcast_to(grown, len(speed)), strict=True)):
-        value = 1e3 * e + rng.normal(0.0, 0.3)
-        rows.append(f"{i * MINUTE},z,displacement,200,200,200,0,0,1,{value:.3f},{1e4 * n:.1f}")
-    model = parse_model(TomlSource(text))
-    return model, as_campaign("\n".join(rows) + "\n", model)
+from tests.support.compcore.bodies import MINUTE, growth
 
 
 def reached(course: Course) -> dict[str, float]:
@@ -93,11 +43,12 @@ def test_a_body_that_was_warm_before_the_first_reading() -> None:
     course = to_the_verdict(*growth(3, [(0.03, 1800.0, 0.8)]))
     (effect,) = course.last.result.model.effects
     assert effect.spec == "thermal_offset direction=Z signal=n tau=fit start=fit"
-    found = reached(course)
-    assert found["tau"] == pytest.approx(1800.0, rel=0.05)
-    _, campaign = growth(3, [(0.03, 1800.0, 0.8)])
-    first = campaign.conditions.signal("n")[0] / 1e4
-    assert found["start"] == pytest.approx(0.03 * (0.8 - first), rel=0.05)
+    assert reached(course)["tau"] == pytest.approx(1800.0, rel=0.05)
+    result = course.last.result
+    first = result.problem.campaign.conditions.signal("n")[0] / 1e4
+    (start,) = result.problem.layout.starts
+    # k·δ in mm: what the body had more of at first than its signal says
+    assert result.theta[start.where] == pytest.approx([0.03 * (0.8 - first)], rel=0.05)
 
 
 def test_a_lag_is_no_shorter_than_the_time_between_readings() -> None:

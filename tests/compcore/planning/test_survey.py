@@ -11,6 +11,7 @@ from abbe.compcore.effects import make_effect
 from abbe.compcore.errors import InputError
 from abbe.compcore.fitting.fit import fit
 from abbe.compcore.model.model import Model
+from abbe.compcore.model.start_model import StartOptions, start_model
 from abbe.compcore.planning.choice import Knowledge
 from abbe.compcore.planning.envelope import KeepOut, WorkingSpace
 from abbe.compcore.planning.instruments import INSTRUMENTS, instruments_called
@@ -119,6 +120,14 @@ def test_no_way_enters_a_keep_out_box_or_leaves_the_travels():
             low, high = aim.machine.axes[axis].travel
             assert low + 2.0 <= at.min() + 1e-6 or np.ptp(at) == 0.0
             assert at.max() <= high - 2.0 + 1e-6 or np.ptp(at) == 0.0
+
+
+def test_what_squareness_would_be_taken_for_is_not_measured_along_diagonals():
+    options = StartOptions(play=True, positioning_only=True)
+    aim = SurveyTask(start_model(machine("bridge"), options))
+    plan = plan_survey(aim, instruments_called(["laser", "ball-bar"]), 2.0 * HOUR)
+    assert {step.setup.axis for step in plan.steps} == {"X", "Y", "Z"}
+    assert any(not s.axis for s in possible(task("bridge"), instruments_called(["laser"])))
 
 
 def test_a_fitted_model_is_renewed_with_less_time_than_a_new_one_needs():

@@ -132,6 +132,7 @@ SHOWN_AS_A_FORM = {
     "compcore/files/model_toml/commented.py",
     # told through `abbe upload`, which names its configuration (test_upload_printed.py)
     "daemon/commands/tables/upload.py",
+    "daemon/answers/tables/upload_words.py",
     "daemon/upload/changeover.py",
     "daemon/upload/steps.py",
     "daemon/upload/outcome.py",

@@ -5,8 +5,8 @@ import random
 
 import pytest
 
-from abbe.daemon.measure.average import Averaging, unsteady
-from abbe.daemon.measure.standstill import Standstill
+from abbe.daemon.measure.following.average import Averaging, unsteady
+from abbe.daemon.measure.following.standstill import Standstill
 
 
 def follow(positions, period=0.02, noise=0.003, lasting=0.5):

@@ -76,6 +76,12 @@ def test_it_ends_before_the_network_and_ends_its_own_processes_itself(tmp_path: 
     assert found["KillMode"] == "mixed"
 
 
+def test_the_cycle_goes_before_other_services_and_never_takes_it_all(tmp_path: Path) -> None:
+    text = unit_of(tmp_path, ALL).with_name("abbe@.service").read_text()
+    assert "\nCPUWeight=1000\n" in text
+    assert "CPUScheduling" not in text
+
+
 def test_a_broken_unit_would_be_seen(tmp_path: Path) -> None:
     unit = unit_of(tmp_path, ALL)
     text = (tmp_path / "abbe@.service").read_text()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, get_args
 
 import pytest
@@ -71,6 +72,7 @@ def test_the_defaults_are_as_documented() -> None:
 def test_the_simulated_server_is_documented() -> None:
     for option in re.findall(r"--[a-z-]+", _parser().format_help()):
         assert option in DOC or option == "--help", option
-    server: Any = IppServer(machine=None)
+    machine: Any = SimpleNamespace(plant=SimpleNamespace(seed=1))
+    server = IppServer(machine)
     for order in _orders(server):
         assert f'"do": "{order}"' in DOC

@@ -87,3 +87,17 @@ def test_no_line_of_that_length_takes_long(pattern: str) -> None:
     assert made.fullmatch(line) is None
     assert made.fullmatch(line + "1") is None  # and one more is given to the other one
     assert time.process_time() - began < ROOM
+
+
+def test_a_busy_computer_makes_no_pattern_bad(monkeypatch):
+    matched, calls = LinePattern.fullmatch, []
+
+    def slow_twice(pattern, text):
+        calls.append(text)
+        if calls.count(text) < 3:
+            raise SlowPatternError("another thread had the processor")
+        return matched(pattern, text)
+
+    monkeypatch.setattr(LinePattern, "fullmatch", slow_twice)
+    LinePattern(r"X(?P<x>[-+.\d]+)").check()
+    assert len(calls) == 3 * len(set(calls))

@@ -516,10 +516,8 @@ ROWS: tuple[Row, ...] = (
     Row(
         "thermal_offset",
         {"direction": "Z", "signal": "T_front", "tau": "fit", "start": "fit"},
-        {"k": -0.004, "start": 0.02},
-        lambda w: {
-            "dZ": -0.004 * (w.lagged("T_front", 1200.0) - 20) + 0.02 * np.exp(-w.t / 1200.0)
-        },
+        {"k": -0.004},
+        lambda w: {"dZ": -0.004 * (w.lagged("T_front", 1200.0) - 20)},
         nonlinear={"tau": 1200.0},
         spec="thermal_offset that began warm",
     ),

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
+from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from tests.support.daemon.workbench import OpenedWorkbench
@@ -15,6 +17,7 @@ from tests.support.daemon.workbench import OpenedWorkbench
 PATIENCE_MS = 120_000.0
 """What anything may take on a busy machine."""
 WIDTHS = (360, 1280, 2560)
+RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
 
 INK = """(canvas) => {
   const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
@@ -83,3 +86,18 @@ def assert_quiet(seen: Watched, bench: OpenedWorkbench) -> None:
     assert seen.errors == []
     elsewhere = [u for u in seen.requests if not u.startswith((bench.origin, "data:", "blob:"))]
     assert elsewhere == []
+
+
+def assert_for_everybody(page: Page) -> None:
+    """axe-core finds nothing, with everything opened that can be."""
+    page.evaluate("document.querySelectorAll('main details').forEach((d) => { d.open = true; })")
+    found = Axe().run(page, options={"runOnly": {"type": "tag", "values": RULES}})
+    said = [
+        f"{v['id']}: {v['help']}: {[n['html'][:120] for n in v['nodes'][:4]]}"
+        for v in found.response["violations"]
+    ]
+    assert said == []
+    # numbers as people write them
+    text = page.locator("main").inner_text()
+    assert re.findall(r"(?<![\w.])\d+(?:\.\d+)?e[+−-]?\d\d(?!\w)", text) == []
+    assert len(found.response["passes"]) > 10

@@ -52,10 +52,10 @@ def try_fault(
     """One upload with one fault; everything that has to hold is checked.
 
     With quick time-outs a busy machine may end an upload before the fault comes about: everything
-    has to hold then, too, and it is tried again, at last with patience.
+    has to hold then, too, and it is tried again, with patience, at last with the control's own.
     """
     old, new = sums(made / "old"), sums(made / "new")
-    for keys in (quick, quick, patient):
+    for keys in (quick, quick, patient, place.slow):
         place.control.order("reset")
         place.control.order("load", files=texts(made / "old"))
         place.configure(patience=0.01, **keys)

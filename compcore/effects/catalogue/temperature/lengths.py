@@ -89,6 +89,10 @@ class ScaleExpansion(LaggedEffect):
         position = machine.axis(self.axis).clamp(conditions.position(self.axis))
         return (Motion(along(self.axis), (position * warmth)[:, None]),)
 
+    def warmed(self) -> tuple[str, ...]:
+        """All signals: their mean is the scale's temperature."""
+        return self.signals
+
     def kinks(self, machine: Machine) -> dict[str, tuple[float, ...]]:
         """The ends of the travel."""
         return {self.axis: machine.axis(self.axis).travel}
@@ -116,17 +120,17 @@ class ThermalOffset(LaggedEffect):
         ``d = k·(T − T0)`` at the functional point, optionally with T behind a first-order lag τ;
         for a signal that is no temperature (speed, load) ``d = k·signal``. Where two bodies follow
         one signal, bearing and head, ``tau2`` beside ``tau`` adds ``k2`` times the signal behind
-        that second lag. With ``start = fit``
-        beside a lag also ``start·e^(−t/τ)``, t in s since the clock's start: the body was warmer
-        or colder then than its signal says. The direction is one of
+        that second lag. With ``start = fit`` beside a lag each run, that is each file, adds
+        ``c·e^(−t/τ)`` for each body, t in s since it began: the body was warmer or colder then
+        than its signal says. Like a set-up's zero c belongs to that run: it is fitted wherever the
+        run is fitted or compared, and is no parameter. The direction is one of
         the machine's; where the signal's role is ``spindle`` and rotary axes turn the head, it
         turns with the spindle.
     Parameters
     ----------
         k in mm/K, within ±20 µm/K: a steel spindle nose 200 mm in front of its fixed bearing grows
         by 2.3 µm/K, a column of 1 m by 11 µm/K (per rpm and the like: ±0.2 mm over the signal's
-        common range); k2 likewise. start in mm, within ±0.1 mm: what was left of work, or of a
-        night, before the first reading.
+        common range); k2 likewise.
     Signals
         One; the temperature of the body that grows, or one that it follows (lag): spindle bearing,
         coolant, ambient, or the spindle's speed with a lag of 10 to 60 minutes.
@@ -141,6 +145,7 @@ class ThermalOffset(LaggedEffect):
     """
 
     kind = "thermal_offset"
+    of_a_run = ("start",)
     direction: AxisLetter
     signal: str
     tau2: Tau = None
@@ -179,29 +184,34 @@ class ThermalOffset(LaggedEffect):
         return (like, second) if first else (second,)
 
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
-        """The shift by temperature; that of a second body; what was left at the start."""
+        """The shift by temperature; that of a second body."""
         signal = machine.signals[self.signal]
         most = 0.2 / typical(signal).change
         text = f"shift in {self.direction} by {self.signal}"
-        found: tuple[Parameter, ...] = (Parameter("k", per("mm", signal), (-most, most), text),)
-        if self.tau2 is not None:
-            text = f"shift in {self.direction} of a second body"
-            found = (*found, Parameter("k2", per("mm", signal), (-most, most), text))
-        if self.start is None:
+        found = (Parameter("k", per("mm", signal), (-most, most), text),)
+        if self.tau2 is None:
             return found
-        return (*found, Parameter("start", "mm", (-0.1, 0.1), f"left in {self.direction} at first"))
+        text = f"shift in {self.direction} of a second body"
+        return (*found, Parameter("k2", per("mm", signal), (-most, most), text))
+
+    def lags(self, nonlinear: Mapping[str, float]) -> tuple[float, ...]:
+        """The time constants of both bodies, s."""
+        first = super().lags(nonlinear)
+        if self.tau2 is None:
+            return first
+        return (*first, nonlinear["tau2"] if self.tau2 == "fit" else self.tau2)
+
+    @property
+    def began_anywhere(self) -> bool:
+        """Whether each run finds the bodies where they are."""
+        return self.start is not None
 
     def motions(
         self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
     ) -> tuple[Motion, ...]:
-        """``T − T0`` on the shift, and what decays since the clock's start."""
-        tau = self.lag(nonlinear)
-        columns = [excess(machine, conditions, self.signal, tau)]
-        if self.tau2 is not None:
-            second = nonlinear["tau2"] if self.tau2 == "fit" else self.tau2
-            columns.append(excess(machine, conditions, self.signal, second))
-        if self.start is not None and tau is not None:
-            columns.append(np.exp(-np.clip(conditions.time, 0.0, None) / tau))
+        """``T − T0`` on the shift, for each body behind its own lag."""
+        lags = self.lags(nonlinear) or (None,)
+        columns = [excess(machine, conditions, self.signal, tau) for tau in lags]
         place = SPINDLE if machine.signals[self.signal].role == "spindle" else FUNCTIONAL_POINT
         return (Motion(ErrorMotion(place, self.direction), np.stack(columns, axis=1)),)
 

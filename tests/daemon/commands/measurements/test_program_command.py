@@ -1,5 +1,7 @@
 """abbe program: a program and its targets from a plan; nothing is written where it is refused."""
 
+import re
+
 import pytest
 
 from tests.support.daemon.command_line import abbe
@@ -29,6 +31,16 @@ def test_a_program_and_its_targets(plan, tmp_path):
     count = len(targets.read_text("utf-8").splitlines()) - 1
     assert text.count("(target ") == text.count("G4 P") == count > 20
     assert f"{count} targets" in done.out
+
+
+def test_how_long_it_stands_at_a_target(plan, tmp_path):
+    out = tmp_path / "p.ngc"
+    words = ("program", plan, "--controller", "linuxcnc", "-o", out)
+    assert abbe(*words).status == 0
+    assert set(re.findall("G4 P.*", out.read_text("ascii"))) == {"G4 P4"}
+    assert abbe(*words, "--stands", "0.75").status == 0
+    assert set(re.findall("G4 P.*", out.read_text("ascii"))) == {"G4 P0.75"}
+    assert abbe(*words, "--stands", "0").status == 2
 
 
 def test_one_set_up_alone(plan, tmp_path):
@@ -62,4 +74,17 @@ def test_what_is_refused_writes_nothing(plan, tmp_path, old, new, words, says):
     assert done.status == 1
     for word in says:
         assert word in done.err
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("artefact", ["step-gauge", "gauge-block", "ball-plate"])
+def test_no_program_drives_into_what_a_probe_touches(plan, tmp_path, artefact):
+    touched, out = tmp_path / "touched.toml", tmp_path / "p.ngc"
+    made = abbe("plan", tmp_path / "m.toml", "--instruments", artefact, "--time", "70min",
+                "-o", touched)  # fmt: skip
+    assert made.status == 0, made.err
+    done = abbe("program", touched, "--controller", "linuxcnc", "-o", out)
+    assert done.status == 1
+    assert "drive into them" in done.err
+    assert "probing cycles" in done.err
     assert not out.exists()

@@ -128,6 +128,14 @@ def test_a_state_that_was_computed_is_never_said_to_pass_as_it_is(shop, tmp_path
     assert measured.out.splitlines()[0].endswith(": passes")
 
 
+def test_what_a_model_does_not_have_is_foretold_as_nothing(shop):
+    """The model has no reversal: B is 0, not what rounding leaves."""
+    done = abbe("verify", shop / "m.toml", shop / "after.csv", "--before", shop / "before.csv")
+    (line,) = [row for row in done.out.splitlines() if row.split()[:1] == ["B"]]
+    assert line.split()[4] == "0"
+    assert "10⁻" not in done.out
+
+
 def test_k_widens_the_guard_band(shop):
     words = (shop / "after.csv", "--before", shop / "before.csv", "--tolerance", "X.E=11um")
     assert verified(shop, *words)[1]["outcome"] == "passes"

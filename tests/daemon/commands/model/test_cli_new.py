@@ -144,6 +144,17 @@ def test_a_bare_machine_is_what_the_diagnosis_begins_with(tmp_path: Path) -> Non
     assert "beside none at all" in done.err
 
 
+def test_positioning_alone_is_what_tables_over_single_axes_hold(tmp_path: Path) -> None:
+    model = made(tmp_path, "table-table", "--positioning", "--play", "--sensor", "T_x=scale,X")
+    kinds = sorted(effect.spec.split()[0] for effect in model.effects)
+    linear = [*(["backlash"] * 3), *(["positioning"] * 3)]
+    assert kinds == [*linear, *(["rotary_positioning"] * 2), "scale_expansion"]
+    done = abbe("new", "--structure", "bridge", *travels("bridge"), "--bare", "--positioning",
+                "-o", tmp_path / "b.toml")  # fmt: skip
+    assert done.status == 1
+    assert "--positioning" in done.err
+
+
 def test_rotary_axes_are_where_they_were_said_to_be(tmp_path: Path) -> None:
     model = made(tmp_path, "table-table", "--location", "C=300,250,0", "--location", "A=0,250,-80")
     assert model.machine.axes["C"].location == (300.0, 250.0, 0.0)

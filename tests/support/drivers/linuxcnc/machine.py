@@ -50,13 +50,20 @@ def mdi(text):
         s.poll()
         if s.inpos and s.exec_state == linuxcnc.EXEC_DONE and s.queue == 0: break
         time.sleep(0.01)
+def load(path): c.mode(linuxcnc.MODE_AUTO); done(); c.program_open(path); done()
+def step(): c.auto(linuxcnc.AUTO_STEP)
+def state():
+    s.poll()
+    rests = s.inpos and s.queue == 0 and s.exec_state != linuxcnc.EXEC_WAITING_FOR_DELAY
+    return s.interp_state == linuxcnc.INTERP_IDLE, bool(rests), s.motion_line
+def abort(): c.abort(); done()
 print(json.dumps({"ready": True}), file=out)
 for line in sys.stdin:
     name, *words = json.loads(line)
-    globals()[name](*words)
+    answer = globals()[name](*words)
     errors = []
     while (told := e.poll()): errors.append(told[1])
-    print(json.dumps({"errors": errors}), file=out)
+    print(json.dumps({"errors": errors, "answer": answer}), file=out)
 """
 
 
@@ -159,6 +166,15 @@ class Machine:
 
     def order(self, *words: Any) -> list[str]:
         """Have the operator do something; LinuxCNC's complaints since the last order."""
+        errors: list[str] = self._told(words)["errors"]
+        return errors
+
+    def state(self) -> tuple[bool, bool, int]:
+        """Whether no program runs, whether it rests, and the line for which it moved last."""
+        idle, rests, moved = self._told(("state",))["answer"]
+        return idle, rests, moved
+
+    def _told(self, words: tuple[Any, ...]) -> dict[str, Any]:
         if self._operator is None:
             self._operator = subprocess.Popen(
                 [PYTHON, "-c", OPERATOR],
@@ -171,8 +187,7 @@ class Machine:
         assert self._operator.stdin is not None
         self._operator.stdin.write(json.dumps(words) + "\n")
         self._operator.stdin.flush()
-        errors: list[str] = self._answer()["errors"]
-        return errors
+        return self._answer()
 
     def _answer(self) -> dict[str, Any]:
         assert self._operator is not None and self._operator.stdout is not None  # noqa: PT018

@@ -4,23 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass
-from datetime import datetime
 
 from abbe.compcore.campaign.campaign import Kind
-from abbe.compcore.files.growing_campaign import GrowingCampaign
-from abbe.daemon.config import Configuration
-from abbe.daemon.measure.compensation import live_correction
+from abbe.daemon.measure.compensation import RunsBeside
 from abbe.daemon.measure.course import MeasureCourse
 from abbe.daemon.measure.events import Tell, place_words, setup_words, target_words
-from abbe.daemon.measure.instrument import Instrument, nominal_distance
-from abbe.daemon.measure.kept_rows import KeptRows
-from abbe.daemon.measure.machine_view import MachineView, SeenMachine
-from abbe.daemon.measure.news import MeasureNews
-from abbe.daemon.measure.person import LEAVE_OUT, Person
-from abbe.daemon.measure.rows import part_name, read_back, rows_of, written
-from abbe.daemon.measure.target_watch import (
+from abbe.daemon.measure.following.instrument import Instrument, nominal_distance
+from abbe.daemon.measure.following.target_watch import (
     Outcome,
     StandsElsewhere,
     TargetLeft,
@@ -28,42 +18,13 @@ from abbe.daemon.measure.target_watch import (
     TargetUnsteady,
     TargetWatch,
 )
-
-_LAST_TRIES = 5.0
-"""s for which, at the end, rows that are not on the disk are tried to be written."""
-_LOOK_FOR_RUNS = 10.0
-"""s between two looks at whether a correction runs."""
-
-
-@dataclass(frozen=True)
-class MeasureTask:
-    """What is to be measured, and where it goes.
-
-    Attributes
-    ----------
-    configuration
-        Machine, links, instruments.
-    file
-        The campaign, begun or gone on with.
-    started
-        Its start, UTC.
-    instruments
-        Plan's instrument → the one that stands for it.
-    expected
-        Set-up → uncertainty over the volume before and after it, mm.
-    stated
-        Whether it is stated which compensation acts.
-    once
-        Whether what was missed is not waited for.
-    """
-
-    configuration: Configuration
-    file: GrowingCampaign
-    started: datetime
-    instruments: Mapping[str, Instrument]
-    expected: Mapping[str, tuple[float, float]]
-    stated: bool
-    once: bool = False
+from abbe.daemon.measure.following.zero import InstrumentZero
+from abbe.daemon.measure.kept_rows import KeptRows
+from abbe.daemon.measure.machine_view import MachineView, SeenMachine
+from abbe.daemon.measure.news import MeasureNews
+from abbe.daemon.measure.person import LEAVE_OUT, Person
+from abbe.daemon.measure.rows import part_name, read_back, rows_of, written
+from abbe.daemon.measure.task import MeasureTask
 
 
 class Measurement:
@@ -84,7 +45,11 @@ class Measurement:
     ----------
     course
         As given; follows what is done.
+    reason
+        Why it ended too soon: of a machine that is followed, never.
     """
+
+    reason = ""
 
     def __init__(
         self, task: MeasureTask, course: MeasureCourse, person: Person, tell: Tell
@@ -100,14 +65,13 @@ class Measurement:
         held = self._limits.signals_held
         self._news = MeasureNews(course, tell, task.file.path, task.expected, held)
         self._clock = time.time() - time.monotonic() - task.started.timestamp()
-        self._zero: tuple[float, ...] = ()
-        self._before: tuple[float, ...] = ()
+        self._zero = InstrumentZero(course, self._news)
         # rows are there whose zero nobody knows any more
-        self._renew = course.here.begun and self._instrument.section.loses_zero
+        self._zero.renew = course.here.begun and self._instrument.section.loses_zero
         self._interruptions = 0
         self._ready = False
         self._lost = ""
-        self._live = ""
+        self._runs = RunsBeside(configuration)
         self._paused_by = ""
         self._over = False
 
@@ -119,7 +83,7 @@ class Measurement:
         """Measure until nothing is left, or `stop` is set."""
         await self._view.open()
         self._person.begin()
-        runs = asyncio.create_task(self._look_for_runs())
+        runs = asyncio.create_task(self._runs.watch())
         period = max(0.005, self._task.configuration.file.cycle.period)
         try:
             self._ask_for_setup()
@@ -127,7 +91,7 @@ class Measurement:
                 due = time.monotonic() + period
                 self._step(await self._view.look())
                 await asyncio.sleep(max(0.0, due - time.monotonic()))
-            await self._last_rows()
+            await self._rows.last()
         finally:
             runs.cancel()
             await asyncio.gather(runs, return_exceptions=True)
@@ -152,17 +116,6 @@ class Measurement:
         last = self.course.current == len(self.course.setups) - 1
         return self._task.once and last and self.course.here.expected >= self.course.here.count
 
-    async def _last_rows(self) -> None:
-        until = time.monotonic() + _LAST_TRIES
-        while self._rows.waiting and time.monotonic() < until:
-            self._rows.flush(time.monotonic(), at_once=True)
-            await asyncio.sleep(0.2)
-
-    async def _look_for_runs(self) -> None:
-        while True:
-            await asyncio.sleep(_LOOK_FOR_RUNS)
-            self._live = await asyncio.to_thread(live_correction, self._task.configuration)
-
     # one look
 
     def _step(self, seen: SeenMachine) -> None:
@@ -184,13 +137,13 @@ class Measurement:
         self._judge(self._watch.step(seen, self._instrument, self.course.here), seen)
 
     def _paused(self) -> bool:
-        if self._live and not self._task.stated:
+        if self._runs.live and not self._task.stated:
             if not self._paused_by:
-                self._paused_by = self._live
+                self._paused_by = self._runs.live
                 self._news.event(
                     "paused",
-                    f"{self._live}, and [measure] active does not say what that does: nothing is "
-                    "read until it has ended",
+                    f"{self._runs.live}, and [measure] active does not say what that does: "
+                    "nothing is read until it has ended",
                 )
             return True
         if self._paused_by:
@@ -204,14 +157,14 @@ class Measurement:
         if instrument.interruptions != self._interruptions:
             self._interruptions = instrument.interruptions
             if self._ready and self.course.here.begun:
-                self._renew = self._renew or instrument.section.loses_zero
+                self._zero.renew = self._zero.renew or instrument.section.loses_zero
                 if not self._lost:
                     self._lost = instrument.problem or "it was away for a moment"
                     self._news.event("lost", f"{instrument.name}: {self._lost}")
         if self._lost and not instrument.problem:
             self._lost = ""
             more = ""
-            if self._renew:
+            if self._zero.renew:
                 more = ": its zero is another one now; what follows is a set-up of its own"
             self._news.event("back", f"{instrument.name} reads again{more}")
 
@@ -235,7 +188,7 @@ class Measurement:
             missing=len(course.here.left) if again else 0,
         )
         if again:
-            self._renew = self._renew or self._instrument.section.loses_zero
+            self._zero.renew = self._zero.renew or self._instrument.section.loses_zero
         if self._ready:
             self._news.next()
 
@@ -263,8 +216,7 @@ class Measurement:
             self._over = True
             return
         self.course.current = following
-        self._zero = self._before = ()
-        self._renew = False
+        self._zero.forget()
         self._ask_for_setup()
 
     def _look_for_next_setup(self, seen: SeenMachine) -> None:
@@ -309,11 +261,7 @@ class Measurement:
             self._news.event("missed", f"stands at the edge of what counts as a target: "
                         f"{place_words(place)}")  # fmt: skip
             return
-        self._look_for_new_zero(read.reading.values)
-        self._before = read.reading.values
-        if not self._zero:
-            self._begin_part(read.reading.values)
-        values = [v - z for v, z in zip(read.reading.values, self._zero, strict=True)]
+        values = self._zero.less(instrument, read.reading.values)
         if setup.kind == Kind.DISTANCE:
             values = [v + nominal_distance(setup, place) for v in values]
         target = int(course.here.order[visit])
@@ -326,8 +274,9 @@ class Measurement:
             self._news.event("missed", f"left out: {target_words(course.here, i)}", visit=i + 1)
         part = course.parts[course.current]
         rows = rows_of(
-            setup, part, target, read.reading, place, values,
-            {a: seen.directions[a] for a in axes}, self._clock + seen.time, stated,
+            setup, part, target, place, values,
+            {a: seen.directions[a] for a in axes}, self._clock + seen.time,
+            [read.reading.sd(k, stated) for k in range(len(values))],
             {name: seen.signals[name].value for name in self._view.signal_names},
         )  # fmt: skip
         course.took(seen.time)
@@ -342,29 +291,3 @@ class Measurement:
         else:
             self._news.setup_done(setup)
             self._go_on()
-
-    def _look_for_new_zero(self, values: tuple[float, ...]) -> None:
-        """A reading that has jumped counts from another zero, whoever reset it."""
-        instrument = self._instrument
-        if self._zero and self._before and instrument.section.loses_zero and not self._renew:
-            scale = 1e6 if instrument.angle else 1e3
-            way = max(abs(v - b) for v, b in zip(values, self._before, strict=True)) * scale
-            if way > instrument.section.jump:
-                unit = "µrad" if instrument.angle else "µm"
-                self._renew = True
-                self._news.event(
-                    "new zero",
-                    f"{instrument.name} has jumped by {way:.0f} {unit}: it was reset; what follows "
-                    "is a set-up of its own",
-                )
-        if self._renew:
-            self._renew = False
-            self._zero = ()
-
-    def _begin_part(self, values: tuple[float, ...]) -> None:
-        course = self.course
-        counts = self._instrument.section.reads == "length"
-        goes_on = course.parts[course.current] and not self._instrument.section.loses_zero
-        if not goes_on:
-            course.parts[course.current] += 1
-        self._zero = tuple(values) if counts else (0.0,) * len(values)

@@ -9,13 +9,14 @@ from dataclasses import dataclass
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.visits import SetupVisits
 from abbe.daemon.config.sections.measure import MeasureSection
-from abbe.daemon.measure.average import Averaging, SteadyReading, unsteady
-from abbe.daemon.measure.instrument import Instrument
-from abbe.daemon.measure.machine_view import SeenMachine
-from abbe.daemon.measure.standstill import Standstill
+from abbe.daemon.measure.following.average import Averaging, SteadyReading, unsteady
+from abbe.daemon.measure.following.instrument import Instrument
+from abbe.daemon.measure.following.standstill import Standstill
+from abbe.daemon.measure.machine_view import SeenMachine, missing_signal
 
 _ELSEWHERE = 3.0
 """s of standing at no target after which that is said."""
+_UNSEEN = "this computer was too busy to see from which side it came"
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +114,9 @@ class TargetWatch:
         self._visit = visits.at(seen.positions, seen.directions)
         if self._visit is not None:
             self._came = dict(seen.directions)
+            if unseen := sorted(seen.unseen & visits.told_by_direction):
+                self._done = True
+                return TargetLeft(self._visit, f"{', '.join(unseen)}: {_UNSEEN}")
             self._begin(seen.time + self._limits.settle)
             return None
         if self._elsewhere or seen.time - self._standstill.since < _ELSEWHERE:
@@ -125,7 +129,7 @@ class TargetWatch:
 
     def _read(self, seen: SeenMachine, instrument: Instrument, visits: SetupVisits) -> Outcome:
         assert self._visit is not None  # noqa: S101 - `step` saw to it
-        missing = instrument.problem or self._missing_signals(seen)
+        missing = instrument.problem or missing_signal(seen, self._limits.signals_held)
         if missing:
             self._begin(seen.time + self._limits.settle)
             return self._say(missing)
@@ -150,10 +154,3 @@ class TargetWatch:
         assert self._visit is not None  # noqa: S101 - as above
         known, self._why = self._why, why
         return None if why == known else TargetUnsteady(self._visit, why, reading)
-
-    def _missing_signals(self, seen: SeenMachine) -> str:
-        held = self._limits.signals_held
-        for name, reading in seen.signals.items():
-            if seen.time - reading.time > held and (reading.fault or math.isnan(reading.value)):
-                return f"{name}: {reading.fault or 'not read yet'}"
-        return ""

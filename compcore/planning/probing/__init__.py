@@ -1,0 +1,1 @@
+"""Spheres touched by a stylus: where it touches, and the ways between, clear of the sphere."""

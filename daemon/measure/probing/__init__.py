@@ -1,0 +1,1 @@
+"""Artefacts on the table that the machine touches by itself, sphere by sphere."""

@@ -1,0 +1,50 @@
+"""What a measurement is to do, and where it goes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+
+from abbe.compcore.artefacts.calibrated_plate import CalibratedPlate
+from abbe.compcore.files.growing_campaign import GrowingCampaign
+from abbe.compcore.planning.envelope import WorkingSpace
+from abbe.daemon.config import Configuration
+from abbe.daemon.measure.following.instrument import Instrument
+
+
+@dataclass(frozen=True)
+class MeasureTask:
+    """What is to be measured, and where it goes.
+
+    Attributes
+    ----------
+    configuration
+        Machine, links, instruments.
+    file
+        The campaign, begun or gone on with.
+    started
+        Its start, UTC.
+    instruments
+        Plan's instrument → the one that stands for it.
+    expected
+        Set-up → uncertainty over the volume before and after it, mm.
+    stated
+        Whether it is stated which compensation acts.
+    space
+        Where the plan says that the machine may go.
+    plate
+        What it touches by itself; None: nothing.
+    once
+        Whether what was missed is not waited for.
+    """
+
+    configuration: Configuration
+    file: GrowingCampaign
+    started: datetime
+    instruments: Mapping[str, Instrument]
+    expected: Mapping[str, tuple[float, float]]
+    stated: bool
+    space: WorkingSpace
+    plate: CalibratedPlate | None = None
+    once: bool = False

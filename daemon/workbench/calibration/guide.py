@@ -1,0 +1,253 @@
+"""The guide through a calibration as the page *Calibrate* shows it, and the step that is done."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from abbe.compcore.errors import AbbeError, InputError
+from abbe.compcore.files.plan_file import PlannedWork, read_plan
+from abbe.compcore.planning.targets import SurveyTask
+from abbe.daemon.answers.typed import calibrating
+from abbe.daemon.config import Configuration
+from abbe.daemon.measure.events import minutes, setup_words
+from abbe.daemon.report.measurements.survey import picture
+from abbe.daemon.report.still import still
+from abbe.daemon.workbench.calibration.step_process import StepProcess
+from abbe.daemon.workbench.fresh import FreshConfiguration
+
+MEASURES = frozenset({"measure", "check"})
+"""Steps that need the machine and its instruments: they take the role ``operate``."""
+_ELSEWHERE = frozenset({"upload"})
+"""Steps that write to the controller: not from this page."""
+
+
+@dataclass(frozen=True)
+class CalibrationCommands:
+    """What ``abbe calibrate`` does; handed in, because the workbench stands below the commands.
+
+    Attributes
+    ----------
+    request
+        Makes a `CalibrationRequest` of a configuration, a folder and what is asked for.
+    steps_now
+        Such a request → its steps as they stand (`StepNow`).
+    plans
+        Step → the file of its plan.
+    certificate
+        The certificate's file.
+    child
+        Module that does one step in a process of its own.
+    """
+
+    request: Callable[..., Any]
+    steps_now: Callable[[Any], Sequence[Any]]
+    plans: Mapping[str, str]
+    certificate: str
+    child: str
+
+
+@dataclass(frozen=True)
+class AskedCalibration:
+    """What a calibration is asked for, as `CalibrationRequest` has it."""
+
+    time: str = "4h"
+    check_time: str = "1h"
+    tools: tuple[str, ...] = ()
+    controller: str = ""
+    tables: str = ""
+
+
+class CalibrationGuide:
+    """The calibration in one folder; may be asked from any thread.
+
+    Parameters
+    ----------
+    config
+        The machine's configuration; read anew for each answer.
+    folder
+        As ``abbe calibrate --folder``.
+    commands
+        What that command does.
+
+    Raises
+    ------
+    InputError
+        For a configuration without an instrument, and a folder of another one.
+    """
+
+    def __init__(self, config: Path, folder: Path, commands: CalibrationCommands) -> None:
+        self.config, self._folder, self._commands = config, folder, commands
+        self._fresh = FreshConfiguration(config)
+        self._asked = AskedCalibration()
+        self._lock = threading.Lock()
+        self._process: StepProcess | None = None
+        configuration = self._fresh.now()
+        if not configuration.file.instrument:
+            raise InputError(
+                "no instrument to measure with", file=config, field="instrument",
+                expected="a section [instrument.laser], … (docs/measure.md)",
+            )  # fmt: skip
+        self._commands.steps_now(self._request(configuration))
+
+    def _request(self, configuration: Configuration) -> Any:
+        asked = self._asked
+        return self._commands.request(
+            configuration, self._folder, asked.time, asked.check_time, asked.tools,
+            asked.controller, asked.tables, yes=False,
+        )  # fmt: skip
+
+    def shown(self) -> dict[str, Any]:
+        """The page."""
+        request = self._request(self._fresh.now())
+        steps = self._commands.steps_now(request)
+        asked = self._asked
+        http = request.configuration.http
+        return {
+            "folder": str(self._folder),
+            "asked": vars(asked) | {"tools": " ".join(asked.tools)},
+            "steps": list(self._steps(steps)),
+            "plans": {
+                key: self._setups(request, name) for key, name in self._commands.plans.items()
+            },
+            "certificate": request.file(self._commands.certificate).is_file(),
+            "command": calibrating(self.config, self._folder),
+            "roles": http is not None and http.tokens.exists(),
+            "work": None if self._process is None else self._process.as_json(),
+        }
+
+    def ask_for(self, asked: AskedCalibration) -> None:
+        """Ask for something else; steps that were done stay done where their files fit.
+
+        Raises
+        ------
+        InputError
+            While a step is under way.
+        """
+        with self._lock:
+            self._require_idle()
+            self._asked = replace(asked)
+
+    def start(self, name: str, who: str) -> None:
+        """Do the next step.
+
+        Parameters
+        ----------
+        name
+            The step that the person means.
+        who
+            For the state; may be empty.
+
+        Raises
+        ------
+        InputError
+            Where that is not the next step, is not done here, or one is under way.
+        """
+        with self._lock:
+            self._require_idle()
+            request = self._request(self._fresh.now())
+            coming = next(
+                (s.step.name for s in self._commands.steps_now(request) if not s.at), None
+            )
+            if name != coming:
+                raise InputError(
+                    "is not the next step", field="step", found=name, expected=coming or "none"
+                )
+            if name in _ELSEWHERE:
+                raise InputError(
+                    "writes to the controller", field="step", found=name,
+                    expected=calibrating(self.config, self._folder),
+                )  # fmt: skip
+            asked = self._asked
+            self._process = StepProcess(
+                self._commands.child,
+                {
+                    "config": str(self.config), "folder": str(self._folder), "step": name,
+                    "time": asked.time, "check_time": asked.check_time,
+                    "tools": list(asked.tools), "controller": asked.controller,
+                    "tables": asked.tables, "by": who,
+                }
+            )  # fmt: skip
+
+    def answer(self, word: str) -> None:
+        """Answer what the step asks; raises `InputError` where that is not asked."""
+        if self._process is None or not self._process.answer(word):
+            raise InputError("is not asked", field="answer", found=word)
+
+    def stop(self) -> None:
+        """Have the step end in an orderly way."""
+        if self._process is not None and self._process.running:
+            self._process.stop()
+
+    def close(self) -> None:
+        """End the step that is under way; what was measured is kept."""
+        if self._process is not None:
+            self._process.close()
+
+    def picture(self, key: str, number: int) -> str:
+        """A set-up of a plan as a drawing, SVG.
+
+        Raises
+        ------
+        InputError
+            Where there is no such plan or set-up.
+        """
+        request = self._request(self._fresh.now())
+        plan = self._commands.plans.get(key)
+        work = self._work(request, plan) if plan is not None else None
+        if work is None or not 0 <= number < len(work.setups):
+            raise InputError("no such set-up", field="number", found=number)
+        model = request.configuration.model
+        return still(picture(SurveyTask(model, work.space), work.setups[number]))
+
+    def certificate(self) -> bytes:
+        """The certificate's page; raises `InputError` where it is not there."""
+        path: Path = self._request(self._fresh.now()).file(self._commands.certificate)
+        try:
+            return path.read_bytes()
+        except OSError as error:
+            raise InputError(f"cannot be read: {error.strerror}", file=path) from None
+
+    def _require_idle(self) -> None:
+        if self._process is not None and self._process.running:
+            raise InputError("a step is under way", found=self._process.step, expected="its end")
+
+    def _steps(self, steps: Sequence[Any]) -> Any:
+        running = self._process.step if self._process and self._process.running else ""
+        waits = False
+        for now in steps:
+            name = now.step.name
+            state = "running" if name == running else "done" if now.at else "next"
+            yield {
+                "name": name,
+                "title": now.step.title,
+                "state": "waits" if state == "next" and waits else state,
+                "at": now.at[:16].replace("T", " "),
+                "by": now.note,
+                "makes": [path.name for path in now.step.makes],
+                "role": name in MEASURES,
+                "elsewhere": name in _ELSEWHERE,
+            }
+            waits = waits or not now.at
+
+    @staticmethod
+    def _work(request: Any, name: str) -> PlannedWork | None:
+        path = request.file(name)
+        return read_plan(path, request.configuration.model.machine) if path.is_file() else None
+
+    def _setups(self, request: Any, name: str) -> list[dict[str, str]]:
+        """The set-ups of a plan, for people; none where it is not there or cannot be read."""
+        try:
+            work = self._work(request, name)
+        except AbbeError:
+            work = None
+        return [
+            {
+                "name": setup.name,
+                "words": f"{setup_words(setup)}; {setup.count} targets, {minutes(setup.seconds)}",
+            }
+            for setup in (work.setups if work is not None else ())
+        ]

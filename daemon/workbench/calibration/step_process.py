@@ -1,0 +1,134 @@
+"""A step of a calibration that is under way: its process, what it says, what it asks."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import signal
+import subprocess
+import sys
+import threading
+from collections import deque
+from collections.abc import Mapping
+from typing import Any
+
+_MOST = 400
+"""Lines that are kept, the newest."""
+ANSWERS = {"yes": "y", "no": "n", "stands": "", "leave out": "s"}
+"""What a person may answer → the line that the step is given."""
+
+
+class StepProcess:
+    """One step in a process of its own; may be asked from any thread.
+
+    Parameters
+    ----------
+    module
+        What does it: `abbe.daemon.commands.calibration.step_child`.
+    task
+        What that is given.
+    """
+
+    def __init__(self, module: str, task: Mapping[str, Any]) -> None:
+        self.step = str(task["step"])
+        self._lines: deque[str] = deque(maxlen=_MOST)
+        self._question = ""
+        self._choices: tuple[str, ...] = ()
+        self._progress: Mapping[str, Any] = {}
+        self._next = ""
+        self._ended = ""
+        self._process = subprocess.Popen(
+            [sys.executable, "-u", "-m", module],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            encoding="utf-8",
+            start_new_session=True,  # Ctrl-C is for the workbench, which then ends it
+        )
+        self._write(json.dumps(dict(task)))
+        self._reader = threading.Thread(target=self._read, daemon=True, name="calibration")
+        self._reader.start()
+
+    @property
+    def running(self) -> bool:
+        """Whether it is under way."""
+        return not self._ended
+
+    def as_json(self) -> dict[str, Any]:
+        """What the page shows of it; `left` in s."""
+        return {
+            "step": self.step,
+            "lines": list(self._lines),
+            "question": self._question,
+            "choices": list(self._choices),
+            "next": self._next,
+            "done": self._progress.get("done"),
+            "of": self._progress.get("of"),
+            "left": self._progress.get("left_s"),
+            "ended": self._ended,
+        }
+
+    def answer(self, word: str) -> bool:
+        """Answer what is asked; False where that is not asked."""
+        if word not in self._choices:
+            return False
+        self._question, self._choices = "", ()
+        self._write(ANSWERS[word])
+        return True
+
+    def stop(self) -> None:
+        """Have it end in an orderly way: rows that were measured are kept."""
+        with contextlib.suppress(ProcessLookupError):
+            self._process.send_signal(signal.SIGINT)
+
+    def close(self) -> None:
+        """End it, and wait until it has."""
+        if self.running:
+            self.stop()
+        self._reader.join()
+
+    def _write(self, line: str) -> None:
+        if self._process.stdin is not None:
+            with contextlib.suppress(OSError):
+                self._process.stdin.write(line + "\n")
+                self._process.stdin.flush()
+
+    def _read(self) -> None:
+        if self._process.stdout is not None:
+            for line in self._process.stdout:
+                self._take(line.rstrip("\n"))
+            self._process.stdout.close()
+        status = self._process.wait()
+        self._question, self._choices, self._next = "", (), ""
+        self._ended = "good" if status == 0 else "bad"
+        if self._process.stdin is not None:
+            with contextlib.suppress(OSError):
+                self._process.stdin.close()
+
+    def _take(self, line: str) -> None:
+        try:
+            found = json.loads(line) if line.startswith("{") else None
+        except ValueError:
+            found = None
+        if not isinstance(found, dict):
+            self._lines.append(line)
+        elif "ask" in found:
+            self._question, self._choices = str(found["ask"]), ("yes", "no")
+        elif "error" in found:
+            self._lines.append(str(found["error"]))
+        elif "event" in found:
+            self._follow(found)
+
+    def _follow(self, event: Mapping[str, Any]) -> None:
+        """An event of a measurement."""
+        text = str(event.get("text", ""))
+        if "of" in event:
+            self._progress = event
+        if event["event"] == "next":
+            self._next = text
+            return
+        self._lines.append(text)
+        if event["event"] == "set up":
+            # what to press stands on the buttons
+            self._question = text.partition("; Enter when")[0]
+            self._choices = ("stands", "leave out")

@@ -1,0 +1,168 @@
+// Calibrate: the guide of `abbe calibrate`, step by step; what a step says and asks while it is done.
+import {label, t} from "./language.js";
+import {el, get, post, Refusal} from "./dom.js";
+
+const QUICK = 400, CALM = 3000; // ms between two looks
+const MARKS = {done: "✓", next: "▶", running: "●", waits: "·"};
+const WORDS = {done: t("done"), next: t("next"), running: t("under way"), waits: t("waits")};
+const CHOICES = {yes: t("Yes"), no: t("No"), stands: t("It stands"), "leave out": t("Leave this set-up out")};
+
+export class Calibration {
+  constructor() {
+    this.head = el("section", {class: "verdict"}, el("p", {class: "waiting"}, t("Being read …")));
+    this.work = el("section", {id: "step", role: "status", "aria-live": "polite"});
+    this.start = el("div", {});
+    this.steps = el("ol", {class: "guide"});
+    this.asked = el("div", {});
+    this.plans = el("div", {});
+    this.node = el("div", {class: "calibration"}, this.head,
+      el("div", {class: "columns"},
+        el("section", {class: "card"}, this.steps, this.asked),
+        el("section", {class: "card", id: "doing"}, this.start, this.work)),
+      this.plans);
+    this.#follow();
+  }
+
+  close() {
+    this.closed = true;
+    clearTimeout(this.timer);
+  }
+
+  async #follow() {
+    clearTimeout(this.timer);
+    try {
+      this.#show(await get("/api/calibrate"));
+    } catch (error) {
+      if (error instanceof Refusal) this.head.replaceChildren(el("p", {class: "warning", role: "alert"}, error.message));
+    }
+    if (!this.closed) this.timer = setTimeout(() => this.#follow(), this.running ? QUICK : CALM);
+  }
+
+  async #ask(path, body = {}, token = "") {
+    this.refusal = "";
+    try {
+      this.#show(await post(`/api/calibrate/${path}`, body, token));
+    } catch (error) {
+      if (!(error instanceof Refusal)) throw error;
+      this.refusal = error.message;
+      this.key = "";
+    }
+    this.#follow();
+  }
+
+  #show(found) {
+    const key = JSON.stringify([found, this.refusal]);
+    if (key === this.key) return;
+    this.key = key;
+    this.running = Boolean(found.work) && !found.work.ended;
+    const done = found.steps.filter((s) => s.state === "done").length;
+    const coming = found.steps.find((s) => s.state === "next" || s.state === "running");
+    this.head.replaceChildren(el("h1", {class: coming ? null : "good"}, coming
+      ? this.running ? t("Under way: {what}", {what: label(coming.title)}) : t("Next: {what}", {what: label(coming.title)}) : t("Calibrated and verified")),
+      el("p", {}, t("{done} of {all} steps are done, in {folder}.", {done, all: found.steps.length, folder: found.folder})),
+      ...(found.certificate ? [el("p", {}, el("a", {href: "/api/calibrate/certificate", target: "_blank"}, t("The certificate")))] : []));
+    this.steps.replaceChildren(...found.steps.map((s, k) => el("li", {class: s.state, "data-step": s.name, "data-state": s.state},
+      el("span", {class: "mark", "aria-hidden": "true"}, MARKS[s.state]),
+      el("span", {}, `${k + 1}. ${label(s.title)}`, el("br"),
+        el("small", {}, [s.makes.join(", "), s.role ? t("takes the role operate") : ""].filter(Boolean).join("; "))),
+      el("small", {}, s.state === "done" ? [s.at, s.by].filter(Boolean).join(", ") : WORDS[s.state]))));
+    this.#begin(coming, found);
+    this.#work(found.work);
+    this.#options(found);
+    this.#setups(found.plans);
+    this.node.dataset.ready = "true";
+  }
+
+  /** What starts the next step; a form that is being filled in stays. */
+  #begin(coming, found) {
+    const wanted = this.running || !coming ? "" : coming.name;
+    if (this.start.dataset.step !== wanted) {
+      this.start.dataset.step = wanted;
+      this.start.replaceChildren(...(wanted ? this.#form(coming, found) : []));
+    }
+    this.alert?.remove();
+    this.alert = null;
+    if (this.refusal) this.start.append(this.alert = el("p", {class: "warning", role: "alert"}, this.refusal));
+  }
+
+  #form(step, found) {
+    if (step.elsewhere) return [el("h2", {}, label(step.title)), el("p", {}, t("This step writes to the controller. It is done in a terminal, which asks before it writes; then this page goes on: ")), el("pre", {}, found.command)];
+    const field = (name, words, more = {}) => {
+      const input = el("input", {id: `start-${name}`, autocomplete: "off", spellcheck: "false", ...more});
+      return [input, el("p", {class: "field"}, el("label", {for: `start-${name}`}, words), input)];
+    };
+    const [by, byRow] = field("by", t("Who does it, for the record"), {maxlength: 150});
+    const [secret, secretRow] = field("token", t("Token of the role operate"), {type: "password"});
+    const go = (event) => {
+      event.preventDefault();
+      const token = secret.value.trim();
+      secret.value = "";
+      this.#ask("start", {step: step.name, by: by.value}, token);
+    };
+    return [el("h2", {}, label(step.title)), el("form", {onsubmit: go}, byRow, step.role ? secretRow : null,
+      step.role ? el("p", {class: "note"}, t("The machine is driven by its own program or by hand: Abbe follows it, reads the instrument at each target, and writes nothing to the controller.")) : null,
+      step.role && !found.roles ? el("p", {class: "note"}, t("There is no token yet: it takes [http] in the configuration, and abbe token add CONFIG NAME --role operate.")) : null,
+      el("p", {}, el("button", {class: "main", id: "go"}, t("Do this step"))))];
+  }
+
+  #work(work) {
+    if (!work) return;
+    const parts = [];
+    if (!work.ended) {
+      const left = work.left > 2 ? t(", about {min} min left", {min: Math.ceil(work.left / 60)}) : "";
+      if (work.of) parts.push(el("p", {}, t("{done} of {all} targets", {done: work.done, all: work.of}) + left));
+      parts.push(el("p", {}, el("progress", {max: 1, value: work.of ? work.done / work.of : null, "aria-label": t("How far it is")})));
+      if (work.next && !work.question) parts.push(el("p", {}, work.next));
+      if (work.question) parts.push(el("div", {class: "question", role: "alert"}, el("p", {}, work.question),
+        el("p", {class: "tools"}, ...work.choices.map((choice, k) => el("button", {class: k ? null : "main", "data-choice": choice,
+          onclick: () => this.#ask("answer", {answer: choice})}, CHOICES[choice])))));
+      parts.push(el("p", {}, el("button", {class: "small", id: "stop", onclick: () => this.#ask("stop")}, t("Stop; it goes on later"))));
+    }
+    parts.push(el("h3", {class: work.ended}, {good: t("Done: {what}", {what: work.step}), bad: t("Not done: {what}", {what: work.step})}[work.ended] ?? t("What it says")));
+    const lines = el("pre", {class: "lines", tabindex: 0, "aria-label": t("What the step says")}, work.lines.join("\n"));
+    parts.push(lines);
+    this.work.dataset.ended = work.ended;
+    this.work.dataset.done = work.done ?? "";
+    this.work.replaceChildren(...parts);
+    lines.scrollTop = lines.scrollHeight;
+  }
+
+  #options(found) {
+    const known = JSON.stringify([found.asked, this.running]);
+    if (this.asked.dataset.known === known) return;
+    this.asked.dataset.known = known;
+    const rows = {time: t("Time to measure in"), check_time: t("Time to verify in"), tools: t("Tools, NAME=x,y,z in mm"),
+      controller: t("Programs for the control"), tables: t("Tables for the control (none: corrected live)")};
+    const inputs = {};
+    const fields = Object.entries(rows).map(([name, words]) => {
+      inputs[name] = el("input", {id: `ask-${name}`, value: found.asked[name], autocomplete: "off", spellcheck: "false",
+        maxlength: 150, disabled: this.running});
+      return el("p", {class: "field"}, el("label", {for: `ask-${name}`}, words), inputs[name]);
+    });
+    const go = (event) => {
+      event.preventDefault();
+      this.#ask("ask", Object.fromEntries(Object.entries(inputs).map(([name, input]) => [name, input.value.trim()])));
+    };
+    this.asked.replaceChildren(el("details", {}, el("summary", {}, t("What is asked for")),
+      el("form", {onsubmit: go}, ...fields, el("p", {}, el("button", {class: "small", id: "ask", disabled: this.running}, t("Use this"))))));
+  }
+
+  #setups(plans) {
+    const key = JSON.stringify(plans);
+    if (this.plans.dataset.key === key) return;
+    this.plans.dataset.key = key;
+    const titles = {plan: t("Set-ups that are measured"), check: t("Set-ups that verify it")};
+    this.plans.replaceChildren(...Object.entries(plans).filter(([, setups]) => setups.length).map(([name, setups]) =>
+      el("section", {"data-plan": name}, el("h2", {}, titles[name]),
+        el("p", {class: "note"}, t("Grey: the reach of the tip. Red: what moves, and its targets. Blue: where the instrument stands.")),
+        el("div", {class: "setups"}, ...setups.map((setup, k) => el("figure", {},
+          el("figcaption", {}, `${k + 1}. ${setup.name}`),
+          el("img", {src: `/api/calibrate/picture?plan=${name}&number=${k}&of=${hash(setup.words)}`, alt: setup.words, width: 720, height: 500}),
+          el("p", {class: "note"}, setup.words)))))));
+  }
+}
+
+/** Another address for another set-up of the same number. */
+function hash(text) {
+  return [...text].reduce((sum, c) => (31 * sum + c.codePointAt(0)) % 4294967291, 7);
+}

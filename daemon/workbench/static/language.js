@@ -1,0 +1,49 @@
+// The page's own words in the language of the person: English as they stand here, others by one file each.
+const KEPT = "abbe-language";
+const languages = await (await fetch("api/languages")).json(); // code -> its own name
+const code = chosen();
+const words = code === "en" ? {} : await (await fetch(`words-${code}.json`)).json();
+document.documentElement.lang = code;
+
+function chosen() {
+  const wanted = [localStorage.getItem(KEPT), ...navigator.languages.map((name) => name.slice(0, 2))];
+  return wanted.find((name) => name in languages) ?? "en";
+}
+
+/** A text in the present language; `{name}` stands for a value. */
+export function t(text, values = {}) {
+  return (words[text] ?? text).replace(/\{(\w+)\}/g, (all, name) => (name in values ? values[name] : all));
+}
+
+const labels = words._labels ?? {};
+const patterns = Object.entries(labels).filter(([text]) => text.includes("{")).map(([text, own]) =>
+  [new RegExp(`^${text.replace(/[.*+?^$()|[\]\\]/g, "\\$&").replace(/\{(\w+)\}/g, "(?<$1>.+)")}$`), own]);
+
+/** A heading or name that the server gave, in the present language; what is not known stays. */
+export function label(text) {
+  if (text in labels) return labels[text];
+  for (const [pattern, own] of patterns) {
+    const found = pattern.exec(text);
+    if (found) return own.replace(/\{(\w+)\}/g, (_, name) => found.groups[name]);
+  }
+  return text;
+}
+
+/** Put what stands in the page's HTML into the language; `data-t` marks it, `data-t-label` its label. */
+export function translatePage() {
+  for (const node of document.querySelectorAll("[data-t]")) node.textContent = t(node.textContent);
+  for (const node of document.querySelectorAll("[data-t-label]")) node.setAttribute("aria-label", t(node.getAttribute("aria-label")));
+}
+
+/** Fill a list with the languages; choosing one shows the page anew. */
+export function offerLanguages(list) {
+  for (const [name, own] of Object.entries(languages)) {
+    const option = new Option(own, name, false, name === code);
+    option.lang = name;
+    list.append(option);
+  }
+  list.addEventListener("change", () => {
+    localStorage.setItem(KEPT, list.value);
+    location.reload();
+  });
+}

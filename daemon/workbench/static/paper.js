@@ -1,0 +1,71 @@
+// A view as paper has it: a copy without controls, its pictures as images, under a head that says what it rests on.
+import {label, t} from "./language.js";
+import {el} from "./dom.js";
+import {drawnFiner} from "./space.js";
+import {onPaper} from "./theme.js";
+
+const FINER = 2.5; // dots of a picture for each of the screen's
+const CONTROLS = "button, form, input, datalist, progress, script, .tip, .how, .waiting, [hidden]";
+
+/** A moment as people write it. */
+export function moment(text) {
+  return /^\d{4}-\d\d-\d\dT/.test(text) ? text.slice(0, 16).replace("T", " ") : text;
+}
+
+/** What a report holds: `view` as it is shown now, with `head` as the server has it. */
+export async function reportOf(view, name, head, version) {
+  const pictures = new Map();
+  await drawnFiner(FINER, () => onPaper(async () => {
+    for (const plot of view.querySelectorAll(".js-plotly-plot"))
+      pictures.set(plot, await Plotly.toImage(plot, {format: "svg", width: plot.clientWidth, height: plot.clientHeight}));
+    for (const canvas of view.querySelectorAll("canvas"))
+      if (canvas.clientWidth) pictures.set(canvas, canvas.toDataURL());
+  }));
+  for (const image of view.querySelectorAll("img")) pictures.set(image, await dataOf(image.src));
+  const body = copyOf(view, pictures);
+  body.className = `paper-body ${view.dataset.tab}`;
+  return {
+    title: `${head.machine} – ${name}`,
+    node: el("div", {}, headOf(head, name, version), body,
+      el("p", {class: "paper-foot"}, `Abbe ${head.abbe}, ${moment(head.made)}`)),
+  };
+}
+
+/** A drawing of the server's as text of the page. */
+async function dataOf(address) {
+  return `data:image/svg+xml,${encodeURIComponent(await (await fetch(address)).text())}`;
+}
+
+function headOf(head, name, version) {
+  return el("header", {class: "paper-head"}, el("h1", {}, `${head.machine}: ${name}`),
+    version ? el("p", {}, version) : null,
+    el("dl", {}, ...[...head.facts, [t("Report made"), head.made]].map(([key, text]) =>
+      el("div", {}, el("dt", {}, label(key)),
+        el("dd", {class: text ? null : "unstated"}, moment(text) || t("not stated"))))),
+    el("table", {}, el("tbody", {}, ...head.files.map(([part, file, sha]) => el("tr", {},
+      el("td", {}, part), el("td", {}, file), el("td", {}, el("code", {class: "sha"}, sha || "–")))))));
+}
+
+/** A copy of what is seen; what is folded is left out. */
+function copyOf(view, pictures) {
+  const copy = view.cloneNode(true);
+  const [from, to] = [view, copy].map((node) => [...node.querySelectorAll("*")]);
+  const changes = [];
+  from.forEach((node, k) => {
+    const image = pictures.get(node);
+    // a chart is its canvas and what lies over it
+    const place = node.closest(".uplot") ? to[from.indexOf(node.closest(".uplot"))] : to[k];
+    if (image) changes.push([place, el("img", {src: image, width: node.clientWidth, height: node.clientHeight,
+      alt: node.getAttribute("aria-label") ?? node.closest("figure, section")?.querySelector("figcaption, h2, h3")?.textContent ?? ""})]);
+  });
+  for (const [place, image] of changes) place.replaceWith(image);
+  for (const folded of copy.querySelectorAll("details:not([open])")) folded.remove();
+  for (const control of copy.querySelectorAll(CONTROLS)) control.remove();
+  for (const canvas of copy.querySelectorAll("canvas")) canvas.remove();
+  for (const node of copy.querySelectorAll("[tabindex], [id]")) {
+    node.removeAttribute("tabindex");
+    if (node.id !== "what-if") node.removeAttribute("id");
+  }
+  for (const name of ["tabindex", "id", "role", "aria-labelledby"]) copy.removeAttribute(name);
+  return copy;
+}

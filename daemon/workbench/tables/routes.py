@@ -1,0 +1,78 @@
+"""The routes of the tables: looking for whoever has entered, writing for the role ``operate``."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Request
+from pydantic import Field
+
+from abbe.daemon.workbench.asked import AskedOfWorkbench, Nothing
+from abbe.daemon.workbench.role import operating
+from abbe.daemon.workbench.tables.desk import Change, TableDesk
+
+Text = Annotated[str, Field(max_length=200)]
+
+
+class LookedAt(AskedOfWorkbench):
+    """A change that is looked at."""
+
+    change: Change
+
+
+class WrittenNow(AskedOfWorkbench):
+    """A change that is to be made; `cleared` is the pre-flight that was looked at."""
+
+    cleared: int
+    machine: Text
+    by: Text = ""
+    note: Text = ""
+
+
+class Recovered(AskedOfWorkbench):
+    """An upload that is to be brought to its end."""
+
+    machine: Text
+    by: Text = ""
+
+
+def table_routes(desk: TableDesk) -> APIRouter:
+    """The routes of a desk."""
+    router = APIRouter(prefix="/api/tables")
+
+    @router.get("")
+    def shown() -> dict[str, Any]:
+        """What the controller will hold, and what was uploaded before."""
+        return desk.shown()
+
+    @router.get("/state")
+    def state() -> dict[str, Any]:
+        """What is under way."""
+        return desk.state()
+
+    @router.post("/status")
+    def ask(_: Nothing) -> dict[str, Any]:
+        """Ask the controller what is active."""
+        desk.ask()
+        return desk.state()
+
+    @router.post("/preflight")
+    def preflight(looked: LookedAt) -> dict[str, Any]:
+        """What would change."""
+        desk.preflight(looked.change)
+        return desk.state()
+
+    @router.post("/write")
+    def write(wanted: WrittenNow, request: Request) -> dict[str, Any]:
+        """Upload or roll back; takes the role ``operate``."""
+        who = operating(desk.config, request, wanted.by)
+        desk.write(wanted.cleared, wanted.machine, who, wanted.note)
+        return desk.state()
+
+    @router.post("/recover")
+    def recover(wanted: Recovered, request: Request) -> dict[str, Any]:
+        """Bring an upload that was cut off to its end; takes the role ``operate``."""
+        desk.recover(wanted.machine, operating(desk.config, request, wanted.by))
+        return desk.state()
+
+    return router

@@ -1,0 +1,62 @@
+"""The views that one workbench has: which of them depends on what it was opened with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from abbe.daemon.workbench.calibration.guide import CalibrationGuide
+from abbe.daemon.workbench.live.view import LiveView
+from abbe.daemon.workbench.session import Workbench
+from abbe.daemon.workbench.tables.desk import TableDesk
+
+
+@dataclass(frozen=True)
+class WorkbenchViews:
+    """What the pages of a workbench stand on.
+
+    Attributes
+    ----------
+    live
+        The run that is looked at.
+    bench
+        The session with its campaigns; None: there are none.
+    desk
+        The tables and their controller; None: there are none.
+    guide
+        The calibration; None: there is none.
+    """
+
+    live: LiveView
+    bench: Workbench | None = None
+    desk: TableDesk | None = None
+    guide: CalibrationGuide | None = None
+
+    @property
+    def names(self) -> list[str]:
+        """Their names, in the order of the tabs."""
+        found = ["live"]
+        if self.bench is not None:
+            found += ["compare", "learn", "watch"]
+        if self.desk is not None:
+            found.append("tables")
+        if self.guide is not None:
+            found.append("calibrate")
+        return found
+
+    @property
+    def first(self) -> str:
+        """The one that is shown first."""
+        if self.desk is not None and self.desk.folder is not None and self.bench is None:
+            return "tables"
+        if self.guide is not None and self.bench is None:
+            return "calibrate"
+        return self.live.first
+
+    def close(self) -> None:
+        """End what is under way; an upload, and the last rows of a measurement, are waited for."""
+        if self.bench is not None:
+            self.bench.close()
+        if self.desk is not None:
+            self.desk.close()
+        if self.guide is not None:
+            self.guide.close()
