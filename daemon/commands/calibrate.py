@@ -56,8 +56,8 @@ def calibrate(
     An example: abbe calibrate cmm.toml --time 4h --tool P=0,0,-150
     """
     from abbe.compcore.errors import AbbeError, InputError
+    from abbe.daemon.calibration.request import CalibrationRequest
     from abbe.daemon.commands.calibration.guide import calibrate as lead
-    from abbe.daemon.commands.calibration.request import CalibrationRequest
     from abbe.daemon.config import load_config
     from abbe.daemon.measure.person import somebody_there
 

@@ -3,21 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from abbe.compcore.errors import AbbeError, InputError
-from abbe.daemon.commands.calibration.request import CalibrationRequest
-from abbe.daemon.commands.calibration.state import CalibrationState
-from abbe.daemon.commands.calibration.steps import Ask, CalibrationStep, steps_of
-
-
-@dataclass(frozen=True)
-class StepNow:
-    """A step as it stands: `at` and `note` of its record where it is done, else empty."""
-
-    step: CalibrationStep
-    at: str
-    note: str
+from abbe.daemon.calibration.request import CalibrationRequest
+from abbe.daemon.calibration.state import CalibrationState
+from abbe.daemon.calibration.step import StepNow
+from abbe.daemon.commands.calibration.steps import Ask, steps_of
 
 
 def steps_now(request: CalibrationRequest) -> list[StepNow]:

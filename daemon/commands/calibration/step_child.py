@@ -19,8 +19,8 @@ def main() -> None:
     import typer
 
     from abbe.compcore.errors import AbbeError
+    from abbe.daemon.calibration.request import CalibrationRequest
     from abbe.daemon.commands.calibration.guide import calibrate, steps_now
-    from abbe.daemon.commands.calibration.request import CalibrationRequest
     from abbe.daemon.config import load_config
 
     task = json.loads(sys.stdin.readline())

@@ -3,42 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
+from abbe.daemon.calibration.live_configuration import write_live_configuration
+from abbe.daemon.calibration.request import CalibrationRequest
+from abbe.daemon.calibration.step import (
+    CALIBRATED,
+    CAMPAIGN,
+    CERTIFICATE,
+    CHECK,
+    CHECK_PLAN,
+    CHECK_PROGRAM,
+    FITTED,
+    LIVE,
+    MODEL,
+    PLAN,
+    PROGRAM,
+    TABLES,
+    CalibrationStep,
+)
 from abbe.daemon.commands.calibration.acting_tables import require_acting
 from abbe.daemon.commands.calibration.diagnosing import complete_model
-from abbe.daemon.commands.calibration.live_configuration import write_live_configuration
-from abbe.daemon.commands.calibration.request import CalibrationRequest
 
 Ask = Callable[[str], bool]
 """Asks a person yes or no."""
-
-MODEL, PLAN, PROGRAM, CAMPAIGN = "start.toml", "plan.toml", "program.nc", "campaign.csv"
-FITTED, CALIBRATED, TABLES, LIVE = "fitted.toml", "calibrated.toml", "tables", "live.toml"
-CHECK_PLAN, CHECK_PROGRAM, CHECK = "check.toml", "check.nc", "check.csv"
-CERTIFICATE = "certificate.html"
-
-
-@dataclass(frozen=True)
-class CalibrationStep:
-    """One step.
-
-    Attributes
-    ----------
-    name, title
-        Its name in the state, and what it does for people.
-    made_from, makes
-        Files that it reads, by which it is known to be up to date, and that it writes.
-    run
-        Does it.
-    """
-
-    name: str
-    title: str
-    made_from: tuple[Path, ...]
-    makes: tuple[Path, ...]
-    run: Callable[[], None]
 
 
 def steps_of(

@@ -77,7 +77,8 @@ def open_workbench(
     from abbe.daemon.progress import shown
 
     with shown("reading"):
-        from abbe.daemon.commands.calibration.in_browser import calibration_commands
+        from abbe.daemon.commands.calibration import step_child
+        from abbe.daemon.commands.calibration.guide import steps_now
         from abbe.daemon.workbench.address import listening
         from abbe.daemon.workbench.calibration.guide import CalibrationGuide
         from abbe.daemon.workbench.live.view import LiveView
@@ -100,7 +101,7 @@ def open_workbench(
             desk = TableDesk(found.config, tables)
         guide = None
         if found.config is not None and calibration is not None:
-            guide = CalibrationGuide(found.config, calibration, calibration_commands())
+            guide = CalibrationGuide(found.config, calibration, steps_now, step_child.__name__)
     first = True
 
     def invite(address: str) -> None:

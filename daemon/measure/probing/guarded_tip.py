@@ -80,8 +80,7 @@ class GuardedTip:
         LinkError
             As `TouchProbe.go`.
         """
-        if self._at is not None:
-            self.look(self._at, to)
+        self.look(to if self._at is None else self._at, to)
         self._at = None
         await self._probe.go(_place(to))
         self._at = to

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,8 @@ from abbe.compcore.errors import AbbeError, InputError
 from abbe.compcore.files.plan_file import PlannedWork, read_plan
 from abbe.compcore.planning.targets import SurveyTask
 from abbe.daemon.answers.typed import calibrating
+from abbe.daemon.calibration.request import CalibrationRequest
+from abbe.daemon.calibration.step import CERTIFICATE, CHECK_PLAN, PLAN, StepNow
 from abbe.daemon.config import Configuration
 from abbe.daemon.measure.events import minutes, setup_words
 from abbe.daemon.report.measurements.survey import picture
@@ -23,31 +25,8 @@ MEASURES = frozenset({"measure", "check"})
 """Steps that need the machine and its instruments: they take the role ``operate``."""
 _ELSEWHERE = frozenset({"upload"})
 """Steps that write to the controller: not from this page."""
-
-
-@dataclass(frozen=True)
-class CalibrationCommands:
-    """What ``abbe calibrate`` does; handed in, because the workbench stands below the commands.
-
-    Attributes
-    ----------
-    request
-        Makes a `CalibrationRequest` of a configuration, a folder and what is asked for.
-    steps_now
-        Such a request → its steps as they stand (`StepNow`).
-    plans
-        Step → the file of its plan.
-    certificate
-        The certificate's file.
-    child
-        Module that does one step in a process of its own.
-    """
-
-    request: Callable[..., Any]
-    steps_now: Callable[[Any], Sequence[Any]]
-    plans: Mapping[str, str]
-    certificate: str
-    child: str
+_PLANS = {"plan": PLAN, "check": CHECK_PLAN}
+"""Step → the file of its plan."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +49,10 @@ class CalibrationGuide:
         The machine's configuration; read anew for each answer.
     folder
         As ``abbe calibrate --folder``.
-    commands
-        What that command does.
+    steps_now
+        The steps as they stand; handed in, because the workbench stands below the commands.
+    child
+        Module that does one step in a process of its own.
 
     Raises
     ------
@@ -79,8 +60,15 @@ class CalibrationGuide:
         For a configuration without an instrument, and a folder of another one.
     """
 
-    def __init__(self, config: Path, folder: Path, commands: CalibrationCommands) -> None:
-        self.config, self._folder, self._commands = config, folder, commands
+    def __init__(
+        self,
+        config: Path,
+        folder: Path,
+        steps_now: Callable[[CalibrationRequest], Sequence[StepNow]],
+        child: str,
+    ) -> None:
+        self.config, self._folder = config, folder
+        self._steps_now, self._child = steps_now, child
         self._fresh = FreshConfiguration(config)
         self._asked = AskedCalibration()
         self._lock = threading.Lock()
@@ -91,11 +79,11 @@ class CalibrationGuide:
                 "no instrument to measure with", file=config, field="instrument",
                 expected="a section [instrument.laser], … (docs/measure.md)",
             )  # fmt: skip
-        self._commands.steps_now(self._request(configuration))
+        self._steps_now(self._request(configuration))
 
-    def _request(self, configuration: Configuration) -> Any:
+    def _request(self, configuration: Configuration) -> CalibrationRequest:
         asked = self._asked
-        return self._commands.request(
+        return CalibrationRequest(
             configuration, self._folder, asked.time, asked.check_time, asked.tools,
             asked.controller, asked.tables, yes=False,
         )  # fmt: skip
@@ -103,17 +91,15 @@ class CalibrationGuide:
     def shown(self) -> dict[str, Any]:
         """The page."""
         request = self._request(self._fresh.now())
-        steps = self._commands.steps_now(request)
+        steps = self._steps_now(request)
         asked = self._asked
         http = request.configuration.http
         return {
             "folder": str(self._folder),
             "asked": vars(asked) | {"tools": " ".join(asked.tools)},
             "steps": list(self._steps(steps)),
-            "plans": {
-                key: self._setups(request, name) for key, name in self._commands.plans.items()
-            },
-            "certificate": request.file(self._commands.certificate).is_file(),
+            "plans": {key: self._setups(request, name) for key, name in _PLANS.items()},
+            "certificate": request.file(CERTIFICATE).is_file(),
             "command": calibrating(self.config, self._folder),
             "roles": http is not None and http.tokens.exists(),
             "work": None if self._process is None else self._process.as_json(),
@@ -149,9 +135,7 @@ class CalibrationGuide:
         with self._lock:
             self._require_idle()
             request = self._request(self._fresh.now())
-            coming = next(
-                (s.step.name for s in self._commands.steps_now(request) if not s.at), None
-            )
+            coming = next((s.step.name for s in self._steps_now(request) if not s.at), None)
             if name != coming:
                 raise InputError(
                     "is not the next step", field="step", found=name, expected=coming or "none"
@@ -163,7 +147,7 @@ class CalibrationGuide:
                 )  # fmt: skip
             asked = self._asked
             self._process = StepProcess(
-                self._commands.child,
+                self._child,
                 {
                     "config": str(self.config), "folder": str(self._folder), "step": name,
                     "time": asked.time, "check_time": asked.check_time,
@@ -196,7 +180,7 @@ class CalibrationGuide:
             Where there is no such plan or set-up.
         """
         request = self._request(self._fresh.now())
-        plan = self._commands.plans.get(key)
+        plan = _PLANS.get(key)
         work = self._work(request, plan) if plan is not None else None
         if work is None or not 0 <= number < len(work.setups):
             raise InputError("no such set-up", field="number", found=number)
@@ -205,7 +189,7 @@ class CalibrationGuide:
 
     def certificate(self) -> bytes:
         """The certificate's page; raises `InputError` where it is not there."""
-        path: Path = self._request(self._fresh.now()).file(self._commands.certificate)
+        path = self._request(self._fresh.now()).file(CERTIFICATE)
         try:
             return path.read_bytes()
         except OSError as error:
@@ -215,7 +199,7 @@ class CalibrationGuide:
         if self._process is not None and self._process.running:
             raise InputError("a step is under way", found=self._process.step, expected="its end")
 
-    def _steps(self, steps: Sequence[Any]) -> Any:
+    def _steps(self, steps: Sequence[StepNow]) -> Iterator[dict[str, Any]]:
         running = self._process.step if self._process and self._process.running else ""
         waits = False
         for now in steps:
@@ -234,11 +218,11 @@ class CalibrationGuide:
             waits = waits or not now.at
 
     @staticmethod
-    def _work(request: Any, name: str) -> PlannedWork | None:
+    def _work(request: CalibrationRequest, name: str) -> PlannedWork | None:
         path = request.file(name)
         return read_plan(path, request.configuration.model.machine) if path.is_file() else None
 
-    def _setups(self, request: Any, name: str) -> list[dict[str, str]]:
+    def _setups(self, request: CalibrationRequest, name: str) -> list[dict[str, str]]:
         """The set-ups of a plan, for people; none where it is not there or cannot be read."""
         try:
             work = self._work(request, name)

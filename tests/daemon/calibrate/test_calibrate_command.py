@@ -91,7 +91,7 @@ def test_a_model_without_effects_begins_with_those_of_its_structure(config):
 
 
 def test_the_live_configuration_is_the_one_there_is_with_the_calibrated_model(config):
-    from abbe.daemon.commands.calibration.live_configuration import write_live_configuration
+    from abbe.daemon.calibration.live_configuration import write_live_configuration
 
     folder = config.parent / "c"
     folder.mkdir()

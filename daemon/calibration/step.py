@@ -1,0 +1,42 @@
+"""A step of a calibration, the files between the steps, and a step as it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+MODEL, PLAN, PROGRAM, CAMPAIGN = "start.toml", "plan.toml", "program.nc", "campaign.csv"
+FITTED, CALIBRATED, TABLES, LIVE = "fitted.toml", "calibrated.toml", "tables", "live.toml"
+CHECK_PLAN, CHECK_PROGRAM, CHECK = "check.toml", "check.nc", "check.csv"
+CERTIFICATE = "certificate.html"
+
+
+@dataclass(frozen=True)
+class CalibrationStep:
+    """One step.
+
+    Attributes
+    ----------
+    name, title
+        Its name in the state, and what it does for people.
+    made_from, makes
+        Files that it reads, by which it is known to be up to date, and that it writes.
+    run
+        Does it.
+    """
+
+    name: str
+    title: str
+    made_from: tuple[Path, ...]
+    makes: tuple[Path, ...]
+    run: Callable[[], None]
+
+
+@dataclass(frozen=True)
+class StepNow:
+    """A step as it stands: `at` and `note` of its record where it is done, else empty."""
+
+    step: CalibrationStep
+    at: str
+    note: str
