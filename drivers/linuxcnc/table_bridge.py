@@ -5,11 +5,12 @@ line JSON on its pipes; sets no offsets. Besides ``{"read": […]}`` it answers
 
 ``{"state": true}``
     ``{"ini": …, "on": …, "idle": …, "homed": [true, …], "in_position": …, "units_per_mm": …,
-    "limits": {"X": [-300.0, 300.0], …}, "position": {"X": 0.0, …}, "mode": …}``; soft limits and
-    machine coordinates of the axes, in machine units
+    "limits": {"X": [-300.0, 300.0], …}, "position": {"X": 0.0, …}, "mode": …, "command": …}``;
+    soft limits and machine coordinates of the axes, in machine units; `command` is the number of
+    the last command that LinuxCNC received from anybody
 ``{"move": {"axis": "X", "to": 12.5, "feed": 300.0}}``
-    ``{"moving": true}``; the position in machine coordinates, both in mm (degrees); returns before
-    it is there
+    ``{"moving": true, "command": …}``; the position in machine coordinates, both in mm (degrees);
+    returns before it is there. `command` is the number of its last command
 ``{"mode": 1}``
     ``{"mode": 1}``; as `state` tells it
 
@@ -71,6 +72,7 @@ class TableBridge(Bridge):  # type: ignore[misc]
             },
             "position": {a: status.position[i] for i, a in axes},
             "mode": status.task_mode,
+            "command": status.echo_serial_number,
         }
 
     def _enter(self, mode: int) -> None:
@@ -88,7 +90,7 @@ class TableBridge(Bridge):  # type: ignore[misc]
         # before them in the same one.
         for line in ("M70", "G21 G90 G94 G40", f"G53 G1 {axis}{to:.6f} F{feed:.6f}", "M72"):
             self._command.mdi(line)
-        return {"moving": True}
+        return {"moving": True, "command": self._command.serial}
 
 
 if __name__ == "__main__":

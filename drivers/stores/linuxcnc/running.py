@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import abbe.drivers.linuxcnc
-from abbe.drivers.link import LinkTimeoutError
+from abbe.drivers.link import LinkProtocolError, LinkTimeoutError
 from abbe.drivers.linuxcnc.process import BridgeProcess
 from abbe.drivers.stores.base import RefusedError, ShownCorrection
 from abbe.drivers.stores.linuxcnc.ini import is_rotary
@@ -24,6 +24,8 @@ from abbe.drivers.stores.linuxcnc.ini import is_rotary
 _BRIDGE = Path(abbe.drivers.linuxcnc.__file__).with_name("table_bridge.py")
 _SETTINGS = {"offsets": {}, "lease": 1e9, "ramp": 0.0, "servo_silence": 5.0}
 _PINS = ("motor-pos-cmd", "motor-offset", "vel-cmd", "backlash-corr", "backlash-filt", "pos-cmd")
+_THERE = 1e-5
+"""mm or degrees by which an axis may stand beside its place."""
 _LOOK = 0.02
 """s between two looks."""
 _STILL = 1e-9
@@ -32,6 +34,10 @@ _A_WAY = 1e-6
 """mm or rad that are no rounding error."""
 _MOVE_ROOM = 30.0
 """s on top of the time that a move takes by its feed."""
+_NOT_BEGUN = 2.0
+"""s for which an axis stands where it stood, and LinuxCNC is idle: it has lost the order."""
+_ORDERS = 3
+"""How often a move is ordered that LinuxCNC does not begin."""
 
 
 class Running:
@@ -55,6 +61,8 @@ class Running:
         self._speeds: dict[str, float] = {}
         """Last speed that was seen of axes since all stood still."""
         self._stood: dict[str, float] = {}
+        self._acting: set[str] = set()
+        """Axes that have moved since they were homed, as far as that was seen."""
         self._units = 1.0
 
     async def state(self) -> dict[str, Any]:
@@ -72,6 +80,7 @@ class Running:
 
         A direction is known where the axis was seen to go that way and to end there. LinuxCNC goes
         by the sign of the last commanded speed, be it 1e-15: after rounding errors it is unknown.
+        An axis that has not moved since it was homed is left out: LinuxCNC adds nothing to it yet.
         """
         pins = [
             f"joint.{joint}.{pin}" for joint in self._joints.values() for pin in ("pos-cmd", *_PINS)
@@ -89,12 +98,16 @@ class Running:
                 self._speeds[axis] = speed
             still &= not speed and before == after and abs(wanted - applied) <= _STILL
             position[axis] = after * self._size(axis)
-            correction[axis] = (motor - after - offset) * self._size(axis)
+            if speed or wanted or applied:
+                self._acting.add(axis)
+            if axis in self._acting:
+                correction[axis] = (motor - after - offset) * self._size(axis)
         if not still:
             return None
         for axis, at in position.items():
             way, speed = at - self._stood.get(axis, at), self._speeds.pop(axis, 0.0)
             if way or speed:
+                self._acting.add(axis)
                 agree = abs(way) > _A_WAY and way * (speed or way) > 0.0
                 self._directions[axis] = (1 if way > 0.0 else -1) if agree else 0
         self._stood = position
@@ -137,9 +150,9 @@ class Running:
         Raises
         ------
         LinkTimeoutError
-            When a move does not end.
+            When a move does not begin or end.
         LinkProtocolError
-            When the machine is off, busy or not homed.
+            When the machine is off, busy or not homed, or somebody else has told it something.
         """
         state = await self.state()
         found: list[ShownCorrection] = []
@@ -164,27 +177,60 @@ class Running:
         at = start
         for i in (*range(1, count + 1), *range(count - 1, -1, -1)):
             to = start + sign * i * step
-            await self._bridge.ask(
-                {"move": {"axis": axis, "to": to, "feed": feed}}, self._timeout + _MOVE_ROOM
-            )
-            seen = await self._arrival(axis, to, step / feed * 60.0 + _MOVE_ROOM)
+            seen = await self._go(axis, at, to, feed)
             # the others may have moved by rounding errors
             found.append(replace(seen, direction={axis: 1 if to > at else -1}))
             at = to
         return found
 
-    async def _arrival(self, axis: str, to: float, limit: float) -> ShownCorrection:
-        began = time.monotonic()
+    async def _go(self, axis: str, at: float, to: float, feed: float) -> ShownCorrection:
+        """One move, mm or degrees; ordered again where LinuxCNC lost the order."""
+        for _ in range(_ORDERS):
+            said = await self._bridge.ask(
+                {"move": {"axis": axis, "to": to, "feed": feed}}, self._timeout + _MOVE_ROOM
+            )
+            self._acting.add(axis)
+            limit = abs(to - at) / feed * 60.0 + _MOVE_ROOM
+            seen = await self._arrival(axis, at, to, said["command"], limit)
+            if seen is not None:
+                return seen
+        raise LinkTimeoutError(f"LinuxCNC does not move {axis} to {to:g}, ordered {_ORDERS} times")
+
+    async def _arrival(
+        self, axis: str, at: float, to: float, command: int, limit: float
+    ) -> ShownCorrection | None:
+        """What is shown when it has arrived; None where the move was never begun.
+
+        Nothing is ordered again once it has moved, or somebody else has told LinuxCNC anything: it
+        may have been stopped for a reason.
+        """
+        began = latest = time.monotonic()
         while True:
             state = await self.state()
+            now = time.monotonic()
             unit = 1.0 if is_rotary(axis) else 1.0 / self._units
-            there = abs(state["position"][axis] * unit - to) < 1e-5
-            if there and state["idle"] and state["in_position"]:
+            place = state["position"][axis] * unit
+            if not state["on"]:
+                raise LinkProtocolError(f"LinuxCNC was switched off while {axis} moved to {to:g}")
+            if not (state["idle"] and state["in_position"]):
+                latest = now
+            elif abs(place - to) < _THERE:
                 seen = await self.look()
                 if seen is not None:
                     return seen
-            if time.monotonic() - began > limit:
-                raise LinkTimeoutError(f"{axis} did not reach {to:g} in {limit:.0f} s")
+            elif now - latest > _NOT_BEGUN:
+                if state["command"] != command:
+                    raise LinkProtocolError(
+                        f"{axis} stands at {place:g} instead of {to:g}: LinuxCNC was told "
+                        "something else meanwhile; it is not moved any further"
+                    )
+                if abs(place - at) < _THERE:
+                    return None
+            if now - began > limit:
+                raise LinkTimeoutError(
+                    f"{axis} did not reach {to:g} in {limit:.0f} s: it is at {place:g}, "
+                    f"LinuxCNC is {'idle' if state['idle'] else 'busy'}"
+                )
             await asyncio.sleep(_LOOK)
 
 

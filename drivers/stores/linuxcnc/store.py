@@ -269,10 +269,11 @@ class LinuxCncStore(Store):
             if not self._is_ours(state) or not all(state["homed"]):
                 return ()
             if config.verify_by_moving and not self._moved and state["on"] and state["idle"]:
-                self._moved = True  # once is enough, however often the effect is looked at
-                return await running.move(
+                seen = await running.move(
                     config.verify_step, config.verify_points, config.verify_feed
                 )
+                self._moved = True  # once is enough, however often the effect is looked at
+                return seen
             return await running.watch(config.watch)
 
     # What is under it

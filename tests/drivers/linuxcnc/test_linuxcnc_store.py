@@ -14,7 +14,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from abbe.drivers.link import LinkConfigError, LinkDownError, LinkError, LinkTimeoutError
+import abbe.drivers.linuxcnc
+import abbe.drivers.stores.linuxcnc.running
+from abbe.drivers.link import (
+    LinkConfigError,
+    LinkDownError,
+    LinkError,
+    LinkProtocolError,
+    LinkTimeoutError,
+)
 from abbe.drivers.stores.base import Readiness, RefusedError, ShownCorrection
 from abbe.drivers.stores.linuxcnc.config import LinuxCncStoreConfig
 from abbe.drivers.stores.linuxcnc.store import LinuxCncStore
@@ -332,3 +340,86 @@ async def test_what_is_missing_is_reported(tmp_path: Path) -> None:
     config = LinuxCncStoreConfig(ini=str(tmp_path / "no.ini"), python="/no/python")
     with pytest.raises(LinkDownError, match="cannot start /no/python"):
         await LinuxCncStore("mill", config).open()
+
+
+DEAF = """
+import sys
+sys.path.insert(0, {drivers!r})
+import table_bridge
+from bridge import run
+
+
+class Deaf(table_bridge.TableBridge):
+    lost = 0
+
+    def attach(self):
+        super().attach()
+        told = self._command
+
+        class Command:
+            serial = property(lambda self: told.serial)
+            mode = told.mode
+            wait_complete = told.wait_complete
+
+            def mdi(self, line):
+                if "G53" in line and {loses}:
+                    Deaf.lost += 1
+                else:
+                    told.mdi(line)
+
+        self._command = Command()
+
+
+sys.exit(run(Deaf))
+"""
+"""A bridge that loses orders to move on their way to LinuxCNC."""
+
+
+async def test_what_happens_to_the_moves_of_a_check(
+    mill: Mill, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Orders that get lost, an operator's stop, the machine switched off, axes not moved yet."""
+    await asyncio.to_thread(mill.end)
+    async with store(mill) as one:
+        await upload(one, files(SMALL))
+    await asyncio.to_thread(mill.start)
+    await asyncio.to_thread(mill.ready)
+    async with store(mill) as one:  # homed, not moved: LinuxCNC adds nothing yet
+        (effect,) = await one.effects()
+        assert effect.correction == {}
+        assert set(effect.position) == set("XYZ")
+    await asyncio.to_thread(mill.order, "mdi", "G90 G21 G0 X5")
+    async with store(mill) as one:
+        (effect,) = await one.effects()
+        assert effect.correction == {"X": pytest.approx(added("x", 5.0, True, SMALL), abs=2e-7)}
+
+    drivers = str(Path(abbe.drivers.linuxcnc.__file__).parent)
+    deaf = tmp_path / "deaf.py"
+    moving = {"verify_by_moving": True, "verify_step": 2.3, "verify_points": 2}
+    monkeypatch.setattr(abbe.drivers.stores.linuxcnc.running, "_BRIDGE", deaf)
+    deaf.write_text(DEAF.format(drivers=drivers, loses="Deaf.lost < 2"))
+    async with store(mill, **moving, verify_feed=3000.0) as one:
+        effects = await one.effects()
+        assert check(effects, SMALL) == EVERYWHERE
+        assert len(effects) == 12
+    deaf.write_text(DEAF.format(drivers=drivers, loses="True"))
+    async with store(mill, **moving, verify_feed=3000.0) as one:
+        with pytest.raises(LinkTimeoutError, match=r"does not move X to 7\.3, ordered 3 times"):
+            await one.effects()
+    monkeypatch.undo()
+
+    slow = moving | {"verify_step": 10.0, "verify_feed": 200.0}
+    for order, said in [
+        ("c.abort()", "told something else meanwhile; it is not moved any further"),
+        ("c.state(linuxcnc.STATE_OFF)", "was switched off while X moved"),
+    ]:
+        async with store(mill, **slow) as one:
+            checking = asyncio.create_task(one.effects())
+            await until(one, lambda hindrances: hindrances[:1] == ("a programme runs",))
+            order_at_once(order)
+            with pytest.raises(LinkProtocolError, match=said):
+                await checking
+        async with store(mill) as one:
+            where = (await one.effects())[0].position
+            await asyncio.sleep(1.0)
+            assert (await one.effects())[0].position == where
