@@ -43,6 +43,7 @@ DAEMON: tuple[Rooms, ...] = (
         ("guard", "what may go out"),
         ("config", "loaded, checked"),
         ("ownership", "one at a time"),
+        ("calibration", "its steps, its state"),
     ),
 )
 DRIVERS: tuple[Rooms, ...] = (
