@@ -33,17 +33,19 @@ DAEMON: tuple[Rooms, ...] = (
         ("table_watch", "tables made anew"),
         ("checks", "still true?"),
         ("records", "what was"),
+    ),
+    (
         ("control", "by a person"),
         ("status", "what it says"),
         ("http", "over a network"),
         ("systemd", "as a service"),
+        ("calibration", "its steps, its state"),
     ),
     (
-        ("pipeline", "reading, correcting, writing"),
+        ("pipeline", "read, correct, write"),
         ("guard", "what may go out"),
         ("config", "loaded, checked"),
         ("ownership", "one at a time"),
-        ("calibration", "its steps, its state"),
     ),
 )
 DRIVERS: tuple[Rooms, ...] = (
@@ -64,9 +66,9 @@ DRIVERS: tuple[Rooms, ...] = (
 )
 COMPCORE: tuple[Rooms, ...] = (
     (
-        ("planning", "which set-ups make the machine surest"),
+        ("planning", "what to measure"),
         ("verification", "lines that were not fitted"),
-        ("monitoring", "is the model still true: control charts"),
+        ("monitoring", "is the model still true?"),
     ),
     (
         ("tables", "what controllers hold"),
