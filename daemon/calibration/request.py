@@ -9,6 +9,8 @@ from pathlib import Path
 from abbe.compcore.machine.machine import Machine
 from abbe.daemon.config import Configuration
 
+_FEED = 3000.0
+"""Of a program of which nobody says how fast, mm/min."""
 _OWN = {"L-POS", "R-POS"}
 """Types of tables over an axis's own position (ISO/TR 16907, 8.2)."""
 
@@ -38,8 +40,8 @@ class CalibrationRequest:
     as_json
         Whether measuring tells JSON objects, a line each.
     feed, stands
-        Of the programs, mm/min, and how long they stand at a target, s; None: as the instrument
-        needs.
+        Of the programs, mm/min, and how long they stand at a target, s; `stands` None: as the
+        instrument needs; `feed` None: both as the program was made that is there.
     at
         Conditions that the tables are for.
     """
@@ -54,7 +56,7 @@ class CalibrationRequest:
     yes: bool
     by: str = ""
     as_json: bool = False
-    feed: float = 3000.0
+    feed: float | None = None
     stands: float | None = None
     at: tuple[str, ...] = ("reference",)
 
@@ -67,6 +69,20 @@ class CalibrationRequest:
     def model(self) -> Path:
         """The model that the configuration names."""
         return self.configuration.model_path
+
+    def program_settings(self, recorded: Mapping[str, str] | None) -> dict[str, str]:
+        """How a program is made.
+
+        Parameters
+        ----------
+        recorded
+            How the one was made that is there; None: there is none.
+        """
+        if self.feed is None and recorded:
+            return {**recorded, "controller": self.controller}
+        feed = _FEED if self.feed is None else self.feed
+        stands = "" if self.stands is None else f"{self.stands:g}"
+        return {"controller": self.controller, "feed": f"{feed:g}", "stands": stands}
 
     @property
     def instruments(self) -> str:

@@ -22,12 +22,13 @@ _MOST_BYTES = 1_000_000
 
 
 class StepRecord(BaseModel):
-    """A step that was done: when, and the SHA-256 of what it was made from."""
+    """A step that was done: when, the SHA-256 of what it was made from, and how."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     at: str
     made_from: dict[str, str]
+    settings: dict[str, str] = {}
     note: Annotated[str, Field(max_length=1000)] = ""
 
 
@@ -85,16 +86,29 @@ class CalibrationState:
             )
         return cls(folder, configuration, dict(found.steps))
 
-    def done(self, step: str, made_from: Iterable[Path], makes: Iterable[Path]) -> bool:
-        """Whether a step was done, from these files as they are, and what it made is there."""
+    def done(
+        self,
+        step: str,
+        made_from: Iterable[Path],
+        makes: Iterable[Path],
+        settings: Mapping[str, str] | None = None,
+    ) -> bool:
+        """Whether a step was done so, from these files as they are, and what it made is there."""
         record = self.steps.get(step)
         return (
             record is not None
             and all(path.exists() for path in makes)
+            and record.settings == dict(settings or {})
             and record.made_from == _digests(made_from)
         )
 
-    def note(self, step: str, made_from: Iterable[Path], note: str = "") -> None:
+    def note(
+        self,
+        step: str,
+        made_from: Iterable[Path],
+        note: str = "",
+        settings: Mapping[str, str] | None = None,
+    ) -> None:
         """Record that a step is done.
 
         Raises
@@ -103,7 +117,9 @@ class CalibrationState:
             When it cannot be written.
         """
         now = datetime.now(UTC).isoformat(timespec="seconds")
-        self.steps[step] = StepRecord(at=now, made_from=_digests(made_from), note=note)
+        self.steps[step] = StepRecord(
+            at=now, made_from=_digests(made_from), note=note, settings=dict(settings or {})
+        )
         document: Mapping[str, object] = {
             "format": CALIBRATION,
             "configuration": str(self.configuration.resolve()),

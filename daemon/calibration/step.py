@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 MODEL, PLAN, PROGRAM, CAMPAIGN = "start.toml", "plan.toml", "program.nc", "campaign.csv"
@@ -24,6 +24,8 @@ class CalibrationStep:
         Files that it reads, by which it is known to be up to date, and that it writes.
     run
         Does it.
+    settings
+        What else it is made by; with others it is done again.
     """
 
     name: str
@@ -31,6 +33,7 @@ class CalibrationStep:
     made_from: tuple[Path, ...]
     makes: tuple[Path, ...]
     run: Callable[[], None]
+    settings: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

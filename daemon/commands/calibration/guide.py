@@ -21,8 +21,8 @@ def steps_now(request: CalibrationRequest) -> list[StepNow]:
     """
     state = CalibrationState.read(request.folder, request.config)
     found = []
-    for step in steps_of(request, lambda _: None, lambda _: False):
-        done = state.done(step.name, step.made_from, step.makes)
+    for step in steps_of(request, state, lambda _: None, lambda _: False):
+        done = state.done(step.name, step.made_from, step.makes, step.settings)
         record = state.steps[step.name] if done else None
         found.append(StepNow(step, record.at if record else "", record.note if record else ""))
     return found
@@ -52,13 +52,13 @@ def calibrate(
     except OSError as error:
         raise InputError(f"cannot be made: {error.strerror}", file=request.folder) from None
     state = CalibrationState.read(request.folder, request.config)
-    steps = list(steps_of(request, say, ask))
+    steps = list(steps_of(request, state, say, ask))
     names = [step.name for step in steps]
     if upto and upto not in names:
         raise InputError("no such step", field="upto", found=upto, expected=", ".join(names))
     for number, step in enumerate(steps, start=1):
         title = f"{number}/{len(steps)} {step.name}: {step.title}"
-        if state.done(step.name, step.made_from, step.makes):
+        if state.done(step.name, step.made_from, step.makes, step.settings):
             say(f"{title}: done {state.steps[step.name].at}")
         else:
             if not ask(f"{title}. Go on?"):
@@ -69,7 +69,7 @@ def calibrate(
             if lacking:
                 raise AbbeError(f"{step.name} needs {lacking[0]}, which is not there")
             step.run()
-            state.note(step.name, step.made_from, request.by)
+            state.note(step.name, step.made_from, request.by, step.settings)
         if step.name == upto:
             return False
     return True

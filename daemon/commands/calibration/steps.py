@@ -7,6 +7,7 @@ from pathlib import Path
 
 from abbe.daemon.calibration.live_configuration import write_live_configuration
 from abbe.daemon.calibration.request import CalibrationRequest
+from abbe.daemon.calibration.state import CalibrationState
 from abbe.daemon.calibration.step import (
     CALIBRATED,
     CAMPAIGN,
@@ -30,16 +31,16 @@ Ask = Callable[[str], bool]
 
 
 def steps_of(
-    request: CalibrationRequest, say: Callable[[str], None], ask: Ask
+    request: CalibrationRequest, state: CalibrationState, say: Callable[[str], None], ask: Ask
 ) -> Iterator[CalibrationStep]:
     """The steps of a calibration in their order."""
-    yield from _measured(request)
+    yield from _measured(request, state)
     yield from _modelled(request, say, ask)
     yield from _applied(request)
-    yield from _verified(request)
+    yield from _verified(request, state)
 
 
-def _measured(request: CalibrationRequest) -> Iterator[CalibrationStep]:
+def _measured(request: CalibrationRequest, state: CalibrationState) -> Iterator[CalibrationStep]:
     file = request.file
     model, plan_file, campaign = file(MODEL), file(PLAN), file(CAMPAIGN)
 
@@ -66,7 +67,7 @@ def _measured(request: CalibrationRequest) -> Iterator[CalibrationStep]:
         )  # fmt: skip
 
     yield CalibrationStep("plan", "which measurements", (model,), (plan_file,), planned)
-    yield from _program(request, "program", plan_file, file(PROGRAM), model)
+    yield from _program(request, state, "program", plan_file, file(PROGRAM), model)
 
     def measured() -> None:
         _measure(request, plan_file, campaign, None)
@@ -75,18 +76,27 @@ def _measured(request: CalibrationRequest) -> Iterator[CalibrationStep]:
 
 
 def _program(
-    request: CalibrationRequest, name: str, plan_file: Path, out: Path, model: Path
+    request: CalibrationRequest,
+    state: CalibrationState,
+    name: str,
+    plan_file: Path,
+    out: Path,
+    model: Path,
 ) -> Iterator[CalibrationStep]:
+    record = state.steps.get(name)
+    settings = request.program_settings(None if record is None else record.settings)
+
     def made() -> None:
         from abbe.daemon.commands.measurements.program import program
 
         program(
-            plan_file, controller=request.controller, out=out, model=model, feed=request.feed,
-            stands=request.stands,
+            plan_file, controller=request.controller, out=out, model=model,
+            feed=float(settings["feed"]),
+            stands=float(settings["stands"]) if settings["stands"] else None,
         )  # fmt: skip
 
     if request.controller:
-        yield CalibrationStep(name, "the program of it", (plan_file,), (out,), made)
+        yield CalibrationStep(name, "the program of it", (plan_file,), (out,), made, settings)
 
 
 def _modelled(
@@ -140,7 +150,7 @@ def _applied(request: CalibrationRequest) -> Iterator[CalibrationStep]:
         yield CalibrationStep("upload", "tables uploaded", (record,), (), uploaded)
 
 
-def _verified(request: CalibrationRequest) -> Iterator[CalibrationStep]:
+def _verified(request: CalibrationRequest, state: CalibrationState) -> Iterator[CalibrationStep]:
     file = request.file
     calibrated, campaign = file(CALIBRATED), file(CAMPAIGN)
     plan_file, check, page = file(CHECK_PLAN), file(CHECK), file(CERTIFICATE)
@@ -156,7 +166,7 @@ def _verified(request: CalibrationRequest) -> Iterator[CalibrationStep]:
 
     made_from = (calibrated, campaign)
     yield CalibrationStep("check-plan", "lines to verify it", made_from, (plan_file,), planned)
-    yield from _program(request, "check-program", plan_file, file(CHECK_PROGRAM), calibrated)
+    yield from _program(request, state, "check-program", plan_file, file(CHECK_PROGRAM), calibrated)
 
     def measured() -> None:
         _measure(request, plan_file, check, active)

@@ -5,6 +5,8 @@ import shutil
 
 import pytest
 
+from abbe.daemon.calibration.request import CalibrationRequest
+from abbe.daemon.commands.calibration.guide import steps_now
 from abbe.daemon.config import load_config
 from tests.support.daemon.command_line import abbe
 from tests.support.daemon.live_run import MODEL
@@ -54,6 +56,34 @@ def test_it_stops_goes_on_and_does_nothing_twice(config):
     done = calibrate(config, "--upto", "plan")
     assert done.status == 0, done.err
     assert (folder / "plan.toml").read_text() != text
+
+
+def test_another_feed_or_another_time_at_a_target_makes_the_program_anew_and_nothing_else(config):
+    folder = config.parent / "c"
+
+    def made(*more):
+        done = calibrate(config, "--upto", "program", *more)
+        assert done.status == 0, done.err
+        assert "plan: which measurements: done" in done.out or not more
+        return (folder / "program.nc").read_text("ascii")
+
+    plain = made()
+    assert "F3000" in plain
+    slow = made("--feed", "1200")
+    assert "F1200" in slow
+    assert "F3000" not in slow
+    longer = made("--feed", "1200", "--stands", "7.5")
+    assert longer != slow
+    assert "7.5" in longer
+    again = calibrate(config, "--upto", "program", "--feed", "1200", "--stands", "7.5")
+    assert "program: the program of it: done" in again.out
+    # who only looks, and says nothing of programs, finds it done
+    request = CalibrationRequest(
+        load_config(config), folder, "60min", "1h", ("P=0,0,-150",), "linuxcnc", "", yes=False
+    )
+    now = {one.step.name: one for one in steps_now(request)}
+    assert now["program"].at
+    assert made() == plain
 
 
 def test_each_step_is_named_and_an_unknown_one_refused(config):
