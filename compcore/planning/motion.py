@@ -1,8 +1,8 @@
 """What a machine does for a plan, move by move: the programme of which dialects make their text.
 
 A target is met from the side that the plan says: where an axis would come from the other one, it
-goes beyond first and comes back. Between set-ups the tool is drawn back along the axis that is
-nearest to it, and the program stops for the instrument to be set up.
+goes beyond first, stands, and comes back. Between set-ups the tool is drawn back along the axis
+that is nearest to it, and the program stops for the instrument to be set up.
 """
 
 from __future__ import annotations
@@ -23,6 +23,9 @@ from abbe.compcore.planning.planned_setup import PlannedSetup
 
 F64 = NDArray[np.float64]
 
+TURN = 0.5
+"""s that the machine stands beyond a target before it comes back. A control that rounds corners
+would turn before it gets there, and who follows the machine would not see that it went beyond."""
 _ROUNDING = 1e-6
 _NEAR = 1e-9
 
@@ -43,7 +46,7 @@ class ProgramStep:
     number
         Of a target, counted through the program from 1.
     seconds
-        Of a target: how long it stands.
+        How long it stands where it is then; of a move mostly 0.
     setup, directions
         Of a target: its set-up, and axis → the sense in which it arrived, 1 or −1.
     """
@@ -138,12 +141,12 @@ class _Way:
                     self._at = dict(high)
                 yield self._move(setup, high)
                 yield ProgramStep("stop", f"set up the instrument: {setup.what}")
-                yield self._move(setup, first)
+                yield self._move(setup, first, TURN)
             else:
                 late = [a for a in moving if self._wrong(a, target[a], sense[a], before[a])]
                 if late:
                     beyond = {a: target[a] - sense[a] * self._more(a) for a in late}
-                    yield self._move(setup, beyond)
+                    yield self._move(setup, beyond, TURN)
             yield self._move(setup, target)
             self._number += 1
             seconds = setup.instrument.reading if self._stands is None else self._stands
@@ -163,7 +166,9 @@ class _Way:
         beyond = self._space.beyond
         return math.radians(0.1 * beyond) if is_rotary(axis) else beyond
 
-    def _move(self, setup: PlannedSetup, to: Mapping[str, float]) -> ProgramStep:
+    def _move(
+        self, setup: PlannedSetup, to: Mapping[str, float], seconds: float = 0.0
+    ) -> ProgramStep:
         then = self._at | dict(to)
         for axis, value in to.items():
             low, high = self._machine.axes[axis].travel
@@ -183,7 +188,7 @@ class _Way:
                 expected="a free way; plan with the box, or change the order of set-ups",
             )
         self._at = then
-        return ProgramStep("move", at=dict(to))
+        return ProgramStep("move", at=dict(to), seconds=seconds)
 
     def _tip(self, setup: PlannedSetup, *places: Mapping[str, float]) -> F64:
         at = np.tile(np.asarray(setup.offset), (len(places), 1))

@@ -40,6 +40,8 @@ class _GCode(Dialect):
                 yield "M0"
             elif step.kind == "move":
                 yield f"{self.move} {self._words(step.at)} F{self._feed(feed)}"
+                if step.seconds:
+                    yield self._dwell(step.seconds)
             else:
                 yield self._note(f"target {step.number}")
                 yield self._dwell(step.seconds)

@@ -36,7 +36,11 @@ class Klartext(Dialect):
             elif step.kind == "move":
                 words = " ".join(f"{a}{v:+.4f}" for a, v in shown(step.at).items())
                 yield f"L {words} R0 F{feed:.0f} M91"
+                if step.seconds:
+                    yield from self._dwell(step.seconds)
             else:
                 yield f"; target {step.number}"
-                yield "CYCL DEF 9.0 DWELL TIME"
-                yield f"CYCL DEF 9.1 DWELL {step.seconds:.3f}"
+                yield from self._dwell(step.seconds)
+
+    def _dwell(self, seconds: float) -> tuple[str, str]:
+        return "CYCL DEF 9.0 DWELL TIME", f"CYCL DEF 9.1 DWELL {seconds:.3f}"

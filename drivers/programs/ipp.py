@@ -56,6 +56,8 @@ class IppCommands(Dialect):
             elif step.kind == "move":
                 words = ", ".join(f"{a}({v:.4f})" for a, v in shown(step.at).items())
                 yield f"GoTo({words})"
+                if step.seconds:
+                    yield f"# stand {step.seconds:g} s"
             else:
                 yield f"# target {step.number}, stand {step.seconds:g} s"
                 yield "Get(X(), Y(), Z())"

@@ -145,8 +145,9 @@ def test_layout_adds_to_the_style():
 
 
 def test_written_whole_or_not_at_all(tmp_path):
-    full_page().write(tmp_path / "page.html")
-    assert (tmp_path / "page.html").read_text(encoding="utf-8") == full_page().html()
+    page = full_page()  # the same one: it says when it was made
+    page.write(tmp_path / "page.html")
+    assert (tmp_path / "page.html").read_text(encoding="utf-8") == page.html()
     with pytest.raises(InputError, match="cannot be written"):
         full_page().write(tmp_path / "none" / "page.html")
 

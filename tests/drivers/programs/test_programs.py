@@ -13,7 +13,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.envelope import KeepOut, WorkingSpace
 from abbe.compcore.planning.instruments import instruments_called
-from abbe.compcore.planning.motion import steps_of
+from abbe.compcore.planning.motion import TURN, steps_of
 from abbe.compcore.planning.setups.candidates import possible
 from abbe.drivers.programs.dialect import plain, targets_csv
 from abbe.drivers.programs.dialects import dialect_called
@@ -51,9 +51,13 @@ def expected(aim, setups):
 
 
 def check(aim, setups, events):
-    """Every stop is at its target, and was met from the side that the plan says."""
+    """Every stop is at its target, met from the side that the plan says, or beyond the next one.
+
+    Before each target that is met from another side than the one before, it stands beyond.
+    """
     wanted = list(expected(aim, setups))
     at, came, seen = {}, {}, 0
+    beyond = None
     for event in events:
         if isinstance(event, dict):
             for axis, value in event.items():
@@ -66,7 +70,19 @@ def check(aim, setups, events):
             at = at | event
         else:
             position, senses = wanted[seen]
+            if event == TURN:
+                beyond = dict(at)
+                continue
             assert event > 0.0
+            if seen:  # which axes come back to it
+                last = wanted[seen - 1][0]
+                back = {
+                    a for a, s in senses.items()
+                    if (position[a] - last.get(a, position[a])) * s < -1e-6
+                }  # fmt: skip
+                assert not back or beyond is not None, seen
+                assert all((position[a] - beyond[a]) * senses[a] > 0.0 for a in back), seen
+            beyond = None
             for axis, value in position.items():
                 assert at[axis] == pytest.approx(value, abs=1e-4), (seen, axis)
             for axis, sense in senses.items():
@@ -173,8 +189,10 @@ def test_ipp_commands_have_their_tags_and_go_to_every_target():
     assert "SetProp(Tool.GoToPar.Speed(10.000))" in commands[2]
 
     def events():
-        for line in commands:
-            if " GoTo(" in line:
+        for line in text.split("\r\n"):
+            if line == f"# stand {TURN:g} s":  # each GoTo ends before the next is sent
+                yield TURN
+            elif " GoTo(" in line:
                 yield words(line, r"\b([XYZ])\((-?\d+\.\d+)\)")
             elif line.endswith("Get(X(), Y(), Z())"):
                 yield 1.0

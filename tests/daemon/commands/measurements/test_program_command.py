@@ -29,7 +29,8 @@ def test_a_program_and_its_targets(plan, tmp_path):
         assert done.status == 0, done.err
     text = out.read_text("ascii")
     count = len(targets.read_text("utf-8").splitlines()) - 1
-    assert text.count("(target ") == text.count("G4 P") == count > 20
+    assert text.count("(target ") == text.count("G4 P4") == count > 20
+    assert text.count("G4 P0.5") > 2  # where it turns back to a target
     assert f"{count} targets" in done.out
 
 
@@ -37,9 +38,9 @@ def test_how_long_it_stands_at_a_target(plan, tmp_path):
     out = tmp_path / "p.ngc"
     words = ("program", plan, "--controller", "linuxcnc", "-o", out)
     assert abbe(*words).status == 0
-    assert set(re.findall("G4 P.*", out.read_text("ascii"))) == {"G4 P4"}
+    assert set(re.findall("G4 P.*", out.read_text("ascii"))) == {"G4 P4", "G4 P0.5"}
     assert abbe(*words, "--stands", "0.75").status == 0
-    assert set(re.findall("G4 P.*", out.read_text("ascii"))) == {"G4 P0.75"}
+    assert set(re.findall("G4 P.*", out.read_text("ascii"))) == {"G4 P0.75", "G4 P0.5"}
     assert abbe(*words, "--stands", "0").status == 2
 
 
