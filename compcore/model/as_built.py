@@ -27,8 +27,6 @@ Side = Literal["tool", "workpiece"]
 _LETTERS = "XYZABC"
 _UNSEEN = 5e-10
 """mm and rad below which a line is not said to be elsewhere."""
-_UNSURE = 0.05
-"""mm of standard deviation from which on a line that was not moved was not measured either."""
 
 
 def side_of(machine: Machine, axis: str) -> Side:
@@ -107,6 +105,11 @@ class AverageLine:
         return first, second
 
     @property
+    def place_measured(self) -> bool:
+        """Whether the campaigns show where it lies: no fit leaves it there to the last digit."""
+        return any(abs(self.offset[k]) > _UNSEEN for k in self.across)
+
+    @property
     def place(self) -> F64:
         """A point of the line, shape (3,), mm: what to enter for `configured`."""
         return self.configured + self.offset
@@ -131,11 +134,11 @@ class AverageLine:
             for k in self.across
             if abs(self.offset[k]) > _UNSEEN
         ]
-        unsure = self.offset_sd[list(self.across)]
-        if not parts and (unsure > _UNSURE).all():
-            return f"where the line of {self.axis} lies is not determined"
-        if not parts:
-            return f"the line of {self.axis} lies where it is configured"
+        if not self.place_measured:
+            return (
+                f"where the line of {self.axis} lies was not measured: it is taken where it is "
+                "configured"
+            )
         entered = ", ".join(
             f"{'XYZ'[k]} {self.place[k]:.4f} instead of {self.configured[k]:.4f} mm"
             for k in self.across

@@ -35,7 +35,9 @@ def _line(line: AverageLine) -> dict[str, Any]:
         "configured": {d: float(line.configured[k]) for d, k in across},
         "enter": {d: float(line.place[k]) for d, k in across},
         "offset": {d: float(line.offset[k]) for d, k in across},
-        "sd": {d: _finite(float(line.offset_sd[k])) for d, k in across},
+        "sd": {
+            d: _finite(float(line.offset_sd[k])) if line.place_measured else None for d, k in across
+        },
         "direction": [float(v) for v in line.direction],
         "lean": {"unit": "rad", **{d: float(line.lean[k]) for d, k in across}},
         "lean_sd": {"unit": "rad", **{d: _finite(float(line.lean_sd[k])) for d, k in across}},

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -288,3 +289,22 @@ def test_an_r_test_s_radial_motion_is_said_as_the_table_makes_it(tmp_path):
     table_itself = fitted_effect["on_the_table"]["parameters"]["A2"]["value"]
     assert fitted_effect["parameters"]["A2"]["value"] == pytest.approx(-3e-3, abs=1e-7)
     assert table_itself == pytest.approx(3e-3, abs=1e-7)
+
+
+def test_a_place_that_no_row_shows_is_not_called_measured(tmp_path):
+    """Stars show how a telescope's lines lean, never where they lie."""
+    sky = Path(__file__).parents[2] / "data" / "real" / "r01-telescope"
+    first, both = tmp_path / "first.toml", tmp_path / "both.toml"
+    for start, axis, out in ((sky / "model.toml", "C", first), (first, "B", both)):
+        done = abbe("add", start, "rotary_location", f"axis={axis}", "--campaign", sky / "run.csv",
+                    "-o", out)  # fmt: skip
+        assert done.status == 0, done.err
+    done = abbe("fit", both, sky / "run.csv", "-o", tmp_path / "fitted.toml")
+    assert done.status == 0, done.err
+    words = " ".join(done.out.split())
+    for axis in "CB":
+        assert f"where the line of {axis} lies was not measured" in words
+        assert f"the line of {axis} leans" in words
+    again = abbe("fit", both, sky / "run.csv", "-o", tmp_path / "fitted.toml", "--json")
+    for line in json.loads(again.out)["rotary_axes"]:
+        assert set(line["sd"].values()) == {None}
