@@ -7,6 +7,7 @@ coordinates, mm; directions are unit vectors away from the surface.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from abbe.drivers.link import Link, LinkError
@@ -85,6 +86,25 @@ class TouchProbe(ABC):
         LinkError
             For whatever else goes wrong.
         """
+
+    def turns(self, channel: str) -> bool:
+        """Whether a channel of the link shows a rotary axis that `turn` turns."""
+        return False
+
+    async def turn(self, angles: Mapping[str, float]) -> None:
+        """Turn rotary axes; returns when they are there.
+
+        Parameters
+        ----------
+        angles
+            Channel → what it shall show.
+
+        Raises
+        ------
+        LinkError
+            When they are not, and for an axis that cannot be turned.
+        """
+        raise LinkError(f"nothing turns {', '.join(angles)}")
 
     @abstractmethod
     async def clear(self) -> None:

@@ -8,11 +8,9 @@ from datetime import UTC, datetime
 from math import radians
 from pathlib import Path
 
-from abbe.compcore.artefacts.calibrated_plate import CalibratedPlate
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.growing_campaign import GrowingCampaign
 from abbe.compcore.files.plan_file import PlannedWork, read_plan
-from abbe.compcore.files.plate_file import read_plate
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.daemon.config import Configuration, load_config
@@ -23,7 +21,7 @@ from abbe.daemon.measure.events import MeasureEvent, Tell, minutes
 from abbe.daemon.measure.following.instrument import Instrument
 from abbe.daemon.measure.following.session import Measurement
 from abbe.daemon.measure.person import Person
-from abbe.daemon.measure.probing.lying_plate import GAUGE_COLUMNS, probed
+from abbe.daemon.measure.probing.chosen_artefact import artefact_of
 from abbe.daemon.measure.probing.session import ProbedMeasurement
 from abbe.daemon.measure.rows import columns, digest, head
 from abbe.daemon.measure.task import MeasureTask
@@ -65,33 +63,29 @@ def begun(
     machine = configuration.model.machine
     work = read_plan(plan, machine)
     setups = chosen(work, names, plan)
-    plate = _touched(configuration, setups)
-    instruments = {} if plate is not None else _instruments(configuration, setups)
+    links = configuration.make_links(instruments=True)
+    artefact = artefact_of(configuration, setups, links)
+    instruments = {} if artefact is not None else _instruments(configuration, setups)
     limits, probing = configuration.file.measure, configuration.file.probing
-    # a plate lies anyhow near its place
-    within = limits.within if plate is None or probing is None else probing.placing
+    # an artefact lies anyhow near its place
+    within = limits.within if artefact is None or probing is None else probing.placing
     course = MeasureCourse(setups, within, radians(limits.within_turn))
     require_stated(configuration, live_correction(configuration), active)
     signals = [n for n, s in configuration.file.signals.items() if s.source is not None]
-    more = () if plate is None else GAUGE_COLUMNS[: 3 if plate.sd else 1]
+    more = () if artefact is None else artefact.columns
     titles = columns(machine, setups, signals, more)
     origin = {
         "by": "abbe measure",
         "plan_sha256": digest(TomlSource.read(plan).data),
         "configuration_sha256": digest(_of_meaning(TomlSource.read(config).data)),
         **({"setups": ", ".join(s.name for s in setups)} if names else {}),
-        **(
-            {}
-            if plate is None
-            else {"plate_sha256": digest([plate.points, plate.calibrated.tolist(), plate.diameter])}
-        ),
+        **({} if artefact is None else artefact.origin),
         **stated_compensation(configuration, out, active),
     }
-    links = configuration.make_links(instruments=True)
     with ExitStack() as held:
         what = f"measuring into {out.resolve()}"
         # who moves a machine is the only one who does
-        moved = [] if plate is None or probing is None else [*links[probing.link].owns]
+        moved = [] if artefact is None or probing is None else [*links[probing.link].owns]
         own = dict.fromkeys([f"campaign {out.resolve()}", *held_by_watch(links), *moved])
         held.enter_context(hold([*own], what))
         goes_on = out.exists() and out.stat().st_size > 0
@@ -109,11 +103,12 @@ def begun(
         stated = active is not None or limits.active is not None
         task = MeasureTask(
             configuration, file, _started(file), instruments, work.expected, stated, work.space,
-            plate, once,
+            None if artefact is None else artefact.touched,
+            {} if artefact is None else artefact.turns, once,
         )  # fmt: skip
-        kind = Measurement if plate is None else ProbedMeasurement
+        kind = Measurement if artefact is None else ProbedMeasurement
         begins = kind(task, course, Person(there=not yes), tell)
-        _say_beginning(course, work, configuration, tell, goes_on=goes_on, follows=plate is None)
+        _say_beginning(course, work, configuration, tell, goes_on=goes_on, follows=artefact is None)
         yield begins
 
 
@@ -129,40 +124,6 @@ def _started(file: GrowingCampaign) -> datetime:
         raise InputError(
             "does not say when it was begun", file=file.path, field="measured.started"
         ) from None
-
-
-def _touched(
-    configuration: Configuration, setups: Sequence[PlannedSetup]
-) -> CalibratedPlate | None:
-    """The plate that the machine touches in all of these set-ups; None: in none of them.
-
-    Raises
-    ------
-    InputError
-        When it does in some.
-    """
-    section = configuration.file.probing
-    # who reads errors of a plate from the controller says so, and nothing is moved
-    if section is None or "ball-plate" in _stood_for(configuration):
-        return None
-    mine = [s for s in setups if probed(s)]
-    if not mine:
-        return None
-    if len(mine) < len(setups):
-        raise InputError(
-            "the machine touches the ball plate by itself, and others are followed: not in one go",
-            file=configuration.path,
-            field="probing",
-            found=", ".join(s.name for s in setups),
-            expected="--setup " + " --setup ".join(s.name for s in mine) + ", a file of its own",
-        )
-    return read_plate(configuration.path.parent / section.plate)
-
-
-def _stood_for(configuration: Configuration) -> set[str]:
-    """The plan's instruments that some section reads."""
-    sections = configuration.file.instrument
-    return {key for name, s in sections.items() for key in s.measures or (name,)}
 
 
 def _instruments(

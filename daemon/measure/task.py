@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 
 from abbe.compcore.artefacts.calibrated_plate import CalibratedPlate
@@ -11,6 +11,7 @@ from abbe.compcore.files.growing_campaign import GrowingCampaign
 from abbe.compcore.planning.envelope import WorkingSpace
 from abbe.daemon.config import Configuration
 from abbe.daemon.measure.following.instrument import Instrument
+from abbe.daemon.measure.probing.standing_sphere import StandardSphere
 
 
 @dataclass(frozen=True)
@@ -33,8 +34,10 @@ class MeasureTask:
         Whether it is stated which compensation acts.
     space
         Where the plan says that the machine may go.
-    plate
-        What it touches by itself; None: nothing.
+    touched
+        What the machine touches by itself; None: nothing.
+    turns
+        Rotary axis → channel of the link by which it is turned meanwhile.
     once
         Whether what was missed is not waited for.
     """
@@ -46,5 +49,6 @@ class MeasureTask:
     expected: Mapping[str, tuple[float, float]]
     stated: bool
     space: WorkingSpace
-    plate: CalibratedPlate | None = None
+    touched: CalibratedPlate | StandardSphere | None = None
+    turns: Mapping[str, str] = field(default_factory=dict)
     once: bool = False

@@ -112,7 +112,7 @@ class IppLink(Link, TouchingLink):
 
     def touch_probe(self) -> TouchProbe:
         """The machine's own probe; only who asks for it has the machine moved."""
-        return IppProbe(self._asking)
+        return IppProbe(self._asking, self._config.channels)
 
     def _describe(self, name: str) -> str:
         config, channel = self._config, self._config.channels[name]

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from abbe.drivers.ipp.asking import Asking
+from abbe.drivers.ipp.config import IppChannelConfig
 from abbe.drivers.ipp.errors import StoppedError
 from abbe.drivers.ipp.grammar import Named, Value
 from abbe.drivers.ipp.question import coordinate_system
@@ -26,6 +27,8 @@ _ANSWER = 5.0
 """s for a command that moves nothing."""
 _SLOW = 3.0
 """Ways may take so many times longer than at their speed, and `_ANSWER` more."""
+_TURNING = 180.0
+"""s that a rotary table may take."""
 _LONGEST = 5000.0
 """mm of a way to an unknown place, for the time that it may take."""
 
@@ -33,8 +36,11 @@ _LONGEST = 5000.0
 class IppProbe(TouchProbe):
     """The probe behind a link's server; ``docs/measure.md``."""
 
-    def __init__(self, asking: Asking) -> None:
+    def __init__(
+        self, asking: Asking, channels: Mapping[str, IppChannelConfig] | None = None
+    ) -> None:
         self._asking = asking
+        self._channels = dict(channels or {})
         self._travel = TouchTravel(1.0, 1.0, 1.0, 1.0, 1.0)
         self._at: Place | None = None
         self._connection: int | None = None
@@ -86,6 +92,20 @@ class IppProbe(TouchProbe):
             raise
         self._at = surface
         return _place(answer)
+
+    def turns(self, channel: str) -> bool:
+        """The rotary table; a probe head takes another tool in each of its places."""
+        return channel in self._channels and self._channels[channel].axis == "R"
+
+    async def turn(self, angles: Mapping[str, float]) -> None:
+        """As `TouchProbe.turn`: ``GoTo(R())``."""
+        unknown = [name for name in angles if not self.turns(name)]
+        if unknown:
+            raise LinkError(f"{', '.join(unknown)}: no rotary table")
+        words = ", ".join(
+            f"R({self._channels[name].number_of(value):.6f})" for name, value in angles.items()
+        )
+        await self._command(f"GoTo({words})", self._within(0.0, 1.0) + _TURNING)
 
     async def clear(self) -> None:
         """As `TouchProbe.clear`."""

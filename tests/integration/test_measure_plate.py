@@ -31,6 +31,7 @@ from tests.support.daemon.plate_measuring import (
     machine,
     measured,
     plan_text,
+    put_back,
     write_files,
 )
 
@@ -196,7 +197,7 @@ def test_killed_cut_stopped_a_thermometer_and_a_ball_lost_nothing_wrong_is_kept(
     with pytest.raises(AbbeError, match="was begun with another configuration"):
         measured(folder)
     config.write_text(text, encoding="utf-8")
-    process.order("gone", ball=7, back=True)
+    put_back(process, 7)
     measured(folder)
     found = campaign_of(folder)
     assert found.n == 30  # nine balls and the first again

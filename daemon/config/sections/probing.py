@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from abbe.daemon.config.sections.section import Positive, Section
 
@@ -19,8 +19,10 @@ class ProbingSection(Section):
 
     link: Annotated[str, Field(min_length=1)]
     """The link by which the machine is moved."""
-    plate: Annotated[str, Field(min_length=1)]
+    plate: Annotated[str, Field(min_length=1)] | None = None
     """File of the calibrated ball plate, relative to the configuration."""
+    sphere: Length | None = None
+    """Diameter of the sphere on the table."""
     tip: Length
     """Diameter of the stylus's ball."""
     shaft: tuple[float, float, float] = Field(default=(0.0, 0.0, 1.0), strict=False)
@@ -45,6 +47,12 @@ class ProbingSection(Section):
     """What is done where nothing is touched."""
     plate_temperature: str | None = None
     """The signal that is the plate's temperature; none: it counts as 20 °C."""
+
+    @model_validator(mode="after")
+    def _something(self) -> ProbingSection:
+        if self.plate is None and self.sphere is None:
+            raise ValueError("nothing to touch: plate or sphere")
+        return self
 
     @field_validator("shaft")
     @classmethod

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from math import degrees
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,11 +28,19 @@ class GuardedTip:
         Where it may be.
     offset
         Of the tip from the axes' positions, mm.
+    turns
+        Rotary axis → the link's channel by which it is turned.
     """
 
     def __init__(
-        self, probe: TouchProbe, machine: Machine, space: WorkingSpace, offset: Place
+        self,
+        probe: TouchProbe,
+        machine: Machine,
+        space: WorkingSpace,
+        offset: Place,
+        turns: Mapping[str, str] | None = None,
     ) -> None:
+        self._turns = dict(turns or {})
         self._probe = probe
         self._machine = machine
         self._space = space
@@ -55,6 +66,29 @@ class GuardedTip:
     async def draw_back(self) -> None:
         """Take the tip back towards the spindle, to the end of that axis's travel."""
         await self.go(self.drawn_back(await self.where()))
+
+    async def turn(self, angles: Mapping[str, float]) -> None:
+        """Turn rotary axes (rad), the tip drawn back.
+
+        Raises
+        ------
+        InputError
+            For an angle outside the travel, and an axis that the link does not turn; nothing turns.
+        LinkError
+            As `TouchProbe.turn`.
+        """
+        for axis, angle in angles.items():
+            low, high = self._machine.axes[axis].travel
+            if axis not in self._turns or not low - 1e-6 <= angle <= high + 1e-6:
+                known = axis in self._turns
+                raise InputError(
+                    f"{axis} would leave its travel" if known else f"nothing turns {axis}",
+                    found=f"{degrees(angle):.3f}°",
+                    expected=f"{degrees(low):g} … {degrees(high):g}°" if known else "by hand",
+                )
+        if angles:
+            await self.draw_back()
+            await self._probe.turn({self._turns[a]: q for a, q in angles.items()})
 
     async def come(self, to: F64) -> None:
         """Go to a place from wherever the tip is: back, across, and forward again."""
@@ -124,7 +158,7 @@ class GuardedTip:
                 raise InputError(
                     f"{axis} would leave its travel",
                     found=round(value, 3),
-                    expected=f"{low:g} … {high:g} mm; place the plate elsewhere",
+                    expected=f"{low:g} … {high:g} mm; place it elsewhere",
                 )
         hit = self._space.entered(np.stack([start, end]), self._offset.tolist(), turns=False)
         if hit is not None:

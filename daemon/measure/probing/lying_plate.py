@@ -11,13 +11,10 @@ from abbe.compcore.artefacts.calibrated_plate import CalibratedPlate
 from abbe.compcore.artefacts.plate import rigid_placing
 from abbe.compcore.artefacts.sphere import FittedSphere
 from abbe.compcore.errors import AbbeError, InputError
-from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.planned_setup import PlannedSetup
 
 F64 = NDArray[np.float64]
 
-GAUGE_COLUMNS = ("form", "gauge", "gauge_sd")
-"""What rows of touched spheres have besides: form deviation in µm, the ball, its calibration."""
 _SAME_PLATE = 0.05
 """mm by which a plan's targets may differ from the plate's balls: they are rounded."""
 
@@ -119,9 +116,3 @@ class LyingPlate:
                 f"placing = {placing:g} mm"
             )
         return lies
-
-
-def probed(setup: PlannedSetup) -> bool:
-    """Whether a set-up is one that a machine can do by its own probe."""
-    turning = [a for a, q in setup.targets.items() if is_rotary(a) and np.ptp(q) > 0.0]
-    return setup.instrument.key == "ball-plate" and not turning

@@ -69,6 +69,20 @@ class SphereToucher:
         own = self._section
         return _MORE * (self._reach + own.approach + own.placing)
 
+    def require_radius(self, radius: float, whose: str) -> None:
+        """Refuse a sphere of another size.
+
+        Raises
+        ------
+        AbbeError
+            When touched points lie at another radius (mm) than tip and sphere make together.
+        """
+        if abs(radius - self._reach) > self._section.off:
+            raise AbbeError(
+                f"the radius with the tip's is {radius:.3f} mm, and {self._reach:.3f} mm by "
+                f"[probing] tip and {whose} diameter"
+            )
+
     def over(self, centre: F64, normal: F64) -> F64:
         """Where the tip is on the way to a sphere."""
         return np.asarray(centre + self._section.clearance * normal)

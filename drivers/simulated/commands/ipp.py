@@ -17,6 +17,7 @@ from abbe.drivers.simulated.bridge.plant import Disturbances, Plant, shop_climat
 from abbe.drivers.simulated.commands.point_argument import point
 from abbe.drivers.simulated.ipp.carrier import ProbeCarrier
 from abbe.drivers.simulated.ipp.machine import COORDINATES, IppMachine
+from abbe.drivers.simulated.ipp.rotary_table import SimulatedTable
 from abbe.drivers.simulated.ipp.server import IppServer
 from abbe.drivers.simulated.ipp.workpiece import SimulatedPlate
 from abbe.drivers.simulated.remote_control import Orders, announce, serve_orders
@@ -89,6 +90,13 @@ def table_orders(server: IppServer) -> Orders:
     def plate(balls: list[list[float]], diameter: float, **lies: Any) -> None:
         carrier.plates[:] = [SimulatedPlate(np.array(balls), diameter, **lies)]
 
+    def table(at: list[float], **wrong: Any) -> None:
+        carrier.table = server.machine.table = SimulatedTable(at, **wrong)
+
+    def stuck() -> None:
+        if carrier.table is not None:
+            carrier.table.stuck = True
+
     def gone(ball: int, *, back: bool = False) -> None:
         if back:
             carrier.lift()
@@ -103,7 +111,15 @@ def table_orders(server: IppServer) -> Orders:
         errors = plant.machine.error(np.array(points), np.tile(at, (len(points), 1)), tool)
         return {"errors": errors.tolist(), "temperatures": at.tolist()}
 
-    return {"plate": plate, "gone": gone, "thermistors": thermistors, "truth": truth}
+    return {
+        "plate": plate,
+        "lift": carrier.lift,
+        "table": table,
+        "stuck": stuck,
+        "gone": gone,
+        "thermistors": thermistors,
+        "truth": truth,
+    }
 
 
 def _orders(server: IppServer) -> Orders:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from abbe.drivers.simulated.bridge.machine import AXES, PLACES, TRAVELS
 from abbe.drivers.simulated.bridge.plant import Plant
+from abbe.drivers.simulated.ipp.rotary_table import SimulatedTable
 from abbe.drivers.simulated.ipp.wire import IppCommandError, named_arguments
 from abbe.drivers.simulated.ipp.workpiece import SimulatedPlate, first_contact, nearest
 
@@ -45,7 +46,9 @@ class ProbeCarrier:
     Attributes
     ----------
     plates
-        What lies on the table.
+        What lies there; on the rotary table where there is one.
+    table
+        The rotary table; None: there is none.
     nearest_way
         Least distance of the tip's middle from any ball's middle on ways, less the sum of their
         radii, mm.
@@ -59,6 +62,7 @@ class ProbeCarrier:
         self._tip, self._shaft = tip, shaft
         self._random = random.Random(f"touch {plant.seed}")
         self.plates: list[SimulatedPlate] = []
+        self.table: SimulatedTable | None = None
         self.nearest_way = math.inf
         self._properties = {
             "Tool.GoToPar.Speed": 100.0,
@@ -103,6 +107,9 @@ class ProbeCarrier:
         """
         given = dict(named_arguments(arguments))
         direction = given.pop("IJK", None)
+        turned = given.pop("R", None) if method == "GoTo" and self.table else None
+        if turned is not None:
+            self._turn(float(turned))
         here = self._tip_at()
         to = here.copy()
         for name, value in given.items():
@@ -116,6 +123,17 @@ class ProbeCarrier:
             raise IppCommandError(3, 509, "Bad argument")
         outward = np.array([float(part) for part in direction.split(",")])
         return await self._touch(to, outward / np.linalg.norm(outward))
+
+    def _turn(self, angle: float) -> None:
+        """Turn the table, at once: what stands on it must not come to where the tip is."""
+        table = self.table
+        if table is None or table.stuck:
+            return
+        here = self._tip_at()
+        start = table.angle
+        for part in np.linspace(0.0, 1.0, 2 + int(abs(angle - start))):
+            table.angle = start + float(part) * (angle - start)
+            self._look_for_collision(here, here)
 
     async def _touch(self, surface: Array, outward: Array) -> str:
         own = self._properties
@@ -152,7 +170,8 @@ class ProbeCarrier:
     def _centres(self) -> Array:
         part = float(self._temperatures()[PLACES.index("T_amb")])
         found = [plate.centres(part) for plate in self.plates]
-        return np.concatenate(found) if found else np.zeros((0, 3))
+        centres = np.concatenate(found) if found else np.zeros((0, 3))
+        return centres if self.table is None else self.table.turned(centres)
 
     def _error(self, tip: Array) -> Array:
         plant = self._plant
@@ -188,7 +207,8 @@ class ProbeCarrier:
         places = start + steps[:, None] * (end - start)
         hit = free < 0.0
         for plate in self.plates:
-            hit |= bool((plate.height(places) < 0.5 * plate.thickness + self._tip).any())
+            own = places if self.table is None else self.table.at_zero(places)
+            hit |= bool((plate.height(own) < 0.5 * plate.thickness + self._tip).any())
         if len(centres):
             over = centres[None, :, :] - places[:, None, :]
             beside = np.linalg.norm(over[..., :2], axis=2)

@@ -14,6 +14,7 @@ from typing import TypeVar
 
 from abbe.drivers.simulated.bridge.machine import AXES, PLACES, SCALE_SENSORS
 from abbe.drivers.simulated.bridge.plant import Plant
+from abbe.drivers.simulated.ipp.rotary_table import SimulatedTable
 
 _Value = TypeVar("_Value")
 
@@ -44,6 +45,8 @@ class IppMachine:
         As given.
     coordinates
         In which system positions are; the part's lies 100, 200, −50 mm off the machine's.
+    table
+        A rotary table that turns when it is told; None: there is none, but for `rotary`.
     """
 
     def __init__(self, plant: Plant, *, rotary: bool = False) -> None:
@@ -51,6 +54,7 @@ class IppMachine:
         self._rotary = rotary
         self._began = time.monotonic()
         self.coordinates = "MachineCsy"
+        self.table: SimulatedTable | None = None
 
     def axes(self, names: Sequence[str]) -> dict[str, float]:
         """Positions of axes, mm and degrees, all of one controller cycle.
@@ -68,6 +72,8 @@ class IppMachine:
         } | {"Tool.A": 0.0, "Tool.B": 90.0}
         if self._rotary:
             known["R"] = math.fmod(0.1 * (now - self._began), 360.0)
+        if self.table is not None:
+            known["R"] = self.table.angle
         return {name: round(_found(known, name), 5) for name in names}
 
     def property(self, name: str) -> tuple[object, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -144,6 +145,26 @@ def _rotation_vector(turn: np.ndarray) -> np.ndarray:
     sine = float(np.linalg.norm(axial))
     angle = np.arctan2(sine, 0.5 * (np.trace(turn) - 1.0))
     return axial if sine < 1e-12 else axial * (angle / sine)
+
+
+def lift(process: SimulatedProcess) -> None:
+    """Jog the tip up, when the server knows that nobody moves it any more."""
+    _nobody_there(process)
+    process.order("lift")
+
+
+def put_back(process: SimulatedProcess, ball: int) -> None:
+    """Put a ball back where it was, the tip jogged up before."""
+    _nobody_there(process)
+    process.order("gone", ball=ball, back=True)
+
+
+def _nobody_there(process: SimulatedProcess) -> None:
+    # a client whose end the server has not heard yet stops the machine when it does
+    until = time.monotonic() + 30.0
+    while process.order("report")["clients"]:
+        assert time.monotonic() < until
+        time.sleep(0.02)
 
 
 class Listener:
