@@ -9,8 +9,33 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer.core import TyperGroup
 
-from abbe.daemon.commands import register
+from abbe.daemon.commands import register, sections
+
+if TYPE_CHECKING:
+    from typer._click import Context, HelpFormatter
+
+_WIDEST = 110
+"""Columns of a help page, where the terminal has so many."""
+
+
+class CommandsBySubject(TyperGroup):
+    """Lists the commands under their subjects, each with its whole first sentence."""
+
+    def format_commands(self, ctx: Context, formatter: HelpFormatter) -> None:
+        """Write the lists; as `click.Group.format_commands`."""
+        for title, names in sections().items():
+            found = [(name, self.get_command(ctx, name)) for name in names]
+            rows = [(name, _first_sentence(c.help or "")) for name, c in found if c is not None]
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows)
+
+
+def _first_sentence(text: str) -> str:
+    words = " ".join(text.split("\n\n")[0].split())
+    return words.partition(". ")[0].rstrip(".")
 
 
 def _print_version(wanted: bool) -> None:
@@ -41,6 +66,8 @@ def application(word: str = "") -> typer.Typer:
         add_completion=False,
         pretty_exceptions_enable=False,
         rich_markup_mode=None,
+        cls=CommandsBySubject,
+        context_settings={"max_content_width": _WIDEST},
     )
     built.callback()(_options)
     register(built, word)

@@ -9,48 +9,58 @@ from importlib import import_module
 
 import typer
 
-NAMES = (
-    "demo",
-    "run",
-    "service",
-    "records",
-    "token",
-    "live.status",
-    "live.switch",
-    "live.enter",
-    "live.datum",
-    "check",
-    "calibrate",
-    "model.new",
-    "model.fit",
-    "model.compare",
-    "model.diagnose",
-    "model.add",
-    "model.remove",
-    "model.history",
-    "model.open",
-    "effects",
-    "measurements.plan",
-    "measurements.program",
-    "measurements.measure",
-    "measurements.verify",
-    "measurements.import_campaign",
-    "measurements.iso230",
-    "measurements.iso10360",
-    "measurements.gauges",
-    "measurements.iso10791",
-    "measurements.check_point",
-    "correct",
-    "error_map",
-    "tables.table",
-    "tables.watch_tables",
-    "tables.upload",
-    "tables.controllers",
-    "maps.import_map",
-    "maps.import_grid",
-    "maps.identify_convention",
-)
-"""The commands' modules, in the order in which ``abbe --help`` lists them."""
+SECTIONS = {
+    "Look around": ("demo", "model.open", "check", "effects"),
+    "From measurements to a model that explains them": (
+        "model.new",
+        "model.fit",
+        "model.compare",
+        "model.diagnose",
+        "model.add",
+        "model.remove",
+        "model.history",
+    ),
+    "Measure, and prove it": (
+        "calibrate",
+        "measurements.plan",
+        "measurements.program",
+        "measurements.measure",
+        "measurements.verify",
+        "measurements.import_campaign",
+        "measurements.check_point",
+    ),
+    "Correct a machine live": (
+        "run",
+        "live.status",
+        "live.switch",
+        "live.enter",
+        "live.datum",
+        "records",
+        "service",
+        "token",
+    ),
+    "Correct it by its controller's tables": (
+        "tables.table",
+        "tables.upload",
+        "tables.watch_tables",
+        "tables.controllers",
+    ),
+    "Figures of the standards": (
+        "measurements.iso230",
+        "measurements.iso10360",
+        "measurements.iso10791",
+        "measurements.gauges",
+    ),
+    "Single points, planes, maps of others": (
+        "correct",
+        "error_map",
+        "maps.import_map",
+        "maps.import_grid",
+        "maps.identify_convention",
+    ),
+}
+"""Title → the commands' modules, in the order in which ``abbe --help`` lists them."""
+NAMES = tuple(name for names in SECTIONS.values() for name in names)
 
 
 def register(app: typer.Typer, word: str = "") -> None:
@@ -61,6 +71,11 @@ def register(app: typer.Typer, word: str = "") -> None:
     asked = [name for name in NAMES if _word(name) == word]
     for name in asked or NAMES:
         import_module(f"abbe.daemon.commands.{name}").register(app)
+
+
+def sections() -> dict[str, tuple[str, ...]]:
+    """Title → the commands as they are typed."""
+    return {title: tuple(_word(n) for n in names) for title, names in SECTIONS.items()}
 
 
 def _word(name: str) -> str:

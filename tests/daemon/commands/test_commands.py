@@ -11,7 +11,7 @@ import pytest
 import typer.testing
 
 from abbe.daemon.application import application
-from abbe.daemon.commands import NAMES
+from abbe.daemon.commands import NAMES, SECTIONS
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "bridge-cmm" / "config.toml"
 
@@ -107,3 +107,15 @@ def test_a_word_that_is_no_command_finds_those_that_are_near() -> None:
     done = abbe("corect")
     assert done.returncode == 2
     assert "correct" in done.stderr
+
+
+def test_help_lists_every_command_under_a_subject_with_its_whole_first_sentence() -> None:
+    shown = typer.testing.CliRunner().invoke(application(), ["--help"], env={"COLUMNS": "120"})
+    words = " ".join(shown.output.split())
+    for title in SECTIONS:
+        assert f"{title}:" in shown.output
+    for name in NAMES:
+        assert shown.output.count(f"\n  {name.rpartition('.')[2].replace('_', '-')} ") == 1, name
+    assert "read positions and sensors, write corrected positions back" in words
+    assert words.count("...") == 1  # that of the usage
+    assert "…" not in words
