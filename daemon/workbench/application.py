@@ -21,6 +21,7 @@ from abbe.compcore.errors import AbbeError, InputError
 from abbe.daemon.report.page import plotly_script
 from abbe.daemon.workbench.asked import AskedOfWorkbench, Nothing
 from abbe.daemon.workbench.calibration.routes import calibration_routes
+from abbe.daemon.workbench.residuals.brush import Brush
 from abbe.daemon.workbench.session import Workbench
 from abbe.daemon.workbench.tables.routes import table_routes
 from abbe.daemon.workbench.views import WorkbenchViews
@@ -162,6 +163,11 @@ def _look(app: FastAPI, bench: Workbench) -> None:
     def compared() -> Response:
         """Whether the model holds, and where not."""
         return _known(bench.compared())
+
+    @app.post("/api/brush")
+    def brushed(brush: Brush) -> dict[str, Any]:
+        """Which of many rows are chosen; changes nothing."""
+        return bench.brushed(brush)
 
     @app.get("/api/learn")
     def learned() -> Response:

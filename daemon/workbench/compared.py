@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from abbe.compcore.comparison.compare import Comparison
 from abbe.compcore.comparison.tabulate import ResidualGroup
 from abbe.compcore.comparison.words import fitted_note
 from abbe.daemon.report.model.compare import key_figures, told_apart, verdict_title, where_of
 from abbe.daemon.report.page import Cell, in_words, plain
-from abbe.daemon.workbench.rows import panels, rows_json, shown_rows, values_json
+from abbe.daemon.workbench.residuals.brush import ManyResiduals
+from abbe.daemon.workbench.residuals.rows import panels, rows_json, shown_rows, values_json
 
 
-def compared(comparison: Comparison) -> dict[str, Any]:
-    """One object for the page; lengths µm, angles µrad."""
+def compared(comparison: Comparison) -> tuple[dict[str, Any], ManyResiduals | None]:
+    """One object for the page, lengths µm, angles µrad; and whom to ask where not all rows are drawn."""
     problem = comparison.problem
     campaign, machine = problem.campaign, problem.model.machine
     rows = shown_rows(campaign, comparison.residual)
@@ -22,6 +25,12 @@ def compared(comparison: Comparison) -> dict[str, Any]:
     # the last sentence says what to type next: here that is a button
     sentences = [s for s in comparison.verdict() if not s.startswith("next: ")]
     fitted = comparison.fitted_files
+    pictures = panels(campaign, rows, comparison.residual, sides)
+    listed = list(_tables(comparison))
+    many = None
+    if len(rows) < np.isfinite(comparison.residual).sum():
+        selects = [table["select"] for table in listed]
+        many = ManyResiduals(campaign, comparison.residual, pictures, rows, selects)
     found: dict[str, Any] = {
         "title": verdict_title(comparison),
         "holds": comparison.holds,
@@ -34,11 +43,12 @@ def compared(comparison: Comparison) -> dict[str, Any]:
         "rows": rows_json(campaign, machine, rows),
         "values": values_json(campaign, rows, comparison.residual),
         "of": campaign.n,
-        "panels": panels(campaign, rows, comparison.residual, sides),
-        "tables": list(_tables(comparison)),
+        "panels": pictures,
+        "cells": None if many is None else many.pictures(),
+        "tables": listed,
     }
     answer: dict[str, Any] = plain(found)
-    return answer
+    return answer, many
 
 
 def _tables(comparison: Comparison) -> Iterator[dict[str, Any]]:

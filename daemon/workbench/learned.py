@@ -27,7 +27,7 @@ from abbe.daemon.report.model.diagnosis import (
     verdict_title,
 )
 from abbe.daemon.report.page import in_words, plain
-from abbe.daemon.workbench.rows import panels, rows_json, shown_rows, values_json
+from abbe.daemon.workbench.residuals.rows import panels, rows_json, shown_rows, values_json
 
 _REACH = 2.0
 """A slider goes so many times as far as the value that the data say."""

@@ -27,6 +27,7 @@ from abbe.daemon.config.identity import abbe_version
 from abbe.daemon.report.head import file_on_page, head_of
 from abbe.daemon.workbench.compared import compared
 from abbe.daemon.workbench.learned import learned, sliders, tried, what_if
+from abbe.daemon.workbench.residuals.brush import Brush, ManyResiduals
 from abbe.daemon.workbench.task import Tell, WorkbenchTask
 from abbe.daemon.workbench.versions import ModelVersion, VersionFolder
 from abbe.daemon.workbench.watched import watched
@@ -73,6 +74,7 @@ class Workbench:
         self._changes = 0
         self._task: WorkbenchTask | None = None
         self._compared: bytes | None = None
+        self._many: ManyResiduals | None = None
         self._learned: bytes | None = None
         self._diagnosis: Diagnosis | None = None
         self._trial: tuple[str, WhatIf] | None = None
@@ -174,6 +176,19 @@ class Workbench:
         """The page *Compare* as JSON; None: not known yet."""
         return self._compared
 
+    def brushed(self, brush: Brush) -> dict[str, Any]:
+        """Which of many rows are chosen, where not all of them are drawn.
+
+        Raises
+        ------
+        InputError
+            Where all rows are drawn one by one, and for what is not there.
+        """
+        many = self._many
+        if many is None:
+            raise InputError("no rows but those that are drawn", field="brush")
+        return many.brushed(brush)
+
     def learned(self) -> bytes | None:
         """The page *Learn* as JSON; None: not known yet."""
         return self._learned
@@ -237,7 +252,7 @@ class Workbench:
         with self._lock:
             require_signals(self._campaign, version.model)
             self._current, self._said = version, said
-            self._compared = self._learned = self._diagnosis = self._trial = None
+            self._compared = self._learned = self._diagnosis = self._trial = self._many = None
             self._changes += 1
 
     def _make(
@@ -266,7 +281,8 @@ class Workbench:
         tell("comparing")
         found = compare_answer.with_changes(model, campaign, compare(model, campaign))
         tell("drawing")
-        self._compared = _bytes(compared(found))
+        page, self._many = compared(found)
+        self._compared = _bytes(page)
 
     def _learn(self, tell: Tell) -> None:
         current = self._current

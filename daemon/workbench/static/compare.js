@@ -22,6 +22,7 @@ export function legend() {
 /** The view; `next` leads to the causes. */
 export function compareView(found, next) {
   const linked = new Linked(found.rows, found.values);
+  found.panels.forEach((panel, k) => { panel.number = k; });
   const reach = reaches(found.rows, found.values);
   const verdict = el("section", {class: "verdict"},
     el("h1", {class: found.holds ? "good" : "bad"}, found.title),
@@ -45,12 +46,13 @@ export function compareView(found, next) {
 function partSection(found, linked, part, reach) {
   const own = found.panels.filter((panel) => panel.part === part);
   const make = (panels) => el("div", {class: "panels"},
-    ...panels.map((panel) => new Scatter(panel, linked, reach[part]).node));
+    ...panels.map((panel) => new Scatter(panel, linked, reach[part], found.cells?.[panel.number]).node));
   const along = own.filter((panel) => panel.by === "axis");
   const shown = found.rows.part.filter((p) => p === part).length;
   const section = el("section", {},
     el("h2", {}, t("{part}: where it fails", {part: NAMES[part]})),
-    el("p", {}, t("Residuals: what the model leaves of the measurements. All pictures have the same scale, the worst come first. {shown} rows are drawn of {all} in all.", {shown, all: found.of})),
+    el("p", {}, t("Residuals: what the model leaves of the measurements. All pictures have the same scale, the worst come first. {shown} rows are drawn of {all} in all.", {shown: found.cells ? found.of : shown, all: found.of})),
+    found.cells ? el("p", {}, t("The stronger a place, the more rows lie there. In the volume, and under the pointer, {shown} of them stand for all; the largest are among them. What is selected is counted among all rows.", {shown})) : null,
     legend(),
     make(along.slice(0, FIRST)));
   const more = (title, panels) => {
@@ -59,7 +61,7 @@ function partSection(found, linked, part, reach) {
     details.addEventListener("toggle", () => {
       if (details.open && details.children.length === 1) {
         details.append(make(panels));
-        linked.redraw();
+        linked.ask();
       }
     });
     section.append(details);
@@ -67,7 +69,7 @@ function partSection(found, linked, part, reach) {
   more(t("{n} more along the axes", {n: along.length - FIRST}), along.slice(FIRST));
   section.append(el("div", {class: "beside"},
     make(own.filter((panel) => panel.by === "setup" || panel.by === "time")),
-    new Volume(linked, part, reach[part]).node));
+    new Volume(linked, part, reach[part], Boolean(found.cells)).node));
   more(t("Against signals"), own.filter((panel) => panel.by === "signal"));
   const tables = found.tables.filter((each) => each.part === part);
   section.append(el("h2", {}, t("{part}: worst first", {part: NAMES[part]})));
@@ -75,7 +77,8 @@ function partSection(found, linked, part, reach) {
   section.append(listed);
   tables.forEach((each, k) => {
     const choose = (i) => el("button", {class: "small", onclick: () =>
-      linked.choose(linked.matching(each.select[i])),
+      (found.cells ? linked.ask({group: {table: found.tables.indexOf(each), row: i}})
+        : linked.choose(linked.matching(each.select[i]))),
       "aria-label": t("Show {row} in all pictures", {row: each.cells[i].slice(0, 3).join(" ")})}, t("Show"));
     const able = each.select.every((s) => s.tool === undefined);
     listed.append(el("details", {open: k < 2}, el("summary", {}, label(each.title)),

@@ -1,7 +1,7 @@
 // What is selected in one picture is selected in all: rows of the campaign, by their place in the
 // arrays that the server sent.
 import {t} from "./language.js";
-import {number} from "./dom.js";
+import {number, post, Refusal} from "./dom.js";
 
 export class Linked {
   /** `rows`, `values`: as the server sends them. */
@@ -10,18 +10,38 @@ export class Linked {
     this.values = values;
     this.before = null; // what is drawn in grey behind them
     this.chosen = new Set();
+    this.counted = null; // what the server says of all rows, where not all are drawn
+    this.asked = null;
     this.pictures = [];
     this.bar = document.getElementById("selection");
     this.bar.querySelector("button").onclick = () => this.choose([]);
     this.choose([]);
   }
 
-  choose(indices) {
+  choose(indices, counted = null) {
+    if (!counted) this.asked = null;
     this.chosen = new Set(indices);
+    this.counted = counted?.n ? counted : null;
     this.redraw();
-    this.bar.hidden = this.chosen.size === 0;
-    this.bar.dataset.count = this.chosen.size;
-    if (this.chosen.size) this.bar.querySelector("span").textContent = this.words();
+    const count = this.counted?.n ?? this.chosen.size;
+    this.bar.hidden = count === 0;
+    this.bar.dataset.count = count;
+    this.bar.dataset.turn = Number(this.bar.dataset.turn ?? 0) + 1;
+    if (count) this.bar.querySelector("span").textContent = this.words();
+  }
+
+  /** Choose among all rows, of which not all are drawn: the server knows them. */
+  async ask(asked = this.asked) {
+    this.asked = asked;
+    if (!asked) { this.redraw(); return; }
+    const panels = this.pictures.filter((p) => p.cells).map((p) => p.number);
+    try {
+      const found = await post("/api/brush", {...asked, panels});
+      if (this.asked === asked) this.choose(found.rows, found);
+    } catch (error) {
+      // the server is away, or compares anew: the page says so
+      if (!(error instanceof Refusal) && !(error instanceof TypeError)) throw error;
+    }
   }
 
   redraw() {
@@ -56,13 +76,25 @@ export class Linked {
   }
 
   words() {
-    const chosen = [...this.chosen];
+    const {parts: figures, setups} = this.counted ?? this.#count();
     const parts = this.rows.units.map((unit, part) => {
+      if (!figures[part]) return null;
+      const {n, rms, mean} = figures[part];
+      return t("{n} rows, rms {rms} {unit}, mean {mean}", {n, rms: number(rms), unit, mean: number(mean)});
+    });
+    const {most} = setups;
+    const more = setups.more ? t(" and {n} more set-ups", {n: setups.more}) : "";
+    return t("Selected: {what} – in {where}", {what: parts.filter(Boolean).join("; "), where: most.join(", ") + more});
+  }
+
+  /** Figures of the rows that are chosen, as the server makes them of many. */
+  #count() {
+    const chosen = [...this.chosen];
+    const parts = this.rows.units.map((_, part) => {
       const own = chosen.filter((i) => this.rows.part[i] === part).map((i) => this.values[i]);
       if (!own.length) return null;
       const mean = own.reduce((a, b) => a + b, 0) / own.length;
-      const rms = Math.sqrt(own.reduce((a, b) => a + b * b, 0) / own.length);
-      return t("{n} rows, rms {rms} {unit}, mean {mean}", {n: own.length, rms: number(rms), unit, mean: number(mean)});
+      return {n: own.length, mean, rms: Math.sqrt(own.reduce((a, b) => a + b * b, 0) / own.length)};
     });
     const setups = new Map();
     for (const i of chosen) {
@@ -70,7 +102,6 @@ export class Linked {
       setups.set(name, (setups.get(name) ?? 0) + 1);
     }
     const most = [...setups].sort((a, b) => b[1] - a[1]).slice(0, 3).map(([name]) => name);
-    const more = setups.size > 3 ? t(" and {n} more set-ups", {n: setups.size - 3}) : "";
-    return t("Selected: {what} – in {where}", {what: parts.filter(Boolean).join("; "), where: most.join(", ") + more});
+    return {parts, setups: {most, more: Math.max(0, setups.size - 3)}};
   }
 }

@@ -1,10 +1,12 @@
 // A picture of residuals against something, on a canvas: thousands of points, redrawn in a blink.
 import {label, t} from "./language.js";
+import {Density} from "./density.js";
 import {el, number} from "./dom.js";
 import {line, sharp} from "./space.js";
 import {colours, onColours} from "./theme.js";
 
 const SIDES = {1: "minus", "-1": "plus", 0: "still"}; // names of colours, by side of approach
+const ORDER = [0, 1, -1]; // sides, as the server counts them
 const FAINT = 0.13;
 const EDGE = {left: 46, right: 8, top: 8, bottom: 34};
 const HEIGHT = 210, PARTS = 12;
@@ -23,9 +25,12 @@ export function ticks(low, high, count = 5) {
 export class Scatter {
   /**
    * One panel: `panel` as the server lists it, `reach` the greatest residual that is shown; the
-   * element is `node`.
+   * element is `node`. Of more rows than are drawn one by one `cells` says how many lie where.
    */
-  constructor(panel, linked, reach) {
+  constructor(panel, linked, reach, cells = null) {
+    this.cells = cells;
+    this.density = cells && new Density(cells);
+    this.number = panel.number;
     this.linked = linked;
     this.reach = reach;
     this.unit = linked.rows.units[panel.part];
@@ -35,12 +40,9 @@ export class Scatter {
       && (measured === undefined || linked.rows.measured[i] === measured)
       && this.x[i] !== null && this.x[i] !== undefined);
     const own = this.indices.map((i) => this.x[i]);
-    [this.low, this.high] = [min(own), max(own)];
-    if (this.low === this.high) [this.low, this.high] = [this.low - 0.5, this.high + 0.5];
-    const pad = 0.03 * (this.high - this.low);
-    [this.low, this.high] = [this.low - pad, this.high + pad];
+    [this.low, this.high] = cells ? cells.ends : padded(min(own), max(own));
     this.canvas = el("canvas", {role: "img",
-      "aria-label": t("Residuals {where}: {n} rows. The tables select rows, too.", {where: label(panel.title), n: own.length})});
+      "aria-label": t("Residuals {where}: {n} rows. The tables select rows, too.", {where: label(panel.title), n: cells ? cells.n : own.length})});
     this.tip = el("output", {class: "tip", hidden: true});
     this.node = el("figure", {class: "scatter", "data-panel": `${panel.part} ${panel.title}`},
       el("figcaption", {}, label(panel.title)), el("div", {}, this.canvas, this.tip));
@@ -52,13 +54,43 @@ export class Scatter {
 
   get #wide() { return this.canvas.clientWidth - EDGE.left - EDGE.right; }
   get #tall() { return HEIGHT - EDGE.top - EDGE.bottom; }
-  #px(i) { return EDGE.left + ((this.x[i] - this.low) / (this.high - this.low)) * this.#wide; }
+  #at(x) { return EDGE.left + ((x - this.low) / (this.high - this.low)) * this.#wide; }
+  #px(i) { return this.#at(this.x[i]); }
   #py(v) { return EDGE.top + (0.5 - (0.5 * v) / this.reach) * this.#tall; }
+
+  #x(px) { return this.low + ((px - EDGE.left) / this.#wide) * (this.high - this.low); }
+  #y(py) { return this.reach * (1 - (2 * (py - EDGE.top)) / this.#tall); }
 
   draw() {
     if (!this.canvas.clientWidth) return;
     const pen = sharp(this.canvas, HEIGHT);
     this.#axes(pen);
+    if (this.cells) this.#counted(pen);
+    else this.#single(pen);
+    if (this.from && this.to) {
+      pen.strokeStyle = colours().ink;
+      pen.setLineDash([4, 3]);
+      pen.strokeRect(this.from[0], this.from[1], this.to[0] - this.from[0], this.to[1] - this.from[1]);
+      pen.setLineDash([]);
+    }
+  }
+
+  /** All rows, counted; those chosen before the others. */
+  #counted(pen) {
+    const chosen = this.linked.counted;
+    const box = [EDGE.left, EDGE.top, this.#wide, this.#tall];
+    this.density.draw(pen, this.cells, ...box, Boolean(chosen));
+    if (!chosen) this.#curves(pen, [0, 1, 2].map((k) => this.cells.means[k]));
+    const own = chosen?.panels[this.number];
+    if (own) {
+      this.front ??= new Density(this.cells);
+      this.front.draw(pen, own, ...box);
+    }
+    this.node.dataset.selected = own?.n ?? 0;
+  }
+
+  /** Row by row. */
+  #single(pen) {
     const {values, before, chosen} = this.linked;
     if (before) {
       pen.fillStyle = colours().still;
@@ -72,12 +104,6 @@ export class Scatter {
     if (!faint && !before) this.#means(pen, values);
     if (faint) for (const i of this.indices) if (chosen.has(i)) this.#mark(pen, i, values[i], 4.5);
     this.node.dataset.selected = this.indices.filter((i) => chosen.has(i)).length;
-    if (this.from && this.to) {
-      pen.strokeStyle = colours().ink;
-      pen.setLineDash([4, 3]);
-      pen.strokeRect(this.from[0], this.from[1], this.to[0] - this.from[0], this.to[1] - this.from[1]);
-      pen.setLineDash([]);
-    }
   }
 
   /** Up and down by shape as well as by colour. */
@@ -97,23 +123,30 @@ export class Scatter {
 
   /** The mean of each side, along the picture. */
   #means(pen, values) {
-    for (const side of [0, 1, -1]) {
+    this.#curves(pen, ORDER.map((side) => {
       const own = this.indices.filter((i) => (this.side[i] ?? 0) === side && values[i] !== null);
-      if (own.length < 6) continue;
+      if (own.length < 6) return [];
       const sums = Array.from({length: PARTS}, () => [0, 0, 0]);
       for (const i of own) {
         const k = Math.min(PARTS - 1,
           Math.floor(((this.x[i] - this.low) / (this.high - this.low)) * PARTS));
-        sums[k][0] += this.#px(i); sums[k][1] += values[i]; sums[k][2] += 1;
+        sums[k][0] += this.x[i]; sums[k][1] += values[i]; sums[k][2] += 1;
       }
-      for (const [width, colour] of [[6, colours().paper], [3, colours()[SIDES[side]]]]) {
+      return sums.filter(([, , n]) => n).map(([x, v, n]) => [x / n, v / n]);
+    }));
+  }
+
+  /** A curve for each side, in the order of `ORDER`. */
+  #curves(pen, curves) {
+    curves.forEach((points, k) => {
+      for (const [width, colour] of [[6, colours().paper], [3, colours()[SIDES[ORDER[k]]]]]) {
         pen.strokeStyle = colour; pen.lineWidth = width; pen.lineJoin = "round";
         pen.beginPath();
-        for (const [x, v, n] of sums) if (n) pen.lineTo(x / n, this.#py(v / n));
+        for (const [x, v] of points) pen.lineTo(this.#at(x), this.#py(v));
         pen.stroke();
       }
       pen.lineWidth = 1;
-    }
+    });
   }
 
   #axes(pen) {
@@ -129,7 +162,7 @@ export class Scatter {
     pen.textAlign = "center"; pen.textBaseline = "top";
     if (this.label) {
       for (const v of ticks(this.low, this.high, Math.max(2, this.#wide / 80))) {
-        const x = EDGE.left + ((v - this.low) / (this.high - this.low)) * this.#wide;
+        const x = this.#at(v);
         pen.strokeStyle = colours().grid;
         line(pen, x, EDGE.top, x, EDGE.top + this.#tall);
         pen.fillStyle = colours().quiet;
@@ -166,7 +199,10 @@ export class Scatter {
       const [a, b] = [this.from, this.to];
       this.from = this.to = null;
       if (!b || Math.hypot(b[0] - a[0], b[1] - a[1]) < 4) { this.linked.choose([]); return; }
-      this.linked.choose(this.indices.filter((i) => {
+      if (this.cells) {
+        const box = {x: [a, b].map(([x]) => this.#x(x)), y: [a, b].map(([, y]) => this.#y(y))};
+        this.linked.ask({box: {panel: this.number, ...box}});
+      } else this.linked.choose(this.indices.filter((i) => {
         const [x, y] = [this.#px(i), this.#py(this.linked.values[i])];
         return (x - a[0]) * (x - b[0]) <= 0 && (y - a[1]) * (y - b[1]) <= 0;
       }));
@@ -187,6 +223,13 @@ export class Scatter {
     this.tip.style.top = `${y + 14}px`;
     this.tip.style.left = `${Math.max(0, Math.min(x, this.canvas.clientWidth - 190))}px`;
   }
+}
+
+/** Ends with a little room beside them. */
+function padded(low, high) {
+  if (low === high) return padded(low - 0.5, high + 0.5);
+  const pad = 0.03 * (high - low);
+  return [low - pad, high + pad];
 }
 
 /** What lies across a panel: a value for each row, its title, the side of approach of each. */

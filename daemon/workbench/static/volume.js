@@ -8,7 +8,8 @@ import {colours} from "./theme.js";
 const REACH = 0.14;
 
 export class Volume extends Space {
-  constructor(linked, part, reach) {
+  /** `many`: there are more rows than are drawn, and the server knows them. */
+  constructor(linked, part, reach, many = false) {
     const {rows} = linked;
     const indices = [...rows.row.keys()].filter((i) => rows.part[i] === part);
     super([0, 1, 2].map((k) => {
@@ -17,6 +18,7 @@ export class Volume extends Space {
     }), ["X", "Y", "Z"], t("Residuals in the volume. The tables select rows, too."));
     this.linked = linked;
     this.reach = reach;
+    [this.part, this.many] = [part, many];
     this.selects = false;
     this.indices = indices;
     const mode = el("button", {"aria-pressed": "false", onclick: () => {
@@ -63,7 +65,14 @@ export class Volume extends Space {
   }
 
   select(a, b) {
-    this.linked.choose(this.indices.filter((i) => this.#arrow(i).some(([x, y]) =>
+    if (this.many) {
+      // where a point of space lies on the screen is linear: four points say it all
+      const zero = this.at([0, 0, 0]);
+      const ways = [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map((p) => this.at(p).map((v, k) => v - zero[k]));
+      const [right, up] = [0, 1].map((k) => [...ways.map((way) => way[k]), zero[k]]);
+      this.linked.ask({space: {part: this.part, right, up, long: (REACH * this.size) / this.reach,
+        x: [a[0], b[0]], y: [a[1], b[1]]}});
+    } else this.linked.choose(this.indices.filter((i) => this.#arrow(i).some(([x, y]) =>
       (x - a[0]) * (x - b[0]) <= 0 && (y - a[1]) * (y - b[1]) <= 0)));
   }
 }

@@ -35,20 +35,21 @@ def shown_rows(campaign: Campaign, residual: F64) -> Index:
 def rows_json(campaign: Campaign, machine: Machine, rows: Index) -> dict[str, Any]:
     """Everything by which rows are drawn and told apart; positions mm or degrees, time h."""
     c = campaign.conditions
-    setups = np.full(campaign.n, "") if c.setup is None else c.setup
-    names, setup = np.unique(setups[rows], return_inverse=True)
-    files = [campaign.file_of(int(i)) for i in rows]
-    different = list(dict.fromkeys(files))
+    names, setup = [""], np.zeros(len(rows), dtype=np.int64)
+    if c.setup is not None:
+        names, setup = list(c.setup_rows().index), c.setup_rows().number[rows]
+    runs = np.zeros(len(rows), dtype=np.int64) if c.run is None else c.run[rows]
+    _, first, file = np.unique(runs, return_index=True, return_inverse=True)
     u = np.zeros((campaign.n, 3)) if c.u is None else c.u
     return {
         "row": rows.tolist(),
         "part": (~np.isin(campaign.kind[rows], LENGTHS)).astype(int).tolist(),
         "units": list(_UNITS),
         "line": campaign.line[rows].tolist(),
-        "files": different,
-        "file": [different.index(f) for f in files],
-        "setups": [str(n) for n in names],
-        "setup": setup.reshape(-1).tolist(),
+        "files": [campaign.file_of(int(rows[i])) for i in first],
+        "file": file.reshape(-1).tolist(),
+        "setups": names,
+        "setup": setup.tolist(),
         "measured": campaign.measured_components()[rows].tolist(),
         "axes": {
             axis: {

@@ -1,0 +1,1 @@
+"""What the workbench takes of its server and of a browser that shows it."""

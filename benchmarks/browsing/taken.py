@@ -1,0 +1,53 @@
+"""Processor time and memory of a server and of a browser: the system's own figures (``/proc``)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+_TICKS = os.sysconf("SC_CLK_TCK")
+
+
+def resident(pid: int) -> float:
+    """Resident memory of a process, MB."""
+    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    return int(next(line.split()[1] for line in lines if line.startswith("VmRSS"))) / 1024.0
+
+
+def spent(pid: int) -> float:
+    """Processor time of a process so far, s."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / _TICKS
+
+
+class BrowserProcesses:
+    """All processes of the browsers that this process started."""
+
+    def __init__(self) -> None:
+        self.pids = [pid for pid in _below(os.getpid()) if _name(pid).startswith("chrom")]
+        assert self.pids, "no browser was started"
+
+    def spent(self) -> float:
+        """Processor time so far, s."""
+        return sum(spent(pid) for pid in self.pids)
+
+    def memory(self) -> float:
+        """Memory, MB; what several share is counted once."""
+        return sum(_proportional(pid) for pid in self.pids)
+
+
+def _below(pid: int) -> Iterator[int]:
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        for child in (task / "children").read_text().split():
+            yield int(child)
+            yield from _below(int(child))
+
+
+def _name(pid: int) -> str:
+    return Path(f"/proc/{pid}/comm").read_text().strip()
+
+
+def _proportional(pid: int) -> float:
+    lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
+    return int(next(line.split()[1] for line in lines if line.startswith("Pss:"))) / 1024.0
