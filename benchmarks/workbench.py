@@ -1,4 +1,4 @@
-"""The workbench: its server with many viewers, a browser with fifty channels, and with a million rows.
+"""The workbench: many viewers, fifty channels in a browser, a million rows in a browser.
 
 Writes its sections of docs/performance.md. ``python -m benchmarks.workbench [WHAT …]``, of
 ``viewers``, ``channels``, ``rows``; all where none is named.

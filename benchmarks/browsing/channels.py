@@ -57,14 +57,12 @@ def fifty_channels(seconds: float) -> str:
             drawn = (int(page.evaluate("window.counted")) - counted) / passed
             nodes = page.evaluate("document.querySelectorAll('*').length")
     at, *series = np.array(samples).T
-    grown = [
-        f"{values[0]:.1f} | {values[-1]:.1f} | {_growth(at, values)}"
-        for values in series
-    ]
+    grown = [f"{values[0]:.1f} | {values[-1]:.1f} | {_growth(at, values)}" for values in series]
     return f"""### Fifty channels in a browser
 
-The same machine with {CHANNELS} channels (three axes, {rows} sensors that are shown), watched in Debian's Chromium (without a
-graphics card) for {passed:.0f} s, the last hour's history below; load of the host {os.getloadavg()[0]:.1f}.
+The same machine with {CHANNELS} channels (three axes, {rows} sensors that are shown), watched in
+Debian's Chromium (without a graphics card) for {passed:.0f} s, the last hour's history below; load
+of the host {os.getloadavg()[0]:.1f}.
 
 | | |
 | --- | --- |
@@ -79,8 +77,9 @@ graphics card) for {passed:.0f} s, the last hour's history below; load of the ho
 | all of the browser's processes | {grown[1]} |
 | the server | {grown[2]} |
 
-Target: under 30 % of a core, server under 120 MB, and no growth. Growth is the slope of a straight line through a sample every
-{_EVERY:.0f} s, of {passed / 60.0:.0f} minutes and not of an hour; the standard error takes what is left as independent."""
+Target: under 30 % of a core, server under 120 MB, and no growth. Growth is the slope of a straight
+line through a sample every {_EVERY:.0f} s, of {passed / 60.0:.0f} minutes and not of an hour; the
+standard error takes what is left as independent."""
 
 
 def _with_more(config: Path) -> None:

@@ -1,4 +1,4 @@
-"""A campaign of a million rows looked at in a browser: first sight, what travels, each selection."""
+"""A million rows looked at in a browser: first sight, what travels, each selection."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ _BRUSHES = 20
 _DRAG = """async (panel) => {
   const canvas = panel.querySelector("canvas"), box = canvas.getBoundingClientRect();
   const bar = document.getElementById("selection");
-  const send = (kind, x, y) => canvas.dispatchEvent(new PointerEvent(kind, {bubbles: true, button: 0,
-    pointerId: 1, clientX: box.left + x * box.width, clientY: box.top + y * box.height}));
+  const send = (kind, x, y) => canvas.dispatchEvent(new PointerEvent(kind, {bubbles: true,
+    button: 0, pointerId: 1, clientX: box.left + x * box.width,
+    clientY: box.top + y * box.height}));
   canvas.setPointerCapture = () => {};
   const frame = () => new Promise((done) => requestAnimationFrame(done));
   const from = 0.2 + 0.3 * Math.random();
@@ -38,7 +39,8 @@ _DRAG = """async (panel) => {
   send("pointerup", from + 0.4, 0.54);
   while ((bar.dataset.turn ?? "0") === before) await frame();
   await frame();
-  return {brush: performance.now() - began, move: Math.max(...moves), chosen: Number(bar.dataset.count)};
+  return {brush: performance.now() - began, move: Math.max(...moves),
+    chosen: Number(bar.dataset.count)};
 }"""
 
 
@@ -71,20 +73,35 @@ def many_rows(rows: int) -> str:
             memory, server = BrowserProcesses().memory(), resident(bench.process.pid)
     brushes, moves = sorted(f["brush"] for f in found), [f["move"] for f in found]
     chosen = [f["chosen"] for f in found]
+    figures = {
+        "from the start until the comparison is there (reading and comparing included)": (
+            f"{ready:.0f} s"
+        ),
+        "what travels then, compressed (as it is)": f"{packed / 1e6:.2f} MB ({plain / 1e6:.2f} MB)",
+        "the server's answer": f"{1e3 * served:.0f} ms",
+        "page loaded anew, until all its pictures are there": f"{first:.1f} s",
+        "from the end of a drag until every picture shows the selection, median and longest": (
+            f"**{median(brushes):.0f} ms**, {brushes[-1]:.0f} ms"
+        ),
+        "a picture drawn anew while the box is drawn, median and longest": (
+            f"{median(moves):.1f} ms, {max(moves):.1f} ms"
+        ),
+        "memory: the page's objects, the browser, the server": (
+            f"{heap:.0f} MB, {memory:.0f} MB, {server:.0f} MB"
+        ),
+    }
+    table = "\n".join(f"| {what} | {value} |" for what, value in figures.items())
     return f"""### A million residuals
 
-`abbe open` with a campaign of {n:,} rows (a bridge CMM's day, as under *The commands as typed*), *Compare* in Debian's Chromium
-(without a graphics card): all rows are counted in the cells of each picture on the server; a box drawn over a picture selects among
-all of them. {_BRUSHES} boxes over four pictures, {min(chosen):,} to {max(chosen):,} rows each; load of the host {os.getloadavg()[0]:.1f}.
+`abbe open` with a campaign of {n:,} rows (a bridge CMM's day, as under *The commands as typed*),
+*Compare* in Debian's Chromium (without a graphics card): all rows are counted in the cells of each
+picture on the server; a box drawn over a picture selects among all of them. {_BRUSHES} boxes over
+four pictures, {min(chosen):,} to {max(chosen):,} rows each; load of the host
+{os.getloadavg()[0]:.1f}.
 
 | | |
 | --- | --- |
-| from the start until the comparison is there (reading and comparing included) | {ready:.0f} s |
-| what travels then: compressed, and in all | {packed / 1e6:.2f} MB, {plain / 1e6:.2f} MB in {1e3 * served:.0f} ms |
-| page loaded anew, until all its pictures are there | {first:.1f} s |
-| from the end of a drag until every picture shows the selection, median and longest | **{median(brushes):.0f} ms**, {brushes[-1]:.0f} ms |
-| a picture drawn anew while the box is drawn, median and longest | {median(moves):.1f} ms, {max(moves):.1f} ms |
-| memory: the page's objects, the browser, the server | {heap:.0f} MB, {memory:.0f} MB, {server:.0f} MB |"""
+{table}"""
 
 
 def _entered(browser: Any, bench: Any) -> Page:

@@ -57,8 +57,8 @@ def many_viewers(seconds: float, count: int = 20) -> str:
             after = resident(pid)
     return f"""### Twenty viewers
 
-A simulated machine corrected with records and HTTP, its live view streamed to {count} viewers at a time for
-{passed:.0f} s; load of the host {os.getloadavg()[0]:.1f}.
+A simulated machine corrected with records and HTTP, its live view streamed to {count} viewers at a
+time for {passed:.0f} s; load of the host {os.getloadavg()[0]:.1f}.
 
 | | |
 | --- | --- |

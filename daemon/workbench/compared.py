@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from abbe.daemon.workbench.residuals.rows import panels, rows_json, shown_rows, 
 
 
 def compared(comparison: Comparison) -> tuple[dict[str, Any], ManyResiduals | None]:
-    """One object for the page, lengths µm, angles µrad; and whom to ask where not all rows are drawn."""
+    """One object for the page, lengths µm, angles µrad; where not all rows are drawn, all rows."""
     problem = comparison.problem
     campaign, machine = problem.campaign, problem.model.machine
     rows = shown_rows(campaign, comparison.residual)
@@ -75,10 +75,15 @@ def _tables(comparison: Comparison) -> Iterator[dict[str, Any]]:
                 "part": k,
                 "columns": ["", "n", f"rms, {unit}", f"largest, {unit}", f"mean, {unit}"],
                 "cells": in_words([[where_of(g), g.n, g.rms, g.max, g.mean] for g in groups], 3),
-                "select": [_selected(g, k) for g in groups],
+                "select": [_selected(g, k, groups) for g in groups],
             }
 
 
-def _selected(group: ResidualGroup, part: int) -> dict[str, Any]:
-    """What makes a row one of a group."""
-    return {"part": part, **group.of}
+def _selected(group: ResidualGroup, part: int, groups: Sequence[ResidualGroup]) -> dict[str, Any]:
+    """What makes a row one of a group; only the `last` of its kind has its upper end, too."""
+    of = dict(group.of)
+    if "to" in of:
+        kind = (of.get("axis"), of.get("signal"))
+        ends = [g.of["to"] for g in groups if (g.of.get("axis"), g.of.get("signal")) == kind]
+        of["last"] = of["to"] == max(ends)
+    return {"part": part, **of}

@@ -1,1 +1,1 @@
-"""Residuals for the pictures of the workbench: row by row, and of many rows by cells of a picture."""
+"""Residuals for the workbench's pictures: row by row, and of many rows by cells of a picture."""

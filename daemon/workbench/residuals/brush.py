@@ -1,6 +1,6 @@
 """Which of many residuals a person has chosen: a box drawn over a picture, or a row of a table.
 
-Every row of the campaign is asked, by its exact value, and not only those that are drawn one by one.
+Every row of the campaign is asked, by its exact value, not only those that are drawn one by one.
 """
 
 from __future__ import annotations
@@ -96,7 +96,10 @@ class ManyResiduals:
         self._component = campaign.measured_components()
         size = np.abs(np.nan_to_num(self._value))
         reach = np.array(
-            [1.05 * float(size[mine].max(initial=0.0)) or 1.0 for mine in (self._length, ~self._length)]
+            [
+                1.05 * float(size[mine].max(initial=0.0)) or 1.0
+                for mine in (self._length, ~self._length)
+            ]
         )
         self._panels = list(panels)
         self._pictures: list[CellPicture] = [
@@ -154,14 +157,14 @@ class ManyResiduals:
         c = self._campaign.conditions
         chosen = np.ones(self._campaign.n, dtype=np.bool_)
         if "row" in wanted:
-            return np.arange(self._campaign.n) == wanted["row"]
+            return np.asarray(np.arange(self._campaign.n) == wanted["row"])
         if "part" in wanted:
             chosen &= self._length == (wanted["part"] == 0)
         if "setup" in wanted:
             return chosen if c.setup is None else chosen & c.setup_rows().mask(wanted["setup"])
         if "direction" in wanted:
             side = c.direction(wanted["axis"]) == wanted["direction"]
-            return chosen & side & (self._component == wanted["measured"])
+            return np.asarray(chosen & side & (self._component == wanted["measured"]))
         if "signal" in wanted:
             at = c.signals[wanted["signal"]]
         elif "axis" in wanted:
@@ -171,7 +174,9 @@ class ManyResiduals:
             at = c.time
         else:
             return np.zeros_like(chosen)
-        return chosen & (at >= wanted["from"] - _NEAR) & (at <= wanted["to"] + _NEAR)
+        # a part has its lower end; its upper one is the next part's
+        below = wanted["to"] + _NEAR if wanted["last"] else wanted["to"] - _NEAR
+        return np.asarray(chosen & (at >= wanted["from"] - _NEAR) & (at < below))
 
     def _in_space(self, space: BrushedSpace) -> Mask:
         """Rows whose arrow begins or ends in the box."""

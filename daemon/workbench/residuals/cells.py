@@ -87,7 +87,11 @@ def across(campaign: Campaign, panel: Mapping[str, Any]) -> F64:
 
 
 def cell_picture(
-    campaign: Campaign, panel: Mapping[str, Any], value: F64, component: NDArray[np.str_], reach: F64
+    campaign: Campaign,
+    panel: Mapping[str, Any],
+    value: F64,
+    component: NDArray[np.str_],
+    reach: F64,
 ) -> CellPicture:
     """Count a picture.
 
@@ -116,9 +120,7 @@ def cell_picture(
         # the order of SIDES
         side = campaign.conditions.direction(panel["axis"])[rows].astype(np.int64) % 3
     cell = (side * UP + row) * ACROSS + column
-    return CellPicture(
-        rows.astype(np.int32), cell.astype(np.int32), ends, _means(x, y, side, ends)
-    )
+    return CellPicture(rows.astype(np.int32), cell.astype(np.int32), ends, _means(x, y, side, ends))
 
 
 def _ends(x: F64) -> tuple[float, float]:

@@ -55,7 +55,9 @@ export class Linked {
 
   #is(i, w) {
     const r = this.rows;
-    const within = (value) => value !== null && value >= w.from - 1e-6 && value <= w.to + 1e-6;
+    // a part has its lower end; its upper one is the next part's
+    const within = (value) => value !== null && value >= w.from - 1e-6
+      && (w.last ? value <= w.to + 1e-6 : value < w.to - 1e-6);
     if (w.row !== undefined) return r.row[i] === w.row;
     if (w.part !== undefined && r.part[i] !== w.part) return false;
     if (w.setup !== undefined) return r.setups[r.setup[i]] === w.setup;
