@@ -11,7 +11,7 @@ from typing import Any
 
 from playwright.sync_api import Page
 
-from benchmarks.browsing.taken import BrowserProcesses, resident
+from benchmarks.browsing.taken import BrowserProcesses, resident, spent
 from benchmarks.diagnosis_command import written
 from tests.support.daemon.browser import chromium, watched
 from tests.support.daemon.workbench import opened
@@ -64,13 +64,16 @@ def many_rows(rows: int) -> str:
             page.reload()
             page.wait_for_selector("#view[data-tab=compare] .volume canvas")
             first = time.monotonic() - began
+            processes, pid = BrowserProcesses(), bench.process.pid
+            cpu, own = processes.spent(), spent(pid)
             found: list[dict[str, Any]] = [
                 page.locator(".scatter").nth(k % 4).evaluate(_DRAG) for k in range(_BRUSHES)
             ]
+            each = [1e3 * s / _BRUSHES for s in (processes.spent() - cpu, spent(pid) - own)]
             devtools = page.context.new_cdp_session(page)
             devtools.send("HeapProfiler.collectGarbage")
             heap = float(devtools.send("Runtime.getHeapUsage")["usedSize"]) / 1e6
-            memory, server = BrowserProcesses().memory(), resident(bench.process.pid)
+            memory, server = processes.memory(), resident(pid)
     brushes, moves = sorted(f["brush"] for f in found), [f["move"] for f in found]
     chosen = [f["chosen"] for f in found]
     figures = {
@@ -82,6 +85,9 @@ def many_rows(rows: int) -> str:
         "page loaded anew, until all its pictures are there": f"{first:.1f} s",
         "from the end of a drag until every picture shows the selection, median and longest": (
             f"**{median(brushes):.0f} ms**, {brushes[-1]:.0f} ms"
+        ),
+        "processor time of it, drag included: browser, server": (
+            f"{each[0]:.0f} ms, {each[1]:.0f} ms"
         ),
         "a picture drawn anew while the box is drawn, median and longest": (
             f"{median(moves):.1f} ms, {max(moves):.1f} ms"

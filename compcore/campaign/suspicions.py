@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.plausible import BODIES, perhaps_fahrenheit
+from abbe.compcore.sentences import said
 
 F64 = NDArray[np.float64]
 
@@ -122,16 +123,21 @@ def of_chi2(chi2_per_dof: float, dof: int, *, stated: bool) -> Iterator[str]:
         return
     times = math.sqrt(chi2_per_dof)
     if chi2_per_dof < _LITTLE:
-        by = f"{1 / times:.3g} times less is left" if times > 0.0 else "nothing is left"
-        yield (
-            f"χ²/dof is {chi2_per_dof:.2g}: {by} than the stated uncertainties say. They are too "
-            "large, the values are in another unit, or rows were smoothed or copied"
+        yield said(
+            "χ²/dof is {chi2}: {by} than the stated uncertainties say. They are too "
+            "large, the values are in another unit, or rows were smoothed or copied",
+            chi2=f"{chi2_per_dof:.2g}",
+            by=said("{times} times less is left", times=f"{1 / times:.3g}")
+            if times > 0.0
+            else said("nothing is left"),
         )
     elif chi2_per_dof > _MUCH:
-        yield (
-            f"χ²/dof is {chi2_per_dof:.3g}: what is left is {times:.3g} times the stated "
+        yield said(
+            "χ²/dof is {chi2}: what is left is {times} times the stated "
             "uncertainties. The model lacks something (abbe diagnose), a sign or a unit is wrong, "
-            "or the uncertainties are too small"
+            "or the uncertainties are too small",
+            chi2=f"{chi2_per_dof:.3g}",
+            times=f"{times:.3g}",
         )
 
 

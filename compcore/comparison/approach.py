@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.machine.machine import own_component
 from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.sentences import Sentence, said
 
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -50,26 +51,37 @@ class SideDifference:
     share: float
 
     @property
-    def words(self) -> str:
+    def words(self) -> Sentence:
         """In the shop's words, ISO 230's name in brackets."""
-        sd = f" ± {self.sd * 1e3:.1f}"
-        way = "minus" if self.difference > 0.0 else "plus"
-        return (
-            f"{self._said(sd, f', towards {way},')} "
-            f"(reversal error, ISO 230-1, measured in {self.component})"
+        values = {"sd": f"{self.sd * 1e3:.1f}", "way": "minus" if self.difference > 0.0 else "plus"}
+        if self.axis == self.component:
+            return said(
+                "{axis} stands {size} ± {sd} µm elsewhere, towards {way}, when it comes {side} "
+                "(reversal error, ISO 230-1, measured in {component})",
+                **self._values(),
+                **values,
+            )
+        return said(
+            "{component} is {size} ± {sd} µm elsewhere, towards {way}, when {axis} comes {side} "
+            "(reversal error, ISO 230-1, measured in {component})",
+            **self._values(),
+            **values,
         )
 
     @property
-    def short(self) -> str:
+    def short(self) -> Sentence:
         """The same as a headline."""
-        return self._said("", "")
+        if self.axis == self.component:
+            return said("{axis} stands {size} µm elsewhere when it comes {side}", **self._values())
+        return said("{component} is {size} µm elsewhere when {axis} comes {side}", **self._values())
 
-    def _said(self, sd: str, way: str) -> str:
-        size = abs(self.difference) * 1e3
-        side = "from above" if self.axis == "Z" else "from the plus side"
-        what = f"{self.axis} stands" if self.axis == self.component else f"{self.component} is"
-        who = "it comes" if self.axis == self.component else f"{self.axis} comes"
-        return f"{what} {size:.1f}{sd} µm elsewhere{way} when {who} {side}"
+    def _values(self) -> dict[str, str]:
+        return {
+            "axis": self.axis,
+            "component": self.component,
+            "size": f"{abs(self.difference) * 1e3:.1f}",
+            "side": said("from above") if self.axis == "Z" else said("from the plus side"),
+        }
 
 
 def by_side_and_component(

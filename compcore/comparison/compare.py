@@ -38,6 +38,7 @@ from abbe.compcore.fitting.words import start_lines
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
 from abbe.compcore.notebook import html_table
+from abbe.compcore.sentences import joined, said
 from abbe.compcore.units import in_digits
 
 if TYPE_CHECKING:
@@ -143,22 +144,31 @@ class Comparison(Shown):
 
     def verdict(self) -> Iterator[str]:
         """Whether the model holds, what stands out, and the next command."""
-        parts = [
-            f"{name} are off by {in_digits(part.rms * factor)} {unit} rms "
-            f"(χ²/dof {in_digits(part.chi2_per_dof)})"
+        parts = joined(
+            said(
+                "{what} are off by {size} {unit} rms (χ²/dof {chi2})",
+                what=name,
+                size=in_digits(part.rms * factor),
+                unit=unit,
+                chi2=in_digits(part.chi2_per_dof),
+            )
             for part, name, unit, factor in self._parts()
             if part.n
-        ]
+        )
         if self.uncertainty.open:
-            yield f"Whether this is noise is open, the campaign states none; {'; '.join(parts)}."
+            yield said(
+                "Whether this is noise is open, the campaign states none; {parts}.", parts=parts
+            )
         elif self.holds:
-            yield f"The model holds: what is left is noise; {'; '.join(parts)}."
+            yield said("The model holds: what is left is noise; {parts}.", parts=parts)
             return
         else:
-            yield f"THE MODEL DOES NOT HOLD on this campaign: {'; '.join(parts)}."
+            yield said("THE MODEL DOES NOT HOLD on this campaign: {parts}.", parts=parts)
         yield from self.changed
         for side in self.sides:
-            yield f"{side.words}: {side.share:.0%} of what is left."
+            yield said(
+                "{what}: {share} of what is left.", what=side.words, share=f"{side.share:.0%}"
+            )
         yield f"next: {self.diagnosing}"
 
     def words(self) -> Iterator[str]:
@@ -191,8 +201,8 @@ class Comparison(Shown):
 
     def _parts(self) -> tuple[tuple[ComparedRows, str, str, float], ...]:
         return (
-            (self.lengths, "lengths", "µm", 1e3),
-            (self.rotations, "rotations", "µrad", 1e6),
+            (self.lengths, said("lengths"), "µm", 1e3),
+            (self.rotations, said("rotations"), "µrad", 1e6),
         )
 
     def table(self) -> str:

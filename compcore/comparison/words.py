@@ -10,10 +10,11 @@ from abbe.compcore.campaign.sampling import sampling_words
 from abbe.compcore.comparison.lines import MeasuredLine
 from abbe.compcore.comparison.parts import ComparedRows
 from abbe.compcore.model.model import Model
+from abbe.compcore.sentences import said
 from abbe.compcore.units import in_digits
 
 _MOST_LISTED = 8
-OTHER_SETUPS = (
+OTHER_SETUPS = said(
     "ISO/TR 16907, 11.3, asks for other set-ups and other points than those of the tables"
 )
 
@@ -98,8 +99,16 @@ def _short(value: object) -> str:
 
 def fitted_note(files: Sequence[str]) -> str:
     """What a comparison with fitted campaigns says, and what not."""
-    were = "is a campaign" if len(files) == 1 else "are campaigns"
-    return (
-        f"FITTED: {', '.join(files)} {were} that this model was fitted to: what is left over says "
-        f"how close the fit is, not how well the machine is predicted ({OTHER_SETUPS})"
+    if len(files) == 1:
+        return said(
+            "FITTED: {files} is a campaign that this model was fitted to: what is left over says "
+            "how close the fit is, not how well the machine is predicted ({other})",
+            files=files[0],
+            other=OTHER_SETUPS,
+        )
+    return said(
+        "FITTED: {files} are campaigns that this model was fitted to: what is left over says "
+        "how close the fit is, not how well the machine is predicted ({other})",
+        files=", ".join(files),
+        other=OTHER_SETUPS,
     )

@@ -10,26 +10,24 @@ from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.diagnosis.explain import changed, description, explanation, formula
 from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.diagnosis.next_measurement.measure_next import Advice
+from abbe.compcore.sentences import Sentence, listed, said
 
 _SAID = {
-    "complete": "complete: the residuals are noise; this campaign shows nothing that is missing.",
-    "missing": "missing: {0}.",
-    "changed": "changed: the model as it was given does not hold on this campaign.",
-    "unexplained": "unexplained: there is structure left that no effect of the catalogue explains.",
+    "complete": said(
+        "complete: the residuals are noise; this campaign shows nothing that is missing."
+    ),
+    "changed": said("changed: the model as it was given does not hold on this campaign."),
+    "unexplained": said(
+        "unexplained: there is structure left that no effect of the catalogue explains."
+    ),
 }
 
 
-NO_CLOCK = (
+NO_CLOCK = said(
     "the campaign says no times: nothing was looked for that changes with time (drift, warm-up, "
     "an event, a lag, an oscillation)"
 )
 """Said of a campaign whose rows say not when they were measured."""
-
-
-_MORE_THAN_NOISE = (
-    "complete: no cause can be established; but what is left is more than {1} "
-    "(χ² per degree of freedom {0:.3g}): too few independent rows, or {2}."
-)
 
 
 def noise_of(diagnosis: Findings, noise: NoiseFloor) -> float | None:
@@ -40,7 +38,7 @@ def noise_of(diagnosis: Findings, noise: NoiseFloor) -> float | None:
     return None if level is None else level.value
 
 
-NO_UNCERTAINTY = (
+NO_UNCERTAINTY = said(
     "no uncertainty of the rows is stated (a column sd), so how near this is to noise is judged by "
     "how well left-out blocks are predicted"
 )
@@ -65,33 +63,28 @@ def diagnosis_words(
     """
     floor = noise_of(diagnosis, noise)
     unit, _, factor = diagnosis.unit
-    yield (
-        f"residuals: {diagnosis.rms * factor:.2f} {unit} rms, "
-        + (
-            f"noise floor {floor * factor:.2f} {unit}"
-            if floor is not None
-            else "noise floor unknown (no repeats)"
-        )
-        + (
-            f"; χ² per degree of freedom {diagnosis.whole.chi2_per_dof:.3f}"
-            if uncertainty_stated(diagnosis)
-            else f"; {NO_UNCERTAINTY}"
-        )
+    yield said(
+        "residuals: {rms} {unit} rms, {floor}; {noise}",
+        rms=f"{diagnosis.rms * factor:.2f}",
+        unit=unit,
+        floor=said("noise floor {floor} {unit}", floor=f"{floor * factor:.2f}", unit=unit)
+        if floor is not None
+        else said("noise floor unknown (no repeats)"),
+        noise=said("χ² per degree of freedom {chi2}", chi2=f"{diagnosis.whole.chi2_per_dof:.3f}")
+        if uncertainty_stated(diagnosis)
+        else NO_UNCERTAINTY,
     )
     if diagnosis.result is not diagnosis.whole:
         yield thinned_words(diagnosis)
     if not diagnosis.whole.problem.campaign.clocked:
         yield NO_CLOCK
-    names = " and ".join(e.found.candidate.effect.spec for e in diagnosis.established)
+    names = listed([e.found.candidate.effect.spec for e in diagnosis.established])
     if diagnosis.verdict == "complete" and diagnosis.whole.misfit:
-        said = (
-            ("the stated uncertainty", "it was stated too small")
-            if uncertainty_stated(diagnosis)
-            else ("the scatter of repeated readings", "these were taken in too short a time")
-        )
-        yield _MORE_THAN_NOISE.format(diagnosis.whole.chi2_per_dof, *said)
+        yield _more_than_noise(diagnosis)
+    elif diagnosis.verdict == "missing":
+        yield said("missing: {names}.", names=names)
     else:
-        yield _SAID[diagnosis.verdict].format(names)
+        yield _SAID[diagnosis.verdict]
     if diagnosis.verdict == "changed" and diagnosis.standing is not None:
         for line in changed(diagnosis.standing):
             yield f"   {line}"
@@ -115,20 +108,45 @@ def diagnosis_words(
             yield "  - " + advice_text(a)
 
 
-def thinned_words(diagnosis: Findings) -> str:
-    """On how many rows of a large campaign causes were told apart."""
-    n, some = diagnosis.whole.problem.n, diagnosis.result.problem.n
-    return (
-        f"causes were told apart on {some} of {n} rows, evenly from every set-up; evidence and "
-        "parameters of what was found are those of all rows"
+def _more_than_noise(diagnosis: Findings) -> Sentence:
+    chi2 = f"{diagnosis.whole.chi2_per_dof:.3g}"
+    if uncertainty_stated(diagnosis):
+        return said(
+            "complete: no cause can be established; but what is left is more than the stated "
+            "uncertainty (χ² per degree of freedom {chi2}): too few independent rows, or it was "
+            "stated too small.",
+            chi2=chi2,
+        )
+    return said(
+        "complete: no cause can be established; but what is left is more than the scatter of "
+        "repeated readings (χ² per degree of freedom {chi2}): too few independent rows, or these "
+        "were taken in too short a time.",
+        chi2=chi2,
     )
 
 
-def advice_text(advice: Advice) -> str:
+def thinned_words(diagnosis: Findings) -> Sentence:
+    """On how many rows of a large campaign causes were told apart."""
+    return said(
+        "causes were told apart on {some} of {n} rows, evenly from every set-up; evidence and "
+        "parameters of what was found are those of all rows",
+        some=diagnosis.result.problem.n,
+        n=diagnosis.whole.problem.n,
+    )
+
+
+def advice_text(advice: Advice) -> Sentence:
     """One piece of advice as a line."""
     if advice.separates is not None:
-        return (
-            f"{advice.what}: tells it from '{advice.separates}' with χ² {advice.separation:.0f} "
-            f"(now {advice.separation_now:.1f}; 14 is certain)"
+        return said(
+            "{what}: tells it from '{other}' with χ² {chi2} (now {now}; 14 is certain)",
+            what=advice.what,
+            other=advice.separates,
+            chi2=f"{advice.separation:.0f}",
+            now=f"{advice.separation_now:.1f}",
         )
-    return f"{advice.what}: the model's uncertainty falls by {advice.uncertainty_falls_by:.0%}"
+    return said(
+        "{what}: the model's uncertainty falls by {share}",
+        what=advice.what,
+        share=f"{advice.uncertainty_falls_by:.0%}",
+    )

@@ -28,6 +28,7 @@ from abbe.daemon.report.head import file_on_page, head_of
 from abbe.daemon.workbench.compared import compared
 from abbe.daemon.workbench.learned import learned, sliders, tried, what_if
 from abbe.daemon.workbench.residuals.brush import Brush, ManyResiduals
+from abbe.daemon.workbench.sentences import sentences_in
 from abbe.daemon.workbench.task import Tell, WorkbenchTask
 from abbe.daemon.workbench.versions import ModelVersion, VersionFolder
 from abbe.daemon.workbench.watched import watched
@@ -298,4 +299,5 @@ class Workbench:
 
 
 def _bytes(answer: Mapping[str, Any]) -> bytes:
+    answer = {**answer, "sentences": sentences_in(answer)}
     return json.dumps(answer, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()

@@ -10,6 +10,7 @@ from abbe.daemon.report.campaign_courses import course_figure, courses_of
 from abbe.daemon.report.model.history import error_title, versions_of, warnings_of
 from abbe.daemon.report.page import in_words, plain
 from abbe.daemon.report.versions import change, number_of
+from abbe.daemon.workbench.sentences import sentences_in
 from abbe.daemon.workbench.versions import ModelVersion
 
 
@@ -56,7 +57,7 @@ def watched(
             for course in courses
         ],
     }  # fmt: skip
-    answer: dict[str, Any] = plain(found)
+    answer: dict[str, Any] = plain({**found, "sentences": sentences_in(found)})
     return answer
 
 

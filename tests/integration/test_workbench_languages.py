@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import re
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from abbe.compcore.campaign.measuring_conditions import STATED
+from abbe.compcore.diagnosis.shop_words import templates
 from tests.support.daemon.browser import assert_quiet, chromium, visit
 from tests.support.daemon.some_setups import some_setups
 from tests.support.daemon.workbench import opened
@@ -50,7 +52,35 @@ def words_of(path: Path) -> tuple[dict[str, str], dict[str, str]]:
     """Its own words, and the names and headings that the server gives."""
     words = json.loads(path.read_text("utf-8"))
     assert words.pop("_language")
+    del words["_sentences"]
     return words, words.pop("_labels")
+
+
+def said_somewhere() -> set[str]:
+    """The template of every sentence that a command says with its parts: ``said("…", …)``."""
+    found = set(templates())
+    for folder in ("compcore", "daemon"):
+        for path in (STATIC.parents[2] / folder).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+                if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "said":
+                    template = node.args[0]
+                    if isinstance(template, ast.Constant):
+                        found.add(str(template.value))
+    # of values alone there is nothing to translate
+    return {text for text in found if re.search(r"\w", re.sub(r"{\w+}", "", text))}
+
+
+@pytest.mark.parametrize("path", LANGUAGES, ids=lambda path: path.stem)
+def test_a_language_has_every_sentence_of_the_commands(path: Path) -> None:
+    sentences = json.loads(path.read_text("utf-8"))["_sentences"]
+    said = said_somewhere()
+    assert len(said) > 90
+    assert sorted(said - set(sentences)) == []
+    assert sorted(set(sentences) - said) == []
+    for english, own in sentences.items():
+        assert own.strip(), english
+        # a value may be said once where English says it twice, never another one
+        assert set(re.findall(r"{\w+}", own)) == set(re.findall(r"{\w+}", english)), english
 
 
 @pytest.mark.parametrize("path", LANGUAGES, ids=lambda path: path.stem)
@@ -100,6 +130,11 @@ def test_in_german_no_label_is_english(tmp_path: Path) -> None:
         expect(page.locator("#tab-compare")).to_have_text("1 Vergleichen")
         page.wait_for_selector(".volume canvas")
         assert english_on(page, words) == []
+        # what the command says, too
+        expect(page.locator("h1")).to_have_text(
+            re.compile(r"Z steht [\d.]+ µm daneben, wenn sie von oben kommt")
+        )
+        expect(page.locator(".verdict p").first).to_contain_text("DAS MODELL STIMMT NICHT")
         # every heading and name has its word, whoever gave it
         known = [as_pattern(own) for own in words.values()]
         named = page.locator("main th, main summary, dl dt, .scatter figcaption")
@@ -108,6 +143,8 @@ def test_in_german_no_label_is_english(tmp_path: Path) -> None:
         page.click("#tab-learn")
         page.wait_for_selector("#what-if[data-ready]")
         assert english_on(page, words) == []
+        expect(page.locator(".cause h2").first).to_contain_text("daneben, wenn sie von oben kommt")
+        expect(page.locator("#advice li").first).to_contain_text("Unsicherheit des Modells sinkt")
         page.click("#tab-watch")
         page.wait_for_selector("#view[data-tab=watch] h1")
         assert english_on(page, words) == []

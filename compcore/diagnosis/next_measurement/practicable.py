@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import Campaign, Kind, Setup
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
+from abbe.compcore.sentences import Sentence, said
 
 F64 = NDArray[np.float64]
 
@@ -43,9 +44,10 @@ def practicable(machine: Machine, campaign: Campaign) -> Iterator[Proposal]:
     """Set-ups that a service engineer can do: lines, straightness, angles, diagonals, warming."""
     axes = machine.structure.linear
     letters = {"X": 0, "Y": 1, "Z": 2}
-    tools = {"the usual tool": np.median(campaign.conditions.tool, axis=0)}
-    tools["a tool 150 mm to the side"] = tools["the usual tool"] + np.array([150.0, 0.0, 0.0])
-    tools["a tool 150 mm longer"] = tools["the usual tool"] + np.array([0.0, 0.0, -150.0])
+    usual = said("the usual tool")
+    tools: dict[Sentence, F64] = {usual: np.median(campaign.conditions.tool, axis=0)}
+    tools[said("a tool 150 mm to the side")] = tools[usual] + np.array([150.0, 0.0, 0.0])
+    tools[said("a tool 150 mm longer")] = tools[usual] + np.array([0.0, 0.0, -150.0])
     for axis in axes:
         others = [a for a in axes if a != axis]
         parts = ((0.1, 0.1), (0.9, 0.1), (0.1, 0.9), (0.9, 0.9), (0.5, 0.5))
@@ -53,24 +55,34 @@ def practicable(machine: Machine, campaign: Campaign) -> Iterator[Proposal]:
         for at in dict.fromkeys(p[: len(others)] for p in parts):
             where = dict(zip(others, at, strict=False))
             beside = ", ".join(f"{a} = {_at(machine, a, p):.0f} mm" for a, p in where.items())
-            place = f"the line {beside}" if beside else "its travel"
+            place = said("the line {where}", where=beside) if beside else said("its travel")
             for name, tool in tools.items():
                 ends = {axis: (0.02, 0.98)} | {a: (p, p) for a, p in where.items()}
                 if axis in letters:
                     yield Proposal(
-                        f"positioning of {axis} along {place}, with {name}",
+                        said(
+                            "positioning of {axis} along {place}, with {tool}",
+                            axis=axis,
+                            place=place,
+                            tool=name,
+                        ),
                         _line(campaign, machine, ends, np.eye(3)[letters[axis]], tool),
                     )
             for across in others:
                 if across in letters:
                     yield Proposal(
-                        f"straightness of {axis} in {across} along {place}",
+                        said(
+                            "straightness of {axis} in {across} along {place}",
+                            axis=axis,
+                            across=across,
+                            place=place,
+                        ),
                         _line(
                             campaign,
                             machine,
                             {axis: (0.02, 0.98)} | {a: (p, p) for a, p in where.items()},
                             np.eye(3)[letters[across]],
-                            tools["the usual tool"],
+                            tools[usual],
                             free=("zero", "slope"),
                         ),
                         effort=1.5,
@@ -78,19 +90,23 @@ def practicable(machine: Machine, campaign: Campaign) -> Iterator[Proposal]:
         for about in "XYZ":
             ends = {axis: (0.02, 0.98)} | dict.fromkeys(others, (0.5, 0.5))
             yield Proposal(
-                f"angle of {axis} about {about} (level or autocollimator) along its travel",
+                said(
+                    "angle of {axis} about {about} (level or autocollimator) along its travel",
+                    axis=axis,
+                    about=about,
+                ),
                 _line(
                     campaign,
                     machine,
                     ends,
                     np.eye(3)["XYZ".index(about)],
-                    tools["the usual tool"],
+                    tools[usual],
                     kind=Kind.ROTATION,
                 ),
                 effort=1.5,
             )
-    yield from _diagonals(machine, campaign, axes, tools["the usual tool"])
-    yield from _warmed(machine, campaign, axes, tools["the usual tool"])
+    yield from _diagonals(machine, campaign, axes, tools[usual])
+    yield from _warmed(machine, campaign, axes, tools[usual])
 
 
 def _diagonals(
@@ -105,10 +121,11 @@ def _diagonals(
         u = np.array([_at(machine, a, parts[a][1]) - _at(machine, a, parts[a][0]) for a in "XYZ"])
         u /= np.linalg.norm(u)
         yield Proposal(
-            "body diagonal, X+ Y"
-            + ("+" if signs[0] > 0 else "−")
-            + " Z"
-            + ("+" if signs[1] > 0 else "−"),
+            said(
+                "body diagonal, X+ Y{y} Z{z}",
+                y="+" if signs[0] > 0 else "−",
+                z="+" if signs[1] > 0 else "−",
+            ),
             _line(campaign, machine, parts, u, tool),
             effort=2.0,
         )
@@ -135,9 +152,13 @@ def _warmed(
                 c = line.conditions
                 course = np.where(np.arange(c.n) < c.n // 2, 0.0, _WARMER)
                 signals = {**c.signals, name: c.signals[name] + course}
-                what = (
-                    f"the error in {u_axis} along {axis}, there with {name} as it is and back "
-                    f"with its place {_WARMER:.0f} K warmer (heat only there, others steady)"
+                what = said(
+                    "the error in {u} along {axis}, there with {sensor} as it is and back "
+                    "with its place {warmer} K warmer (heat only there, others steady)",
+                    u=u_axis,
+                    axis=axis,
+                    sensor=name,
+                    warmer=f"{_WARMER:.0f}",
                 )
                 yield Proposal(
                     what, replace(line, conditions=replace(c, signals=signals)), effort=4.0

@@ -13,6 +13,7 @@ from abbe.compcore.comparison.tabulate import ResidualGroup
 from abbe.compcore.comparison.words import fitted_note, known_waves
 from abbe.compcore.figures.figure import Figure
 from abbe.compcore.figures.residuals import MOST_POINTS
+from abbe.compcore.sentences import said
 from abbe.daemon.report.head import PageHead
 from abbe.daemon.report.page import Page, number
 from abbe.daemon.report.versions import error_of_versions
@@ -83,8 +84,8 @@ def verdict_title(comparison: Comparison) -> str:
     if comparison.sides and not comparison.holds:
         return comparison.sides[0].short
     if comparison.uncertainty.open:
-        return "What the model leaves of the measurements"
-    return "The model holds" if comparison.holds else "The model does not hold"
+        return said("What the model leaves of the measurements")
+    return said("The model holds") if comparison.holds else said("The model does not hold")
 
 
 def _verdict(page: Page, comparison: Comparison) -> None:

@@ -34,6 +34,7 @@ from abbe.compcore.diagnosis.words import (
     uncertainty_stated,
 )
 from abbe.compcore.figures.figure import Figure
+from abbe.compcore.sentences import Sentence, said
 from abbe.daemon.answers.typed import Adding
 from abbe.daemon.report.head import PageHead
 from abbe.daemon.report.page import Page, number
@@ -41,10 +42,10 @@ from abbe.daemon.report.page import Page, number
 F64 = NDArray[np.float64]
 
 TITLES = {
-    "complete": "Nothing is missing",
-    "missing": "A cause is missing",
-    "changed": "The machine has changed",
-    "unexplained": "Something is left that no effect of the catalogue explains",
+    "complete": said("Nothing is missing"),
+    "missing": said("A cause is missing"),
+    "changed": said("The machine has changed"),
+    "unexplained": said("Something is left that no effect of the catalogue explains"),
 }
 
 
@@ -74,21 +75,21 @@ def page(
     return out
 
 
-def verdict_title(diagnosis: Diagnosis) -> str:
+def verdict_title(diagnosis: Diagnosis) -> Sentence:
     """What the reader came for, in the shop's words."""
     if diagnosis.verdict == "changed" and diagnosis.standing is not None:
         change = diagnosis.standing.changes[:1]
         if change:
             unit, factor = ("µrad", 1e6) if change[0].of_rotations else ("µm", 1e3)
             by = [(p.by, p.unit) for p in change[0].parameters]
-            said = in_the_shop(change[0].effect, change[0].largest * factor, unit, by)
-            return f"It has changed: {said[0].lower() if said[1].islower() else said[0]}{said[1:]}"
+            what = in_the_shop(change[0].effect, change[0].largest * factor, unit, by)
+            return said("It has changed: {what}", what=what.within())
     if diagnosis.established:
         return said_in_the_shop(diagnosis, diagnosis.established[0])
     return TITLES[diagnosis.verdict]
 
 
-def said_in_the_shop(diagnosis: Diagnosis, established: Established) -> str:
+def said_in_the_shop(diagnosis: Diagnosis, established: Established) -> Sentence:
     """A cause in the shop's words, with the largest error of it that the campaign shows."""
     unit, _, factor = diagnosis.unit
     campaign = diagnosis.result.problem.campaign

@@ -8,6 +8,7 @@ from typing import Any
 
 from abbe.compcore.files.model_file import summary
 from abbe.compcore.model.model import Model
+from abbe.compcore.sentences import said
 from abbe.daemon.answers.typed import fitting
 from abbe.daemon.report.campaign_courses import course_figure, courses_of
 from abbe.daemon.report.head import file_on_page, head_of
@@ -61,14 +62,16 @@ def history_page(model: Model, versions: Sequence[Mapping[str, Any]], file: Path
 
 def error_title(versions: Sequence[Mapping[str, Any]]) -> str:
     """How the error fell, where it counts: on held-out campaigns, if there were any."""
-    for key, what in (("holdout_rms", "The held-out error"), ("rms", "The error")):
+    for key, what in (("holdout_rms", said("The held-out error")), ("rms", said("The error"))):
         known = [v for v in (number_of(r, key) for r in versions) if v is not None]
         if len(known) > 1:
-            way = "fell" if known[-1] < known[0] else "went"
-            return f"{what} {way} from {number(known[0], 3)} to {number(known[-1], 3)} µm"
+            ends = {"first": number(known[0], 3), "last": number(known[-1], 3)}
+            if known[-1] < known[0]:
+                return said("{what} fell from {first} to {last} µm", what=what, **ends)
+            return said("{what} went from {first} to {last} µm", what=what, **ends)
         if known:
-            return f"{what} is {number(known[-1], 3)} µm"
-    return "The versions of the model"
+            return said("{what} is {last} µm", what=what, last=number(known[-1], 3))
+    return said("The versions of the model")
 
 
 def _key_figures(page: Page, versions: Sequence[Mapping[str, Any]]) -> None:

@@ -1,5 +1,5 @@
 // Compare: whether the model holds, and where it does not.
-import {label, t} from "./language.js";
+import {label, say, t} from "./language.js";
 import {el, table} from "./dom.js";
 import {Linked} from "./linked.js";
 import {reaches, Scatter} from "./scatter.js";
@@ -25,21 +25,21 @@ export function compareView(found, next) {
   found.panels.forEach((panel, k) => { panel.number = k; });
   const reach = reaches(found.rows, found.values);
   const verdict = el("section", {class: "verdict"},
-    el("h1", {class: found.holds ? "good" : "bad"}, found.title),
-    ...found.verdict.map((text) => el("p", {}, text)),
+    el("h1", {class: found.holds ? "good" : "bad"}, say(found.title)),
+    ...found.verdict.map((text) => el("p", {}, say(text))),
     found.unfitted ? el("p", {class: "note"}, t("No value of this model has been fitted yet: what is left is the whole error. Looking for causes fits it first.")) : null,
-    found.fitted ? el("p", {class: "note"}, found.fitted) : null,
+    found.fitted ? el("p", {class: "note"}, say(found.fitted)) : null,
     el("dl", {class: "key"}, ...found.key.map(([name, value, unit]) =>
       el("div", {}, el("dt", {}, label(name)), el("dd", {}, `${value} `, el("small", {}, unit))))),
     el("p", {}, el("button", {class: "main", id: "why", onclick: next},
       found.holds ? t("Is anything missing? Look for causes") : t("Why? Look for causes"))),
-    ...found.suspicions.map((text) => el("p", {class: "warning"}, `SUSPICIOUS: ${text}`)));
+    ...found.suspicions.map((text) => el("p", {class: "warning"}, t("SUSPICIOUS: {what}", {what: say(text)}))));
   const sections = [verdict];
   for (const part of [0, 1]) {
     if (!found.rows.part.includes(part)) continue;
     sections.push(partSection(found, linked, part, reach));
   }
-  sections.push(el("section", {}, ...found.notes.map((text) => el("p", {class: "note"}, text))));
+  sections.push(el("section", {}, ...found.notes.map((text) => el("p", {class: "note"}, say(text)))));
   return sections;
 }
 

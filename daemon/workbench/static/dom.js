@@ -1,5 +1,5 @@
 // Elements, requests and numbers. Text goes into the page as text only, never as HTML.
-import {label} from "./language.js";
+import {know, label} from "./language.js";
 import {colours, onColours} from "./theme.js";
 
 /** An element: tag, properties (`class`, `on…`, attributes), children (elements or text). */
@@ -66,6 +66,7 @@ async function answer(response) {
   const type = response.headers.get("content-type") ?? "";
   const found = type.startsWith("application/json") ? await response.json() : await response.text();
   if (!response.ok) throw new Refusal(found.detail ?? found);
+  know(found);
   return found;
 }
 

@@ -29,6 +29,22 @@ export function label(text) {
   return text;
 }
 
+const templates = words._sentences ?? {};
+const sentences = new Map(); // text -> what it was made of, as the server said
+
+/** Keep what an answer's sentences were made of. */
+export function know(answer) {
+  for (const [text, made] of Object.entries(answer?.sentences ?? {})) sentences.set(text, made);
+}
+
+/** A sentence of the commands in the present language; what has no translation stays as it is. */
+export function say(text) {
+  const [template, values] = sentences.get(text) ?? [];
+  if (code === "en" || template === undefined) return text;
+  const own = templates[template] ?? (/\p{L}/u.test(template.replace(/\{\w+\}/g, "")) ? null : template);
+  return own === null ? text : own.replace(/\{(\w+)\}/g, (all, name) => (name in values ? say(values[name]) : all));
+}
+
 /** Put what stands in the page's HTML into the language; `data-t` marks it, `data-t-label` its label. */
 export function translatePage() {
   for (const node of document.querySelectorAll("[data-t]")) node.textContent = t(node.textContent);

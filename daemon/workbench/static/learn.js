@@ -1,5 +1,5 @@
 // Learn: which cause is missing; any cause tried by hand before it is added.
-import {t} from "./language.js";
+import {say, t} from "./language.js";
 import {draw, el, table} from "./dom.js";
 import {tryOut} from "./what_if.js";
 
@@ -14,8 +14,8 @@ export function learnView(found, state, act) {
   const attempt = (spec) => el("button", {class: "small try", "data-spec": spec,
     onclick: () => { open(spec); trial.scrollIntoView({block: "nearest"}); }}, t("Try it"));
   const view = [el("section", {class: "verdict"},
-    el("h1", {class: found.verdict === "complete" ? "good" : "bad"}, found.title),
-    ...found.said.map((text) => el("p", {}, text)),
+    el("h1", {class: found.verdict === "complete" ? "good" : "bad"}, say(found.title)),
+    ...found.said.map((text) => el("p", {}, say(text))),
     state.writes ? null : el("p", {class: "warning"},
       t("Nothing can be added: no folder for versions was stated. Start again with  abbe open … --versions FOLDER")))];
   const causes = el("div", {class: "causes"});
@@ -43,7 +43,7 @@ export function learnView(found, state, act) {
 export function adviceView(found) {
   return el("section", {id: "advice"}, el("h2", {}, t("What to measure next")),
     found.advice === null ? el("p", {}, t("being worked out …"))
-      : found.advice.length ? el("ul", {}, ...found.advice.map((text) => el("li", {}, text)))
+      : found.advice.length ? el("ul", {}, ...found.advice.map((text) => el("li", {}, say(text))))
         : el("p", {}, t("Nothing that would tell more stands out.")));
 }
 
@@ -51,7 +51,7 @@ function causeCard(cause, k, add, attempt) {
   const place = el("div", {class: "plot"});
   draw(place, cause.figure);
   return el("section", {class: "card cause", "data-spec": cause.spec},
-    el("h2", {}, `${k + 1}. ${cause.said}`),
+    el("h2", {}, `${k + 1}. ${say(cause.said)}`),
     el("p", {}, el("code", {}, cause.spec)),
     el("p", {}, add(cause.spec), " ", attempt(cause.spec)),
     cause.instrument ? el("p", {class: "warning"},

@@ -1,5 +1,5 @@
 // Watch: every version of the model with its error; back to any of them.
-import {t} from "./language.js";
+import {say, t} from "./language.js";
 import {draw, el, table} from "./dom.js";
 
 export function watchView(found, state, act, next) {
@@ -19,9 +19,9 @@ export function watchView(found, state, act, next) {
   const at = versions.querySelectorAll("tbody tr")[found.current];
   if (at) at.className = "current";
   return [
-    el("section", {class: "verdict"}, el("h1", {}, found.title),
-      ...found.said.map((text) => el("p", {class: text.startsWith("WARNING") ? "warning" : null}, text)),
-      ...found.warnings.map((text) => el("p", {class: "note"}, text)),
+    el("section", {class: "verdict"}, el("h1", {}, say(found.title)),
+      ...found.said.map((text) => el("p", {class: text.startsWith("WARNING") ? "warning" : null}, say(text))),
+      ...found.warnings.map((text) => el("p", {class: "note"}, say(text))),
       el("p", {}, el("button", {class: "main", id: "more", onclick: next},
         t("Is anything else missing? Look for causes")))),
     el("section", {},
