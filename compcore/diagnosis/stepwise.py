@@ -480,4 +480,6 @@ def _worth(plainer: FitResult, fuller: FitResult) -> bool:
     weight = after.problem.weight
     was = float(np.sum((before.residual * weight) ** 2))
     more = after.problem.layout.size - before.problem.layout.size
+    if was <= 0.0:
+        return False  # nothing is left that detail could say
     return after.chi2 <= 0.0 or rows * math.log(was / after.chi2) > more * math.log(rows)

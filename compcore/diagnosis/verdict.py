@@ -185,7 +185,8 @@ def _diagnosed(
 
     basis = Basis.of(result)
     frames = Frames(result.problem, result.theta, basis)
-    pool = Pool(tried, columns, basis, model.machine, placed=frames.columns)
+    clock = campaign.conditions.time
+    pool = Pool(tried, columns, basis, model.machine, placed=frames.columns, time=clock)
     progress(f"testing {len(tried)} candidates")
     blocks = Blocks(campaign.conditions, model.machine)
     basis, chosen, ranked = foretelling(pool, basis, blocks)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import LENGTHS, Kind
 from abbe.compcore.campaign.noise import NoiseFloor
+from abbe.compcore.fitting.design.begun import begun
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.knots.choice import KnotChoice
 from abbe.compcore.fitting.rigid_body import rigid_body_test
@@ -54,23 +55,17 @@ def gauge_words(gauges: Mapping[str, float]) -> Iterator[str]:
 
 def start_lines(problem: Problem, theta: NDArray[np.float64]) -> Iterator[str]:
     """How far lagged bodies were from their signals when each run began."""
-    layout, campaign = problem.layout, problem.campaign
-    for start in layout.starts:
-        effect = problem.model.effects[start.term]
-        signal = problem.model.machine.signals[effect.signals_needed()[0]]
-        unit = "K" if signal.temperature else signal.unit
-        size = theta[layout.linear_of(start.term)][: start.count]
-        apart = [
-            f"{value / own:+.3g} {unit}"
-            for value, own in zip(theta[start.where], size, strict=True)
-            if own
-        ]
-        if apart:
-            file = campaign.file_of(int(np.argmax(start.rows(campaign.conditions))))
-            yield (
-                f"at first, in {file}: {effect.spec}: {' and '.join(apart)} off equilibrium with "
-                f"{signal.name}"
+    for found in begun(problem, theta):
+        apart = " and ".join(f"{value:+.3g} {found.unit}" for value in found.off)
+        line = (
+            f"at first, in {found.file}: {found.spec}: {apart} off equilibrium with {found.signal}"
+        )
+        if not found.plausible:
+            line += (
+                f": IMPLAUSIBLE, at most some {found.furthest:.2g} {found.unit} can be: something "
+                "else moved the machine, or the effect hardly does"
             )
+        yield line
 
 
 def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:

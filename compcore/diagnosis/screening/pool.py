@@ -30,7 +30,7 @@ from abbe.compcore.diagnosis.screening.screening import (
     Trial,
     screen,
 )
-from abbe.compcore.diagnosis.screening.suddenness import Wander, stepping
+from abbe.compcore.diagnosis.screening.suddenness import Wander, gradual, stepping
 from abbe.compcore.diagnosis.screening.tried import Tried
 from abbe.compcore.machine.machine import Machine
 
@@ -110,6 +110,8 @@ class Pool:
         The causes of which these were chosen; default these are all.
     placed
         The same columns where they are seen (`Frames.columns`); default `columns`.
+    time
+        Of each row, s; without it a step is not weighed against gradual changes.
     """
 
     def __init__(
@@ -121,12 +123,14 @@ class Pool:
         *,
         tried: Tried | None = None,
         placed: Callable[[Candidate, Mapping[str, float]], F64 | Placed] | None = None,
+        time: F64 | None = None,
     ) -> None:
         self.candidates = list(candidates)
         self.tried = Tried.among(self.candidates) if tried is None else tried
         self._tests = self.tried.beside(self.candidates)
         self.machine = machine
         self._columns = columns
+        self._time = time
         self._placed = columns if placed is None else placed
         self._bank = Bank(fitted, self._trials)
         self._known: dict[_Asked, Basis] = {}
@@ -245,7 +249,14 @@ class Pool:
         if found.key not in self._steps:
             steps = [self.columns(found.key, moment) for moment in candidate.choices]
             self._steps[found.key] = np.hstack(steps)
-        likelier = Wander.of(basis, self._steps[found.key]).likelier_with(self.found_columns(found))
+        wander, step = Wander.of(basis, self._steps[found.key]), self.found_columns(found)
+        likelier = wander.likelier_with(step)
+        if likelier and self._time is not None:
+            (name, moment) = next(iter(found.screened.nonlinear.items()))
+            everywhere = self.columns(found.key, {name: float(self._time.min())})
+            slowly = everywhere * gradual(self._time, moment)
+            if wander.likelier_slowly(step, slowly) > price_of(basis, 1, 0.0):
+                likelier = 0.0
         count = found.screened.rank + candidate.nonlinear_count
         return max(0.0, found.evidence.value - likelier + price_of(basis, count, candidate.cost))
 

@@ -26,7 +26,7 @@ _Key = tuple[tuple[float, ...], bytes]
 _NEVER = 1e-9
 """Part of a believable beginning that is none."""
 
-_FURTHEST = 2.0
+FURTHEST = 2.0
 """Likely distances from its signal beyond which no body is, however much the rows ask for it."""
 
 OutsideEffect = tuple[Effect, Mapping[str, float]]
@@ -255,7 +255,7 @@ class Problem:
 
     def believable(self, theta: F64) -> tuple[F64, Index]:
         """θ with what is expected near 0 no further away than it can be, and what was beyond."""
-        limit = _FURTHEST * self.prior_sd
+        limit = FURTHEST * self.prior_sd
         held = np.clip(theta, -limit, limit)
         return held, np.flatnonzero(np.abs(theta) >= limit)
 

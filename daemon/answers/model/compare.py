@@ -15,7 +15,7 @@ from abbe.compcore.diagnosis.explain import changed
 from abbe.compcore.fitting.fit import fit
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.model import Model
-from abbe.daemon.answers.model.fit import finite
+from abbe.daemon.answers.model.fit import finite, starts_json
 
 
 def as_json(comparison: Comparison) -> dict[str, Any]:
@@ -51,6 +51,7 @@ def as_json(comparison: Comparison) -> dict[str, Any]:
             }
             for s in samplings(comparison.problem.campaign)
         ],
+        "run_starts": starts_json(comparison.problem, comparison.theta),
         "left_out": list(comparison.left_out),
         "suspicions": list(comparison.suspicions),
         "rotation": {

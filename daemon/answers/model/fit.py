@@ -5,8 +5,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from abbe.compcore.campaign.campaign import LENGTHS, Kind
 from abbe.compcore.campaign.noise import NoiseFloor
+from abbe.compcore.fitting.design.begun import begun
+from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.fitting.rigid_body import rigid_body_test
 from abbe.compcore.units import display
@@ -73,6 +78,7 @@ def as_json(result: FitResult, noise: NoiseFloor) -> dict[str, Any]:
             }
             for k in result.knots
         ],
+        "run_starts": starts_json(result.problem, result.theta),
         "rotary_axes": as_built.lines_json(result.model),
         "bases": _places(result),
         "undetermined": [
@@ -102,6 +108,22 @@ def as_json(result: FitResult, noise: NoiseFloor) -> dict[str, Any]:
             for o in result.outliers
         ],
     }
+
+
+def starts_json(problem: Problem, theta: NDArray[np.float64]) -> list[dict[str, Any]]:
+    """How far lagged bodies were from their signals when each run began."""
+    return [
+        {
+            "file": found.file,
+            "effect": found.spec,
+            "signal": found.signal,
+            "off_equilibrium": list(found.off),
+            "furthest": found.furthest,
+            "unit": found.unit,
+            "plausible": found.plausible,
+        }
+        for found in begun(problem, theta)
+    ]
 
 
 def _units(result: FitResult, term: int) -> list[str]:

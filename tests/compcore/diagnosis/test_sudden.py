@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.diagnosis import diagnose
 from abbe.compcore.diagnosis.screening.screening import Basis
-from abbe.compcore.diagnosis.screening.suddenness import Wander
+from abbe.compcore.diagnosis.screening.suddenness import Wander, gradual
 from abbe.compcore.diagnosis.stepwise import to_the_verdict
 from abbe.compcore.files.model_file import parse_model
 from abbe.compcore.files.text.toml_source import TomlSource
@@ -48,12 +48,15 @@ def wander(kind: str, rng: np.random.Generator) -> F64:
     return out
 
 
-def record(values: F64, rng: np.random.Generator) -> tuple[Model, Campaign]:
+def record(
+    values: F64, rng: np.random.Generator, *, every: float = EVERY
+) -> tuple[Model, Campaign]:
     """Readings in µm of a pin that does not move, and a room's temperature that has no part."""
     model = parse_model(TomlSource(MODEL))
-    room = 20.0 + 0.3 * np.sin(np.arange(N) / 25.0 + rng.uniform(0.0, 6.0))
+    n = len(values)
+    room = 20.0 + 0.3 * np.sin(6.0 * np.arange(n) / n + rng.uniform(0.0, 6.0))
     rows = [
-        f"{EVERY * i:.0f},pin,displacement,0,0,0,1,{v:.3f},{r:.2f}\n"
+        f"{every * i:.0f},pin,displacement,0,0,0,1,{v:.3f},{r:.2f}\n"
         for i, (v, r) in enumerate(zip(values, room, strict=True))
     ]
     return model, as_campaign(rows, model)
@@ -95,6 +98,26 @@ def test_a_step_amid_a_wander_is_an_event(seed: int) -> None:
     assert "event" in found
 
 
+@pytest.mark.parametrize("tau", [20.0, 40.0])
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_what_takes_a_while_is_no_event(tau: float, seed: int) -> None:
+    # a body that is cooled from a moment on, read every 3 s: over after a minute or two of 30
+    rng = np.random.default_rng(seed)
+    t = 3.0 * np.arange(600)
+    at = rng.uniform(600.0, 1200.0)
+    moved = -20.0 * np.expm1(-np.clip(t - at, 0.0, None) / tau)
+    found = diagnose(*record(moved + rng.normal(0.0, 1.0, len(t)), rng, every=3.0)).established
+    assert "event" not in {e.effect.kind for e in found}
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_step_between_two_of_many_readings_is_an_event(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    moved = 6.0 * (np.arange(600) >= rng.integers(100, 500))
+    (found,) = diagnose(*record(moved + rng.normal(0.0, 1.0, 600), rng, every=3.0)).established
+    assert found.effect.kind == "event"
+
+
 def free(residual: F64) -> Basis:
     """A model without effects, its residual as it is."""
     none = np.zeros((len(residual), 0))
@@ -126,3 +149,20 @@ def test_a_wander_s_own_greatest_step_is_no_surprise() -> None:
         greatest.append(max(beside.likelier_with(c[:, None]) for c in steps(n).T[::20]))
     # a χ² of one degree of freedom each: the greatest of fifty is below 20
     assert max(greatest) < 20.0
+
+
+def test_a_change_in_a_finite_time_is_likelier_slowly_and_a_step_is_not() -> None:
+    rng = np.random.default_rng(5)
+    n, at = 200, 90
+    time = np.arange(float(n))
+    step = steps(n)[:, at - 1 : at]
+    noise = rng.normal(size=n)
+    for tau, slow in ((0.0, False), (10.0, True)):
+        moved = 10.0 * gradual_or_not(time, at, tau) + noise
+        wander = Wander.of(free(moved - moved.mean()), steps(n))
+        better = wander.likelier_slowly(step, gradual(time, float(at)))
+        assert (better > float(np.log(n))) is slow
+
+
+def gradual_or_not(time: F64, at: float, tau: float) -> F64:
+    return np.asarray(-np.expm1(-np.clip(time - at, 0.0, None) / tau) if tau else time >= at)

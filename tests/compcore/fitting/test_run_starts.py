@@ -14,13 +14,18 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.join import join_campaigns
 from abbe.compcore.comparison.compare import compare
 from abbe.compcore.diagnosis import diagnose
+from abbe.compcore.diagnosis.stepwise import _worth
 from abbe.compcore.files.model_file import format_model, parse_model
 from abbe.compcore.files.model_toml.packed_covariance import pack_symmetric
 from abbe.compcore.files.text.toml_source import TomlSource
+from abbe.compcore.fitting.design.begun import begun
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.fitting.words import start_lines
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.revise import with_effect
+from abbe.daemon.answers.model.compare import as_json as compared
+from abbe.daemon.answers.model.fit import as_json
 from tests.support.compcore.bodies import growth
 
 NOISE = 0.3e-3
@@ -128,6 +133,42 @@ def test_no_body_takes_up_what_its_warmth_cannot_move() -> None:
     drifting = replace(first, value=drift, files={})
     slight = fitted.with_values([weak])
     assert left(slight, drifting) == pytest.approx(np.std(drift), rel=0.02)
+
+
+def test_a_beginning_is_said_and_called_implausible_where_warmth_does_not_allow_it() -> None:
+    model, first = run(23, 0.9)
+    result = fit(lagged(model, start="fit"), first)
+    (found,) = begun(result.problem, result.theta)
+    (line,) = start_lines(result.problem, result.theta)
+    assert found.plausible
+    assert "IMPLAUSIBLE" not in line
+    (stated,) = as_json(result, result.noise)["run_starts"]
+    assert stated["off_equilibrium"] == list(found.off)
+    assert stated["unit"] == "rpm"
+    # half as far again as any body has been
+    (start,) = result.problem.layout.starts
+    theta = result.theta.copy()
+    theta[start.where] *= 1.5 * found.furthest / abs(found.off[0])
+    (absurd,) = begun(result.problem, theta)
+    assert abs(absurd.off[0]) == pytest.approx(1.5 * found.furthest)
+    assert not absurd.plausible
+    assert "IMPLAUSIBLE" in next(iter(start_lines(result.problem, theta)))
+
+
+def test_a_beginning_that_a_comparison_held_is_implausible() -> None:
+    model, first = run(29, None)
+    fitted = fit(lagged(model), first).model
+    drift = np.linspace(0.0, 3.0, first.n)
+    seen = compare(fitted, replace(first, value=first.value + drift, files={}))
+    assert [start["plausible"] for start in compared(seen)["run_starts"]] == [False]
+    assert any("IMPLAUSIBLE" in line for line in seen.words())
+
+
+def test_detail_beside_a_model_that_leaves_nothing_is_worth_nothing() -> None:
+    model, first = run(32, None)
+    fuller = fit(lagged(model), first)
+    exact = replace(fuller, residual=np.zeros_like(fuller.residual))
+    assert not _worth(exact, fuller)
 
 
 def test_a_body_says_the_same_of_a_run_in_parts() -> None:
