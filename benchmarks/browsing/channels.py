@@ -78,8 +78,10 @@ of the host {os.getloadavg()[0]:.1f}.
 | the server | {grown[2]} |
 
 Target: under 30 % of a core, server under 120 MB, and no growth. Growth is the slope of a straight
-line through a sample every {_EVERY:.0f} s, of {passed / 60.0:.0f} minutes and not of an hour; the
-standard error takes what is left as independent."""
+line through a sample every {_EVERY:.0f} s of the first {passed / 60.0:.0f} minutes of a run, in
+which the records, and with them the pictures of the past, begin to fill; the standard error takes
+what is left as independent. Whether it ends once they are full, an hour would say: it has not been
+measured."""
 
 
 def _with_more(config: Path) -> None:

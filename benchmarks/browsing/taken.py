@@ -33,8 +33,8 @@ class BrowserProcesses:
         return sum(spent(pid) for pid in self.pids)
 
     def memory(self) -> float:
-        """Memory, MB; what several share is counted once."""
-        return sum(_proportional(pid) for pid in self.pids)
+        """Memory that is nobody else's, MB: without files that other programs have mapped, too."""
+        return sum(_anonymous(pid) for pid in self.pids)
 
 
 def _below(pid: int) -> Iterator[int]:
@@ -48,6 +48,6 @@ def _name(pid: int) -> str:
     return Path(f"/proc/{pid}/comm").read_text().strip()
 
 
-def _proportional(pid: int) -> float:
+def _anonymous(pid: int) -> float:
     lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
-    return int(next(line.split()[1] for line in lines if line.startswith("Pss:"))) / 1024.0
+    return int(next(line.split()[1] for line in lines if line.startswith("Anonymous:"))) / 1024.0

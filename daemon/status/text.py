@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from abbe.compcore.units import in_digits
 from abbe.daemon.status.ages import age_in_words
 from abbe.daemon.status.run_status import (
     AxisStatus,
@@ -126,7 +127,7 @@ def link_line(name: str, link: LinkHealth) -> str:
     if link.detail:
         parts.append(link.detail)
     if link.round_trip_ms is not None:
-        parts.append(f"{link.round_trip_ms:.2g} ms")
+        parts.append(f"{in_digits(link.round_trip_ms, 2)} ms")
     parts.append(f"{link.requests} requests, {link.failures} failures")
     if link.reconnects:
         parts.append(f"{link.reconnects} reconnects")
@@ -139,9 +140,14 @@ def cycle_line(status: RunStatus) -> str:
     cycle = status.cycle
     if cycle.last_ms is None:
         return "no cycle yet"
-    parts = [f"cycle {cycle.number}, {age_in_words(cycle.age_s)} ago, {cycle.last_ms:.2g} ms"]
+    parts = [
+        f"cycle {cycle.number}, {age_in_words(cycle.age_s)} ago, {in_digits(cycle.last_ms, 2)} ms"
+    ]
     if cycle.median_ms is not None and cycle.p99_ms is not None:
-        parts.append(f"half within {cycle.median_ms:.2g} ms, 99 % within {cycle.p99_ms:.2g} ms")
+        parts.append(
+            f"half within {in_digits(cycle.median_ms, 2)} ms, "
+            f"99 % within {in_digits(cycle.p99_ms, 2)} ms"
+        )
     if cycle.period_ms:
         parts.append(f"every {cycle.period_ms:g} ms")
     if cycle.missed:

@@ -8,8 +8,10 @@ from typing import Any
 from abbe.compcore.figures.volume import enlargement, volume
 from abbe.compcore.model.error_volume import error_volume
 from abbe.compcore.model.model import Model
+from abbe.compcore.sentences import said
 from abbe.daemon.report.page import plain
 from abbe.daemon.status.run_status import RunStatus
+from abbe.daemon.workbench.sentences import sentences_in
 
 
 def present_volume(status: RunStatus, model: Model) -> dict[str, Any]:
@@ -30,11 +32,22 @@ def present_volume(status: RunStatus, model: Model) -> dict[str, Any]:
     where = ", ".join(
         f"{a} {v:.0f}" for a, v in zip(found.axes, found.worst, strict=True) if a
     ).replace("-", "−")
+    title = said(
+        "Without correction the machine errs by up to {size} µm",
+        size=f"{found.largest * 1e3:.1f}",
+    )
+    words = said(
+        "Most at {where} mm. {warmth} The box and the arrows are drawn {times} times too large; "
+        "grey is the box as indicated.",
+        where=where,
+        warmth=_warmth(status),
+        times=_thousands(enlargement(found)),
+    )
     return {
         "figure": plain(volume(found)),
-        "title": f"Without correction the machine errs by up to {found.largest * 1e3:.1f} µm",
-        "words": f"Most at {where} mm. {_warmth(status)} The box and the arrows are drawn "
-        f"{_thousands(enlargement(found))} times too large; grey is the box as indicated.",
+        "title": title,
+        "words": words,
+        "sentences": sentences_in([title, words]),
         "at": status.at.isoformat(timespec="seconds"),
     }
 
@@ -43,12 +56,17 @@ def _warmth(status: RunStatus) -> str:
     """At which temperatures, in one sentence."""
     warm = [s.value for s in status.signals.values() if s.temperature and s.value is not None]
     if not warm:
-        return "At the reference temperature: no thermometer is read."
+        return said("At the reference temperature: no thermometer is read.")
     low, high = min(warm), max(warm)
-    return f"At the present temperatures, {low:.1f} to {high:.1f} °C.".replace("-", "−")
+    return said(
+        "At the present temperatures, {low} to {high} °C.",
+        low=f"{low:.1f}".replace("-", "−"),
+        high=f"{high:.1f}".replace("-", "−"),
+    )
 
 
 def _thousands(value: float) -> str:
     """In two significant digits, in groups of three."""
     power = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return f"{round(value / power) * power:,.0f}"
+    # a comma or a point would be read as a decimal mark in one language or the other
+    return f"{round(value / power) * power:,.0f}".replace(",", "\N{NARROW NO-BREAK SPACE}")

@@ -1,5 +1,5 @@
 // The past of a run: a picture for each kind of series, the same time in all; zoom asks the server again.
-import {t} from "./language.js";
+import {label, t} from "./language.js";
 import {el, get, number, Refusal} from "./dom.js";
 import {colours, curve, onColours} from "./theme.js";
 
@@ -98,12 +98,12 @@ class PastPicture {
   constructor(wanted, zoom) {
     this.wanted = wanted;
     this.zoom = zoom;
-    this.place = el("div", {class: "chart", role: "img", "aria-label": t("{what}, over time; the numbers stand below.", {what: wanted.title})});
+    this.place = el("div", {class: "chart", role: "img", "aria-label": t("{what}, over time; the numbers stand below.", {what: label(wanted.title)})});
     this.values = wanted.series.map(() => el("span", {class: "number"}));
     this.names = wanted.series.map((name, k) => el("span", {class: "curve"},
-      el("i", {class: `swatch swatch-${k % 7}`}), `${name} `, this.values[k]));
+      el("i", {class: `swatch swatch-${k % 7}`}), `${label(name)} `, this.values[k]));
     this.node = el("figure", {class: "past", "data-picture": wanted.name},
-      el("figcaption", {}, `${wanted.title}, ${wanted.unit}`), this.place,
+      el("figcaption", {}, `${label(wanted.title)}, ${wanted.unit}`), this.place,
       el("div", {class: "legend"}, ...this.names));
     this.observer = new ResizeObserver(() => this.chart?.setSize({width: this.place.clientWidth, height: HEIGHT}));
     this.observer.observe(this.place);

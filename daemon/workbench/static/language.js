@@ -34,7 +34,8 @@ const sentences = new Map(); // text -> what it was made of, as the server said
 
 /** Keep what an answer's sentences were made of. */
 export function know(answer) {
-  for (const [text, made] of Object.entries(answer?.sentences ?? {})) sentences.set(text, made);
+  for (const part of [answer, answer?.tables])
+    for (const [text, made] of Object.entries(part?.sentences ?? {})) sentences.set(text, made);
 }
 
 /** A sentence of the commands in the present language; what has no translation stays as it is. */
@@ -43,6 +44,12 @@ export function say(text) {
   if (code === "en" || template === undefined) return text;
   const own = templates[template] ?? (/\p{L}/u.test(template.replace(/\{\w+\}/g, "")) ? null : template);
   return own === null ? text : own.replace(/\{(\w+)\}/g, (all, name) => (name in values ? say(values[name]) : all));
+}
+
+/** The state of a correction: with the axes that it is of, where it is some. */
+export function stateOf(text) {
+  const [, axes, what] = /^([A-Z, ]+: )?(.*)$/s.exec(text);
+  return `${axes ?? ""}${label(what)}`;
 }
 
 /** Put what stands in the page's HTML into the language; `data-t` marks it, `data-t-label` its label. */

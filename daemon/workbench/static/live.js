@@ -1,5 +1,5 @@
 // Live: the machine as it stands, in the words of `abbe status`; its volume now; what was.
-import {t} from "./language.js";
+import {label, say, stateOf, t} from "./language.js";
 import {el, get, number, Refusal, table} from "./dom.js";
 import {History, when} from "./history.js";
 import {FigureInSpace} from "./space.js";
@@ -85,7 +85,7 @@ export class Live {
     this.lost.hidden = true;
     this.node.classList.remove("old");
     this.node.dataset.seen = "run";
-    this.state.textContent = found.state;
+    this.state.textContent = stateOf(found.state);
     this.state.className = found.light;
     this.warnings.replaceChildren(
       ...found.faults.map((text) => el("p", {class: "warning"}, text)),
@@ -137,13 +137,13 @@ export class Live {
     }
     if (this.space) {
       this.space.show(found.figure);
-      this.title.textContent = found.title;
-      this.words.textContent = found.words;
+      this.title.textContent = say(found.title);
+      this.words.textContent = say(found.words);
       return;
     }
-    this.space = new FigureInSpace(found.figure, `${found.title}. ${found.words}`);
-    this.title = el("h2", {}, found.title);
-    this.words = el("figcaption", {}, found.words);
+    this.space = new FigureInSpace(found.figure, `${say(found.title)}. ${say(found.words)}`);
+    this.title = el("h2", {}, say(found.title));
+    this.words = el("figcaption", {}, say(found.words));
     this.volume.replaceChildren(this.title, el("figure", {class: "volume"}, this.words, el("div", {}, this.space.canvas)));
   }
 }
@@ -165,11 +165,11 @@ class AxisCard {
   show(axis) {
     const put = (node, text) => { if (node.textContent !== text) node.textContent = text; };
     put(this.corrected, axis.corrected);
-    put(this.guard, axis.guard);
+    put(this.guard, label(axis.guard));
     this.guard.className = `guard ${axis.light}`;
     put(this.parts.indicated, axis.indicated);
     put(this.parts.correction, [axis.correction || t("none"), axis.sure ? `± ${axis.sure}` : ""].join(" "));
-    if (axis.measured) put(this.parts.measured, axis.measured);
+    if (axis.measured) put(this.parts.measured, label(axis.measured));
     if (!this.parts.measured.textContent) this.measured.hidden = true;
     else this.measured.hidden = false;
     put(this.stale, axis.stale);

@@ -42,6 +42,7 @@ export class Space {
     const pen = sharp(this.canvas, HEIGHT);
     this.box(pen);
     this.paint(pen);
+    this.named(pen);
   }
 
   /** What stands in the box. */
@@ -53,12 +54,18 @@ export class Space {
   box(pen) {
     const corner = (bits) => this.ends.map((end, k) => end[(bits >> k) & 1]);
     pen.strokeStyle = colours().line;
-    pen.fillStyle = colours().ink;
-    pen.font = "13px system-ui, sans-serif";
-    pen.textAlign = "center"; pen.textBaseline = "middle";
     for (let bits = 0; bits < 8; bits += 1)
       for (let k = 0; k < 3; k += 1)
         if (!(bits & (1 << k))) line(pen, ...this.at(corner(bits)), ...this.at(corner(bits | (1 << k))));
+  }
+
+  /** The names of the axes, before all lines. */
+  named(pen) {
+    const corner = (bits) => this.ends.map((end, k) => end[(bits >> k) & 1]);
+    pen.fillStyle = colours().ink;
+    pen.strokeStyle = colours().paper;
+    pen.font = "13px system-ui, sans-serif";
+    pen.textAlign = "center"; pen.textBaseline = "middle";
     // each axis is named at an edge that nothing stands before: the lowest, for Z that at the left
     for (let k = 0; k < 3; k += 1) {
       const [low, high] = this.ends[k];
@@ -75,9 +82,12 @@ export class Space {
       // what has no room beside the edge stands below it
       const beside = left ? x - 12 - wide : x + 12;
       pen.textAlign = "left";
-      pen.fillText(words, Math.max(2, Math.min(this.canvas.clientWidth - wide - 2, beside)),
-        y + (k === 2 ? 0 : 14));
+      const place = [Math.max(2, Math.min(this.canvas.clientWidth - wide - 2, beside)), y + (k === 2 ? 0 : 14)];
+      [pen.lineWidth, pen.lineJoin] = [5, "round"];
+      pen.strokeText(words, ...place);
+      pen.fillText(words, ...place);
     }
+    pen.lineWidth = 1;
   }
 
   head(pen, x, y, toX, toY) {

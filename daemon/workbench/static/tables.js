@@ -1,5 +1,5 @@
 // Tables: what the controller will hold, what remains and where; their upload, looked at before it is done.
-import {label, t} from "./language.js";
+import {label, say, t} from "./language.js";
 import {draw, el, get, post, Refusal, table} from "./dom.js";
 
 const QUICK = 250, CALM = 2000; // ms between two looks at what is under way
@@ -35,9 +35,9 @@ export class Tables {
     if (!tables) return el("section", {class: "verdict"}, el("h1", {}, t("The tables of the controller")),
       el("p", {}, t("No new tables were stated (abbe open … --tables FOLDER): what is active can be asked for and rolled back.")));
     return el("section", {class: "verdict"},
-      el("h1", {}, tables.title), el("p", {}, tables.controller),
+      el("h1", {}, say(tables.title)), el("p", {}, tables.controller),
       el("dl", {class: "key"}, ...tables.key.map(([name, value, unit]) =>
-        el("div", {}, el("dt", {}, label(name)), el("dd", {}, `${value} `, el("small", {}, unit))))),
+        el("div", {}, el("dt", {}, label(name)), el("dd", {}, `${value} `, el("small", {}, label(unit)))))),
       ...tables.trust.map((text) => el("p", {class: tables.unverified ? "warning" : "note"}, text)));
   }
 
@@ -73,7 +73,7 @@ export class Tables {
     return [
       el("section", {}, el("h2", {}, t("What remains, and where")),
         el("p", {}, t("The length of the error vector over the working volume, up to a shift of the whole (ISO 230-1, 3.8.3), as the model predicts it. Each dot is a place in the volume.")),
-        table("", tables.remaining.columns, tables.remaining.cells),
+        table("", tables.remaining.columns, tables.remaining.cells.map(([name, ...rest]) => [label(name), ...rest])),
         tables.where_note ? el("p", {class: "note"}, tables.where_note) : plots(tables.where)),
       el("section", {}, el("h2", {}, t("What the controller will hold")),
         el("p", {}, t("Sign of the numbers in the files: {sign}. The pictures show errors.", {sign: tables.sign})),

@@ -13,6 +13,7 @@ from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.table_set import RECORD_NAME, TableSet, read_text, sha256
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.model import Model
+from abbe.compcore.sentences import said
 from abbe.compcore.tables.field import ErrorField, table_state
 from abbe.compcore.tables.remainder import Remainder, TrialPoints
 from abbe.compcore.tables.table import Table
@@ -22,6 +23,7 @@ from abbe.daemon.answers.tables.words import names_of_remaining, trust_lines
 from abbe.daemon.config import Configuration
 from abbe.daemon.report.page import Figure, in_words, number, plain
 from abbe.daemon.report.table import HELD_COLUMNS, held_rows, table_curves, where_left
+from abbe.daemon.workbench.sentences import sentences_in
 from abbe.daemon.workbench.tables.held_record import record_of
 from abbe.drivers.controllers import Confidence, Controller, make_controller
 
@@ -43,10 +45,15 @@ def held(configuration: Configuration, folder: Path) -> dict[str, Any]:
     left = {names.get(key, key): rest for key, rest in record["remaining"].items()}
     figures, where_note = _where(configuration, record, controller, tables)
     own, none = record["remaining"][controller.name], record["remaining"][NONE]
+    title = said(
+        "With these tables {left} µm are left of {none} µm, at most",
+        left=number(own["max"], 2),
+        none=number(none["max"], 2),
+    )
     answer: dict[str, Any] = plain(
         {
-            "title": f"With these tables {number(own['max'], 2)} µm are left of "
-            f"{number(none['max'], 2)} µm, at most",
+            "title": title,
+            "sentences": sentences_in(title),
             "controller": controller.title,
             "key": _key(left, record.get("uncertainty")),
             "trust": list(trust_lines(controller)),
