@@ -68,7 +68,14 @@ def calibrate(
             lacking = [path for path in step.made_from if not path.exists()]
             if lacking:
                 raise AbbeError(f"{step.name} needs {lacking[0]}, which is not there")
-            step.run()
+            try:
+                step.run()
+            except BaseException:
+                say(
+                    f"{step.name} is not done; the steps before it are, and what it has written "
+                    "stays: the same command goes on here"
+                )
+                raise
             state.note(step.name, step.made_from, request.by, step.settings)
         if step.name == upto:
             return False

@@ -86,6 +86,23 @@ def test_another_feed_or_another_time_at_a_target_makes_the_program_anew_and_not
     assert made() == plain
 
 
+def test_a_step_that_cannot_be_done_is_named_and_the_same_command_goes_on_there(config):
+    assert calibrate(config, "--upto", "plan").status == 0
+    plan = config.parent / "c" / "plan.toml"
+    good = plan.read_text()
+    plan.write_text(good.replace("targets = [", "targets = [ [1.0],", 1))
+    done = calibrate(config, "--upto", "program")
+    assert done.status == 1
+    assert "program is not done; the steps before it are" in done.out
+    assert "plan.toml" in done.err
+    state = json.loads((config.parent / "c" / "calibration.json").read_text("utf-8"))
+    assert list(state["steps"]) == ["start", "plan"]
+    plan.write_text(good)
+    done = calibrate(config, "--upto", "program")
+    assert done.status == 0, done.err
+    assert "not done" not in done.out
+
+
 def test_each_step_is_named_and_an_unknown_one_refused(config):
     done = calibrate(config, "--upto", "zz")
     assert done.status == 1
