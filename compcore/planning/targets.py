@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.artefacts.calibrated_gauge import CalibratedGauge
 from abbe.compcore.artefacts.calibrated_plate import CalibratedPlate
 from abbe.compcore.campaign.plan import line_steps
 from abbe.compcore.campaign.sampling import HELD
@@ -43,6 +44,8 @@ class SurveyTask:
         Part of its amplitude that a table shall hold.
     plate
         The ball plate at hand that the machine touches itself; None: any of 5 × 5 balls.
+    gauge
+        The gauge block or step gauge at hand, likewise; None: any, along lines.
     """
 
     model: Model
@@ -51,6 +54,7 @@ class SurveyTask:
     waves: Mapping[str, float] = field(default_factory=dict)
     held: float = HELD
     plate: CalibratedPlate | None = None
+    gauge: CalibratedGauge | None = None
 
     @property
     def machine(self) -> Machine:

@@ -68,7 +68,9 @@ def begun(
     instruments = {} if artefact is not None else _instruments(configuration, setups)
     limits, probing = configuration.file.measure, configuration.file.probing
     # an artefact lies anyhow near its place
-    within = limits.within if artefact is None or probing is None else probing.placing
+    within = limits.within
+    if artefact is not None and probing is not None:
+        within = probing.placing + artefact.beside
     course = MeasureCourse(setups, within, radians(limits.within_turn))
     require_stated(configuration, live_correction(configuration), active)
     signals = [n for n, s in configuration.file.signals.items() if s.source is not None]

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 
+from abbe.compcore.artefacts.calibrated_gauge import CalibratedGauge
 from abbe.compcore.artefacts.calibrated_plate import CalibratedPlate
 from abbe.compcore.files.growing_campaign import GrowingCampaign
 from abbe.compcore.planning.envelope import WorkingSpace
@@ -49,6 +50,6 @@ class MeasureTask:
     expected: Mapping[str, tuple[float, float]]
     stated: bool
     space: WorkingSpace
-    touched: CalibratedPlate | StandardSphere | None = None
+    touched: CalibratedPlate | CalibratedGauge | StandardSphere | None = None
     turns: Mapping[str, str] = field(default_factory=dict)
     once: bool = False

@@ -193,6 +193,24 @@ def certificates() -> Iterator[Case]:
                    kept=("out.toml",))  # fmt: skip
 
 
+def gauges() -> Iterator[Case]:
+    """Certificates of gauge blocks and step gauges, by name."""
+    good = "# width = 9\n# height = 35\n# sd = 0.1\nface,at\n1,0\n2,20\n3,40\n4,60\n"
+    plan = ("plan", "m.toml", "--instruments", "step-gauge", "--gauge", "f.txt", "-o", "out.toml",
+            "--force")  # fmt: skip
+    for before, after in (
+        ("# width = 9\n", ""), ("# height = 35\n", ""), ("35", "1e300"), ("9", "-9"), ("0.1", "-1"),
+        ("2,20", "2,1e300"), ("2,20", "2,nan"), ("2,20", "2"), ("2,20", "1,20"), ("1,0", "1,5"),
+        ("3,40", "3,20.5"), ("3,40", "3,-40"), ("4,60\n", ""), ("face,at", "face,face"),
+        ("at", "where"), ("2,20", "\x00"), ("1,0\n2,20\n3,40\n4,60\n", ""),
+    ):  # fmt: skip
+        text = good.replace(before, after, 1)
+        assert text != good, before
+        files = {"f.txt": text, "m.toml": BRIDGE}
+        yield Case(f"gauge: {after[:24]!r} {before[:9]!r}", files, plan, ("f.txt",),
+                   kept=("out.toml",))  # fmt: skip
+
+
 def mutated() -> Iterator[Case]:
     """Good files damaged by a machine."""
     for seed, (kind, (text, arguments, out)) in enumerate(READ.items()):
@@ -248,7 +266,7 @@ def typed() -> Iterator[Case]:
         yield Case(f"typed: {arguments[0]} {title}", beside, arguments, (says,), kept=kept)
 
 
-CASES = [*named(), *certificates(), *mutated(), *typed()]
+CASES = [*named(), *certificates(), *gauges(), *mutated(), *typed()]
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from abbe.compcore.planning.instruments import PlannedInstrument
 from abbe.compcore.planning.planned_setup import PlannedSetup
-from abbe.compcore.planning.setups import lines, plates, points, rotations
+from abbe.compcore.planning.setups import gauges, lines, plates, points, rotations
 from abbe.compcore.planning.targets import SurveyTask
 
 _OWN = {
@@ -35,6 +35,9 @@ def possible(task: SurveyTask, instruments: Sequence[PlannedInstrument]) -> Sequ
 
 def _of(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[PlannedSetup]:
     key = instrument.key
+    if key in ("gauge-block", "step-gauge") and task.gauge is not None:
+        yield from gauges.probed_gauges(task, instrument, task.gauge)
+        return
     if key in ("laser", "straightness", "angle", "level", "indicator", "step-gauge"):
         yield from lines.axis_lines(task, instrument)
     if key == "laser":

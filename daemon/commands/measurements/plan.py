@@ -65,6 +65,13 @@ def plan(
             metavar="PLATE.csv",
         ),
     ] = None,
+    gauge: Annotated[
+        Path | None,
+        typer.Option(
+            help="The gauge block or step gauge at hand, likewise: face,at.",
+            metavar="GAUGE.csv",
+        ),
+    ] = None,
     apart: Annotated[
         list[str] | None,
         typer.Option(help="Tell these causes apart instead; give two or more.", metavar="EFFECT"),
@@ -97,7 +104,7 @@ def plan(
     from abbe.daemon.outputs import PLAN, REPORT, check_outputs
 
     say = check_outputs(
-        [model, plate], [(out, PLAN), (report, REPORT)], force=force, as_json=as_json
+        [model, plate, gauge], [(out, PLAN), (report, REPORT)], force=force, as_json=as_json
     )
     waves = {}
     for axis, text in split_assignments(wave or []).items():
@@ -109,6 +116,7 @@ def plan(
         _list(loaded, model, waves, held, out, report, say, as_json=as_json)
         return
 
+    from abbe.compcore.files.gauge_file import read_gauge
     from abbe.compcore.files.plan_file import write_plan
     from abbe.compcore.files.plate_file import read_plate
     from abbe.compcore.planning.envelope import WorkingSpace
@@ -125,6 +133,7 @@ def plan(
     task = SurveyTask(
         grown, WorkingSpace(keep_out_of(keep_out or []), tool_radius), tools_of(tool or []),
         waves, held, None if plate is None else read_plate(plate),
+        None if gauge is None else read_gauge(gauge),
     )  # fmt: skip
     made = _planned(task, instruments, preset, seconds_of(time), places, changed)
     if out is not None:

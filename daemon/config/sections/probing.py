@@ -21,6 +21,8 @@ class ProbingSection(Section):
     """The link by which the machine is moved."""
     plate: Annotated[str, Field(min_length=1)] | None = None
     """File of the calibrated ball plate, relative to the configuration."""
+    gauge: Annotated[str, Field(min_length=1)] | None = None
+    """File of the calibrated gauge block or step gauge, relative to the configuration."""
     sphere: Length | None = None
     """Diameter of the sphere on the table."""
     tip: Length
@@ -50,8 +52,8 @@ class ProbingSection(Section):
 
     @model_validator(mode="after")
     def _something(self) -> ProbingSection:
-        if self.plate is None and self.sphere is None:
-            raise ValueError("nothing to touch: plate or sphere")
+        if self.plate is None and self.sphere is None and self.gauge is None:
+            raise ValueError("nothing to touch: plate, gauge or sphere")
         return self
 
     @field_validator("shaft")

@@ -7,8 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from abbe.compcore.artefacts.calibrated_gauge import CalibratedGauge
 from abbe.compcore.artefacts.calibrated_plate import CalibratedPlate
 from abbe.compcore.errors import InputError
+from abbe.compcore.files.gauge_file import read_gauge
 from abbe.compcore.files.plate_file import read_plate
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.planned_setup import PlannedSetup
@@ -19,7 +21,12 @@ from abbe.daemon.measure.rows import digest
 from abbe.drivers.link import Link
 from abbe.drivers.touch_probe import touch_probe_of
 
-_KEYS = {"ball-plate": "plate", "sphere": "sphere"}
+_KEYS = {
+    "ball-plate": "plate",
+    "gauge-block": "gauge",
+    "step-gauge": "gauge",
+    "sphere": "sphere",
+}
 """Plan's instrument → the key of ``[probing]`` that names the artefact."""
 
 
@@ -37,12 +44,15 @@ class ChosenArtefact:
         What the campaign's head keeps of it.
     turns
         Rotary axis → channel of the link by which it is turned.
+    beside
+        How far (mm) from a target the tip may be that touches there, besides `placing`.
     """
 
-    touched: CalibratedPlate | StandardSphere
+    touched: CalibratedPlate | CalibratedGauge | StandardSphere
     columns: tuple[str, ...]
     origin: Mapping[str, str] = field(default_factory=dict)
     turns: Mapping[str, str] = field(default_factory=dict)
+    beside: float = 0.0
 
 
 def artefact_of(
@@ -81,6 +91,17 @@ def artefact_of(
         assert section.sphere is not None  # noqa: S101 - looked at above
         turns = _turns(configuration, alike, links)
         return ChosenArtefact(StandardSphere(section.sphere), ("form",), turns=turns)
+    if kind in ("gauge-block", "step-gauge"):
+        assert section.gauge is not None  # noqa: S101 - looked at above
+        gauge = read_gauge(configuration.path.parent / section.gauge)
+        known = digest([gauge.faces, gauge.places.tolist(), gauge.width, gauge.height])
+        # targets are the faces, and the tip's middle stands beside them
+        return ChosenArtefact(
+            gauge,
+            ("gauge", "gauge_sd") if gauge.sd else (),
+            {"gauge_sha256": known},
+            beside=0.5 * section.tip + section.off,
+        )
     assert section.plate is not None  # noqa: S101 - looked at above
     plate = read_plate(configuration.path.parent / section.plate)
     known = digest([plate.points, plate.calibrated.tolist(), plate.diameter])

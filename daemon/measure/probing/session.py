@@ -7,6 +7,7 @@ import contextlib
 import time
 from collections.abc import Sequence
 
+from abbe.compcore.artefacts.calibrated_gauge import CalibratedGauge
 from abbe.compcore.artefacts.calibrated_plate import CalibratedPlate
 from abbe.compcore.errors import AbbeError
 from abbe.compcore.planning.planned_setup import PlannedSetup
@@ -17,6 +18,7 @@ from abbe.daemon.measure.kept_rows import KeptRows
 from abbe.daemon.measure.news import MeasureNews
 from abbe.daemon.measure.person import LEAVE_OUT, Person
 from abbe.daemon.measure.probing.artefact import TouchedArtefact, TouchingWork
+from abbe.daemon.measure.probing.gauge_touching import GaugeTouching
 from abbe.daemon.measure.probing.guarded_tip import GuardedTip
 from abbe.daemon.measure.probing.plate_touching import PlateTouching
 from abbe.daemon.measure.probing.sphere_touching import SphereTouching
@@ -168,9 +170,11 @@ class ProbedMeasurement:
 
 def _touching(
     work: TouchingWork,
-    touched: CalibratedPlate | StandardSphere,
+    touched: CalibratedPlate | CalibratedGauge | StandardSphere,
     setups: Sequence[PlannedSetup],
 ) -> TouchedArtefact:
     if isinstance(touched, StandardSphere):
         return SphereTouching(work, touched, setups)
+    if isinstance(touched, CalibratedGauge):
+        return GaugeTouching(work, touched, setups)
     return PlateTouching(work, touched, setups)

@@ -16,6 +16,7 @@ from abbe.drivers.simulated.bridge.machine import TOOL, make_bridge
 from abbe.drivers.simulated.bridge.plant import Disturbances, Plant, shop_climate
 from abbe.drivers.simulated.commands.point_argument import point
 from abbe.drivers.simulated.ipp.carrier import ProbeCarrier
+from abbe.drivers.simulated.ipp.gauge import SimulatedGauge
 from abbe.drivers.simulated.ipp.machine import COORDINATES, IppMachine
 from abbe.drivers.simulated.ipp.rotary_table import SimulatedTable
 from abbe.drivers.simulated.ipp.server import IppServer
@@ -90,6 +91,13 @@ def table_orders(server: IppServer) -> Orders:
     def plate(balls: list[list[float]], diameter: float, **lies: Any) -> None:
         carrier.plates[:] = [SimulatedPlate(np.array(balls), diameter, **lies)]
 
+    def gauge(steps: list[list[float]], width: float, height: float, **lies: Any) -> None:
+        carrier.gauge = SimulatedGauge(steps, width, height, **lies)
+
+    def clean() -> None:
+        carrier.plates.clear()
+        carrier.gauge = None
+
     def table(at: list[float], **wrong: Any) -> None:
         carrier.table = server.machine.table = SimulatedTable(at, **wrong)
 
@@ -113,6 +121,8 @@ def table_orders(server: IppServer) -> Orders:
 
     return {
         "plate": plate,
+        "gauge": gauge,
+        "clean": clean,
         "lift": carrier.lift,
         "table": table,
         "stuck": stuck,

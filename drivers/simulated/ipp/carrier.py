@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from abbe.drivers.simulated.bridge.machine import AXES, PLACES, TRAVELS
 from abbe.drivers.simulated.bridge.plant import Plant
+from abbe.drivers.simulated.ipp.gauge import SimulatedGauge
 from abbe.drivers.simulated.ipp.rotary_table import SimulatedTable
 from abbe.drivers.simulated.ipp.wire import IppCommandError, named_arguments
 from abbe.drivers.simulated.ipp.workpiece import SimulatedPlate, first_contact, nearest
@@ -29,6 +30,8 @@ _NEAR = 2e-3
 _ROUNDS = 2
 _SHAFT_STEP = 2.0
 """mm between two looks at where the shaft is."""
+_SHAFT = 60.0
+"""mm of the shaft that are looked at beside a gauge."""
 
 
 class ProbeCarrier:
@@ -47,6 +50,8 @@ class ProbeCarrier:
     ----------
     plates
         What lies there; on the rotary table where there is one.
+    gauge
+        A gauge beside it; None: there is none.
     table
         The rotary table; None: there is none.
     nearest_way
@@ -62,6 +67,7 @@ class ProbeCarrier:
         self._tip, self._shaft = tip, shaft
         self._random = random.Random(f"touch {plant.seed}")
         self.plates: list[SimulatedPlate] = []
+        self.gauge: SimulatedGauge | None = None
         self.table: SimulatedTable | None = None
         self.nearest_way = math.inf
         self._properties = {
@@ -146,6 +152,9 @@ class ProbeCarrier:
             # where it says that it is and where it is differ by what differs there
             error = self._error(start - way * outward)
             way = first_contact(start + error, -outward, self._centres(), self._reach)
+            if self.gauge is not None:
+                at = start + error
+                way = min(way, self.gauge.contact(at, -outward, self._tip, self._part()))
             if way > far:
                 break
         if way > far:
@@ -167,9 +176,12 @@ class ProbeCarrier:
     def _temperatures(self) -> Array:
         return self._plant.latch(time.monotonic()).temperatures
 
+    def _part(self) -> float:
+        """Temperature of what lies there, °C."""
+        return float(self._temperatures()[PLACES.index("T_amb")])
+
     def _centres(self) -> Array:
-        part = float(self._temperatures()[PLACES.index("T_amb")])
-        found = [plate.centres(part) for plate in self.plates]
+        found = [plate.centres(self._part()) for plate in self.plates]
         centres = np.concatenate(found) if found else np.zeros((0, 3))
         return centres if self.table is None else self.table.turned(centres)
 
@@ -214,5 +226,10 @@ class ProbeCarrier:
             beside = np.linalg.norm(over[..., :2], axis=2)
             room = self._reach - self._tip + self._shaft
             hit |= bool(((over[..., 2] > 0.0) & (beside < room)).any())
+        if self.gauge is not None:
+            hit |= bool((self.gauge.distance(places, self._part()) < self._tip).any())
+            for high in np.arange(_SHAFT_STEP, _SHAFT, _SHAFT_STEP):
+                shaft = places + np.array([0.0, 0.0, high])
+                hit |= bool((self.gauge.distance(shaft, self._part()) < self._shaft).any())
         if hit:
             raise IppCommandError(3, 2504, "Collision")
