@@ -132,7 +132,7 @@ class PastPicture {
       series: [{}, ...series.flatMap((_, k) => [
         {stroke: curve(k), width: 1.6, points: {show: time.length < 3}}, thin, thin])],
       bands: series.map((_, k) => ({series: [3 * k + 3, 3 * k + 2], fill: `color-mix(in srgb, ${curve(k)} 22%, transparent)`})),
-      axes: [{...axis(), values: (_, splits, __, ___, step) => clock(splits, step)},
+      axes: [{...axis(), space: 76, values: (_, splits, __, ___, step) => clock(splits, step)},
         {...axis(), size: 62, values: (_, splits) => splits.map((v) => number(v, 5))}],
       hooks: {
         setSelect: [(u) => {

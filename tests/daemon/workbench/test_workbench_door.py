@@ -21,6 +21,7 @@ pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
 
 BRIDGE = Path(__file__).parents[2] / "data" / "p03-bridge"
 CHANGES = ("/api/compare", "/api/learn", "/api/fit", "/api/add", "/api/back", "/api/try",
+           "/api/brush",
            "/api/here", "/api/end")  # fmt: skip
 LOOKS = ("/", "/main.js", "/plotly.min.js", "/uplot.min.js", "/api/state", "/api/head",
          "/api/compare", "/api/watch")  # fmt: skip
