@@ -76,6 +76,10 @@ class Bare:
             waves[axis] = np.stack([own[0] * has[:, None], own[1], own[2]])
         square = "squareness" not in modelled
         mounts = {a: (0.0,) * 6 if square else mount for a, mount in whole.mounts.items()}
+        # turned about its own travel the last axis stands as square, but its spindle leans
+        last = whole.axes[-1]
+        own_turn = 3 + "XYZ".index(last)
+        mounts[last] = tuple(0.0 if k == own_turn else v for k, v in enumerate(mounts[last]))
         return cls(replace(whole, waves=waves, mounts=mounts), modelled, seed)
 
     def causes(self) -> dict[str, Cause]:
