@@ -51,7 +51,7 @@ function partSection(found, linked, part, reach) {
   const shown = found.rows.part.filter((p) => p === part).length;
   const section = el("section", {},
     el("h2", {}, t("{part}: where it fails", {part: NAMES[part]})),
-    el("p", {}, t("Residuals: what the model leaves of the measurements. All pictures have the same scale, the worst come first. {shown} rows are drawn of {all} in all.", {shown: found.cells ? found.of : shown, all: found.of})),
+    el("p", {}, t("Residuals: what the model leaves of the measurements. All pictures have the same scale; the worst come first, and after them what was measured obliquely, which mixes all components. {shown} rows are drawn of {all} in all.", {shown: found.cells ? found.of : shown, all: found.of})),
     found.cells ? el("p", {}, t("The stronger a place, the more rows lie there. In the volume, and under the pointer, {shown} of them stand for all; the largest are among them. What is selected is counted among all rows.", {shown})) : null,
     legend(),
     make(along.slice(0, FIRST)));
