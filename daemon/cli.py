@@ -8,16 +8,12 @@ from __future__ import annotations
 
 import atexit
 import contextlib
-import gc
 import os
 import signal
 import sys
 
 INTERRUPTED = 130
 """128 and the number of SIGINT, as shells have it."""
-
-_OBJECTS = 20_000
-"""So many new objects have Python look for what nothing refers to any more."""
 
 
 def main() -> None:
@@ -39,8 +35,9 @@ def _ignore_interruptions() -> None:
 
 
 def _run() -> int:
-    # commands make many small objects that stay: looking through them so often frees nothing
-    gc.set_threshold(_OBJECTS)
+    from abbe.daemon.collector import seldom
+
+    seldom()
     from abbe.compcore.errors import AbbeError
     from abbe.daemon.standard_output import finish, install
 

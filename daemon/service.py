@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import gc
 import logging
 import os
 import signal
@@ -18,6 +17,7 @@ from abbe.compcore.model.model import Switch
 from abbe.daemon.answers.typed import uploading
 from abbe.daemon.beside import beside
 from abbe.daemon.checks.live import LiveChecks
+from abbe.daemon.collector import as_a_service
 from abbe.daemon.config import Configuration
 from abbe.daemon.config.identity import RunIdentity
 from abbe.daemon.control.live_switches import back_words, start_words
@@ -222,28 +222,9 @@ class Service:
         ):
             try:
                 await asyncio.gather(*(self._open(link) for link in self.links.values()))
-                # what is there by now stays: the collector need not walk it within a cycle
-                gc.collect()
-                gc.freeze()
-                logger.info(
-                    "running: %s: %s",
-                    self.configuration.path,
-                    self.identity.words(),
-                    extra={"event": "began"},
-                )
-                logger.info(start_words(self.configuration.model, self.configuration.model_path))
-                self._warn_of_uploads()
-                if self._recorder is not None:
-                    self.checks.keep = self._recorder.keep
-                async with (
-                    beside(self, supervised=self._notifier.there),
-                    self._reported.running(),
-                    self.checks.running(),
-                ):
-                    with self._late.running():
-                        await self._until_ended()
+                with as_a_service():
+                    await self._work()
             finally:
-                gc.unfreeze()
                 if not self.again:
                     self._say_switched_back(self.switches_in_file)
                 if self._reloading is not None:
@@ -258,6 +239,26 @@ class Service:
         if self._notifier.there:
             file = self.configuration.file
             self.add([Supervised(self._notifier, tuple(file.output.axes), file.cycle.period)])
+
+    async def _work(self) -> None:
+        """Say what runs, and run it with all that goes on beside it."""
+        logger.info(
+            "running: %s: %s",
+            self.configuration.path,
+            self.identity.words(),
+            extra={"event": "began"},
+        )
+        logger.info(start_words(self.configuration.model, self.configuration.model_path))
+        self._warn_of_uploads()
+        if self._recorder is not None:
+            self.checks.keep = self._recorder.keep
+        async with (
+            beside(self, supervised=self._notifier.there),
+            self._reported.running(),
+            self.checks.running(),
+        ):
+            with self._late.running():
+                await self._until_ended()
 
     def _warn_of_uploads(self) -> None:
         """Say that an upload of tables was cut off: which table is active is not sure then."""

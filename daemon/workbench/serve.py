@@ -10,6 +10,7 @@ from typing import Any
 
 import uvicorn
 
+from abbe.daemon.collector import as_a_service
 from abbe.daemon.http.bounded import bounded_config
 from abbe.daemon.workbench.application import application
 from abbe.daemon.workbench.door import SESSION, WorkbenchDoor
@@ -44,7 +45,8 @@ def serve(
     door = WorkbenchDoor(app, port, invite, key=key, session=session)
     server = _LoopbackServer(bounded_config(door))
     try:
-        server.run(sockets=[made])
+        with as_a_service():
+            server.run(sockets=[made])
     finally:
         views.close()
 
