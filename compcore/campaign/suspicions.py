@@ -117,15 +117,22 @@ def of_unknown_thermometers(campaign: Campaign) -> Iterator[str]:
             yield from perhaps_fahrenheit(name, float(np.median(known)), "other", "the file")
 
 
-def of_chi2(chi2_per_dof: float, dof: int, *, stated: bool) -> Iterator[str]:
-    """χ² per degree of freedom far from 1, where the campaign states its uncertainties."""
+def of_chi2(
+    chi2_per_dof: float, dof: int, *, stated: bool, what: str | None = None
+) -> Iterator[str]:
+    """χ² per degree of freedom far from 1, where the campaign states its uncertainties.
+
+    `what`: the rows that are meant, ``lengths`` or ``rotations``; None for all of them together.
+    """
     if not stated or dof < _ENOUGH or not math.isfinite(chi2_per_dof):
         return
     times = math.sqrt(chi2_per_dof)
+    of = said("χ²/dof") if what is None else said("χ²/dof of {what}", what=what)
     if chi2_per_dof < _LITTLE:
         yield said(
-            "χ²/dof is {chi2}: {by} than the stated uncertainties say. They are too "
+            "{of} is {chi2}: {by} than the stated uncertainties say. They are too "
             "large, the values are in another unit, or rows were smoothed or copied",
+            of=of,
             chi2=f"{chi2_per_dof:.2g}",
             by=said("{times} times less is left", times=f"{1 / times:.3g}")
             if times > 0.0
@@ -133,9 +140,10 @@ def of_chi2(chi2_per_dof: float, dof: int, *, stated: bool) -> Iterator[str]:
         )
     elif chi2_per_dof > _MUCH:
         yield said(
-            "χ²/dof is {chi2}: what is left is {times} times the stated "
+            "{of} is {chi2}: what is left is {times} times the stated "
             "uncertainties. The model lacks something (abbe diagnose), a sign or a unit is wrong, "
             "or the uncertainties are too small",
+            of=of,
             chi2=f"{chi2_per_dof:.3g}",
             times=f"{times:.3g}",
         )

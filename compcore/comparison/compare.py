@@ -115,8 +115,8 @@ class Comparison(Shown):
             *of_signals(campaign, self.problem.model.machine),
             *of_ratio(campaign, self.measured, self.measured - self.residual, weight),
         ]
-        for part in (self.lengths, self.rotations):
-            found += of_chi2(part.chi2_per_dof, part.n, stated=stated)
+        for part, what, _, _ in self._parts():
+            found += of_chi2(part.chi2_per_dof, part.n, stated=stated, what=what)
         return tuple(found)
 
     @property

@@ -25,8 +25,6 @@ F64 = NDArray[np.float64]
 _MOST_SETUPS = 3
 _MOST_CHANGED = 3
 _SHOWN = 4
-_NOTHING = 1e-3
-"""A value that is so small a part of its standard deviation was not moved by the data at all."""
 _NAMED = 6
 """An effect of more parameters is a shape, of which no single one says anything."""
 
@@ -61,15 +59,10 @@ def explanation(established: Established, diagnosis: Findings) -> str:
     return " ".join(parts)
 
 
-def moved(estimate: Estimate) -> bool:
-    """Whether the campaign says anything of a parameter."""
-    return not (estimate.sd > 0.0 and abs(estimate.value) < _NOTHING * estimate.sd)
-
-
 def _fitted(estimates: Sequence[Estimate]) -> list[str]:
     """What the campaign says of the parameters; of which of them it says nothing."""
-    said = [e for e in estimates if moved(e)]
-    silent = [e.name for e in estimates if e not in said]
+    said = [e for e in estimates if e.measured]
+    silent = [e.name for e in estimates if not e.measured]
     parts = []
     if shown := ", ".join(parameter(e) for e in said[:_SHOWN]):
         more = len(said) - _SHOWN
@@ -86,7 +79,7 @@ def _fitted(estimates: Sequence[Estimate]) -> list[str]:
 def _as_built(established: Established, diagnosis: Findings) -> list[str]:
     """What is physically there: of a rotary axis's line, of a table itself."""
     effect, model = established.found.candidate.effect, diagnosis.result.problem.model
-    values = {e.name: Value(e.value, e.sd) for e in established.estimates}
+    values = {e.name: Value(e.value, e.sd, e.measured) for e in established.estimates}
     if isinstance(effect, RotaryLocation):
         kept = tuple(t for t in model.terms if t.effect != effect)
         line = average_lines(Model(model.machine, (*kept, Term(effect, values))))

@@ -225,7 +225,7 @@ def _values(
                 found=error.found,
                 expected=error.expected,
             ) from None
-        values[name] = Value(value, sd)
+        values[name] = Value(value, sd, parameter.measured)
     return values
 
 
@@ -338,6 +338,7 @@ def _effect_table(term: Term, machine: Machine) -> dict[str, Any]:
             name: {"value": v.value}
             | ({} if v.sd is None else {"sd": v.sd})
             | {"unit": units[name]}
+            | ({} if v.measured else {"measured": False})
             for name, v in term.values.items()
         }
     if term.switch != "on":

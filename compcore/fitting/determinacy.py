@@ -26,6 +26,10 @@ MOST_FOLLOWED = 1e4
 where the campaign shows nothing of a combination but rounding, any residual asks for more."""
 
 
+_NO_SURER = 0.02
+"""Part of an unknown's believable variance that a campaign must take away to show it."""
+
+
 class Decomposition:
     """Singular value decomposition of a weighted Jacobian in units of the unknowns' scales.
 
@@ -101,6 +105,14 @@ class Decomposition:
     def null(self) -> F64:
         """Orthonormal directions (scaled) that the data do not determine, shape (m, m − rank)."""
         return self.directions[:, self.rank :]
+
+    def shown(self) -> NDArray[np.bool_]:
+        """Which unknowns the campaign shows at all, shape (m,).
+
+        Of the others it makes the uncertainty smaller than what anyone knew beforehand by no more
+        than `_NO_SURER`: their column is zero, or the set-ups' nuisances imitate it.
+        """
+        return np.asarray((self.determined**2).sum(axis=1) > _NO_SURER)
 
     def solve(self, projected: F64) -> F64:
         """The least-squares solution of least norm in units of the scales, shape (m,).

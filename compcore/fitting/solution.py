@@ -229,9 +229,11 @@ class Solution:
         for i, width in step_widths(problem, theta).items():
             covariance[i, i] = width**2
         m = problem.layout.model_size
-        fitted = problem.model.with_values(
-            problem.layout.values(theta, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
-        )
+        shown = decomposition.shown()
+        # moments are found by search, not by least squares
+        shown[[i for i, p in problem.layout.searched.items() if not p.smooth]] = True
+        sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        fitted = problem.model.with_values(problem.layout.values(theta, sd, shown))
         return cls(
             replace(fitted, covariance=covariance[:m, :m]),
             problem,

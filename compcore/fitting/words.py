@@ -155,6 +155,9 @@ def parameter_lines(result: Solution) -> Iterator[str]:
         for (name, value), unknown in zip(term.values.items(), unknowns, strict=True):
             shown, factor = display(unknown.unit)
             sd = 0.0 if value.sd is None else value.sd
+            if not value.measured:
+                parts.append(f"{name} not measured")
+                continue
             if sd < _NOTHING * unknown.scale:
                 parts.append(f"{name} = {value.value * factor:.4g} {shown}, by convention")
                 continue

@@ -82,6 +82,8 @@ class AverageLine:
     beside_carrier
         The part of `offset` that is not the carrier's: what to enter where a controller counts from
         the carrier's line; shape (3,), mm.
+    measured
+        Of each machine direction whether the campaigns show where the line lies, by their design.
     """
 
     axis: str
@@ -96,6 +98,7 @@ class AverageLine:
     direction: F64
     carrier: str | None
     beside_carrier: F64
+    measured: tuple[bool, bool, bool]
 
     @property
     def across(self) -> tuple[int, int]:
@@ -106,8 +109,11 @@ class AverageLine:
 
     @property
     def place_measured(self) -> bool:
-        """Whether the campaigns show where it lies: no fit leaves it there to the last digit."""
-        return any(abs(self.offset[k]) > _UNSEEN for k in self.across)
+        """Whether the campaigns show where it lies, or somebody has stated it."""
+        return any(self.measured[k] for k in self.across)
+
+    def _elsewhere(self, k: int) -> bool:
+        return self.measured[k] and abs(self.offset[k]) > _UNSEEN
 
     @property
     def place(self) -> F64:
@@ -129,20 +135,22 @@ class AverageLine:
             yield f"{stands} where it shows 0{turned}"
 
     def _place_words(self) -> str:
-        parts = [
-            _towards(self.offset[k], self.offset_sd[k], k, 1e3, "µm")
-            for k in self.across
-            if abs(self.offset[k]) > _UNSEEN
-        ]
         if not self.place_measured:
             return (
                 f"where the line of {self.axis} lies was not measured: it is taken where it is "
                 "configured"
             )
+        parts = [
+            _towards(self.offset[k], self.offset_sd[k], k, 1e3, "µm")
+            for k in self.across
+            if self._elsewhere(k)
+        ]
+        if not parts:
+            return f"the line of {self.axis} lies where it is configured"
         entered = ", ".join(
             f"{'XYZ'[k]} {self.place[k]:.4f} instead of {self.configured[k]:.4f} mm"
             for k in self.across
-            if abs(self.offset[k]) > _UNSEEN
+            if self._elsewhere(k)
         )
         text = f"the line of {self.axis} lies {' and '.join(parts)} of the configured place: "
         text += f"enter {entered}"
@@ -227,7 +235,18 @@ def _line(model: Model, axis: str, fitted: dict[str, int]) -> AverageLine:
         direction / np.linalg.norm(direction),
         carriers[-1] if carriers else None,
         factor * (beside @ theta)[:3],
+        _measured(model.terms[fitted[axis]], offset),
     )
+
+
+def _measured(term: Term, offset: F64) -> tuple[bool, bool, bool]:
+    """In which directions a line was found; a stated 0 without an uncertainty says nothing."""
+    found = [False, False, False]
+    for name, value in term.values.items():
+        k = _LETTERS.index(name[2])
+        if k < 3:
+            found[k] = value.measured and (value.sd is not None or abs(offset[k]) > _UNSEEN)
+    return found[0], found[1], found[2]
 
 
 def _from_the_bed(machine: Machine, axis: str) -> list[str]:

@@ -25,10 +25,15 @@ Switch = Literal["on", "off", "shown"]
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """A parameter's value and standard uncertainty, units inside the code; sd None: not fitted."""
+    """A parameter's value and standard uncertainty, units inside the code; sd None: not fitted.
+
+    `measured`: False where the campaigns that were fitted say nothing of it, by their design: it
+    stands where it stood.
+    """
 
     value: float
     sd: float | None = None
+    measured: bool = True
 
 
 @dataclass(frozen=True)

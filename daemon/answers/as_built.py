@@ -36,7 +36,7 @@ def _line(line: AverageLine) -> dict[str, Any]:
         "enter": {d: float(line.place[k]) for d, k in across},
         "offset": {d: float(line.offset[k]) for d, k in across},
         "sd": {
-            d: _finite(float(line.offset_sd[k])) if line.place_measured else None for d, k in across
+            d: _finite(float(line.offset_sd[k])) if line.measured[k] else None for d, k in across
         },
         "direction": [float(v) for v in line.direction],
         "lean": {"unit": "rad", **{d: float(line.lean[k]) for d, k in across}},

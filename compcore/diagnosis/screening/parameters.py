@@ -20,6 +20,9 @@ F64 = NDArray[np.float64]
 
 Columns = Callable[[Mapping[str, float]], F64]
 
+_NO_SURER = 0.99
+"""Part of what was believable beforehand above which a standard deviation is no surer than that."""
+
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
@@ -46,6 +49,11 @@ class Estimate:
     plausible: bool
     range: tuple[float, float]
     description: str
+
+    @property
+    def measured(self) -> bool:
+        """Whether the campaign says anything of it: makes it surer than its plausible range."""
+        return self.sd < _NO_SURER * 0.5 * (self.range[1] - self.range[0])
 
 
 def estimates(

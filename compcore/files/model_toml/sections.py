@@ -87,6 +87,7 @@ class ParameterSection(_ModelSection):
     value: Finite
     sd: Annotated[Finite, Field(ge=0.0)] | None = None
     unit: str | None = None
+    measured: bool = True
 
 
 class _StatedConditions(BaseModel):

@@ -185,11 +185,17 @@ class UnknownLayout:
                 theta[self.terms[i]] = [term.values[name].value for name in names]
         return theta
 
-    def values(self, theta: F64, sd: F64) -> list[dict[str, Value]]:
-        """θ and its standard deviations as one mapping a term, for `Model.with_values`."""
+    def values(
+        self, theta: F64, sd: F64, shown: NDArray[np.bool_] | None = None
+    ) -> list[dict[str, Value]]:
+        """θ and its standard deviations as one mapping a term, for `Model.with_values`.
+
+        `shown`, (size,): which of the unknowns the campaign shows; default all.
+        """
+        seen = np.ones(self.size, dtype=np.bool_) if shown is None else shown
         return [
             {
-                u.name: Value(float(theta[j]), float(sd[j]))
+                u.name: Value(float(theta[j]), float(sd[j]), bool(seen[j]))
                 for j, u in zip(range(where.start, where.stop), self.unknowns[where], strict=True)
             }
             for where in self.terms

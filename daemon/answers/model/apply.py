@@ -212,6 +212,9 @@ def as_text(course: Course, model: Model) -> Iterator[str]:
     for term in model.terms:
         shown = []
         for name, value in list(term.values.items())[:5]:
+            if not value.measured:
+                shown.append(f"{name} not measured")
+                continue
             unit, factor = display(units[term.effect.spec][name])
             sd = (value.sd or 0.0) * factor
             if sd < _NOTHING:

@@ -125,7 +125,7 @@ def _candidate(established: Established, diagnosis: Diagnosis) -> dict[str, Any]
         "on_the_table": as_built.seen_json(
             diagnosis.result.problem.model.machine,
             effect,
-            {e.name: Value(e.value, e.sd) for e in established.estimates},
+            {e.name: Value(e.value, e.sd, e.measured) for e in established.estimates},
         ),
         "confusable_with": [_alias(a) for a in established.aliases],
         "explanation": explanation(established, diagnosis),

@@ -59,7 +59,7 @@ def as_json(result: FitResult, noise: NoiseFloor) -> dict[str, Any]:
                 "spec": term.effect.spec,
                 "scope": term.effect.scope,
                 "parameters": {
-                    name: {"value": v.value, "sd": v.sd, "unit": unit}
+                    name: {"value": v.value, "sd": v.sd, "unit": unit, "measured": v.measured}
                     for (name, v), unit in zip(term.values.items(), _units(result, i), strict=True)
                 },
                 "on_the_table": as_built.seen_json(result.model.machine, term.effect, term.values),

@@ -21,7 +21,7 @@ from abbe.compcore.files.model_toml.campaign_record import campaign_records, noi
 from abbe.compcore.files.model_toml.fit_record import recorded
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.model.as_built import average_line_words, reversed_parameters
-from abbe.compcore.model.model import Model
+from abbe.compcore.model.model import Model, Value
 from abbe.compcore.units import display, with_uncertainty
 from abbe.daemon.answers import as_built
 from abbe.daemon.answers.inputs import now
@@ -185,8 +185,8 @@ def as_json(revision: Revision, effect: Effect | None) -> dict[str, Any]:
     }
     if effect is not None:
         out["parameters"] = {
-            name: {"value": v, "sd": sd, "unit": unit}
-            for name, v, sd, unit in _parameters(revision.after, effect)
+            name: {"value": v.value, "sd": v.sd, "unit": unit, "measured": v.measured}
+            for name, v, unit in _parameters(revision.after, effect)
         }
         model = revision.after.model
         values = next((t.values for t in model.terms if t.effect == effect), {})
@@ -198,12 +198,15 @@ def as_json(revision: Revision, effect: Effect | None) -> dict[str, Any]:
 def as_text(revision: Revision, effect: Effect | None) -> Iterator[str]:
     """Lines for people: parameters, the error before and after, a warning where it did not fall."""
     if effect is not None:
-        for name, value, sd, unit in _parameters(revision.after, effect):
+        for name, found, unit in _parameters(revision.after, effect):
+            if not found.measured:
+                yield f"{name} not measured"
+                continue
             shown, factor = display(unit)
-            wide = None if sd is None else sd * factor
-            text = f"{name} = {with_uncertainty(value * factor, wide)} {shown}"
+            wide = None if found.sd is None else found.sd * factor
+            text = f"{name} = {with_uncertainty(found.value * factor, wide)} {shown}"
             if name in reversed_parameters(revision.after.model.machine, effect):
-                text += f" (on the table itself {-value * factor:+.4g} {shown})"
+                text += f" (on the table itself {-found.value * factor:+.4g} {shown})"
             yield text
         if isinstance(effect, RotaryLocation):
             yield from average_line_words(revision.after.model)
@@ -236,13 +239,11 @@ def _um(value: float | None) -> float | None:
     return None if value is None else finite(value, 1e3)
 
 
-def _parameters(
-    result: FitResult, effect: Effect
-) -> Iterator[tuple[str, float, float | None, str]]:
+def _parameters(result: FitResult, effect: Effect) -> Iterator[tuple[str, Value, str]]:
     machine = result.model.machine
     units = {p.name: p.unit for p in effect.linear(machine)}
     units |= {p.name: p.unit for p in effect.nonlinear(machine)}
     for term in result.model.terms:
         if term.effect == effect:
             for name, value in term.values.items():
-                yield name, value.value, value.sd, units[name]
+                yield name, value, units[name]

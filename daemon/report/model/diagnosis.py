@@ -16,7 +16,6 @@ from abbe.compcore.diagnosis.explain import (
     explanation,
     formula,
     headline,
-    moved,
     parameter,
 )
 from abbe.compcore.diagnosis.findings import Established
@@ -95,7 +94,7 @@ def said_in_the_shop(diagnosis: Diagnosis, established: Established) -> Sentence
     campaign = diagnosis.result.problem.campaign
     shown = campaign.kind == (Kind.ROTATION if diagnosis.of_rotations else Kind.DISPLACEMENT)
     largest = float(np.abs(established.signature[shown]).max(initial=0.0)) * factor
-    values = [(e.value, e.unit) for e in established.estimates if moved(e)]
+    values = [(e.value, e.unit) for e in established.estimates if e.measured]
     return in_the_shop(established.effect, largest, unit, values)
 
 
@@ -165,7 +164,7 @@ def parameter_row(estimate: Estimate) -> list[str]:
     e = estimate
     return [
         e.name,
-        parameter(e).split(" = ", 1)[1] if moved(e) else "not determined",
+        parameter(e).split(" = ", 1)[1] if e.measured else "not measured",
         f"{amount(e.range[0], e.unit)} … {amount(e.range[1], e.unit)}"
         + ("" if e.plausible else "  ← outside"),
         e.description,

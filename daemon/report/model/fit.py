@@ -90,6 +90,9 @@ def _parameters(page: Page, result: FitResult, *, few: bool) -> None:
             sd = None if value.sd is None else value.sd * factor
             seen = reversed_parameters(result.model.machine, term.effect)
             on_table = -value.value * factor if name in seen else None
+            if not value.measured:
+                rows.append([term.effect.spec, name, "not measured", None, unit, None])
+                continue
             rows.append([term.effect.spec, name, value.value * factor, sd, unit, on_table])
     heads = ["Effect", "Parameter", "Value", "± standard uncertainty", "Unit"]
     heads.append("On the table itself")

@@ -299,6 +299,8 @@ def test_a_place_that_no_row_shows_is_not_called_measured(tmp_path):
         done = abbe("add", start, "rotary_location", f"axis={axis}", "--campaign", sky / "run.csv",
                     "-o", out)  # fmt: skip
         assert done.status == 0, done.err
+        assert f"E_X0{axis} not measured" in done.out
+        assert f"E_B0{axis} = " in done.out, "what it leans, or where it stands"
     done = abbe("fit", both, sky / "run.csv", "-o", tmp_path / "fitted.toml")
     assert done.status == 0, done.err
     words = " ".join(done.out.split())
@@ -308,3 +310,27 @@ def test_a_place_that_no_row_shows_is_not_called_measured(tmp_path):
     again = abbe("fit", both, sky / "run.csv", "-o", tmp_path / "fitted.toml", "--json")
     for line in json.loads(again.out)["rotary_axes"]:
         assert set(line["sd"].values()) == {None}
+
+
+def test_a_line_without_an_error_is_measured_all_the_same(tmp_path):
+    """What the readings say of a place decides whether it was measured, not that it is 0."""
+    effect = 'kind = "rotary_location"\naxis = "C"'
+    (tmp_path / "m.toml").write_text(table_model("w C' b X Y Z t", effect, *"XYZC"), "utf-8")
+    names = "time,setup,kind,X,Y,Z,C,ux,uy,uz,value,sd"
+    rows = ['# format = "abbe-campaign/1"', "# [setups.sphere]", "# free = []", names]
+    for i, angle in enumerate(np.linspace(-180.0, 180.0, 13)):
+        at = turn(Z, -np.deg2rad(angle)) @ np.array([40.0, 10.0, 30.0, 1.0])
+        x, y, z = (f"{v:.9f}" for v in at[:3])
+        for u in ("1,0,0", "0,1,0", "0,0,1"):
+            rows.append(f"{i},sphere,displacement,{x},{y},{z},{angle},{u},0,0.1")
+    (tmp_path / "c.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    command = ("fit", tmp_path / "m.toml", tmp_path / "c.csv", "-o", tmp_path / "f.toml", "--force")
+    done = abbe(*command, "--json")
+    assert done.status == 0, done.err
+    (line,) = json.loads(done.out)["rotary_axes"]
+    assert all(0.0 < sd < 1e-3 for sd in line["sd"].values())
+    assert line["text"][0] == "the line of C lies where it is configured"
+    again = abbe("table", tmp_path / "f.toml", "--controller", "linuxcnc", "-o", tmp_path / "t")
+    assert again.status == 0, again.err
+    said = " ".join((again.out + again.err).split())
+    assert "the line of C lies where it is configured" in said, "also when it is read from its file"

@@ -70,11 +70,20 @@ def test_values_and_uncertainties_that_leave_nothing(tmp_path):
     assert "times less is left than the stated uncertainties say" in one
 
 
+def test_each_kind_of_rows_is_named_where_it_is_doubted(fitted, tmp_path):
+    """Lengths and rotations are judged apart: two lines that say the same would help nobody."""
+    wrong = changed(FIT, tmp_path / "sd.csv", lambda v: 30.0 * v, "sd")
+    raised = [s for s in suspicions("compare", fitted, wrong) if s.startswith("χ²/dof")]
+    assert [s.split(" is ")[0] for s in raised] == ["χ²/dof of lengths", "χ²/dof of rotations"]
+
+
 def test_all_signs_turned(fitted, tmp_path):
     wrong = changed(CHECK, tmp_path / "turned.csv", lambda v: -v, "value")
     raised = suspicions("compare", fitted, wrong)
     assert sum("measured is the opposite of predicted" in s for s in raised) >= 1
-    assert any(s.startswith("χ²/dof is ") and "stated uncertainties" in s for s in raised)
+    assert any(
+        s.startswith("χ²/dof of lengths is ") and "stated uncertainties" in s for s in raised
+    )
     again = suspicions("fit", fitted, wrong, "-o", tmp_path / "f.toml")
     assert any("measured is the opposite of predicted" in s for s in again)
 
