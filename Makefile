@@ -3,7 +3,8 @@ SHELL := /bin/bash
 VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
-DEBIAN := mbpoll socat chromium fonts-dejavu-core linuxcnc-uspace systemd libfaketime
+DEBIAN := mbpoll socat chromium fonts-dejavu-core linuxcnc-uspace systemd libfaketime \
+  mmdebstrap e2fsprogs dpkg-dev iproute2
 MACHINE := qemu-system-x86 mmdebstrap e2fsprogs dpkg-dev
 PROMETHEUS := $(VENV)/unpacked/usr/bin/prometheus
 BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis_command diagnosis check_points plan validation

@@ -48,6 +48,24 @@ SHORT: Sequence[Proof] = (
     life.stopped,
     package.removed,
 )
+EVERY_TIME: Sequence[Proof] = (
+    package.installed,
+    package.configured,
+    life.ready,
+    life.asked,
+    life.confined,
+    unit.denied_memory,
+    unit.ended_alone,
+    life.reload,
+    life.frozen,
+    life.killed,
+    life.stopped,
+    life.two,
+    life.rebooted,
+    life.told,
+    package.removed,
+)
+"""What ``make test`` has time for, in a container."""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from pathlib import Path
 from tests.support.systemd.image import CannotPrepareError
 from tests.support.systemd.machine import HOST, Machine
 
-_TOOLS = ("unshare", "socat", "setpriv", "pivot_root")
+_TOOLS = ("unshare", "socat", "setpriv", "pivot_root", "losetup", "ip")
 _OUTSIDE = "/dev/outside"
 """Folder of this computer's, as the container sees it."""
 _GONE = 10.0
@@ -92,8 +92,14 @@ def check() -> None:
         raise CannotPrepareError("a container is made by root only")
     missing = [tool for tool in _TOOLS if shutil.which(tool) is None]
     if missing:
-        raise CannotPrepareError(f"{', '.join(missing)} not found: apt install socat util-linux")
-    _group_tree()
+        raise CannotPrepareError(
+            f"{', '.join(missing)} not found: apt install socat util-linux mount iproute2"
+        )
+    # what a container within a container is often denied
+    _do("unshare", "--net", "--uts", "--ipc", "--mount", "--pid", "--fork", "--cgroup", "true")
+    if not os.access(_group_tree(), os.W_OK):
+        raise CannotPrepareError("the control groups of this computer are read-only")
+    _do("losetup", "--find")
 
 
 @contextmanager
