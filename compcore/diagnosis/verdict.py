@@ -24,6 +24,7 @@ from abbe.compcore.diagnosis.explain import headline, parameter
 from abbe.compcore.diagnosis.findings import Established, Findings, Verdict, measured_kinds
 from abbe.compcore.diagnosis.foretelling import ALIKE, foretelling, foretold, predicting
 from abbe.compcore.diagnosis.pictures import diagnosis_figures
+from abbe.compcore.diagnosis.screening.acting_through import acting_through
 from abbe.compcore.diagnosis.screening.all_rows import measured
 from abbe.compcore.diagnosis.screening.blocks import Blocks
 from abbe.compcore.diagnosis.screening.candidates import RIGID, Candidate, candidates
@@ -178,12 +179,13 @@ def _diagnosed(
     model = result.model
     campaign = result.problem.campaign
     progress("enumerating candidates")
-    tried = candidates(model, campaign)
+    basis = Basis.of(result)
+    tried = acting_through(result, basis, candidates(model, campaign))
 
     def columns(candidate: Candidate, nonlinear: Mapping[str, float]) -> F64:
-        return result.effect_columns(candidate.effect, nonlinear)
+        at = candidate.at(result.theta)
+        return result.problem.effect_columns(candidate.effect, nonlinear, at)
 
-    basis = Basis.of(result)
     frames = Frames(result.problem, result.theta, basis)
     clock = campaign.conditions.time
     pool = Pool(tried, columns, basis, model.machine, placed=frames.columns, time=clock)

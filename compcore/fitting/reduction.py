@@ -34,7 +34,7 @@ def triangle(
     free = np.arange(problem.layout.size) if free is None else free
 
     def columns_of(part: Problem) -> F64:
-        more = [part.effect_columns(effect, nonlinear, theta) for effect, nonlinear in beside]
+        more = [part.effect_columns(o.effect, o.nonlinear, o.at(theta)) for o in beside]
         return np.column_stack([part.columns(theta)[:, free], *more, part.residual(theta)])
 
     if not problem.large:

@@ -119,7 +119,7 @@ def _first_of_each(advice: Sequence[Advice], most: int) -> list[Advice]:
 
 def _columns(problem: Problem, found: WeighedCandidate, theta: F64) -> F64:
     effect, nonlinear = found.candidate.effect, found.screened.nonlinear
-    return problem.effect_columns(effect, nonlinear, theta)
+    return problem.effect_columns(effect, nonlinear, found.candidate.at(theta))
 
 
 def _model_columns(problem: Problem, theta: F64, scale: F64) -> F64:

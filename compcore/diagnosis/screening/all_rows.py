@@ -84,7 +84,7 @@ class _Factor:
             effect, chosen = f.candidate.effect, f.screened.nonlinear
             ends = neighbours(effect, chosen, self._machine).values()
             for nonlinear in [chosen, *(end for pair in ends for end in pair)]:
-                wanted.append((effect, nonlinear))
+                wanted.append(OutsideEffect(effect, nonlinear, f.candidate.through))
                 keys.append((i, _key(nonlinear)))
         rows = triangle(whole.problem, whole.theta, beside=wanted)
         m = whole.problem.layout.size
@@ -97,8 +97,8 @@ class _Factor:
         self.basis = Basis(q, residual, none, np.zeros((len(rows), 0)), freedom)
         self._columns: dict[tuple[int, str], F64] = {}
         at = m
-        for key, (effect, _) in zip(keys, wanted, strict=True):
-            width = len(effect.linear(self._machine))
+        for key, one in zip(keys, wanted, strict=True):
+            width = len(one.effect.linear(self._machine))
             self._columns[key] = rows[:, at : at + width]
             at += width
 

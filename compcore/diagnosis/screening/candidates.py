@@ -9,6 +9,7 @@ from functools import cached_property
 from itertools import islice, product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.coverage import Coverage
@@ -61,6 +62,9 @@ class Candidate:
     expected
         Whether every machine has it, and the model lacks it altogether: plain geometry, and error
         motions of its axes.
+    through
+        Where the model's unknowns would stand beside it, for one that acts through the model's
+        effects (`acting_through`); None: where they were fitted without it.
     """
 
     effect: Effect
@@ -68,6 +72,11 @@ class Candidate:
     choices: tuple[Mapping[str, float], ...] = field(default=({},))
     everywhere: bool = False
     expected: bool = False
+    through: NDArray[np.float64] | None = field(default=None, repr=False)
+
+    def at(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The unknowns at which its columns are made, of a model fitted to θ."""
+        return theta if self.through is None else self.through
 
     @cached_property
     def cause(self) -> tuple[str, tuple[tuple[str, str], ...]]:

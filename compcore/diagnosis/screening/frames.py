@@ -107,7 +107,7 @@ class Frames:
         """A candidate's weighted columns, (n, k), or what a frame holds of them."""
         effect, problem = candidate.effect, self._problem
         if effect.scope == "instrument":
-            return problem.effect_columns(effect, nonlinear, self._theta)
+            return problem.effect_columns(effect, nonlinear, candidate.at(self._theta))
         enough = self._places_for(candidate)
         if enough is not None:
             places, few = enough

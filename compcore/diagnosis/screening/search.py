@@ -235,11 +235,15 @@ def _special_case(
 
     What the plain one explains the error motion must be able to imitate within the noise; what
     that explains further is tested as its further coefficients alone deserve: that every axis has
-    such a motion (`RIGID_BODY`) is no reason to prefer it to one of its own special cases.
+    such a motion (`RIGID_BODY`) is no reason to prefer it to one of its own special cases. What is
+    free in several ways is none: gravity from anywhere draws any first wave of a rotary axis, as an
+    eccentric graduation does, and that is commoner.
     """
     further = wide.screened.rank - plain.screened.rank - plain.candidate.nonlinear_count
     one, other = plain.candidate.effect, wide.candidate.effect
     if other.kind not in RIGID or one.kind in RIGID or further <= 0:
+        return False
+    if plain.screened.rank > 1 and not plain.candidate.nonlinear_count:
         return False
     if not set(one.signals_needed()) <= set(other.signals_needed()):
         return False

@@ -108,6 +108,8 @@ class CandidatePattern:
         Of an oscillation: what it is made of.
     made_of
         Names of the variables in it where they are not those of `depends_on`.
+    once
+        Names of the variables that stand in each of its functions as a plain factor.
     """
 
     depends_on: tuple[str, ...]
@@ -119,6 +121,7 @@ class CandidatePattern:
     factors: tuple[str, ...] = ()
     wave: Wave | None = None
     made_of: tuple[str, ...] = ()
+    once: tuple[str, ...] = ()
 
     @property
     def basis(self) -> F64:
@@ -276,12 +279,14 @@ def surfaces(
             values = partial(_times_smooth, b, a, degree)
             form = f"proportional to {b.name}, by a smooth function of {a.name}"
             depends, made_of = (a.name, *b.recorded), (a.name, b.name)
-            yield CandidatePattern(depends, form, on, degree + 1, values, made_of=made_of)
+            yield CandidatePattern(
+                depends, form, on, degree + 1, values, made_of=made_of, once=(b.name,)
+            )
     for v in (q for q in quantities if q.family == "direction"):
         for w in (q for q in smooth if q.family in ("position", "signal")):
             values = partial(_times_smooth, v, w, degree)
             form = f"smooth function of {w.name}, of opposite sign in the two directions"
-            yield CandidatePattern((w.name, v.name), form, on, degree + 1, values)
+            yield CandidatePattern((w.name, v.name), form, on, degree + 1, values, once=(v.name,))
 
 
 def oscillations(

@@ -79,16 +79,20 @@ def shortened(
 
 
 def _monomials(pattern: CandidatePattern, quantities: Sequence[PatternVariable]) -> dict[str, F64]:
-    """Term → column, shape (n,), of products of powers; a direction stands in each of them."""
+    """Term → column, shape (n,), of products of powers.
+
+    What the description is proportional to stands once in each of them: as another power it would
+    say something else, and run away in warmer hours than those recorded.
+    """
     names = pattern.made_of or pattern.depends_on
     own = [q for q in quantities if q.name in names]
-    signs = [q for q in own if q.family == "direction"]
-    smooth = [q for q in own if q.family != "direction"]
+    once = [q for q in own if q.name in pattern.once]
+    smooth = [q for q in own if q.name not in pattern.once]
     found: dict[str, F64] = {}
     for powers in product(range(DEGREE + 1), repeat=len(smooth)):
-        if not any(powers) and not signs:
+        if not any(powers) and not once:
             continue
-        factors = [q for q, p in zip(smooth, powers, strict=True) for _ in range(p)] + signs
+        factors = [q for q, p in zip(smooth, powers, strict=True) for _ in range(p)] + once
         found[term_of(factors)] = np.asarray(np.prod([q.value for q in factors], axis=0))
     return found
 

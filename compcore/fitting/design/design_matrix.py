@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +30,21 @@ _NEVER = 1e-9
 FURTHEST = 2.0
 """Likely distances from its signal beyond which no body is, however much the rows ask for it."""
 
-OutsideEffect = tuple[Effect, Mapping[str, float]]
-"""An effect that is laid beside a model, and its non-linear parameters by name."""
+
+class OutsideEffect(NamedTuple):
+    """An effect that is laid beside a model.
+
+    `nonlinear`: its non-linear parameters by name; `through`: θ for one that acts through the
+    model's effects, None where the model stands.
+    """
+
+    effect: Effect
+    nonlinear: Mapping[str, float]
+    through: F64 | None = None
+
+    def at(self, theta: F64) -> F64:
+        """Where its columns are made, for a model at θ."""
+        return theta if self.through is None else self.through
 
 
 class Problem:
@@ -117,12 +131,14 @@ class Problem:
         """The problem, its parts also prepared for effects that need the whole campaign."""
         other = Problem.__new__(Problem)
         other.__dict__.update(self.__dict__)
-        for effect, nonlinear in effects:
-            self._keep_lags_of(effect, nonlinear)
+        for one in effects:
+            self._keep_lags_of(one.effect, one.nonlinear)
         other._beside = {
-            _named(effect, nonlinear): self._motions_of(effect, nonlinear, theta)
-            for effect, nonlinear in effects
-            if effect.scope == "instrument"
+            _named(one.effect, one.nonlinear): self._motions_of(
+                one.effect, one.nonlinear, one.at(theta)
+            )
+            for one in effects
+            if one.effect.scope == "instrument"
         }
         return other
 

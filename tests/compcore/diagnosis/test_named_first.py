@@ -94,8 +94,13 @@ def first(found: Diagnosis) -> str:
         ),
         (flexed(np.array([0.0, 0.0, -9e-5])), "gravity_flexure axis=B"),
         (lambda c, b: about("Z", c) @ about("Y", b - 0.02), "rotary_location axis=B"),
+        (
+            # gravity that pulls from the side would do the same, on a mount that lies down
+            lambda c, b: about("Z", c + 9e-5 * math.cos(c - 0.7)) @ about("Y", b),
+            "rotary_positioning axis=C",
+        ),
     ],
-    ids=["leaning", "not square", "collimation", "gravity", "zero of B"],
+    ids=["leaning", "not square", "collimation", "gravity", "zero of B", "eccentric graduation"],
 )
 def test_what_a_mount_lacks_is_called_by_its_name(truth: Orientation, expected: str) -> None:
     found = diagnose(*sky(truth, 5))

@@ -321,8 +321,8 @@ def test_a_line_without_an_error_is_measured_all_the_same(tmp_path):
     for i, angle in enumerate(np.linspace(-180.0, 180.0, 13)):
         at = turn(Z, -np.deg2rad(angle)) @ np.array([40.0, 10.0, 30.0, 1.0])
         x, y, z = (f"{v:.9f}" for v in at[:3])
-        for u in ("1,0,0", "0,1,0", "0,0,1"):
-            rows.append(f"{i},sphere,displacement,{x},{y},{z},{angle},{u},0,0.1")
+        seen = f"{i},sphere,displacement,{x},{y},{z},{angle}"
+        rows += [f"{seen},{u},0,0.1" for u in ("1,0,0", "0,1,0", "0,0,1")]
     (tmp_path / "c.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
     command = ("fit", tmp_path / "m.toml", tmp_path / "c.csv", "-o", tmp_path / "f.toml", "--force")
     done = abbe(*command, "--json")
