@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.fitting.design.design_matrix import OutsideEffect, Problem
+from abbe.compcore.fitting.design.design_matrix import Problem
+from abbe.compcore.fitting.design.prepared_rows import OutsideEffect
 from abbe.compcore.fitting.design.row_blocks import RowBlock
 from abbe.compcore.fitting.determinacy import Decomposition
 

@@ -18,8 +18,8 @@ from abbe.compcore.diagnosis.screening.parameters import Estimate, neighbours, w
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.screening import Basis
 from abbe.compcore.diagnosis.screening.tried import Tried
-from abbe.compcore.fitting.design.design_matrix import OutsideEffect
 from abbe.compcore.fitting.design.nuisance import Eliminator
+from abbe.compcore.fitting.design.prepared_rows import OutsideEffect
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.fitting.reduction import triangle
 from abbe.compcore.linalg import threads_for
