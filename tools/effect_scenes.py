@@ -438,6 +438,14 @@ SCENES: Mapping[str, Scene] = {
         others=(("scale_expansion", {"axis": "X", "signals": "T"}, {"alpha": 16e-6}),),
         state={"T": 30.0},
     ),
+    "sensor_bend": Scene(
+        {"signal": "T"},
+        {"bend": 1e-3},
+        _over("X"),
+        "a scale's sensor shows 50.9 °C at 50: what must be taken off the prediction",
+        others=(("scale_expansion", {"axis": "X", "signals": "T"}, {"alpha": 16e-6}),),
+        state={"T": 50.9},
+    ),
     "error_grid": Scene(
         {"file": "grid.json"},
         {},

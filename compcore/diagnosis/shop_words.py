@@ -67,6 +67,7 @@ SHOP_WORDS: Mapping[str, str] = {
     "length_bias": "The instrument adds a constant to each distance: {size}",
     "sensor_offset": "The thermometer {signal} reads wrong, worth {size}",
     "sensor_gain": "The thermometer {signal} reads differences wrong: {size}",
+    "sensor_bend": "The thermometer {signal} reads along a curve: {size}",
     "setup_zero": "The zero of {setup} is not what was thought: {size}",
     "setup_slope": "The reference of {setup} was not aligned: {size}",
     "setup_frame": "The set-up {setup} lies elsewhere than thought: {size}",

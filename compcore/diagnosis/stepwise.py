@@ -27,6 +27,7 @@ from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.temperature.lengths import ThermalOffset
 from abbe.compcore.effects.signals import LaggedEffect
 from abbe.compcore.errors import FitError
+from abbe.compcore.fitting.design.begun import begun
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
@@ -444,6 +445,10 @@ class _StepwiseCourse:
             return None
         if not all(_apart(result.model, e) for e in changed):
             return None
+        if not all(b.plausible for b in begun(result.problem, result.theta)):
+            return None  # a body that began where none can have been is no body
+        if not all(_sound(result.model, e) for e in changed):
+            return None
         return result, LeftOutErrors.of(result)
 
 
@@ -470,6 +475,23 @@ def _apart(model: Model, effect: Effect) -> bool:
         return True
     one, other = (values[name].value for name in ("tau", "tau2"))
     return max(one, other) > _TWO * min(one, other)
+
+
+def _sound(model: Model, effect: Effect) -> bool:
+    """Whether a thermometer that is accused reads as wrong as one well may.
+
+    What reads wrong by more is described by its reading, and is no fault of the thermometer.
+    """
+    if not effect.reads_model:
+        return True
+    values = next((t.values for t in model.terms if t.effect == effect), {})
+    for p in effect.linear(model.machine):
+        if p.name in values:
+            sd = values[p.name].sd or 0.0
+            low, high = p.plausible
+            if not low - 2.0 * sd <= values[p.name].value <= high + 2.0 * sd:
+                return False
+    return True
 
 
 def _worth(plainer: FitResult, fuller: FitResult) -> bool:

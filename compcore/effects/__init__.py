@@ -31,7 +31,11 @@ if TYPE_CHECKING:
         SetupSlope,
         SetupZero,
     )
-    from abbe.compcore.effects.catalogue.instruments.thermometers import SensorGain, SensorOffset
+    from abbe.compcore.effects.catalogue.instruments.thermometers import (
+        SensorBend,
+        SensorGain,
+        SensorOffset,
+    )
     from abbe.compcore.effects.catalogue.linear.linear_axes import (
         Angular,
         Positioning,
@@ -98,6 +102,7 @@ __all__ = [
     "Scale",
     "ScaleExpansion",
     "ScrewHeating",
+    "SensorBend",
     "SensorGain",
     "SensorOffset",
     "SetupFrame",

@@ -104,12 +104,15 @@ class Parameter:
         Unit inside the code (mm, rad, 1/K, rad/K, …).
     plausible
         Range of a sound machine, in `unit`; a fitted value outside it is doubted.
+    convention
+        Whether any value is as sound as any other, as where an encoder counts from.
     """
 
     name: str
     unit: str
     plausible: tuple[float, float]
     description: str = ""
+    convention: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -98,6 +98,9 @@ class Conditions:
     _lags: dict[tuple[str, float], F64] = field(default_factory=dict, repr=False)
     _made: dict[Hashable, tuple[F64, F64]] = field(default_factory=dict, repr=False)
     _setups: tuple[NDArray[np.str_], F64, SetupRows] | None = field(default=None, repr=False)
+    _straightened: Mapping[str, tuple[F64, Callable[[F64], F64]]] = field(
+        default_factory=dict, repr=False
+    )
 
     def __post_init__(self) -> None:
         columns = (*self.positions.values(), *self.directions.values(), *self.signals.values())
@@ -223,10 +226,12 @@ class Conditions:
         if key in self.given_lags:
             return self.given_lags[key]
         if key not in self._lags:
-            value = self.signal(name)
+            # of what is no straight line of the reading the lagged reading is straightened
+            value, amended = self._straightened.get(name, (self.signal(name), np.asarray))
             lagged = np.array(value, dtype=np.float64)
             for rows, clock in self._clocks:
                 lagged[rows] = clock.lag(value[rows], tau)
+            lagged = amended(lagged)
             # a search tries thousands of time constants
             while len(self._lags) * self.n > _MOST_LAGGED:
                 del self._lags[next(iter(self._lags))]
@@ -279,17 +284,50 @@ class Conditions:
         """
         return self._with_reading(name, lambda v: about + factor * (v - about))
 
+    def straightened(self, name: str, bend: float, about: float, *, now: float = 0.0) -> Conditions:
+        """The same conditions with a signal that reads `bend·(v − about)²` too much put right.
+
+        Parameters
+        ----------
+        bend
+            In 1 by the signal's unit. Lags of the signal are straightened as they are.
+        about
+            Where it reads right, in the signal's unit.
+        now
+            With which bend the signal was straightened already.
+        """
+
+        def amended(v: F64) -> F64:
+            off = v - about
+            off = off + now * off**2
+            return np.asarray(
+                about + 2.0 * off / (1.0 + np.sqrt(np.maximum(1.0 + 4.0 * bend * off, 0.0)))
+            )
+
+        if name not in self.signals:
+            return self
+        if name in self._straightened:
+            return self._with_reading(name, amended)
+        read = (self.signals[name], np.asarray)
+        before = replace(self, _straightened={**self._straightened, name: read})
+        return before._with_reading(name, amended)
+
     def _with_reading(self, name: str, amended: Callable[[F64], F64]) -> Conditions:
-        """A signal amended by what commutes with a lag: straight lines of the reading."""
+        """A signal and its lags amended: by a straight line of the reading, or a known curve."""
 
         def lagged(lags: Mapping[tuple[str, float], F64]) -> dict[tuple[str, float], F64]:
             return {key: amended(v) if key[0] == name else v for key, v in lags.items()}
 
+        curved = dict(self._straightened)
+        if name in curved:
+            read, known = curved[name]
+            curved[name] = read, lambda v: amended(known(v))
         return replace(
             self,
             signals={k: amended(v) if k == name else v for k, v in self.signals.items()},
             given_lags=lagged(self.given_lags),
             _lags=lagged(self._lags),
+            _straightened=curved,
         )
 
     def setup_rows(self) -> SetupRows:
@@ -339,6 +377,7 @@ class Conditions:
             _lags={},
             _made={},
             _setups=None,
+            _straightened={k: (v[index], by) for k, (v, by) in self._straightened.items()},
         )
 
     def moved(self, offset: Mapping[str, F64]) -> Conditions:

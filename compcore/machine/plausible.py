@@ -122,6 +122,8 @@ DISPLACEMENT = Range(-1e5, 1e5, "um")
 """A measured error of position: 0.1 m, a tenfold unit error of the worst machine."""
 ROTATION = Range(-1e5, 1e5, "urad")
 """A measured error of orientation: 6°, beyond which angles no longer add."""
+TURNED = Range(-3.2e6, 3.2e6, "urad")
+"""The same where rotary axes turn: half a turn, since an encoder may count from anywhere."""
 SD_DISPLACEMENT = Range(1e-6, 1e5, "um")
 SD_ROTATION = Range(1e-6, 1e5, "urad")
 SD_DISTANCE = Range(1e-9, 1e2, "mm")

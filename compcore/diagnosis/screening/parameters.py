@@ -145,6 +145,7 @@ def doubt_of(found: Sequence[Estimate]) -> float:
 def _estimate(parameter: Parameter | NonlinearParameter, value: float, sd: float) -> Estimate:
     low, high = parameter.plausible
     fits = low - 2.0 * sd <= value <= high + 2.0 * sd
+    fits = fits or (isinstance(parameter, Parameter) and parameter.convention)
     return Estimate(
         parameter.name, parameter.unit, value, sd, fits, parameter.plausible, parameter.description
     )

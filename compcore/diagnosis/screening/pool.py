@@ -234,7 +234,11 @@ class Pool:
             return found
         left = max(0.0, basis.chi2 - found.screened.drop)
         variance = left / max(1, basis.dof - found.screened.rank)
-        doubt = doubt_of(self.estimates(basis, found, variance))
+        fitted = self.estimates(basis, found, variance)
+        doubt = doubt_of(fitted)
+        if found.candidate.effect.reads_model and not all(e.plausible and e.measured for e in fitted):
+            # a thermometer does not read wrong by any amount: its reading describes, no more
+            doubt += found.evidence.value
         doubt += self._lingering(basis, found)
         if doubt <= 0.0:
             return found

@@ -21,6 +21,7 @@ from abbe.compcore.machine.plausible import (
     SD_ROTATION,
     SPINDLE_ANGLE,
     TIME,
+    TURNED,
     Range,
     position_range,
     signal_range,
@@ -79,6 +80,7 @@ class Believable:
 
     def __init__(self, columns: Columns, machine: Machine) -> None:
         self._ranges = column_ranges(columns, machine)
+        self._value = {**_VALUE, Kind.ROTATION: TURNED} if machine.structure.rotary else _VALUE
         self._sd: dict[Kind, tuple[float, float]] = {}
 
     def wrong(
@@ -92,7 +94,7 @@ class Believable:
                 yield outside, name, "not believable", f"{allowed}{why}{hint}"
         for value in np.unique(kind).tolist():
             rows = kind == value
-            allowed = _VALUE[Kind(value)]
+            allowed = self._value[Kind(value)]
             name = Kind(value).name.lower()
             why = f" for a {name.replace('_', ' ')}"
             bad = rows & allowed.outside(numbers["value"])

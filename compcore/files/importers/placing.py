@@ -21,6 +21,7 @@ from abbe.compcore.machine.plausible import (
     ROTATION,
     TRAVEL,
     TRAVEL_ROTARY,
+    TURNED,
     Range,
     position_range,
 )
@@ -243,7 +244,8 @@ def _check_readings(readings: Readings, source: Path, machine: Machine | None) -
         if machine is not None and axis in machine.axes:
             allowed = position_range(machine.axes[axis])
         columns.append((axis, np.rad2deg(position) if rotary else position, allowed))
-    allowed, per = (ROTATION, 1e6) if readings.kind == Kind.ROTATION else (DISPLACEMENT, 1e3)
+    turned = TURNED if any(map(is_rotary, readings.positions)) else ROTATION
+    allowed, per = (turned, 1e6) if readings.kind == Kind.ROTATION else (DISPLACEMENT, 1e3)
     columns.append(("deviation", readings.value * per, allowed))
     for field_name, values, allowed in columns:
         outside = allowed.outside(values)

@@ -151,6 +151,7 @@ def test_pairs_of_the_structure_come_first():
         "length_bias base=B2",
         "sensor_offset signal=T_x",
         "sensor_gain signal=T_rear",
+        "sensor_bend signal=T_rear",
         "spindle_squareness direction=X",
     ],
 )

@@ -39,7 +39,7 @@ def motions_of(row: Row, w, nonlinear=None) -> dict[str, np.ndarray]:
 def test_every_kind_has_a_row():
     # what is measured, not fitted, has tests of its own: test_error_grid, test_two_drives
     assert {row.kind for row in ROWS} | {"error_grid", "two_drives"} == set(BUILT_IN)
-    assert len(BUILT_IN) == 44
+    assert len(BUILT_IN) == 45
 
 
 @pytest.mark.parametrize("row", ROWS, ids=IDS)
@@ -108,7 +108,7 @@ def test_columns_depend_on_nothing_else_than_they_say(row):
         np.testing.assert_array_equal(one[channel], two[channel])
 
 
-AMENDING = ("sensor_offset", "sensor_gain")
+AMENDING = ("sensor_offset", "sensor_gain", "sensor_bend")
 """Kinds that act through other effects."""
 
 

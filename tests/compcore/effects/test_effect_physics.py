@@ -237,8 +237,56 @@ def test_the_columns_of_a_sensor_s_gain_are_the_derivative(gain):
             np.testing.assert_allclose(column, slope, atol=1e-7 * np.abs(slope).max())
 
 
-def test_a_sensor_s_gain_is_one_of_a_temperature():
-    effect = make_effect("sensor_gain", {"signal": "F"})
+def bent(at, bend):
+    """What a thermometer shows that runs off with the square of the distance from 20 °C."""
+    off = at.signals["T_x"] - 20.0
+    return {**at.signals, "T_x": 20.0 + off + bend * off**2}
+
+
+def test_a_sensor_s_bend_is_taken_off_its_readings():
+    """The machine errs by its true temperature; what is behind a lag, by the lagged reading's."""
+    at = readings()
+    shown = Conditions(positions=at.positions, signals=bent(at, 4e-3), time=at.time)
+    plain = [w for w in WARM if "tau" not in w[0]]
+    assert plain
+    truth = model(MILL, *plain).predict(at)
+    deceived = model(MILL, *plain).predict(shown)
+    assert np.abs(deceived.translation - truth.translation).max() > 1e-4
+    knowing = model(MILL, *plain, ("sensor_bend signal=T_x", {"bend": 4e-3}))
+    np.testing.assert_allclose(knowing.predict(shown).translation, truth.translation, atol=1e-14)
+    # with a lag it makes no difference who kept the lagged readings: live it is the daemon
+    knowing = model(MILL, *WARM, ("sensor_bend signal=T_x", {"bend": 4e-3}))
+    whole = knowing.predict(shown).translation
+    lags = {("T_x", 800.0): shown.lag("T_x", 800.0)}
+    kept = Conditions(positions=at.positions, signals=shown.signals, time=at.time, given_lags=lags)
+    np.testing.assert_allclose(knowing.predict(kept).translation, whole, atol=1e-14)
+    half = np.arange(shown.n // 2, shown.n)
+    np.testing.assert_allclose(
+        knowing.predict(shown.rows(half)).translation, whole[half], atol=1e-14
+    )
+
+
+@pytest.mark.parametrize("bend", [0.0, 4e-3])
+def test_the_columns_of_a_sensor_s_bend_are_the_derivative(bend):
+    step = 1e-6
+    ends = [
+        model(MILL, *WARM, ("sensor_bend signal=T_x", {"bend": b})).error_motions(readings())
+        for b in (bend + step, bend - step)
+    ]
+    whole = model(MILL, *WARM, ("sensor_bend signal=T_x", {"bend": bend}))
+    effect = whole.terms[-1].effect
+    found: dict = {}
+    for motion in effect.motions_among(MILL, whole.amended(readings()), {}, whole.terms):
+        found[motion.error_motion] = found.get(motion.error_motion, 0.0) + motion.columns[:, 0]
+    assert {str(c) for c in found} == {"E_XX", "E_AY", "dZ"}
+    for channel, column in found.items():
+        slope = (ends[0][channel] - ends[1][channel]) / (2 * step)
+        np.testing.assert_allclose(column, slope, atol=1e-5 * np.abs(slope).max())
+
+
+@pytest.mark.parametrize("kind", ["sensor_gain", "sensor_bend"])
+def test_a_sensor_s_gain_is_one_of_a_temperature(kind):
+    effect = make_effect(kind, {"signal": "F"})
     with pytest.raises(InputError, match=r"not a temperature|no such signal"):
         effect.check(MILL)
 

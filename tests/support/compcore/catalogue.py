@@ -653,6 +653,7 @@ ROWS: tuple[Row, ...] = (
     ),
     Row("sensor_offset", {"signal": "T_x"}, {"offset": 0.4}, lambda w: {}),
     Row("sensor_gain", {"signal": "T_x"}, {"gain": 0.04}, lambda w: {}),
+    Row("sensor_bend", {"signal": "T_x"}, {"bend": 4e-4}, lambda w: {}),
     Row(
         "setup_zero",
         {"setup": "line"},

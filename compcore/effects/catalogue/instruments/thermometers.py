@@ -22,6 +22,7 @@ def by_reading(
     model: Sequence[FittedEffect],
     signal: str,
     amended: Amended,
+    step: float = 1.0,
 ) -> tuple[Motion, ...]:
     """What a model's effects do for one more unit of what amends a reading, straight lines of it.
 
@@ -33,17 +34,17 @@ def by_reading(
         The signal that is amended.
     amended
         Makes the amended conditions.
+    step
+        Amount over which the straight line is taken, in the amendment's unit.
     """
     found = []
-    half = 0.5
+    half = 0.5 * step
     for term in model:
         effect = term.effect
         if effect.reads_model or signal not in effect.signals_needed():
             continue
         values, own = term.coefficients(machine), term.nonlinear(machine)
-        high, low = (
-            effect.motions(machine, amended(conditions, step), own) for step in (half, -half)
-        )
+        high, low = (effect.motions(machine, amended(conditions, by), own) for by in (half, -half))
         for more, less in zip(high, low, strict=True):
             slope = (more.columns - less.columns) @ values[more.parameters] / (2.0 * half)
             found.append(Motion(more.error_motion, slope[:, None]))
@@ -166,13 +167,7 @@ class SensorGain(ThermometerEffect):
     def check(self, machine: Machine) -> None:
         """A temperature."""
         super().check(machine)
-        if not machine.signals[self.signal].temperature:
-            raise InputError(
-                "not a temperature",
-                field="signal",
-                found=f"{self.signal} in {machine.signals[self.signal].unit}",
-                expected="a signal in degC or K",
-            )
+        _require_temperature(machine, self.signal)
 
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """The gain."""
@@ -209,3 +204,90 @@ class SensorGain(ThermometerEffect):
         signals = recorded(machine, coverage, temperature=True)
         for signal in by_sense(signals, ("structure", "scale", "screw")):
             yield cls(signal=signal.name)
+
+
+@register
+class SensorBend(ThermometerEffect):
+    """A temperature sensor whose reading is bent: right at one temperature, less and less beyond.
+
+    Thermistors, resistors and thermocouples are bent by nature, and are straightened by a formula
+    with constants. With too few of them, or with those of another type, what is read runs off with
+    the square of the distance from where it is right. What follows the true temperature then
+    follows the reading along a parabola. As an offset it acts through the effects that use the
+    sensor, on the campaign and live, and adds nothing to the compensation.
+
+    Formula
+        The reading is ``T + bend·(T − T0)²``, T the true temperature, T0 the machine's reference
+        temperature; effects read T. To first order this is
+        ``−bend·(T − T0)²·Σ ∂(error motions)/∂T`` over the model's fitted effects. Right at another
+        temperature than T0: a bend and a `sensor_gain`. Behind a lag, the lagged reading is
+        straightened.
+    Parameters
+    ----------
+        bend in 1/K, within ±0.001 (1 K at 32 K above T0): a platinum resistor taken as straight
+        −0.00015; a thermistor by its constant B alone, in place of three constants, up to 0.0003; a
+        thermocouple of type T taken as straight 0.0006.
+    Signals
+        The one that reads wrong.
+    Typical causes
+        A thermistor's constant B in place of its table, the constants of another thermistor, a
+        resistor or thermocouple taken as straight, self-heating.
+    Cure
+        Calibrate at three temperatures, in a bath; enter the constants in the link's configuration,
+        and take this effect out of the model.
+    Source
+        IEC 60751 (platinum: 1 + 3.9083e-3·T − 5.775e-7·T²); IEC 60584 (thermocouples); Steinhart
+        and Hart, Deep-Sea Research 15 (1968), 497-503.
+    """
+
+    kind = "sensor_bend"
+
+    def check(self, machine: Machine) -> None:
+        """A temperature."""
+        super().check(machine)
+        _require_temperature(machine, self.signal)
+
+    def linear(self, machine: Machine) -> tuple[Parameter, ...]:
+        """The bend."""
+        text = f"{self.signal} reads too much by this times the square of its distance from T0"
+        return (Parameter("bend", "1/K", (-1e-3, 1e-3), text),)
+
+    def motions_among(
+        self,
+        machine: Machine,
+        conditions: Conditions,
+        nonlinear: Mapping[str, float],
+        model: Sequence[FittedEffect],
+    ) -> tuple[Motion, ...]:
+        """Minus what the model's effects do for the square of the signal's distance from T0."""
+        about = machine.reference_temperature
+        own = [t.coefficients(machine)[0] for t in model if t.effect == self]
+        bend = float(own[0]) if own else 0.0
+
+        def more(c: Conditions, by: float) -> Conditions:
+            # back to what was read, and straightened a little more
+            return c.straightened(self.signal, bend + by, about, now=bend)
+
+        return by_reading(machine, conditions, model, self.signal, more, step=1e-4)
+
+    def amend(self, machine: Machine, conditions: Conditions, coefficients: F64) -> Conditions:
+        """The readings put right."""
+        about = machine.reference_temperature
+        return conditions.straightened(self.signal, float(coefficients[0]), about)
+
+    @classmethod
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[SensorBend]:
+        """Each recorded temperature: those on the structure first."""
+        signals = recorded(machine, coverage, temperature=True)
+        for signal in by_sense(signals, ("structure", "scale", "screw")):
+            yield cls(signal=signal.name)
+
+
+def _require_temperature(machine: Machine, signal: str) -> None:
+    if not machine.signals[signal].temperature:
+        raise InputError(
+            "not a temperature",
+            field="signal",
+            found=f"{signal} in {machine.signals[signal].unit}",
+            expected="a signal in degC or K",
+        )

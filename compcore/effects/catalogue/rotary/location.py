@@ -39,7 +39,8 @@ class RotaryLocation(Effect):
     Parameters
     ----------
         E_X0C, E_Y0C in mm, within ±0.2 mm; E_A0C, E_B0C, E_C0C in rad, within ±1 mrad. After a
-        careful set-up 5 to 20 µm and 10 to 50 µrad; more after a collision.
+        careful set-up 5 to 20 µm and 10 to 50 µrad; more after a collision. No value of E_C0C is
+        doubted: where an encoder counts from is a convention, of a robot's joint any angle.
     Signals
         None beyond the angle, which turns the levers.
     Typical causes
@@ -76,7 +77,9 @@ class RotaryLocation(Effect):
             error_motion = ErrorMotion(self.axis, k)
             plausible = (-1e-3, 1e-3) if error_motion.rotation else (-0.2, 0.2)
             text = f"axis average line of {self.axis}, {k}"
-            found.append(Parameter(f"E_{k}0{self.axis}", error_motion.unit, plausible, text))
+            # where an encoder counts from is agreed upon: no angle is more sound than another
+            own = k == own_component(self.axis)
+            found.append(Parameter(f"E_{k}0{self.axis}", error_motion.unit, plausible, text, own))
         return tuple(found)
 
     def motions(
