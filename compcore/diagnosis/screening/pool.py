@@ -42,7 +42,11 @@ SIGNIFICANT = math.log(1e-4)
 MATERIAL = 0.01
 """Least fall of χ² per observation, in units of the noise, that is worth a cause."""
 
-_INTERVALS = 61
+_INTERVALS = 30
+"""Places looked at between two neighbouring moments of a grid."""
+
+_SAME = 1e-9
+"""Part of a fall of χ² by which two falls may differ and be the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,8 +275,8 @@ class Pool:
             return self._doubted(basis, found)
         names = list(found.screened.nonlinear)
         chosen = np.array([found.screened.nonlinear[name] for name in names])
-        neighbours = np.array([[c[name] for name in names] for c in candidate.choices])
-        bounds = [_around(chosen[i], neighbours[:, i]) for i in range(len(names))]
+        tried = [np.unique([c[name] for c in candidate.choices]) for name in names]
+        bounds = [_around(value, grid) for value, grid in zip(chosen, tried, strict=True)]
 
         def loss(values: F64) -> float:
             nonlinear = dict(zip(names, map(float, np.atleast_1d(values)), strict=True))
@@ -283,7 +287,7 @@ class Pool:
 
         if stepping(candidate.effect, self.machine):
             # a step: the fall of χ² is flat between rows, so every interval is looked at
-            grid = product(*(np.linspace(low, high, _INTERVALS) for low, high in bounds))
+            grid = product(*(_on_and_off_the_flat(loss, chosen, i, g) for i, g in enumerate(tried)))
             drop, values = max((-loss(np.array(v)), v) for v in grid)
         elif len(names) == 1:
             within = 1e-3 * (bounds[0][1] - bounds[0][0])
@@ -312,9 +316,29 @@ class Pool:
         return self.columns(found.key, found.screened.nonlinear)
 
 
-def _around(chosen: float, tried: F64) -> tuple[float, float]:
+def _on_and_off_the_flat(loss: Callable[[F64], float], chosen: F64, which: int, grid: F64) -> F64:
+    """Values of a step's parameter to look at, from before to after all that say the same, (k,).
+
+    Where for a while no row sees the step, neighbours on the grid say exactly the same, and the
+    best may lie beyond any of them.
+    """
+
+    def level(at: int) -> float:
+        return loss(np.where(np.arange(len(chosen)) == which, grid[at], chosen))
+
+    first = last = int(np.searchsorted(grid, chosen[which]))
+    here = level(first)
+    same = _SAME * abs(here)
+    while first > 0 and abs(level(first - 1) - here) <= same:
+        first -= 1
+    while last < len(grid) - 1 and abs(level(last + 1) - here) <= same:
+        last += 1
+    (low, _), (_, high) = _around(grid[first], grid), _around(grid[last], grid)
+    return np.linspace(low, high, _INTERVALS * (last - first + 2) + 1)
+
+
+def _around(chosen: float, grid: F64) -> tuple[float, float]:
     """The neighbouring values on a grid, between which the best must lie."""
-    grid = np.unique(tried)
     at = int(np.searchsorted(grid, chosen))
     low = grid[max(0, at - 1)]
     high = grid[min(len(grid) - 1, at + 1)]

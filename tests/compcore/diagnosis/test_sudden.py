@@ -166,3 +166,30 @@ def test_a_change_in_a_finite_time_is_likelier_slowly_and_a_step_is_not() -> Non
 
 def gradual_or_not(time: F64, at: float, tau: float) -> F64:
     return np.asarray(-np.expm1(-np.clip(time - at, 0.0, None) / tau) if tau else time >= at)
+
+
+@pytest.mark.parametrize("again", [6006.0, 6010.0, 6014.0])
+def test_a_step_just_after_a_time_in_which_nothing_shows_it_is_found_where_it_was(
+    again: float,
+) -> None:
+    """An hour of lines that are blind to Z; then one reading in Z, and the step right after it."""
+    rng = np.random.default_rng(5)
+    model = parse_model(
+        TomlSource(
+            'format = "abbe-model/1"\n[machine]\nname = "m"\nstructure = "w b X Z t"\n'
+            "[machine.axes.X]\ntravel = [0.0, 500.0]\n[machine.axes.Z]\ntravel = [0.0, 500.0]\n"
+        )
+    )
+    in_z = [*np.arange(0.0, 2000.0, 20.0), *np.arange(again, 8000.0, 20.0)]
+    moment = again + 10.0
+    rows = ['# format = "abbe-campaign/1"', "# [setups.probe]", '# free = ["zero"]']
+    rows += ["# [setups.line]", '# free = ["zero"]', "time,setup,kind,X,Z,ux,uy,uz,value"]
+    for t in sorted([*in_z, *np.arange(2000.0, 6000.0, 20.0)]):
+        z = t in in_z
+        value = (12.0 * (t > moment) if z else 0.0) + rng.normal(0.0, 0.5)
+        what = "probe,displacement,100,100,0,0,1" if z else "line,displacement,100,100,1,0,0"
+        rows.append(f"{t},{what},{value:.4f}")
+    found = diagnose(model, trial.as_campaign("\n".join(rows) + "\n", model))
+    assert [e.effect.spec for e in found.established] == ["event direction=Z"]
+    by_name = {e.name: e.value for e in found.established[0].estimates}
+    assert moment - 10.0 <= by_name["t0"] <= moment + 10.0
