@@ -7,6 +7,7 @@ DEBIAN := mbpoll socat chromium fonts-dejavu-core linuxcnc-uspace systemd libfak
   mmdebstrap e2fsprogs dpkg-dev iproute2
 MACHINE := qemu-system-x86 mmdebstrap e2fsprogs dpkg-dev
 PROMETHEUS := $(VENV)/unpacked/usr/bin/prometheus
+NODE_OPCUA := $(VENV)/opcua/node_modules/.package-lock.json
 BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis_command diagnosis check_points plan validation
 SOURCES := compcore drivers daemon tests benchmarks examples
 
@@ -92,7 +93,7 @@ $(VENV)/.bench: pyproject.toml | $(BIN)/python
 	@touch $@ $(VENV)/.dev $(VENV)/.runtime
 
 # Unrelated clients and a browser for the integration tests: Debian packages.
-$(VENV)/.debian: Makefile | $(BIN)/python $(PROMETHEUS)
+$(VENV)/.debian: Makefile | $(BIN)/python $(PROMETHEUS) $(NODE_OPCUA)
 	@$(call install_debian,$(DEBIAN))
 	@touch $@
 
@@ -102,3 +103,8 @@ $(PROMETHEUS):
 	run=; [ "$$(id -u)" = 0 ] || run=sudo; rm -f prometheus_*.deb; \
 	apt-get download -qq prometheus 2>/dev/null || { $$run apt-get update -qq && apt-get download -qq prometheus 2>/dev/null; }; \
 	dpkg-deb --fsys-tarfile prometheus_*.deb | tar -xm ./usr/bin && rm prometheus_*.deb
+
+# An OPC UA server that is not Abbe's.
+$(NODE_OPCUA): tests/support/drivers/opcua/package.json | $(BIN)/python
+	@echo "Installing node-opcua for the tests …"; mkdir -p $(VENV)/opcua && cp $< $(VENV)/opcua/ && \
+	npm install --prefix $(VENV)/opcua --no-audit --no-fund --no-package-lock --silent && touch $@

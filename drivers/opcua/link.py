@@ -1,0 +1,297 @@
+"""The OPC UA link: positions and temperatures that a control offers, all due ones by one Read."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Collection, Mapping, Sequence
+from typing import ClassVar
+
+from asyncua import ua
+
+from abbe.drivers import resources
+from abbe.drivers.link import (
+    ChannelInfo,
+    Link,
+    LinkConfig,
+    LinkConfigError,
+    LinkDownError,
+    LinkError,
+    LinkState,
+    LinkTimeoutError,
+    Quality,
+    Sample,
+    WirePlace,
+)
+from abbe.drivers.opcua import units
+from abbe.drivers.opcua.config import OpcuaConfig
+from abbe.drivers.opcua.session import Session
+from abbe.drivers.opcua.values import of_state, sample_of
+from abbe.drivers.pace import Pace
+from abbe.drivers.reconnect import Reconnector
+
+logger = logging.getLogger("abbe.drivers.opcua")
+
+_NAN = math.nan
+_STATE = ua.NodeId(ua.ObjectIds.Server_ServerStatus_State)
+
+
+class OpcuaLink(Link):
+    """One OPC UA server and its channels; it only reads.
+
+    Parameters
+    ----------
+    name
+        The link's name in the configuration.
+    config
+        Its section.
+    """
+
+    Config: ClassVar[type[LinkConfig]] = OpcuaConfig
+
+    def __init__(self, name: str, config: OpcuaConfig) -> None:
+        super().__init__(name, config)
+        self._config = config
+        self._session: Session | None = None
+        self._nodes: dict[str, ua.NodeId] = {}
+        self._value_of = {key: channel.value_of for key, channel in config.channels.items()}
+        self._pace = {key: Pace(channel.every) for key, channel in config.channels.items()}
+        self._last: dict[str, Sample] = {}
+        self._together: dict[str, frozenset[str]] = {}
+        self._waiting = 0
+        self._silent = 0
+        self._reconnector = Reconnector(
+            f"link {name} ({config.host}:{config.port})",
+            config,
+            self.status,
+            self._connect,
+            self._drop,
+            logger,
+        )
+
+    @property
+    def channels(self) -> Mapping[str, str]:
+        """Channel name → which node it is and what becomes of its number, for people."""
+        return {name: self._describe(name) for name in self._config.channels}
+
+    def info(self, channel: str) -> ChannelInfo:
+        """Unit, and the time between two values; nothing is written."""
+        section = self._config.channels[channel]
+        return ChannelInfo(section.unit or "", writable=False, every=section.every)
+
+    def places(self, channel: str) -> tuple[WirePlace, ...]:
+        """Its node in the server."""
+        section = self._config.channels[channel]
+        place = f"{section.node} item {section.item or 1}"
+        return (WirePlace(self._device, space=(place,), apart=(True,)),)
+
+    @property
+    def _device(self) -> str:
+        return resources.tcp(self._config.host, self._config.port)
+
+    def keep_together(self, channels: Collection[str], *, one_sample: bool = False) -> None:
+        """Channels of one pace are always read by one request.
+
+        Raises
+        ------
+        LinkConfigError
+            When `one_sample` is asked for and they are not of one pace.
+        """
+        self._check_known(channels, self._config.channels)
+        paces = {self._config.channels[name].every for name in channels}
+        if one_sample and len(paces) > 1:
+            raise LinkConfigError(
+                f"link {self.name}: {', '.join(channels)} must be of one answer: give them the "
+                "same every"
+            )
+        if len(paces) == 1:
+            group = frozenset(channels)
+            self._together |= dict.fromkeys(group, group)
+
+    async def open(self) -> None:
+        """Begin a session and get a first answer, or begin to retry."""
+        await self._reconnector.open()
+
+    async def close(self) -> None:
+        """End the session and the connection; a question in flight fails."""
+        session, self._session = self._session, None
+        if session is not None:
+            await session.close()
+        await self._reconnector.close()
+
+    async def read(self, channels: Sequence[str]) -> dict[str, Sample]:
+        """Read channels: all that are due by one request.
+
+        Raises
+        ------
+        LinkConfigError
+            When a name is not in the configuration.
+        """
+        self._check_known(channels, self._config.channels)
+        now = time.monotonic()
+        due = [name for name in channels if self._pace[name].is_due(now)]
+        # what is of one moment is never read apart
+        wanted = dict.fromkeys(due)
+        for name in due:
+            wanted |= dict.fromkeys(sorted(self._together.get(name, ())))
+        if wanted:
+            await self._renew(tuple(wanted))
+        missing = Sample(_NAN, now, Quality.UNAVAILABLE, "not answered yet")
+        return {name: self._last.get(name, missing) for name in channels}
+
+    async def write(self, values: Mapping[str, float], *, until: float = math.inf) -> None:
+        """Refuse: this link only reads.
+
+        Raises
+        ------
+        LinkError
+            Always, unless there is nothing to write.
+        """
+        if values:
+            raise LinkError(
+                f"link {self.name}: nothing written: {', '.join(values)}: an OPC UA link only "
+                "reads; see docs/opcua.md"
+            ).leaving(untouched=values)
+
+    async def _renew(self, names: Sequence[str]) -> None:
+        """Ask for channels; whatever comes of it is their last sample."""
+        now, session = time.monotonic(), self._session
+        if session is None or not self._reconnector.up:
+            self._none(names, now, str(self._reconnector.down_error()))
+            return
+        if self._waiting >= self._config.max_waiting:
+            why = f"{self._waiting} calls wait for the server already"
+            self._none(names, now, why)
+            return
+        self._waiting += 1
+        self.status.requests += 1
+        try:
+            answer = await session.read([_STATE, *(self._nodes[name] for name in names)])
+        except LinkError as error:
+            self.status.failures += 1
+            self._failed(session, names, now, error)
+            return
+        finally:
+            self._waiting -= 1
+        self._silent = 0
+        self.status.round_trip = time.monotonic() - answer.asked_at
+        state, *values = answer.values
+        why = of_state(state)
+        for name, value in zip(names, values, strict=True):
+            sample = sample_of(
+                self._config.channels[name],
+                self._value_of[name],
+                self._config.stamp,
+                value,
+                answer.asked_at,
+                answer.made_at,
+            )
+            if why:
+                sample = Sample(_NAN, answer.asked_at, Quality.BAD, why)
+            self._keep(name, sample)
+        if self._reconnector.up and session is self._session:
+            self.status.become(LinkState.DEGRADED if why else LinkState.UP, why)
+
+    def _failed(
+        self, session: Session, names: Sequence[str], asked_at: float, error: LinkError
+    ) -> None:
+        """No answer, or a refusal of the whole question."""
+        silent = isinstance(error, LinkTimeoutError)
+        quality = Quality.UNAVAILABLE
+        if not silent and not isinstance(error, LinkDownError):
+            quality = Quality.BAD
+        for name in names:
+            self._keep(name, Sample(_NAN, asked_at, quality, str(error)))
+        self._silent = self._silent + 1 if silent else 0
+        # a session that was followed by another says nothing of that
+        if session is self._session and (
+            isinstance(error, LinkDownError) or self._silent >= self._config.unanswered
+        ):
+            self._reconnector.lost(str(error))
+
+    def _none(self, names: Sequence[str], now: float, why: str) -> None:
+        for name in names:
+            self._keep(name, Sample(_NAN, now, Quality.UNAVAILABLE, why))
+
+    def _keep(self, name: str, sample: Sample) -> None:
+        last = self._last.get(name)
+        # two callers: the answer to the later question stays
+        if last is None or not last.good or not sample.good or sample.time >= last.time:
+            self._last[name] = sample
+        self._pace[name].asked(time.monotonic(), good=sample.good)
+
+    async def _connect(self) -> None:
+        """A new session, its namespaces, units, and a first answer."""
+        old, self._session = self._session, None
+        if old is not None:
+            await old.close()
+        session = Session(self._config)
+        try:
+            namespaces = await session.open()
+            self._nodes = self._numbered(namespaces)
+            if self._config.units:
+                await self._check_units(session)
+        except BaseException:
+            # whatever was opened belongs to nobody
+            session.drop()
+            await session.close()
+            raise
+        self._session = session
+        self._silent = 0
+        self._last.clear()
+        for pace in self._pace.values():
+            pace.clear()
+
+    def _drop(self) -> None:
+        if self._session is not None:
+            self._session.drop()
+
+    def _numbered(self, namespaces: list[str]) -> dict[str, ua.NodeId]:
+        """Channel → node id as this server numbers its namespaces now."""
+        found = {}
+        for name, channel in self._config.channels.items():
+            try:
+                found[name] = ua.NodeId.from_string(channel.name.numbered(namespaces))
+            except (ValueError, ua.UaError) as error:
+                raise LinkDownError(f"channel {name}: {channel.node}: {error}") from None
+        return found
+
+    async def _check_units(self, session: Session) -> None:
+        """See that no variable has another unit than is configured.
+
+        Raises
+        ------
+        LinkConfigError
+            When one has.
+        """
+        plain = {
+            name: channel.unit
+            for name, channel in self._config.channels.items()
+            # scaled, the unit is that of what it becomes
+            if channel.unit and (channel.scale, channel.offset) == (1.0, 0.0)
+        }
+        found = await session.stated_units([self._nodes[name] for name in plain])
+        for (name, unit), said in zip(plain.items(), found, strict=True):
+            if said is None:
+                continue
+            namespace = said.NamespaceUri or ""
+            if units.contradicts(unit, said.UnitId, namespace):
+                its = units.stated(said.UnitId, namespace, said.DisplayName.Text or "?")
+                raise LinkConfigError(
+                    f"link {self.name}: channel {name}: unit {unit!r}, but the server states "
+                    f"{its!r} for {self._config.channels[name].node}",
+                    ("channels", name, "unit"),
+                )
+
+    def _describe(self, name: str) -> str:
+        channel = self._config.channels[name]
+        parts = [f"node {channel.node}"]
+        if channel.item is not None:
+            parts.append(f"item {channel.item}")
+        if channel.every:
+            parts.append(f"every {channel.every:g} s")
+        parts += channel.scaling
+        if channel.unit:
+            parts.append(f"in {channel.unit}")
+        return ", ".join(parts)

@@ -1,0 +1,1 @@
+"""An OPC UA server that is not Abbe's, and links to it."""
