@@ -55,6 +55,7 @@ DRIVERS: tuple[Rooms, ...] = (
         ("can", "DBC, CANopen"),
         ("linuxcnc", "HAL"),
         ("ipp", "I++ DME"),
+        ("opcua", "OPC UA"),
     ),
     (
         ("transducers", "counts, ohms → mm, °C"),
