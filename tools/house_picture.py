@@ -53,6 +53,8 @@ DRIVERS: tuple[Rooms, ...] = (
         ("modbus", "TCP, RTU"),
         ("serial", "ASCII lines"),
         ("can", "DBC, CANopen"),
+    ),
+    (
         ("linuxcnc", "HAL"),
         ("ipp", "I++ DME"),
         ("opcua", "OPC UA"),
