@@ -26,7 +26,7 @@ from abbe.drivers.link import (
 )
 from abbe.drivers.opcua import units
 from abbe.drivers.opcua.config import OpcuaConfig
-from abbe.drivers.opcua.session import Session
+from abbe.drivers.opcua.session import OpcuaSession
 from abbe.drivers.opcua.values import of_state, sample_of
 from abbe.drivers.pace import Pace
 from abbe.drivers.reconnect import Reconnector
@@ -53,7 +53,7 @@ class OpcuaLink(Link):
     def __init__(self, name: str, config: OpcuaConfig) -> None:
         super().__init__(name, config)
         self._config = config
-        self._session: Session | None = None
+        self._session: OpcuaSession | None = None
         self._nodes: dict[str, ua.NodeId] = {}
         self._value_of = {key: channel.value_of for key, channel in config.channels.items()}
         self._pace = {key: Pace(channel.every) for key, channel in config.channels.items()}
@@ -194,7 +194,7 @@ class OpcuaLink(Link):
             self.status.become(LinkState.DEGRADED if why else LinkState.UP, why)
 
     def _failed(
-        self, session: Session, names: Sequence[str], asked_at: float, error: LinkError
+        self, session: OpcuaSession, names: Sequence[str], asked_at: float, error: LinkError
     ) -> None:
         """No answer, or a refusal of the whole question."""
         silent = isinstance(error, LinkTimeoutError)
@@ -226,7 +226,7 @@ class OpcuaLink(Link):
         old, self._session = self._session, None
         if old is not None:
             await old.close()
-        session = Session(self._config)
+        session = OpcuaSession(self._config)
         try:
             namespaces = await session.open()
             self._nodes = self._numbered(namespaces)
@@ -257,7 +257,7 @@ class OpcuaLink(Link):
                 raise LinkDownError(f"channel {name}: {channel.node}: {error}") from None
         return found
 
-    async def _check_units(self, session: Session) -> None:
+    async def _check_units(self, session: OpcuaSession) -> None:
         """See that no variable has another unit than is configured.
 
         Raises

@@ -45,7 +45,7 @@ if _logger.level == logging.NOTSET:
     _logger.setLevel(logging.CRITICAL + 1)
 
 
-class Answer(NamedTuple):
+class ReadAnswer(NamedTuple):
     """What a Read gave.
 
     Attributes
@@ -63,7 +63,7 @@ class Answer(NamedTuple):
     made_at: datetime | None
 
 
-class Session:
+class OpcuaSession:
     """One session; another object for the next.
 
     Parameters
@@ -105,7 +105,7 @@ class Session:
         named = found.Value.Value if found.Value is not None else None
         return [str(name) for name in named] if isinstance(named, list) else []
 
-    async def read(self, nodes: Sequence[ua.NodeId]) -> Answer:
+    async def read(self, nodes: Sequence[ua.NodeId]) -> ReadAnswer:
         """The values of variables, in one request for which the server may not use old answers.
 
         Raises
@@ -124,7 +124,7 @@ class Session:
         values = response.Results or []
         if len(values) != len(nodes):
             raise LinkProtocolError(f"{len(nodes)} values asked for, {len(values)} answered")
-        return Answer(values, asked_at, _moment(response.ResponseHeader.Timestamp))
+        return ReadAnswer(values, asked_at, _moment(response.ResponseHeader.Timestamp))
 
     async def stated_units(self, nodes: Sequence[ua.NodeId]) -> list[ua.EUInformation | None]:
         """The engineering units that the server states for variables (Part 8); None: it does not.
