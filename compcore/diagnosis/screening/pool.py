@@ -240,7 +240,9 @@ class Pool:
         variance = left / max(1, basis.dof - found.screened.rank)
         fitted = self.estimates(basis, found, variance)
         doubt = doubt_of(fitted)
-        if found.candidate.effect.reads_model and not all(e.plausible and e.measured for e in fitted):
+        if found.candidate.effect.reads_model and not all(
+            e.plausible and e.measured for e in fitted
+        ):
             # a thermometer does not read wrong by any amount: its reading describes, no more
             doubt += found.evidence.value
         doubt += self._lingering(basis, found)
