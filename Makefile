@@ -67,7 +67,7 @@ test-systemd: $(VENV)/.dev ## Prove the .deb and its services on a real systemd 
 	@$(call install_debian,$(MACHINE))
 	$(BIN)/python -m tests.systemd $(if $(CONTAINER),--container)
 
-test-calibration: $(VENV)/.dev $(VENV)/.debian ## Calibrate a real LinuxCNC from plan to certificate (three minutes)
+test-calibration: $(VENV)/.dev $(VENV)/.debian ## Calibrate a real LinuxCNC from plan to certificate, and have it touch (ten minutes)
 	$(BIN)/pytest -m calibration tests/drivers/linuxcnc
 
 clean: ## Remove everything that the other targets made

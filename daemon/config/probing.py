@@ -24,7 +24,8 @@ def check_probing(channels: Channels) -> None:
             "no link of that name" if link is None else "its driver moves no machine",
             ("probing", "link"),
             found=section.link,
-            expected="one of " + (", ".join(able) or 'none: a link with driver = "ipp"'),
+            expected="one of "
+            + (", ".join(able) or 'none: a link with driver = "ipp" or "linuxcnc"'),
         )
     name, signals = section.plate_temperature, channels.file.signals
     if name is not None and (name not in signals or signals[name].source is None):

@@ -30,8 +30,10 @@ from abbe.drivers.link import (
     WriteNotVerifiedError,
 )
 from abbe.drivers.linuxcnc.config import STATE_BITS, LinuxCncConfig
+from abbe.drivers.linuxcnc.probing import LinuxCncProbe
 from abbe.drivers.linuxcnc.process import BridgeProcess
 from abbe.drivers.reconnect import Reconnector
+from abbe.drivers.touch_probe import TouchingLink, TouchProbe
 
 logger = logging.getLogger("abbe.drivers.linuxcnc")
 
@@ -39,7 +41,7 @@ _NAN = float("nan")
 _ROTARY = "ABC"
 
 
-class LinuxCncLink(Link):
+class LinuxCncLink(Link, TouchingLink):
     """A running LinuxCNC.
 
     Parameters
@@ -65,6 +67,7 @@ class LinuxCncLink(Link):
         )
         self._bus_lock = BusLock(self._reconnector, config.max_waiting)
         self._bridge: BridgeProcess | None = None
+        self._probe = LinuxCncProbe(f"link {name} (LinuxCNC)", config)
         self._units_per_mm = 1.0
         self._pins = {name: self._pins_of(name) for name in config.channels}
         self._scaled = {name: section.scaled for name, section in config.channels.items()}
@@ -112,6 +115,7 @@ class LinuxCncLink(Link):
 
     async def close(self) -> None:
         """Detach; offsets that are not zero are taken back first."""
+        await self._probe.close()
         await self._reconnector.close()
         bridge, self._bridge = self._bridge, None
         if bridge is not None:
@@ -174,6 +178,10 @@ class LinuxCncLink(Link):
         except LinkError as error:
             raise batch.failed(error) from error
         self._verify(values, said)
+
+    def touch_probe(self) -> TouchProbe:
+        """The machine's own probe; only who asks for it has the machine moved."""
+        return self._probe
 
     def _verify(self, values: Mapping[str, float], said: Mapping[str, Any]) -> None:
         wrong = {}

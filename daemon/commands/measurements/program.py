@@ -70,8 +70,8 @@ def program(
             file=plan,
             field="setup",
             found=", ".join(touched),
-            expected="abbe measure with a section [probing] on a CMM, else the "
-            "controller's own probing cycles; --setup for the others",
+            expected="abbe measure with a section [probing] on a CMM or LinuxCNC, "
+            "else the controller's own probing cycles; --setup for the others",
         )
     steps = steps_of(machine, wanted, work.space, stands)
     title = f"{machine.name or 'machine'}, {machine.structure}"

@@ -26,7 +26,7 @@ from abbe.daemon.measure.probing.standing_sphere import StandardSphere
 from abbe.daemon.measure.probing.surroundings import Surroundings
 from abbe.daemon.measure.task import MeasureTask
 from abbe.drivers.link import LinkError
-from abbe.drivers.touch_probe import TouchProbe, touch_probe_of
+from abbe.drivers.touch_probe import TouchProbe, TouchTravel, touch_probe_of
 
 
 class _LeftOutError(Exception):
@@ -46,6 +46,11 @@ class ProbedMeasurement:
         Who places it.
     tell
         Is told what happens.
+
+    Raises
+    ------
+    InputError
+        When the artefact does not fit the plan, or some place of it is not free.
 
     Attributes
     ----------
@@ -76,6 +81,8 @@ class ProbedMeasurement:
             self._rows, time.time() - time.monotonic() - task.started.timestamp(),
         )  # fmt: skip
         self._artefact = _touching(work, task.touched, course.setups)
+        for setup in course.setups:
+            self._artefact.look(self._tip_of(setup), setup)
 
     @property
     def waiting(self) -> int:
@@ -136,17 +143,25 @@ class ProbedMeasurement:
     # a set-up
 
     async def _setup(self, setup: PlannedSetup) -> None:
-        probe = self._probe = touch_probe_of(self._eyes.link(self._section.link))
-        assert probe is not None  # noqa: S101 - the configuration was checked
-        machine = self._task.configuration.model.machine
-        tip = GuardedTip(probe, machine, self._task.space, setup.offset, self._task.turns)
+        tip = self._tip_of(setup)
         self._artefact.look(tip, setup)
         await self._placed(setup)
         await self._eyes.look_at_tip(tip)
+        own = self._section
+        # what is not touched yet is come to with the stated speed, too
+        await tip.begin(
+            TouchTravel(own.speed, own.touch_speed, 0.5 * own.tip, own.approach, own.search)
+        )
         await self._artefact.measure(tip, setup)
         await tip.draw_back()
         if not self.course.here.left:
             self._news.setup_done(setup)
+
+    def _tip_of(self, setup: PlannedSetup) -> GuardedTip:
+        probe = self._probe = touch_probe_of(self._eyes.link(self._section.link))
+        assert probe is not None  # noqa: S101 - the configuration was checked
+        machine = self._task.configuration.model.machine
+        return GuardedTip(probe, machine, self._task.space, setup.offset, self._task.turns)
 
     async def _placed(self, setup: PlannedSetup) -> None:
         """Wait until a person says that the artefact lies or stands."""

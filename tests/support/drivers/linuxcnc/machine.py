@@ -57,6 +57,7 @@ def state():
     rests = s.inpos and s.queue == 0 and s.exec_state != linuxcnc.EXEC_WAITING_FOR_DELAY
     return s.interp_state == linuxcnc.INTERP_IDLE, bool(rests), s.motion_line
 def abort(): c.abort(); done()
+def feed(scale): c.feedrate(scale); done()
 print(json.dumps({"ready": True}), file=out)
 for line in sys.stdin:
     name, *words = json.loads(line)
