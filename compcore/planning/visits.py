@@ -69,7 +69,7 @@ class SetupVisits:
                     "which a target is recognised",
                     field="measure.within",
                     found=within,
-                    expected="a smaller distance",
+                    expected=f"less than {0.5 * within * float(others[near].min()):.4g} mm",
                 )
 
     @property

@@ -68,10 +68,11 @@ def begun(
     instruments = {} if artefact is not None else _instruments(configuration, setups)
     limits, probing = configuration.file.measure, configuration.file.probing
     # an artefact lies anyhow near its place
-    within = limits.within
+    turn = radians(limits.within_turn)
     if artefact is not None and probing is not None:
-        within = probing.placing + artefact.beside
-    course = MeasureCourse(setups, within, radians(limits.within_turn))
+        course = _touched_course(setups, probing.placing, artefact.beside, turn, config)
+    else:
+        course = MeasureCourse(setups, limits.within, turn)
     require_stated(configuration, live_correction(configuration), active)
     signals = [n for n, s in configuration.file.signals.items() if s.source is not None]
     more = () if artefact is None else artefact.columns
@@ -109,9 +110,31 @@ def begun(
             {} if artefact is None else artefact.turns, once,
         )  # fmt: skip
         kind = Measurement if artefact is None else ProbedMeasurement
-        begins = kind(task, course, Person(there=not yes), tell)
+        try:
+            begins = kind(task, course, Person(there=not yes), tell)
+        except InputError as error:
+            if not goes_on:  # what was never measured leaves no campaign behind
+                file.close()
+                out.unlink()
+            raise error.at(file=configuration.path) from None
         _say_beginning(course, work, configuration, tell, goes_on=goes_on, follows=artefact is None)
         yield begins
+
+
+def _touched_course(
+    setups: Sequence[PlannedSetup], placing: float, beside: float, turn: float, config: Path
+) -> MeasureCourse:
+    """The course of an artefact that lies up to `placing` off, the tip `beside` its targets, mm."""
+    try:
+        return MeasureCourse(setups, placing + beside, turn)
+    except InputError as error:
+        raise InputError(
+            f"{error.problem}: placing, and {beside:g} mm for the tip",
+            file=config,
+            field="probing.placing",
+            found=placing,
+            expected=f"{error.expected} for both together",
+        ) from None
 
 
 def _of_meaning(data: Mapping[str, object]) -> Mapping[str, object]:

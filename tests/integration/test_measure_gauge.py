@@ -152,15 +152,22 @@ def test_what_the_tip_finds_no_room_for_and_another_gauge_are_refused(
     plan(tmp_path, 0)
     config = tmp_path / "config.toml"
     text = config.read_text("utf-8")
-    for key, value in (("approach", 40.0), ("clearance", 20.0)):
-        config.write_text(f"{text}{key} = {value}\n", encoding="utf-8")
-        with pytest.raises(AbbeError, match="the tip does not find room about this gauge"):
+    for key, value, named in (
+        ("approach", 40.0, r"probing\.approach.*40.*less than"),
+        ("clearance", 20.0, r"probing\.clearance.*20.*more than"),
+        ("placing", 7.8, r"probing\.placing.*found 7\.8, expected less than 10 mm for both"),
+        ("tip", 38.0, r"probing\.placing.* 19\.5 mm for the tip.*less than 10 mm for both"),
+    ):
+        lines = [own for own in text.splitlines() if not own.startswith(f"{key} =")]
+        config.write_text("\n".join([*lines, f"{key} = {value}\n"]), encoding="utf-8")
+        with pytest.raises(AbbeError, match=rf"config\.toml.*{named}"):
             measured(tmp_path)
-        (tmp_path / "campaign.csv").unlink()
+        assert not (tmp_path / "campaign.csv").exists()
     config.write_text(text, encoding="utf-8")
     gauge = tmp_path / "gauge.csv"
     gauge.write_text(gauge.read_text("utf-8").replace("60.0011", "61.0011"), encoding="utf-8")
     with pytest.raises(AbbeError, match="was not planned for this gauge"):
         measured(tmp_path)
+    assert not (tmp_path / "campaign.csv").exists()
     moved = cmm.order("report")["commands"]
     assert not [c for c in moved if c.startswith(("GoTo", "PtMeas"))]

@@ -27,6 +27,10 @@ _TIMES = 3
 _TRIES = 2
 _FROM_END = 0.15
 """Part of a single step at which its top and side are touched, from both ends."""
+_EDGE = 0.5
+"""mm from an edge within which nothing is touched."""
+_LEAST = 0.3
+"""mm below which approach and placing make no sense."""
 _SEEN = 0.2
 """Component along the gauge of an axis whose direction a touch tells."""
 
@@ -65,21 +69,40 @@ class GaugeTouching(TouchedArtefact):
             first, last = steps.mean(axis=1)[[0, -1]].tolist()
             self._stations = (first, last)
             half = 0.5 * float((steps[:, 1] - steps[:, 0])[[0, -1]].min())
-        self._require("placing", own.placing, min(half, 0.5 * gauge.width) - 0.5)
-        self._require("approach", own.approach, gauge.gap - 3.0 * self._tip - 2.0 * own.placing)
-        room = own.clearance - 0.5 * gauge.height - own.approach - 2.0 * own.placing - own.tip
-        self._require("placing", 0.0, room)
+        self._require_room(half)
 
-    def _require(self, key: str, value: float, most: float) -> None:
-        if value >= most:
-            raise InputError(
-                "the tip does not find room about this gauge",
-                field=f"probing.{key}",
-                found=value,
-                expected=f"less than {max(most, 0.0):.1f} mm"
-                if value
-                else f"a clearance {-most:.1f} mm larger",
-            )
+    def _require_room(self, half: float) -> None:
+        """Refuse a gauge about which the tip does not find room, by the key that helps.
+
+        Parameters
+        ----------
+        half
+            Half of what is touched from above, along the gauge, mm.
+        """
+        own, gauge = self._work.section, self._gauge
+        narrow = min(half, 0.5 * gauge.width) - _EDGE
+        if narrow <= _LEAST:
+            raise _no_room(
+                "gauge", f"{2.0 * (narrow + _EDGE):g} mm of its top to touch",
+                f"at least {2.0 * (_EDGE + _LEAST):g} mm",
+            )  # fmt: skip
+        if own.placing >= narrow:
+            raise _no_room("placing", own.placing, f"less than {narrow:.1f} mm")
+        gap = gauge.gap - 3.0 * self._tip
+        if own.approach + 2.0 * own.placing >= gap:
+            approach, placing = gap - 2.0 * own.placing, 0.5 * (gap - own.approach)
+            if approach > _LEAST:
+                raise _no_room("approach", own.approach, f"less than {approach:.1f} mm")
+            if placing > _LEAST:
+                raise _no_room("placing", own.placing, f"less than {placing:.1f} mm")
+            least = gauge.gap - 3.0 * _LEAST
+            raise _no_room(
+                "tip", own.tip, f"less than {least / 1.5:.1f} mm, approach and placing less, too"
+                if least > 0.0 else "a gauge with more room between its steps",
+            )  # fmt: skip
+        clearance = 0.5 * gauge.height + own.approach + 2.0 * own.placing + own.tip
+        if own.clearance <= clearance:
+            raise _no_room("clearance", own.clearance, f"more than {clearance:.1f} mm")
 
     def look(self, tip: GuardedTip, setup: PlannedSetup) -> None:
         """As `TouchedArtefact.look`."""
@@ -239,3 +262,12 @@ class GaugeTouching(TouchedArtefact):
             more = {"gauge": gauge.gauge(face), "gauge_sd": gauge.sd * 1e3}
         sd = float(np.hypot(setup.sd[face], scatter))
         work.take(setup, visit, place, [error], [sd], seen, directions=came, more=[more])
+
+
+def _no_room(key: str, found: float | str, expected: str) -> InputError:
+    return InputError(
+        "the tip does not find room about this gauge",
+        field=f"probing.{key}",
+        found=found,
+        expected=expected,
+    )
