@@ -72,7 +72,7 @@ def main() -> None:
                 f"{made.structure}",
                 f"{hours:g}",
                 f"{plan.after * 1e3:.2f}",
-                *(f"{presets[k] * 1e3:.3g}" for k in PRESETS),
+                *(f"{presets[k] * 1e3:.3g}" if k in presets else "–" for k in PRESETS),
                 f"{plan.after / presets[best]:.2f}",
                 f"{stated * 1e3:.2f}",
                 f"{after * 1e3:.2f}",
