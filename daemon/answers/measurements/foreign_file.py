@@ -198,6 +198,14 @@ def _log(
     return import_log(file, placing, measured=measured, unit=options.unit, machine=machine)
 
 
+def _tpoint(
+    file: Path, placing: ForeignPlacing, machine: Machine | None, _: ForeignOptions
+) -> Campaign:
+    from abbe.compcore.files.importers.tpoint import import_tpoint
+
+    return import_tpoint(file, placing, machine=machine)
+
+
 _READERS: Mapping[ForeignLayout, _Reader] = {
     ForeignLayout.ISO230_2: _runs,
     ForeignLayout.RTL: _laser,
@@ -208,6 +216,7 @@ _READERS: Mapping[ForeignLayout, _Reader] = {
     ForeignLayout.RTEST: _rotary_test,
     ForeignLayout.PROBED: _probed,
     ForeignLayout.LOG: _log,
+    ForeignLayout.TPOINT: _tpoint,
 }
 
 

@@ -17,3 +17,4 @@ class ForeignLayout(StrEnum):
     RTEST = "rtest"
     PROBED = "probed"
     LOG = "log"
+    TPOINT = "tpoint"

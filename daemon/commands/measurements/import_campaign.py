@@ -102,7 +102,7 @@ def import_campaign(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Import runs, an rtl, a ball bar test, a map, lengths, plates, a rotary test, or a log."""
+    """Import runs, an rtl, a ball bar test, a map, lengths, plates, rotary tests, logs, stars."""
     from abbe.compcore.campaign.suspicions import (
         of_unknown_thermometers,
         of_values,
