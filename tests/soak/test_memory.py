@@ -57,6 +57,25 @@ def test_how_sure_it_is() -> None:
     assert not any(str(f).endswith("it does not grow by more than 2") for f in found)
 
 
+@pytest.mark.parametrize(("lasting", "least"), [(1.0, 54), (60.0, 54), (300.0, 54), (1200.0, 50)])
+def test_how_sure_it_is_however_long_what_is_taken_is_kept(lasting: float, least: int) -> None:
+    """From what is given back at once to what wanders for as long as one looks."""
+    held = 0
+    for seed in range(60):
+        chance = np.random.default_rng(seed)
+        curve = MemoryCurve()
+        curve.begin()
+        taken = 0.0
+        for second in range(0, 2520, 5):
+            taken += -taken * min(1.0, 5.0 / lasting) + chance.normal(0.0, 0.05)
+            curve.note(second, 60.0 + taken + second / 3600.0)
+        found = curve.growth
+        assert found is not None
+        held += abs(found.slope - 1.0) <= found.uncertainty
+        assert found.uncertainty < 30.0
+    assert held >= least
+
+
 def _one(seed: int, leak: float) -> Growth:
     curve = MemoryCurve()
     life(curve, leak, 2520, seed)

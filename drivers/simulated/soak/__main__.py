@@ -34,6 +34,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         soak = Soak(seed=asked.seed, seconds=asked.seconds, folder=folder, without=without)
         _say(f"{asked.seconds:g} s, seed {asked.seed} …")
         outcome = soak.run()
+        for name, curve in (("memory", outcome.memory), ("memory-http", outcome.http_memory)):
+            (folder / f"{name}.csv").write_text(curve.text(), encoding="utf-8")
     _report(outcome)
     curves = (outcome.memory, outcome.http_memory)
     grows = any(found is not None and found.shown for found in (c.growth for c in curves))

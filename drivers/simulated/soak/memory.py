@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import stdtrit
@@ -16,6 +18,8 @@ _BLOCK = 60.0
 """s over which looks are averaged: what is taken and given back within them is no growth."""
 _FEWEST = 10
 """Averages below which nothing is said."""
+_ALIKE = np.linspace(0.0, 0.995, 200)
+"""How strongly what is left of one minute may hang together with what is left of the next."""
 _LEVEL = 0.975
 """Quantile of the uncertainty: 95 % on both sides."""
 
@@ -74,6 +78,15 @@ class MemoryCurve:
         if megabytes == megabytes:
             self.lives[-1].append((age, megabytes))
 
+    def text(self) -> str:
+        """All looks as CSV: number of the life, age in s, MB."""
+        looks = (
+            f"{number},{age:.1f},{size:.3f}"
+            for number, life in enumerate(self.lives, 1)
+            for age, size in life
+        )
+        return "\n".join(["life,age_s,memory_mb", *looks]) + "\n"
+
     @property
     def longest(self) -> list[tuple[float, float]]:
         """The longest life."""
@@ -83,28 +96,64 @@ class MemoryCurve:
     def growth(self) -> Growth | None:
         """Slope of all lives after they have settled; None where too little was seen.
 
-        One straight line by least squares, of which each life has its own height. What is left
-        hangs together from one minute to the next, so that it counts for fewer looks than there
-        are: n (1 − r) / (1 + r) with its autocorrelation r, as for trends of the climate
-        (Santer et al., J. Geophys. Res. 105 (2000) 7337, doi:10.1029/1999JD901105).
+        One straight line, of which each life has its own height. What is left of it hangs together
+        from one minute to the next: an autoregressive process of first order, by generalized least
+        squares (Prais & Winsten, Cowles Commission Discussion Paper 383, 1954). How strongly it
+        hangs together is not known: every strength counts by how likely it makes the looks (the
+        restricted likelihood, Harville, JASA 72 (1977) 320, doi:10.1080/01621459.1977.10480998).
         """
         lives = [blocks for life in self.lives if len(blocks := _blocks(life)) > 2]
         count = sum(map(len, lives))
         if count < _FEWEST:
             return None
-        times, sizes = zip(*((life - life.mean(axis=0)).T for life in lives), strict=True)
-        squares = sum(float(t @ t) for t in times)
-        slope = sum(float(t @ s) for t, s in zip(times, sizes, strict=True)) / squares
-        left = [s - slope * t for t, s in zip(times, sizes, strict=True)]
-        rest = sum(float(e @ e) for e in left)
-        alike = sum(float(e[1:] @ e[:-1]) for e in left) / rest if rest else 0.0
-        worth = count * (1.0 - alike) / (1.0 + alike) if alike > 0.0 else float(count)
-        # heights and the slope were taken from the same looks
-        free = worth - len(lives) - 1
-        unsure = math.inf
-        if free > 0.0:
-            unsure = float(stdtrit(free, _LEVEL)) * math.sqrt(rest / free / squares)
+        free = count - len(lives) - 1
+        lines = [_line(lives, alike, free) for alike in _ALIKE]
+        likely = np.array([line.likely for line in lines])
+        weights = np.exp(likely - likely.max())
+        weights /= weights.sum()
+        slopes = np.array([line.slope for line in lines])
+        slope = float(weights @ slopes)
+        variances = np.array([line.variance for line in lines]) * free / (free - 2.0)
+        variance = float(weights @ (variances + (slopes - slope) ** 2))
+        # a Student's t of this variance
+        spread = math.sqrt(variance * (free - 2.0) / free)
+        unsure = float(stdtrit(free, _LEVEL)) * spread
         return Growth(3600.0 * slope, 3600.0 * unsure, _BLOCK * count)
+
+
+class _Line(NamedTuple):
+    """A straight line through all lives for one strength: slope, its variance, log likelihood."""
+
+    slope: float
+    variance: float
+    likely: float
+
+
+def _line(lives: Sequence[np.ndarray], alike: float, free: int) -> _Line:
+    first = math.sqrt(1.0 - alike * alike)
+    normal = np.zeros((len(lives) + 1, len(lives) + 1))
+    right = np.zeros(len(lives) + 1)
+    squares = 0.0
+    for number, life in enumerate(lives):
+        design = np.zeros((len(life), len(lives) + 1))
+        design[:, 0] = life[:, 0] - life[:, 0].mean()
+        design[:, number + 1] = 1.0
+        size = life[:, 1] - life[:, 1].mean()
+        design = np.vstack([first * design[:1], design[1:] - alike * design[:-1]])
+        size = np.concatenate([first * size[:1], size[1:] - alike * size[:-1]])
+        normal += design.T @ design
+        right += design.T @ size
+        squares += float(size @ size)
+    inverse = np.linalg.inv(normal)
+    found = inverse @ right
+    # what was weighed is a multiple of kilobytes: nothing left at all is no certainty
+    left = max(squares - float(right @ found), 1e-9)
+    likely = (
+        len(lives) * math.log(first)
+        - 0.5 * float(np.linalg.slogdet(normal)[1])
+        - 0.5 * free * math.log(left)
+    )
+    return _Line(float(found[0]), left / free * float(inverse[0, 0]), likely)
 
 
 def _blocks(life: list[tuple[float, float]]) -> np.ndarray:
