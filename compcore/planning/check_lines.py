@@ -1,6 +1,7 @@
 """A check plan: lines that were not measured when the model was fitted, to verify the machine.
 
-First one line along every axis, then the body diagonals, each where the fitted lines are farthest;
+First one line along every axis, rotary ones by their angle, then the body diagonals, each where the
+fitted lines are farthest;
 what time is left goes to those lines that would tell most of what may have changed since.
 """
 
@@ -23,6 +24,7 @@ from abbe.compcore.planning.plan import SurveyPlan, campaign_of, ordered
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.compcore.planning.setups.lines import axis_lines, diagonals
 from abbe.compcore.planning.setups.points import gauge_blocks
+from abbe.compcore.planning.setups.rotations import turns
 from abbe.compcore.planning.targets import SurveyTask
 
 F64 = NDArray[np.float64]
@@ -37,7 +39,9 @@ _ALONG = 1.0 - 1e-4
 _STILL = 1e-6
 """mm or rad below which an axis does not move."""
 _LONG = ("laser", "step-gauge")
-_INSTRUMENTS = ("laser", "step-gauge", "gauge-block")
+_TURN = "rotary-calibrator"
+CHECKED_BY = ("laser", "step-gauge", "gauge-block", _TURN)
+"""Instruments of check plans."""
 RUNS = 5
 """Each way, as ISO 230-2 asks."""
 
@@ -58,7 +62,7 @@ def plan_check(
     task
         The fitted model, and where the machine may go.
     instruments
-        Those at hand; lines are measured by laser, step gauge and gauge blocks.
+        Those at hand; lines are measured by laser, step gauge, gauge blocks, rotary calibrator.
     seconds
         The time there is.
     fitted
@@ -86,7 +90,7 @@ def plan_check(
                 "no line that was not fitted can be measured in this time",
                 field="instruments",
                 found=", ".join(i.key for i in instruments),
-                expected="some of " + ", ".join(_INSTRUMENTS) + ", more time, fewer runs",
+                expected="some of " + ", ".join(CHECKED_BY) + ", more time, fewer runs",
             )
         first: list[PlannedSetup] = []
         for setup in _coverage(task, pool, lines):
@@ -116,6 +120,8 @@ def _lines(task: SurveyTask, instruments: Sequence[PlannedInstrument]) -> Iterat
             yield from diagonals(task, instrument, count=most + 2)
         elif instrument.key == "gauge-block":
             yield from gauge_blocks(task, instrument)
+        elif instrument.key == _TURN:
+            yield from turns(task, instrument, more=2)
 
 
 class _FittedLines:
@@ -180,8 +186,8 @@ def _coverage(
     task: SurveyTask, pool: Sequence[PlannedSetup], lines: _FittedLines
 ) -> Iterator[PlannedSetup]:
     """One line along each axis, farthest from what was fitted; then the body diagonals."""
-    for axis in task.machine.structure.linear:
-        own = [s for s in pool if s.axis == axis and s.instrument.key in _LONG]
+    for axis in (*task.machine.structure.linear, *task.machine.structure.rotary):
+        own = [s for s in pool if s.axis == axis and s.instrument.key in (*_LONG, _TURN)]
         if own:
             yield max(own, key=lines.distance)
     yield from (s for s in pool if s.what.startswith("body diagonal"))

@@ -75,6 +75,13 @@ INSTRUMENTS: Mapping[str, PlannedInstrument] = {
         ),
         PlannedInstrument("sphere", "sphere and a touch probe", 6 * _MINUTE, 25.0, 2e-3),
         PlannedInstrument("r-test", "R-test", 15 * _MINUTE, 6.0, 1e-3),
+        PlannedInstrument(
+            "rotary-calibrator",
+            "rotary calibrator, or polygon and autocollimator",
+            20 * _MINUTE,
+            6.0,
+            2.5e-6,
+        ),
     )
 }
 """Name on the command line → instrument."""

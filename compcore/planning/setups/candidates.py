@@ -54,3 +54,5 @@ def _of(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[PlannedSetu
         yield from points.gauge_blocks(task, instrument)
     elif key in ("r-test", "sphere"):
         yield from rotations.spheres(task, instrument)
+    elif key == "rotary-calibrator":
+        yield from rotations.turns(task, instrument)

@@ -1,4 +1,4 @@
-"""Set-ups of rotary axes: the tool follows a sphere while an axis turns (ISO 10791-6, R-test)."""
+"""Set-ups of rotary axes: a sphere is followed (ISO 10791-6, R-test), an angle is read (230-2)."""
 
 from __future__ import annotations
 
@@ -64,9 +64,31 @@ def spheres(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[Planned
                 )  # fmt: skip
 
 
-def _angles(task: SurveyTask, axis: str) -> F64:
+def turns(task: SurveyTask, instrument: PlannedInstrument, more: int = 0) -> Iterator[PlannedSetup]:
+    """Each rotary axis turns alone, and how far it has turned is read (ISO 230-2).
+
+    Parameters
+    ----------
+    more
+        Targets besides those of a usual plan, so that they are others.
+    """
+    machine = task.machine
+    stand = task.standing()
+    for axis in machine.structure.rotary:
+        angles = _angles(task, axis, more)
+        targets = {a: np.full(len(angles), q) for a, q in stand.items()} | {axis: angles}
+        along = np.asarray(machine.axes[axis].direction, dtype=np.float64)
+        tool, offset = next(iter(task.tools.items()))
+        yield PlannedSetup(
+            instrument, f"angle of {axis}, {len(angles)} of them", axis, targets,
+            np.tile(along, (len(angles), 1, 1)), Kind.ROTATION, ("zero",),
+            np.full(len(angles), instrument.uncertainty(0.0)), tool, offset,
+        )  # fmt: skip
+
+
+def _angles(task: SurveyTask, axis: str, more: int = 0) -> F64:
     low, high = task.ends(axis)
-    count = task.count(axis)
+    count = task.count(axis) + more
     turn = 2.0 * np.pi
     if 2.0 * task.machine.axes[axis].half_travel >= turn * (1.0 - 1e-9):
         angles = np.linspace(low, low + turn, count, endpoint=False)

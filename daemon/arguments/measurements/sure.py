@@ -85,7 +85,7 @@ class StatedMeans:
         alike = planned[0] if len(set(planned)) == 1 else "laser"
         (own,) = instruments_called([self.instrument or alike])
         usual = MeasuringUncertainty()
-        angle = own.key in ("angle", "level")
+        angle = own.key in ("angle", "level", "rotary-calibrator")
         stated = usual if angle else replace(usual, reading=own.sd, per_length=own.per_length)
         if angle:
             stated = replace(stated, angle=own.sd)

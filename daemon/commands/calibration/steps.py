@@ -157,11 +157,13 @@ def _verified(request: CalibrationRequest, state: CalibrationState) -> Iterator[
     active = calibrated if request.uploads else None
 
     def planned() -> None:
+        from abbe.compcore.planning.check_lines import CHECKED_BY
         from abbe.daemon.commands.measurements.verify import verify
 
+        own = [name for name in request.instruments.split(",") if name in CHECKED_BY]
         verify(
             calibrated, out=plan_file, fitted=[campaign], time=request.check_time, runs=2,
-            tool=list(request.tools), instruments="laser",
+            tool=list(request.tools), instruments=",".join(own) or "laser",
         )  # fmt: skip
 
     made_from = (calibrated, campaign)
