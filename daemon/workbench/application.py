@@ -1,13 +1,8 @@
-"""The routes of the workbench: its files, and its answers as JSON."""
+"""The routes of the workbench: its answers as JSON, and what its views and files bring along."""
 
 from __future__ import annotations
 
-import functools
-import gzip
-import hashlib
-import json
 from collections.abc import Callable
-from importlib.resources import files
 from typing import Annotated, Any
 
 from fastapi import FastAPI, Request
@@ -18,24 +13,14 @@ from starlette.middleware.gzip import GZipMiddleware
 from starlette.responses import Response
 
 from abbe.compcore.errors import AbbeError, InputError
-from abbe.daemon.report.page import plotly_script
 from abbe.daemon.workbench.asked import AskedOfWorkbench, Nothing
 from abbe.daemon.workbench.calibration.routes import calibration_routes
+from abbe.daemon.workbench.page_files import page_files
 from abbe.daemon.workbench.residuals.brush import Brush
 from abbe.daemon.workbench.session import Workbench
 from abbe.daemon.workbench.tables.routes import table_routes
 from abbe.daemon.workbench.views import WorkbenchViews
 
-_KINDS = {
-    "html": "text/html; charset=utf-8",
-    "css": "text/css; charset=utf-8",
-    "js": "text/javascript; charset=utf-8",
-    "json": "application/json",
-    "svg": "image/svg+xml",
-    "txt": "text/plain; charset=utf-8",
-}
-_WORDS = "words-"
-"""Begins the name of a language's file."""
 _LEVEL = 6
 """Of compression."""
 _SMALL = 2000
@@ -77,7 +62,7 @@ def application(views: WorkbenchViews, end: Callable[[], None]) -> FastAPI:
     app.add_exception_handler(RequestValidationError, _invalid)
     # streams are left alone by it
     app.add_middleware(GZipMiddleware, minimum_size=_SMALL, compresslevel=_LEVEL)
-    _files(app)
+    app.include_router(page_files())
     app.include_router(views.live.routes())
     _frame(app, views, end)
     if views.bench is not None:
@@ -88,46 +73,6 @@ def application(views: WorkbenchViews, end: Callable[[], None]) -> FastAPI:
     if views.guide is not None:
         app.include_router(calibration_routes(views.guide))
     return app
-
-
-def _files(app: FastAPI) -> None:
-    """Every file by its own route: no path is ever made of what somebody sends."""
-    languages = {"en": "English"}
-    for file in sorted(files("abbe.daemon.workbench").joinpath("static").iterdir(), key=str):
-        name = file.name
-        if name.startswith(_WORDS):
-            code = name.removeprefix(_WORDS).removesuffix(".json")
-            languages[code] = json.loads(file.read_bytes())["_language"]
-        kind = _KINDS[name.rpartition(".")[2]]
-        path = "/" if name == "index.html" else f"/{name}"
-        app.add_api_route(path, _served(file.read_bytes(), kind), include_in_schema=False)
-
-    @app.get("/api/languages")
-    def known_languages() -> dict[str, str]:
-        """Code of each language → its own name; each but English is a file of words."""
-        return languages
-
-    script = plotly_script()
-    app.add_api_route("/plotly.min.js", _served(script, _KINDS["js"]), include_in_schema=False)
-
-
-def _served(content: bytes, kind: str) -> Callable[[Request], Response]:
-    """A file, compressed where the browser takes that, and not sent again where it has it."""
-    tag = hashlib.sha256(content).hexdigest()[:32]
-    headers = {"cache-control": "no-cache", "content-type": kind, "vary": "accept-encoding"}
-    # made once, when somebody asks: it takes a third of a second for the largest
-    packed = functools.cache(functools.partial(gzip.compress, content, _LEVEL, mtime=0))
-
-    def served(request: Request) -> Response:
-        small = "gzip" in request.headers.get("accept-encoding", "")
-        own = headers | {"etag": f'"{tag}{"-gzip" if small else ""}"'}
-        if request.headers.get("if-none-match") == own["etag"]:
-            return Response(status_code=304, headers=own)
-        if small:
-            return Response(packed(), headers=own | {"content-encoding": "gzip"})
-        return Response(content, headers=own)
-
-    return served
 
 
 def _frame(app: FastAPI, views: WorkbenchViews, end: Callable[[], None]) -> None:

@@ -20,7 +20,7 @@ pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
 
 BRIDGE = Path(__file__).parents[1] / "data" / "p03-bridge"
 STATIC = Path(__file__).parents[2] / "daemon" / "workbench" / "static"
-LANGUAGES = sorted(STATIC.glob("words-*.json"))
+LANGUAGES = sorted((STATIC / "words").glob("*.json"))
 SEEN = """() => {
   const found = new Set();
   const texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
@@ -36,11 +36,11 @@ SEEN = """() => {
 def used() -> set[str]:
     """Every text that the page says in its own words."""
     found = set()
-    for path in STATIC.glob("*.js"):
+    for path in STATIC.rglob("*.js"):
         if not path.name.endswith(".min.js"):
             script = path.read_text("utf-8")
             found |= set(re.findall(r'(?<![\w.])t\("((?:[^"\\]|\\.)+)"', script))
-    for path in STATIC.glob("*.html"):
+    for path in STATIC.rglob("*.html"):
         page = path.read_text("utf-8")
         found |= set(re.findall(r"data-t>([^<]+)<", page))
         for tag in re.findall(r"<[^>]*data-t-label[^>]*>", page):
@@ -97,7 +97,7 @@ def test_a_language_has_every_word_and_no_other(path: Path) -> None:
 def test_what_is_text_of_a_script_is_translated() -> None:
     """A sentence that is put into an element without `t` would stay English."""
     bare = []
-    for path in STATIC.glob("*.js"):
+    for path in STATIC.rglob("*.js"):
         if not path.name.endswith(".min.js"):
             found = re.findall(r'[,?:] "([A-Z][a-z]+ [a-z][^"\\]*)"', path.read_text("utf-8"))
             bare += [f"{path.name}: {text}" for text in found if text not in STATED.values()]
@@ -120,7 +120,7 @@ def english_on(page: Page, words: dict[str, str]) -> list[str]:
 
 
 def test_in_german_no_label_is_english(tmp_path: Path) -> None:
-    words, labels = words_of(STATIC / "words-de.json")
+    words, labels = words_of(STATIC / "words" / "de.json")
     words = labels | words
     campaign = some_setups(BRIDGE / "fit.csv", tmp_path / "some.csv", every=6)
     files = (BRIDGE / "model.toml", campaign, "--versions", tmp_path / "versions")
@@ -131,7 +131,7 @@ def test_in_german_no_label_is_english(tmp_path: Path) -> None:
         page.wait_for_selector(".volume canvas")
         assert english_on(page, words) == []
         # what the command says, too
-        sentences = json.loads((STATIC / "words-de.json").read_text("utf-8"))["_sentences"]
+        sentences = json.loads((STATIC / "words" / "de.json").read_text("utf-8"))["_sentences"]
         expect(page.locator("h1")).to_have_text("Das Modell stimmt nicht")
         assert english_on(page, sentences) == []
         expect(page.locator(".verdict p").first).to_contain_text("DAS MODELL STIMMT NICHT")

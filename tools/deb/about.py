@@ -116,7 +116,7 @@ def copyright_of(packages: Path) -> str:
         "Copyright: the authors of Abbe\n"
         "License: Apache-2.0\n"
         f" On Debian systems the license is in {_APACHE}.\n"
-        "\nFiles: usr/lib/abbe/lib/*/abbe/daemon/workbench/static/uplot*\n"
+        "\nFiles: usr/lib/abbe/lib/*/abbe/daemon/workbench/static/uplot/*\n"
         "Copyright: 2022 Leon Sorokin\n"
         "License: uPlot\n"
         " uPlot 1.6.32: MIT. Its licence is uplot-license.txt beside it.\n"

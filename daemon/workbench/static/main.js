@@ -1,13 +1,13 @@
 // The frame: what is known of the machine, what is under way, and the views.
-import {label, offerLanguages, t, translatePage} from "./language.js";
-import {el, get, post, Refusal} from "./dom.js";
-import {Calibration} from "./calibrate.js";
-import {compareView} from "./compare.js";
-import {adviceView, learnView} from "./learn.js";
-import {Live} from "./live.js";
-import {moment, reportOf} from "./paper.js";
-import {Tables} from "./tables.js";
-import {watchView} from "./watch.js";
+import {label, offerLanguages, t, translatePage} from "./shared/language.js";
+import {el, get, post, Refusal} from "./shared/dom.js";
+import {Calibration} from "./calibration/calibrate.js";
+import {compareView} from "./model/compare.js";
+import {adviceView, learnView} from "./model/learn.js";
+import {Live} from "./live/live.js";
+import {moment, reportOf} from "./report/paper.js";
+import {Tables} from "./tables/tables.js";
+import {watchView} from "./model/watch.js";
 
 let TABS = ["live", "compare", "learn", "watch", "tables", "calibrate"];
 /** Views that follow by themselves what they show. */
@@ -174,7 +174,7 @@ async function report() {
   try {
     const name = $(`tab-${tab}`).textContent.replace(/^\d /, "");
     window.madeReport = await reportOf(view, name, await get("/api/head"), state.version);
-    if (window.open("report.html", "_blank")) trouble("");
+    if (window.open("/report/report.html", "_blank")) trouble("");
     else trouble(t("The browser did not let the report's window open: allow it, and press Report once more."));
   } catch (error) {
     trouble(t("The report could not be made: {why}", {why: error.message}));

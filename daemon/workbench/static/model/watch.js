@@ -1,6 +1,6 @@
 // Watch: every version of the model with its error; back to any of them.
-import {say, t} from "./language.js";
-import {draw, el, table} from "./dom.js";
+import {say, t} from "../shared/language.js";
+import {draw, el, table} from "../shared/dom.js";
 
 export function watchView(found, state, act, next) {
   const button = (i) => {

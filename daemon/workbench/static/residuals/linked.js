@@ -1,7 +1,7 @@
 // What is selected in one picture is selected in all: rows of the campaign, by their place in the
 // arrays that the server sent.
-import {t} from "./language.js";
-import {number, post, Refusal} from "./dom.js";
+import {t} from "../shared/language.js";
+import {number, post, Refusal} from "../shared/dom.js";
 
 export class Linked {
   /** `rows`, `values`: as the server sends them. */

@@ -1,6 +1,6 @@
 // Tables: what the controller will hold, what remains and where; their upload, looked at before it is done.
-import {label, say, t} from "./language.js";
-import {draw, el, get, post, Refusal, table} from "./dom.js";
+import {label, say, t} from "../shared/language.js";
+import {draw, el, get, post, Refusal, table} from "../shared/dom.js";
 
 const QUICK = 250, CALM = 2000; // ms between two looks at what is under way
 

@@ -1,5 +1,5 @@
 // More residuals than are drawn one by one: the stronger a place of a picture, the more rows lie there.
-import {colours} from "./theme.js";
+import {colours} from "../shared/theme.js";
 
 const SIDES = ["still", "minus", "plus"]; // names of colours, in the server's order
 const LEAST = 0.25; // how strong a place with a single row is: none is overlooked

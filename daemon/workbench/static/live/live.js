@@ -1,8 +1,8 @@
 // Live: the machine as it stands, in the words of `abbe status`; its volume now; what was.
-import {label, say, stateOf, t} from "./language.js";
-import {el, get, number, Refusal, table} from "./dom.js";
+import {label, say, stateOf, t} from "../shared/language.js";
+import {el, get, number, Refusal, table} from "../shared/dom.js";
 import {History, when} from "./history.js";
-import {FigureInSpace} from "./space.js";
+import {FigureInSpace} from "../shared/space.js";
 
 const VOLUME_EVERY = 15_000; // ms
 

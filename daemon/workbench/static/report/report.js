@@ -1,5 +1,5 @@
 // The window of a report: shows what the workbench made, prints it, saves it as a page that stands alone.
-import {translatePage} from "./language.js";
+import {translatePage} from "../shared/language.js";
 
 const made = window.opener?.madeReport;
 const $ = (id) => document.getElementById(id);

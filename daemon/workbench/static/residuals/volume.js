@@ -1,9 +1,9 @@
 // Residuals in the machine's volume, as arrows along the measured direction.
-import {t} from "./language.js";
-import {el, number} from "./dom.js";
+import {t} from "../shared/language.js";
+import {el, number} from "../shared/dom.js";
 import {max, min} from "./scatter.js";
-import {line, Space} from "./space.js";
-import {colours} from "./theme.js";
+import {line, Space} from "../shared/space.js";
+import {colours} from "../shared/theme.js";
 
 const REACH = 0.14;
 

@@ -1,6 +1,6 @@
 // Learn: which cause is missing; any cause tried by hand before it is added.
-import {say, t} from "./language.js";
-import {draw, el, table} from "./dom.js";
+import {say, t} from "../shared/language.js";
+import {draw, el, table} from "../shared/dom.js";
 import {tryOut} from "./what_if.js";
 
 const MOST = 12; // candidates that are listed

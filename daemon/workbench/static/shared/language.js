@@ -1,8 +1,8 @@
 // The page's own words in the language of the person: English as they stand here, others by one file each.
 const KEPT = "abbe-language";
-const languages = await (await fetch("api/languages")).json(); // code -> its own name
+const languages = await (await fetch("/api/languages")).json(); // code -> its own name
 const code = chosen();
-const words = code === "en" ? {} : await (await fetch(`words-${code}.json`)).json();
+const words = code === "en" ? {} : await (await fetch(`/words/${code}.json`)).json();
 document.documentElement.lang = code;
 
 function chosen() {

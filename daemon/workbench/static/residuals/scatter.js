@@ -1,9 +1,9 @@
 // A picture of residuals against something, on a canvas: thousands of points, redrawn in a blink.
-import {label, t} from "./language.js";
+import {label, t} from "../shared/language.js";
 import {Density} from "./density.js";
-import {el, number} from "./dom.js";
-import {line, sharp} from "./space.js";
-import {colours, onColours} from "./theme.js";
+import {el, number} from "../shared/dom.js";
+import {line, sharp} from "../shared/space.js";
+import {colours, onColours} from "../shared/theme.js";
 
 const SIDES = {1: "minus", "-1": "plus", 0: "still"}; // names of colours, by side of approach
 const ORDER = [0, 1, -1]; // sides, as the server counts them

@@ -1,7 +1,7 @@
 // The past of a run: a picture for each kind of series, the same time in all; zoom asks the server again.
-import {label, t} from "./language.js";
-import {el, get, number, Refusal} from "./dom.js";
-import {colours, curve, onColours} from "./theme.js";
+import {label, t} from "../shared/language.js";
+import {el, get, number, Refusal} from "../shared/dom.js";
+import {colours, curve, onColours} from "../shared/theme.js";
 
 const SPANS = {Hour: 3600, Day: 86400, Month: 30 * 86400};
 const LAST = {Hour: t("Last hour"), Day: t("Last day"), Month: t("Last month")};
@@ -12,8 +12,8 @@ let library = null;
 /** The chart library; fetched when the first picture is drawn. */
 function charts() {
   library ??= new Promise((resolve, reject) => {
-    document.head.append(el("link", {rel: "stylesheet", href: "uplot.min.css"}));
-    document.head.append(el("script", {src: "uplot.min.js", onload: resolve, onerror: reject}));
+    document.head.append(el("link", {rel: "stylesheet", href: "/uplot/uplot.min.css"}));
+    document.head.append(el("script", {src: "/uplot/uplot.min.js", onload: resolve, onerror: reject}));
   });
   return library;
 }

@@ -1,9 +1,9 @@
 // What if: sliders for a cause's parameters; the residuals answer while they are moved.
-import {t} from "./language.js";
-import {el, number, post} from "./dom.js";
-import {Linked} from "./linked.js";
+import {t} from "../shared/language.js";
+import {el, number, post} from "../shared/dom.js";
+import {Linked} from "../residuals/linked.js";
 import {legend} from "./compare.js";
-import {reaches, Scatter} from "./scatter.js";
+import {reaches, Scatter} from "../residuals/scatter.js";
 
 const STEPS = 400, MANY = 6;
 

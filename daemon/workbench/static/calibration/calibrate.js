@@ -1,6 +1,6 @@
 // Calibrate: the guide of `abbe calibrate`, step by step; what a step says and asks while it is done.
-import {label, t} from "./language.js";
-import {el, get, post, Refusal} from "./dom.js";
+import {label, t} from "../shared/language.js";
+import {el, get, post, Refusal} from "../shared/dom.js";
 
 const QUICK = 400, CALM = 3000; // ms between two looks
 const MARKS = {done: "✓", next: "▶", running: "●", waits: "·"};

@@ -1,9 +1,9 @@
 // Compare: whether the model holds, and where it does not.
-import {label, say, t} from "./language.js";
-import {el, table} from "./dom.js";
-import {Linked} from "./linked.js";
-import {reaches, Scatter} from "./scatter.js";
-import {Volume} from "./volume.js";
+import {label, say, t} from "../shared/language.js";
+import {el, table} from "../shared/dom.js";
+import {Linked} from "../residuals/linked.js";
+import {reaches, Scatter} from "../residuals/scatter.js";
+import {Volume} from "../residuals/volume.js";
 
 const NAMES = [t("Lengths"), t("Rotations")];
 const FIRST = 6; // pictures along axes that are drawn at once

@@ -1,8 +1,8 @@
 // A view as paper has it: a copy without controls, its pictures as images, under a head that says what it rests on.
-import {label, t} from "./language.js";
-import {el} from "./dom.js";
-import {drawnFiner} from "./space.js";
-import {onPaper} from "./theme.js";
+import {label, t} from "../shared/language.js";
+import {el} from "../shared/dom.js";
+import {drawnFiner} from "../shared/space.js";
+import {onPaper} from "../shared/theme.js";
 
 const FINER = 2.5; // dots of a picture for each of the screen's
 const CONTROLS = "button, form, input, datalist, progress, script, .tip, .how, .waiting, [hidden]";
