@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+import os
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -38,6 +41,7 @@ class _StateDocument(BaseModel):
     format: Literal["abbe-calibration/1"]
     configuration: str
     steps: dict[str, StepRecord]
+    asked: dict[str, Annotated[str, Field(max_length=1000)]] = {}
 
 
 @dataclass
@@ -52,11 +56,14 @@ class CalibrationState:
         The machine's configuration.
     steps
         Step → its record.
+    asked
+        What the page *Calibrate* of the workbench was asked for: time, tools, … as text.
     """
 
     folder: Path
     configuration: Path
     steps: dict[str, StepRecord] = field(default_factory=dict)
+    asked: dict[str, str] = field(default_factory=dict)
 
     @classmethod
     def read(cls, folder: Path, configuration: Path) -> CalibrationState:
@@ -84,7 +91,7 @@ class CalibrationState:
                 found=found.configuration,
                 expected=f"{configuration.resolve()}, or another --folder",
             )
-        return cls(folder, configuration, dict(found.steps))
+        return cls(folder, configuration, dict(found.steps), dict(found.asked))
 
     def done(
         self,
@@ -120,13 +127,59 @@ class CalibrationState:
         self.steps[step] = StepRecord(
             at=now, made_from=_digests(made_from), note=note, settings=dict(settings or {})
         )
+        self._write()
+
+    def ask_for(self, asked: Mapping[str, str]) -> None:
+        """Keep what is asked for; raises `InputError` when it cannot be written."""
+        self.asked = dict(asked)
+        self._write()
+
+    def _write(self) -> None:
         document: Mapping[str, object] = {
             "format": CALIBRATION,
             "configuration": str(self.configuration.resolve()),
             "steps": {name: record.model_dump() for name, record in self.steps.items()},
+            **({"asked": self.asked} if self.asked else {}),
         }
         text = json.dumps(document, ensure_ascii=False, indent=1)
         write_atomically(self.folder / STATE_NAME, text + "\n")
+
+
+def make_folder(folder: Path) -> None:
+    """Make the folder of a calibration.
+
+    Raises
+    ------
+    InputError
+        Where it cannot be.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot be made: {error.strerror}", file=folder) from None
+
+
+@contextlib.contextmanager
+def one_at_a_time(folder: Path) -> Iterator[None]:
+    """While it lasts nobody else does a step of the same calibration.
+
+    Raises
+    ------
+    InputError
+        Where somebody does.
+    """
+    opened = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise InputError(
+                "a step of this calibration is under way elsewhere", file=folder,
+                expected="its end; then the same goes on here",
+            ) from None  # fmt: skip
+        yield
+    finally:
+        os.close(opened)
 
 
 def _digests(paths: Iterable[Path]) -> dict[str, str]:

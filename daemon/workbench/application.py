@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Callable
 from typing import Annotated, Any
 
@@ -69,20 +70,22 @@ def application(views: WorkbenchViews, end: Callable[[], None]) -> FastAPI:
         _look(app, views.bench)
         _change(app, views.bench)
     if views.desk is not None:
-        app.include_router(table_routes(views.desk))
+        desk = views.desk
+        app.include_router(table_routes(lambda: desk, "/api/tables"))
     if views.guide is not None:
         app.include_router(calibration_routes(views.guide))
     return app
 
 
 def _frame(app: FastAPI, views: WorkbenchViews, end: Callable[[], None]) -> None:
-    bench, live, desk = views.bench, views.live, views.desk
+    bench, live = views.bench, views.live
+    run = secrets.token_hex(8)
 
     @app.get("/api/state")
     def state() -> dict[str, Any]:
-        """What is known, and what is under way."""
+        """What is known, and what is under way; `run` tells a server from the one after it."""
         found = live.state() if bench is None else bench.state()
-        return {**found, "views": views.names, "first": views.first}
+        return {**found, "run": run, "views": views.names, "first": views.first}
 
     @app.get("/api/head")
     def head() -> dict[str, Any]:
@@ -97,7 +100,7 @@ def _frame(app: FastAPI, views: WorkbenchViews, end: Callable[[], None]) -> None
     @app.post("/api/end")
     def ended(_: Nothing) -> dict[str, str]:
         """End the workbench."""
-        if desk is not None and desk.busy:
+        if views.writing:
             raise InputError("something is under way at the controller", expected="its end")
         end()
         return {}

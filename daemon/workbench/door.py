@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import secrets
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs
 
@@ -26,6 +26,8 @@ SESSION = 12.0
 _MOST = 64
 """Sessions at a time; the oldest goes."""
 
+NO_SESSION = {"abbe-session": "none"}
+"""Of an answer to a browser that has not entered, or whose session is over."""
 HEADERS = {
     # Plotly lays its pictures out by styles of its own; no script but the files of this server runs
     "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self' "
@@ -134,6 +136,7 @@ class WorkbenchDoor:
                 403,
                 "This browser has not entered, or has done nothing for too long. Open the address "
                 "that the terminal shows, in which 'abbe open' runs. Each is good for one browser.",
+                NO_SESSION,
             )
         if scope["method"] == "POST":
             own = f"http://{host[0]}"
@@ -185,8 +188,8 @@ class WorkbenchDoor:
         return False
 
 
-def _no(status: int, why: str) -> Response:
-    return PlainTextResponse(f"{why}\n", status)
+def _no(status: int, why: str, headers: Mapping[str, str] | None = None) -> Response:
+    return PlainTextResponse(f"{why}\n", status, headers)
 
 
 async def _body(receive: Receive) -> bytes | None:

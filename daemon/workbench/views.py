@@ -52,6 +52,12 @@ class WorkbenchViews:
             return "calibrate"
         return self.live.first
 
+    @property
+    def writing(self) -> bool:
+        """Whether something is under way at the controller."""
+        desks = (self.desk, self.guide.known_desk if self.guide is not None else None)
+        return any(desk is not None and desk.busy for desk in desks)
+
     def close(self) -> None:
         """End what is under way; an upload, and the last rows of a measurement, are waited for."""
         if self.bench is not None:

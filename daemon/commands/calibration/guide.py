@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from abbe.compcore.errors import AbbeError, InputError
 from abbe.daemon.calibration.request import CalibrationRequest
-from abbe.daemon.calibration.state import CalibrationState
+from abbe.daemon.calibration.state import CalibrationState, make_folder, one_at_a_time
 from abbe.daemon.calibration.step import StepNow
 from abbe.daemon.commands.calibration.steps import Ask, steps_of
 
@@ -43,14 +43,17 @@ def calibrate(
     Raises
     ------
     InputError
-        For a step that there is not, a folder that cannot be made.
+        For a step that there is not, a folder that cannot be made, and where somebody else does a
+        step of the same calibration.
     AbbeError
         When a step cannot be done; those before it stay done.
     """
-    try:
-        request.folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot be made: {error.strerror}", file=request.folder) from None
+    make_folder(request.folder)
+    with one_at_a_time(request.folder):
+        return _through(request, say, ask, upto)
+
+
+def _through(request: CalibrationRequest, say: Callable[[str], None], ask: Ask, upto: str) -> bool:
     state = CalibrationState.read(request.folder, request.config)
     steps = list(steps_of(request, state, say, ask))
     names = [step.name for step in steps]

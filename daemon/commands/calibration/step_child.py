@@ -9,7 +9,10 @@ all others are the lines of the commands.
 from __future__ import annotations
 
 import json
+import os
+import signal
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +28,7 @@ def main() -> None:
 
     task = json.loads(sys.stdin.readline())
     step = task["step"]
+    threading.Thread(target=_end_with, args=(task["lifeline"],), daemon=True).start()
 
     def ask(question: str) -> bool:
         if question.endswith("Go on?"):
@@ -50,6 +54,14 @@ def main() -> None:
         _tell({"error": "stopped; it goes on here"})
         sys.exit(1)
     sys.exit(0 if done else 1)
+
+
+def _end_with(lifeline: int) -> None:
+    """Stop as by Ctrl-C when nobody reads any more what is said here: its workbench is gone."""
+    while os.read(lifeline, 1):
+        pass
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    os.kill(os.getpid(), signal.SIGINT)
 
 
 def _tell(found: dict[str, Any]) -> None:

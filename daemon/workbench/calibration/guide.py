@@ -3,28 +3,29 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 from abbe.compcore.errors import AbbeError, InputError
 from abbe.compcore.files.plan_file import PlannedWork, read_plan
 from abbe.compcore.planning.targets import SurveyTask
-from abbe.daemon.answers.typed import calibrating
 from abbe.daemon.calibration.request import CalibrationRequest
-from abbe.daemon.calibration.step import CERTIFICATE, CHECK_PLAN, PLAN, StepNow
+from abbe.daemon.calibration.state import CalibrationState, make_folder
+from abbe.daemon.calibration.step import CERTIFICATE, CHECK_PLAN, PLAN, TABLES, StepNow
 from abbe.daemon.config import Configuration
 from abbe.daemon.measure.events import minutes, setup_words
 from abbe.daemon.report.measurements.survey import picture
 from abbe.daemon.report.still import still
-from abbe.daemon.workbench.calibration.step_process import StepProcess
+from abbe.daemon.workbench.calibration.step_process import StepProcess, step_json
 from abbe.daemon.workbench.fresh import FreshConfiguration
+from abbe.daemon.workbench.tables.desk import TableDesk
 
 MEASURES = frozenset({"measure", "check"})
 """Steps that need the machine and its instruments: they take the role ``operate``."""
-_ELSEWHERE = frozenset({"upload"})
-"""Steps that write to the controller: not from this page."""
+_UPLOAD = "upload"
+"""The step that writes to the controller: looked at first, then done by a desk for tables."""
 _PLANS = {"plan": PLAN, "check": CHECK_PLAN}
 """Step → the file of its plan."""
 
@@ -38,6 +39,17 @@ class AskedCalibration:
     tools: tuple[str, ...] = ()
     controller: str = ""
     tables: str = ""
+
+    def words(self) -> dict[str, str]:
+        """As text, to be kept."""
+        return vars(self) | {"tools": " ".join(self.tools)}
+
+    @classmethod
+    def kept(cls, words: Mapping[str, str]) -> AskedCalibration:
+        """What was kept."""
+        known = {f.name for f in fields(cls)}
+        found: dict[str, Any] = {k: v for k, v in words.items() if k in known}
+        return cls(**found | {"tools": tuple(words.get("tools", "").split())})
 
 
 class CalibrationGuide:
@@ -73,6 +85,8 @@ class CalibrationGuide:
         self._asked = AskedCalibration()
         self._lock = threading.Lock()
         self._process: StepProcess | None = None
+        self._desk: TableDesk | None = None
+        self._uploaded_last = False
         configuration = self._fresh.now()
         if not configuration.file.instrument:
             raise InputError(
@@ -80,6 +94,9 @@ class CalibrationGuide:
                 expected="a section [instrument.laser], … (docs/measure.md)",
             )  # fmt: skip
         self._steps_now(self._request(configuration))
+        kept = CalibrationState.read(folder, config).asked
+        if kept:
+            self._asked = AskedCalibration.kept(kept)
 
     def _request(self, configuration: Configuration) -> CalibrationRequest:
         asked = self._asked
@@ -96,25 +113,28 @@ class CalibrationGuide:
         http = request.configuration.http
         return {
             "folder": str(self._folder),
-            "asked": vars(asked) | {"tools": " ".join(asked.tools)},
+            "asked": asked.words(),
             "steps": list(self._steps(steps)),
             "plans": {key: self._setups(request, name) for key, name in _PLANS.items()},
             "certificate": request.file(CERTIFICATE).is_file(),
-            "command": calibrating(self.config, self._folder),
             "roles": http is not None and http.tokens.exists(),
-            "work": None if self._process is None else self._process.as_json(),
+            "work": self._work_now(),
         }
 
     def ask_for(self, asked: AskedCalibration) -> None:
         """Ask for something else; steps that were done stay done where their files fit.
 
+        It is kept in the folder: whoever goes on with this calibration asks for the same.
+
         Raises
         ------
         InputError
-            While a step is under way.
+            While a step is under way, and where it cannot be written.
         """
         with self._lock:
             self._require_idle()
+            make_folder(self._folder)
+            CalibrationState.read(self._folder, self.config).ask_for(asked.words())
             self._asked = replace(asked)
 
     def start(self, name: str, who: str) -> None:
@@ -140,12 +160,15 @@ class CalibrationGuide:
                 raise InputError(
                     "is not the next step", field="step", found=name, expected=coming or "none"
                 )
-            if name in _ELSEWHERE:
+            if name == _UPLOAD:
                 raise InputError(
-                    "writes to the controller", field="step", found=name,
-                    expected=calibrating(self.config, self._folder),
-                )  # fmt: skip
+                    "writes to the controller",
+                    field="step",
+                    found=name,
+                    expected="a pre-flight, and what it says looked at",
+                )
             asked = self._asked
+            self._uploaded_last = False
             self._process = StepProcess(
                 self._child,
                 {
@@ -155,6 +178,39 @@ class CalibrationGuide:
                     "tables": asked.tables, "by": who,
                 }
             )  # fmt: skip
+
+    def desk(self) -> TableDesk:
+        """The desk for the tables of this calibration, while they are what comes next.
+
+        Raises
+        ------
+        InputError
+            Where the step `upload` is not the next one.
+        """
+        with self._lock:
+            request = self._request(self._fresh.now())
+            coming = next((s.step.name for s in self._steps_now(request) if not s.at), None)
+            if coming != _UPLOAD and (self._desk is None or not self._desk.busy):
+                raise InputError(
+                    "is not the next step", field="step", found=_UPLOAD, expected=coming or "none"
+                )
+            if self._desk is None:
+                self._desk = TableDesk(self.config, request.file(TABLES), self._uploaded)
+            return self._desk
+
+    @property
+    def known_desk(self) -> TableDesk | None:
+        """The same where anybody has asked for it."""
+        return self._desk
+
+    def _uploaded(self, who: str) -> None:
+        """Record that the tables are active, as the command does."""
+        request = self._request(self._fresh.now())
+        self._uploaded_last = True
+        for now in self._steps_now(request):
+            if now.step.name == _UPLOAD and not now.at:
+                state = CalibrationState.read(self._folder, self.config)
+                state.note(_UPLOAD, now.step.made_from, who, now.step.settings)
 
     def answer(self, word: str) -> None:
         """Answer what the step asks; raises `InputError` where that is not asked."""
@@ -167,7 +223,9 @@ class CalibrationGuide:
             self._process.stop()
 
     def close(self) -> None:
-        """End the step that is under way; what was measured is kept."""
+        """End the step that is under way; what was measured is kept, an upload waited for."""
+        if self._desk is not None:
+            self._desk.close()
         if self._process is not None:
             self._process.close()
 
@@ -196,8 +254,19 @@ class CalibrationGuide:
             raise InputError(f"cannot be read: {error.strerror}", file=path) from None
 
     def _require_idle(self) -> None:
-        if self._process is not None and self._process.running:
-            raise InputError("a step is under way", found=self._process.step, expected="its end")
+        busy = self._process.step if self._process is not None and self._process.running else ""
+        if self._desk is not None and self._desk.busy:
+            busy = _UPLOAD
+        if busy:
+            raise InputError("a step is under way", found=busy, expected="its end")
+
+    def _work_now(self) -> dict[str, Any] | None:
+        """What is under way or was done last, as `StepProcess.as_json` has it."""
+        if self._desk is not None and self._uploaded_last:
+            work = self._desk.state()["work"]
+            lines, ended = list(work["said"]), work["ended"]
+            return step_json(_UPLOAD, lines) | {"ended": ended}
+        return None if self._process is None else self._process.as_json()
 
     def _steps(self, steps: Sequence[StepNow]) -> Iterator[dict[str, Any]]:
         running = self._process.step if self._process and self._process.running else ""
@@ -213,7 +282,7 @@ class CalibrationGuide:
                 "by": now.note,
                 "makes": [path.name for path in now.step.makes],
                 "role": name in MEASURES,
-                "elsewhere": name in _ELSEWHERE,
+                "writes": name == _UPLOAD,
             }
             waits = waits or not now.at
 

@@ -11,6 +11,7 @@ from starlette.responses import Response
 from abbe.daemon.workbench.asked import AskedOfWorkbench, Nothing
 from abbe.daemon.workbench.calibration.guide import MEASURES, AskedCalibration, CalibrationGuide
 from abbe.daemon.workbench.role import operating
+from abbe.daemon.workbench.tables.routes import table_routes
 
 _APART = (
     "sandbox allow-scripts allow-modals allow-downloads allow-popups; default-src 'none'; "
@@ -101,4 +102,5 @@ def calibration_routes(guide: CalibrationGuide) -> APIRouter:
         guide.stop()
         return guide.shown()
 
+    router.include_router(table_routes(guide.desk, "/upload"))
     return router

@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import signal
 import subprocess
 import sys
 import threading
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 _MOST = 400
 """Lines that are kept, the newest."""
 ANSWERS = {"yes": "y", "no": "n", "stands": "", "leave out": "s"}
 """What a person may answer → the line that the step is given."""
+
+
+def step_json(step: str, lines: Sequence[str]) -> dict[str, Any]:
+    """What the page shows of a step that asks nothing and is not counted."""
+    nothing = {"question": "", "choices": [], "next": "", "done": None, "of": None, "left": None}
+    return {"step": step, "lines": list(lines), "ended": "", **nothing}
 
 
 class StepProcess:
@@ -37,15 +44,19 @@ class StepProcess:
         self._progress: Mapping[str, Any] = {}
         self._next = ""
         self._ended = ""
+        # ends with this process however that ends: then the step ends in an orderly way, too
+        begun, self._lifeline = os.pipe()
         self._process = subprocess.Popen(
             [sys.executable, "-u", "-m", module],
+            pass_fds=(begun,),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
             encoding="utf-8",
             start_new_session=True,  # Ctrl-C is for the workbench, which then ends it
         )
-        self._write(json.dumps(dict(task)))
+        os.close(begun)
+        self._write(json.dumps({**task, "lifeline": begun}))
         self._reader = threading.Thread(target=self._read, daemon=True, name="calibration")
         self._reader.start()
 
@@ -56,9 +67,7 @@ class StepProcess:
 
     def as_json(self) -> dict[str, Any]:
         """What the page shows of it; `left` in s."""
-        return {
-            "step": self.step,
-            "lines": list(self._lines),
+        return step_json(self.step, list(self._lines)) | {
             "question": self._question,
             "choices": list(self._choices),
             "next": self._next,
@@ -101,6 +110,7 @@ class StepProcess:
         status = self._process.wait()
         self._question, self._choices, self._next = "", (), ""
         self._ended = "good" if status == 0 else "bad"
+        os.close(self._lifeline)
         if self._process.stdin is not None:
             with contextlib.suppress(OSError):
                 self._process.stdin.close()

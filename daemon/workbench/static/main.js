@@ -1,6 +1,7 @@
 // The frame: what is known of the machine, what is under way, and the views.
 import {label, offerLanguages, t, translatePage} from "./shared/language.js";
-import {el, get, post, Refusal} from "./shared/dom.js";
+import {el, keepingTyped} from "./shared/dom.js";
+import {back, get, Lost, Outside, post, Refusal, why} from "./shared/server.js";
 import {Calibration} from "./calibration/calibrate.js";
 import {compareView} from "./model/compare.js";
 import {adviceView, learnView} from "./model/learn.js";
@@ -13,10 +14,19 @@ let TABS = ["live", "compare", "learn", "watch", "tables", "calibrate"];
 /** Views that follow by themselves what they show. */
 const OWN = {live: () => new Live(() => header().catch(() => {})), tables: () => new Tables(),
   calibrate: () => new Calibration()};
+const CHANGES = ["/api/add", "/api/fit", "/api/back"];
 const QUICK = 250, CALM = 1500; // ms between two looks at the server
 const $ = (id) => document.getElementById(id);
 const view = $("view");
 let tab = null, own = null, seen = null, state = null, ended = false, mine = false, drawing = 0;
+let away = false, about = "";
+// what was not answered, and what was said when the server came back: until the person does something else
+let unsure = "", told = "";
+
+/** The server is away: it is said by `watchOver`, which then shows what was asked for. */
+function missed(error) {
+  if (!(error instanceof Lost) && !(error instanceof Outside)) throw error;
+}
 
 /** Show a tab; what it needs is computed if nobody has asked for it yet. */
 async function show(name) {
@@ -47,10 +57,17 @@ async function refresh() {
   let parts;
   if (found === null) {
     if (tab !== "watch" && !state?.task && !state?.error) await ask(`/api/${tab}`);
+    // a server that was started anew finds it once more: what is shown of the same files stays
+    if (view.dataset.tab === tab && view.dataset.about === about) return;
     parts = [el("p", {class: "waiting"}, state?.error ? t("Not known.") : t("Being worked out …"))];
-  } else if (tab === "compare") parts = compareView(found, () => show("learn"));
-  else if (tab === "learn") {
-    const key = JSON.stringify([state.version, found.title, found.rms]);
+  } else if (tab === "compare") {
+    const key = JSON.stringify([about, found.title, found.verdict, found.key]);
+    // what is chosen and opened in it stays
+    if (view.dataset.tab === "compare" && view.dataset.key === key) return;
+    view.dataset.key = key;
+    parts = compareView(found, () => show("learn").catch(missed));
+  } else if (tab === "learn") {
+    const key = JSON.stringify([about, found.title, found.rms]);
     if (view.dataset.tab === "learn" && view.dataset.key === key) {
       // only what to measure next has become known: sliders stay where they are
       $("advice").replaceWith(adviceView(found));
@@ -59,32 +76,45 @@ async function refresh() {
     view.dataset.key = key;
     parts = learnView(found, state, act);
   }
-  else parts = watchView(found, state, act, () => show("learn"));
-  view.replaceChildren(...parts);
+  else parts = watchView(found, state, act, () => show("learn").catch(missed));
+  keepingTyped(view, () => view.replaceChildren(...parts));
   view.dataset.tab = found === null ? "" : tab;
+  view.dataset.about = about;
 }
 
+/** Have something done; whether the server does it. */
 async function ask(path, body) {
   try {
     await post(path, body);
-    $("trouble").hidden = true;
+    if (CHANGES.includes(path)) unsure = told = "";
+    trouble("");
+    return true;
   } catch (error) {
-    if (!(error instanceof Refusal)) throw error;
-    trouble(error.message);
+    trouble(why(error));
+    if (error instanceof Lost && CHANGES.includes(path)) unsure = t("What was clicked last was not answered: whether it is done stands under Watch; nothing is done twice.");
+    return false;
   }
 }
 
 /** Change something, and watch what becomes of it. */
 async function act(path, body) {
   mine = true;
-  await ask(path, body);
-  await look();
-  if (path !== "/api/back") await show("watch");
+  if (!await ask(path, body)) {
+    mine = Boolean(unsure);
+    return;
+  }
+  try {
+    await look();
+    if (path !== "/api/back") await show("watch");
+  } catch (error) {
+    missed(error);
+  }
 }
 
 function trouble(text) {
-  $("trouble").textContent = text;
-  $("trouble").hidden = !text;
+  const words = [text, told].filter(Boolean).join(" ");
+  $("trouble").textContent = words;
+  $("trouble").hidden = !words;
 }
 
 /** What the server says of itself; everything is loaded anew where something has changed. */
@@ -93,6 +123,9 @@ async function look() {
   const before = state;
   state = now;
   if (tab === null) begin();
+  const anew = Boolean(before) && before.run !== now.run;
+  const again = away || anew;
+  away = false;
   $("task").hidden = now.task === null;
   if (now.task) {
     const left = now.task.left > 2 ? t(", about {s} s left", {s: Math.ceil(now.task.left)}) : "";
@@ -100,15 +133,29 @@ async function look() {
     $("task-bar").value = now.task.done;
   }
   const over = before?.task && !now.task;
-  if (now.changes === seen && !over) return;
+  if (now.changes === seen && !over && !again) return;
   seen = now.changes;
   if (now.error) trouble(now.error);
+  else if (again) { told = returned(anew, before, now) || told; trouble(""); }
   else if (before && before.version !== now.version && !mine)
     trouble(t("The model is {version} now: it was changed in another window.", {version: now.version}));
   else if (over || before?.error) trouble("");
   if (!now.task) mine = false;
   await header();
+  if (again) back(anew);
   await refresh();
+}
+
+/** What there is to say when the server is back. */
+function returned(anew, before, now) {
+  const said = [unsure].filter(Boolean);
+  unsure = "";
+  if (anew) {
+    said.push(t("The workbench was started anew. What was typed here stays."));
+    if (before.task) said.push(t("It ended in the middle of: {what}. Look under Watch whether that is done.", {what: before.task.what}));
+    if (before.version !== now.version) said.push(t("It shows {version} at first, not {before}: Watch leads to any version.", {version: now.version, before: before.version}));
+  }
+  return said.join(" ");
 }
 
 /** Which views there are, and the one that is shown first. */
@@ -125,6 +172,7 @@ function begin() {
 
 async function header() {
   const head = await get("/api/head");
+  about = JSON.stringify([state.version, head.files]);
   document.title = `${head.machine} – Abbe`;
   $("machine").textContent = head.machine;
   $("version").textContent = state.version;
@@ -148,9 +196,10 @@ async function watchOver() {
       view.classList.remove("lost");
     } catch (error) {
       view.classList.add("lost");
+      if (!(error instanceof Lost) && !(error instanceof Refusal)) console.error(error);
       trouble(error instanceof Refusal ? error.message
-        : t("The workbench does not answer. It is asked again; if 'abbe open' was ended, start it anew."));
-      seen = null;
+        : [t("The workbench does not answer. It is asked again. If it was ended, start 'abbe open' anew with --port {port}: this window then goes on, with what was typed.", {port: location.port}), unsure].filter(Boolean).join(" "));
+      away = true;
     }
     await new Promise((resolve) => setTimeout(resolve, state?.task ? QUICK : CALM));
   }
@@ -158,13 +207,13 @@ async function watchOver() {
 
 for (const name of TABS) {
   const button = $(`tab-${name}`);
-  button.addEventListener("click", () => show(name));
+  button.addEventListener("click", () => { if (told) { told = ""; trouble(""); } show(name).catch(missed); });
   button.addEventListener("keydown", (event) => {
     const step = {ArrowRight: 1, ArrowLeft: -1}[event.key];
     if (!step) return;
     const next = TABS[(TABS.indexOf(name) + step + TABS.length) % TABS.length];
     $(`tab-${next}`).focus();
-    show(next);
+    show(next).catch(missed);
   });
 }
 /** What is shown now, as a page of its own; the window asks for `madeReport`. */
@@ -188,7 +237,7 @@ $("end").addEventListener("click", async () => {
   try {
     await post("/api/end");
   } catch (error) {
-    trouble(error.message);
+    trouble(why(error));
     return;
   }
   ended = true;

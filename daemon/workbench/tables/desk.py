@@ -66,6 +66,8 @@ class TableDesk:
         The configuration; read anew for whatever is done.
     folder
         What ``abbe table`` wrote; None: nothing is to be uploaded.
+    uploaded
+        Called with who had them uploaded once the tables of `folder` are active, in a thread.
 
     Raises
     ------
@@ -73,8 +75,14 @@ class TableDesk:
         For a configuration that is not in order, and tables that are not.
     """
 
-    def __init__(self, config: Path, folder: Path | None) -> None:
+    def __init__(
+        self,
+        config: Path,
+        folder: Path | None,
+        uploaded: Callable[[str], None] = lambda _: None,
+    ) -> None:
         self.config, self.folder = config, folder
+        self._uploaded = uploaded
         self._lock = threading.Lock()
         self._work: DeskWork | None = None
         self._thread: threading.Thread | None = None
@@ -145,12 +153,15 @@ class TableDesk:
         ) -> tuple[bool, list[str]]:
             request = UploadRequest(dry_run=True)
             result = await self._changed(change, configuration, request, port)
+            lines = result_lines(result, request)
             able = result.cleared is not None and not result.cleared.nothing_to_do
+            if change == "upload" and result.cleared is not None and not able:
+                lines += self._tell_uploaded("")  # they are active already
             with self._lock:
                 if able and result.cleared is not None:
                     self._cleared, self._change = result.cleared.lines(), change
                     self._count += 1
-            return able, result_lines(result, request)
+            return able, lines
 
         self._start(DeskWork("preflight", change), looked)
 
@@ -189,7 +200,9 @@ class TableDesk:
                     "the controller or the tables are not what they were at the pre-flight: look "
                     "again; nothing was written"
                 ]
-            return result.ok, result_lines(result, request)
+            done = change == "upload" and result.ok
+            told = self._tell_uploaded(who) if done else []
+            return result.ok, [*result_lines(result, request), *told]
 
         self._start(DeskWork("write", change), written)
 
@@ -241,6 +254,14 @@ class TableDesk:
     def _name(configuration: Configuration) -> str:
         """What has to be typed: the machine's name, or what its controller calls itself."""
         return configuration.model.machine.name or setup_of(configuration).section.identity
+
+    def _tell_uploaded(self, who: str) -> list[str]:
+        """Tell whoever wants to know; what cannot be noted takes nothing from what was done."""
+        try:
+            self._uploaded(who)
+        except AbbeError as error:
+            return [str(error)]
+        return []
 
     def _forget(self) -> None:
         self._cleared, self._change = [], None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Request
@@ -36,35 +37,46 @@ class Recovered(AskedOfWorkbench):
     by: Text = ""
 
 
-def table_routes(desk: TableDesk) -> APIRouter:
-    """The routes of a desk."""
-    router = APIRouter(prefix="/api/tables")
+def table_routes(of: Callable[[], TableDesk], prefix: str) -> APIRouter:
+    """The routes of a desk.
+
+    Parameters
+    ----------
+    of
+        Gives it; may refuse where there is none yet.
+    prefix
+        Before their paths.
+    """
+    router = APIRouter(prefix=prefix)
 
     @router.get("")
     def shown() -> dict[str, Any]:
         """What the controller will hold, and what was uploaded before."""
-        return desk.shown()
+        return of().shown()
 
     @router.get("/state")
     def state() -> dict[str, Any]:
         """What is under way."""
-        return desk.state()
+        return of().state()
 
     @router.post("/status")
     def ask(_: Nothing) -> dict[str, Any]:
         """Ask the controller what is active."""
+        desk = of()
         desk.ask()
         return desk.state()
 
     @router.post("/preflight")
     def preflight(looked: LookedAt) -> dict[str, Any]:
         """What would change."""
+        desk = of()
         desk.preflight(looked.change)
         return desk.state()
 
     @router.post("/write")
     def write(wanted: WrittenNow, request: Request) -> dict[str, Any]:
         """Upload or roll back; takes the role ``operate``."""
+        desk = of()
         who = operating(desk.config, request, wanted.by)
         desk.write(wanted.cleared, wanted.machine, who, wanted.note)
         return desk.state()
@@ -72,6 +84,7 @@ def table_routes(desk: TableDesk) -> APIRouter:
     @router.post("/recover")
     def recover(wanted: Recovered, request: Request) -> dict[str, Any]:
         """Bring an upload that was cut off to its end; takes the role ``operate``."""
+        desk = of()
         desk.recover(wanted.machine, operating(desk.config, request, wanted.by))
         return desk.state()
 

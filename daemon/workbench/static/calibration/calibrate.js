@@ -1,6 +1,8 @@
 // Calibrate: the guide of `abbe calibrate`, step by step; what a step says and asks while it is done.
-import {label, t} from "../shared/language.js";
-import {el, get, post, Refusal} from "../shared/dom.js";
+import {label, say, t} from "../shared/language.js";
+import {el, keepingTyped} from "../shared/dom.js";
+import {get, Lost, onBack, Outside, post, Refusal, why} from "../shared/server.js";
+import {Controller} from "../tables/controller.js";
 
 const QUICK = 400, CALM = 3000; // ms between two looks
 const MARKS = {done: "✓", next: "▶", running: "●", waits: "·"};
@@ -15,26 +17,37 @@ export class Calibration {
     this.steps = el("ol", {class: "guide"});
     this.asked = el("div", {});
     this.plans = el("div", {});
-    this.node = el("div", {class: "calibration"}, this.head,
+    this.away = el("p", {class: "warning", role: "alert", hidden: true});
+    this.node = el("div", {class: "calibration"}, this.away, this.head,
       el("div", {class: "columns"},
         el("section", {class: "card"}, this.steps, this.asked),
-        el("section", {class: "card", id: "doing"}, this.start, this.work)),
+        el("section", {class: "card", id: "doing"}, this.work, this.start)),
       this.plans);
+    onBack(this.node, () => this.#follow());
     this.#follow();
   }
 
   close() {
+    this.controller?.close();
     this.closed = true;
     clearTimeout(this.timer);
   }
 
   async #follow() {
     clearTimeout(this.timer);
+    const turn = this.turn = (this.turn ?? 0) + 1;
+    let said = "";
     try {
-      this.#show(await get("/api/calibrate"));
+      const found = await get("/api/calibrate");
+      if (turn === this.turn) this.#show(found);
     } catch (error) {
-      if (error instanceof Refusal) this.head.replaceChildren(el("p", {class: "warning", role: "alert"}, error.message));
+      // that the server is away is said by the frame
+      if (error instanceof Refusal && !(error instanceof Outside)) said = error.message;
+      else if (!(error instanceof Lost) && !(error instanceof Outside)) throw error;
     }
+    if (turn !== this.turn) return;
+    this.away.hidden = !said;
+    this.away.textContent = said;
     if (!this.closed) this.timer = setTimeout(() => this.#follow(), this.running ? QUICK : CALM);
   }
 
@@ -43,9 +56,9 @@ export class Calibration {
     try {
       this.#show(await post(`/api/calibrate/${path}`, body, token));
     } catch (error) {
-      if (!(error instanceof Refusal)) throw error;
-      this.refusal = error.message;
+      this.refusal = why(error);
       this.key = "";
+      if (this.found) this.#show(this.found);
     }
     this.#follow();
   }
@@ -54,6 +67,9 @@ export class Calibration {
     const key = JSON.stringify([found, this.refusal]);
     if (key === this.key) return;
     this.key = key;
+    if (this.running && !found.work)
+      this.refusal = t("The workbench ended in the middle of this step. What it has written is kept; start the step again to go on.");
+    this.found = found;
     this.running = Boolean(found.work) && !found.work.ended;
     const done = found.steps.filter((s) => s.state === "done").length;
     const coming = found.steps.find((s) => s.state === "next" || s.state === "running");
@@ -67,7 +83,7 @@ export class Calibration {
         el("small", {}, [s.makes.join(", "), s.role ? t("takes the role operate") : ""].filter(Boolean).join("; "))),
       el("small", {}, s.state === "done" ? [s.at, s.by].filter(Boolean).join(", ") : WORDS[s.state]))));
     this.#begin(coming, found);
-    this.#work(found.work);
+    this.#work(found.work, label(found.steps.find((s) => s.name === found.work?.step)?.title ?? ""));
     this.#options(found);
     this.#setups(found.plans);
     this.node.dataset.ready = "true";
@@ -78,6 +94,8 @@ export class Calibration {
     const wanted = this.running || !coming ? "" : coming.name;
     if (this.start.dataset.step !== wanted) {
       this.start.dataset.step = wanted;
+      this.controller?.close();
+      this.controller = null;
       this.start.replaceChildren(...(wanted ? this.#form(coming, found) : []));
     }
     this.alert?.remove();
@@ -86,17 +104,18 @@ export class Calibration {
   }
 
   #form(step, found) {
-    if (step.elsewhere) return [el("h2", {}, label(step.title)), el("p", {}, t("This step writes to the controller. It is done in a terminal, which asks before it writes; then this page goes on: ")), el("pre", {}, found.command)];
+    if (step.writes) return [el("h2", {}, label(step.title)), this.#upload()];
     const field = (name, words, more = {}) => {
       const input = el("input", {id: `start-${name}`, autocomplete: "off", spellcheck: "false", ...more});
       return [input, el("p", {class: "field"}, el("label", {for: `start-${name}`}, words), input)];
     };
-    const [by, byRow] = field("by", t("Who does it, for the record"), {maxlength: 150});
+    const [by, byRow] = field("by", t("Who does it, for the record"), {maxlength: 150, value: this.by});
     const [secret, secretRow] = field("token", t("Token of the role operate"), {type: "password"});
     const go = (event) => {
       event.preventDefault();
       const token = secret.value.trim();
       secret.value = "";
+      this.by = by.value;
       this.#ask("start", {step: step.name, by: by.value}, token);
     };
     return [el("h2", {}, label(step.title)), el("form", {onsubmit: go}, byRow, step.role ? secretRow : null,
@@ -105,8 +124,32 @@ export class Calibration {
       el("p", {}, el("button", {class: "main", id: "go"}, t("Do this step"))))];
   }
 
-  #work(work) {
-    if (!work) return;
+  /** The tables that were made, looked at and then written as on the page of the tables. */
+  #upload() {
+    const place = el("div", {}, el("p", {class: "waiting"}, t("Being read …")));
+    const load = async () => {
+      try {
+        const found = await get("/api/calibrate/upload");
+        if (!place.isConnected || this.controller) return;
+        this.controller = new Controller("/api/calibrate/upload", found, () => this.#follow(), {rollback: false});
+        place.replaceChildren(el("p", {}, say(found.tables.title)),
+          ...found.tables.trust.map((text) => el("p", {class: found.tables.unverified ? "warning" : "note"}, text)),
+          this.controller.node);
+      } catch (error) {
+        if (error instanceof Refusal && !(error instanceof Outside)) place.replaceChildren(el("p", {class: "warning", role: "alert"}, error.message));
+        else if (!(error instanceof Lost) && !(error instanceof Outside)) throw error;
+      }
+    };
+    onBack(place, load);
+    setTimeout(load);
+    return place;
+  }
+
+  #work(work, what) {
+    if (!work) {
+      this.work.replaceChildren();
+      return;
+    }
     const parts = [];
     if (!work.ended) {
       const left = work.left > 2 ? t(", about {min} min left", {min: Math.ceil(work.left / 60)}) : "";
@@ -118,9 +161,10 @@ export class Calibration {
           onclick: () => this.#ask("answer", {answer: choice})}, CHOICES[choice])))));
       parts.push(el("p", {}, el("button", {class: "small", id: "stop", onclick: () => this.#ask("stop")}, t("Stop; it goes on later"))));
     }
-    parts.push(el("h3", {class: work.ended}, {good: t("Done: {what}", {what: work.step}), bad: t("Not done: {what}", {what: work.step})}[work.ended] ?? t("What it says")));
+    parts.push(el("h3", {class: work.ended}, {good: t("Done: {what}", {what}), bad: t("Not done: {what}", {what})}[work.ended] ?? t("What it says")));
     const lines = el("pre", {class: "lines", tabindex: 0, "aria-label": t("What the step says")}, work.lines.join("\n"));
-    parts.push(lines);
+    // what went well is read by whoever wants to; what comes next stands below
+    parts.push(work.ended === "good" ? el("details", {}, el("summary", {}, t("What it said")), lines) : lines);
     this.work.dataset.ended = work.ended;
     this.work.dataset.done = work.done ?? "";
     this.work.replaceChildren(...parts);
@@ -143,8 +187,9 @@ export class Calibration {
       event.preventDefault();
       this.#ask("ask", Object.fromEntries(Object.entries(inputs).map(([name, input]) => [name, input.value.trim()])));
     };
-    this.asked.replaceChildren(el("details", {}, el("summary", {}, t("What is asked for")),
-      el("form", {onsubmit: go}, ...fields, el("p", {}, el("button", {class: "small", id: "ask", disabled: this.running}, t("Use this"))))));
+    const open = this.asked.querySelector("details")?.open ?? false;
+    keepingTyped(this.asked, () => this.asked.replaceChildren(el("details", {open}, el("summary", {}, t("What is asked for")),
+      el("form", {onsubmit: go}, ...fields, el("p", {}, el("button", {class: "small", id: "ask", disabled: this.running}, t("Use this")))))));
   }
 
   #setups(plans) {

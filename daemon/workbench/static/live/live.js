@@ -1,10 +1,11 @@
 // Live: the machine as it stands, in the words of `abbe status`; its volume now; what was.
 import {label, say, stateOf, t} from "../shared/language.js";
-import {el, get, number, Refusal, table} from "../shared/dom.js";
+import {el, number, table} from "../shared/dom.js";
+import {get, Outside, Refusal} from "../shared/server.js";
 import {History, when} from "./history.js";
 import {FigureInSpace} from "../shared/space.js";
 
-const VOLUME_EVERY = 15_000; // ms
+const VOLUME_EVERY = 15_000, AGAIN = 2000; // ms
 
 export class Live {
   /** `seen` is called when a run is seen that was not before. */
@@ -28,17 +29,18 @@ export class Live {
       el("section", {class: "verdict"}, this.state, this.age, this.lost, this.warnings), this.now);
     this.past = el("div", {});
     this.node.append(this.past, el("details", {}, el("summary", {}, t("Cycle, journal, files")), this.more));
-    this.#listen();
+    this.#begin();
   }
 
   close() {
     this.source?.close();
+    clearTimeout(this.again);
     this.history?.close();
     clearInterval(this.clock);
     clearInterval(this.volumes);
   }
 
-  #listen() {
+  #stream() {
     const source = this.source = new EventSource("/api/live/stream");
     const take = (kind, act) => source.addEventListener(kind, (event) => {
       this.heard = Date.now();
@@ -48,12 +50,17 @@ export class Live {
     take("cycle", (found) => this.#cycle(found));
     take("lost", (found) => this.#lose(t("The machine is not seen since {since}: {why}. It is asked again every second.", {since: when(Date.parse(found.since) / 1000), why: found.why})));
     source.onerror = () => {
-      if (this.ending) return;
       const since = this.heard ? when(this.heard / 1000) : t("the beginning");
-      this.#lose(source.readyState === EventSource.CLOSED
-        ? t("The workbench does not let this window look any more. Open the address that its terminal shows.")
+      const outside = source.readyState === EventSource.CLOSED;
+      this.#lose(outside ? new Outside().message
         : t("The server is lost since {since}. It is asked again; if 'abbe open' was ended, start it anew.", {since}));
+      // a stream that was refused is not asked for again by the browser
+      if (outside) this.again = setTimeout(() => this.#stream(), AGAIN);
     };
+  }
+
+  #begin() {
+    this.#stream();
     this.clock = setInterval(() => this.#say(), 1000);
     this.volumes = setInterval(() => { if (!document.hidden && !this.isLost) this.#volume(); }, VOLUME_EVERY);
   }
@@ -132,7 +139,7 @@ export class Live {
     try {
       found = await get("/api/live/volume");
     } catch (error) {
-      if (error instanceof Refusal && !this.space) this.volume.lastChild.textContent = error.message;
+      if (error instanceof Refusal && !(error instanceof Outside) && !this.space) this.volume.lastChild.textContent = error.message;
       return;
     }
     if (this.space) {

@@ -1,11 +1,13 @@
 // What if: sliders for a cause's parameters; the residuals answer while they are moved.
 import {t} from "../shared/language.js";
-import {el, number, post} from "../shared/dom.js";
+import {el, number} from "../shared/dom.js";
+import {Lost, Outside, post} from "../shared/server.js";
 import {Linked} from "../residuals/linked.js";
 import {legend} from "./compare.js";
 import {reaches, Scatter} from "../residuals/scatter.js";
 
 const STEPS = 400, MANY = 6;
+const AGAIN = 1000; // ms until the server is asked again that is away
 
 /** Fill `place` with one cause to be tried. */
 export async function tryOut(place, spec, found, state, act) {
@@ -15,6 +17,11 @@ export async function tryOut(place, spec, found, state, act) {
   try {
     answer = await post("/api/try", {spec});
   } catch (error) {
+    if (error instanceof Lost || error instanceof Outside) {
+      // the frame says so; trying changes nothing, so it is asked again
+      setTimeout(() => { if (place.isConnected && place.dataset.spec === spec) tryOut(place, spec, found, state, act); }, AGAIN);
+      return;
+    }
     place.replaceChildren(el("h2", {}, t("What if")), el("p", {class: "warning"}, error.message));
     return;
   }
@@ -31,7 +38,7 @@ export async function tryOut(place, spec, found, state, act) {
     bars.show(said.rms);
     place.dataset.rms = said.rms;
   };
-  const ask = latest(async () => show(await post("/api/try", {spec, values})));
+  const ask = latest(() => place.isConnected && place.dataset.spec === spec, async () => show(await post("/api/try", {spec, values})));
   const controls = answer.sliders.map((s) => new Slider(s, (v) => { values[s.name] = v; ask(); }));
   const amount = new Slider({name: t("amount of it"), unit: "%", value: 100, low: 0, high: 200,
     what: t("0 %: not at all; 100 %: as the measurements say")}, (v) => {
@@ -83,13 +90,16 @@ function panelsOf(found, where) {
   return [...found.panels].sort((a, b) => rank(a) - rank(b) || a.part - b.part).slice(0, 4);
 }
 
-/** One answer at a time; of what is asked meanwhile only the last counts. */
-function latest(work) {
+/** One answer at a time; of what is asked meanwhile only the last counts. Asked again until it is answered, while it is `wanted`. */
+function latest(wanted, work) {
   let busy = false, again = false;
   return async function run() {
     if (busy) { again = true; return; }
     busy = true;
-    try { await work(); } catch { /* the server is away: the page says so */ }
+    try { await work(); } catch {
+      // the server is away, or does not know the causes yet: the frame says so
+      if (wanted()) setTimeout(run, AGAIN);
+    }
     busy = false;
     if (again) { again = false; run(); }
   };

@@ -1,7 +1,8 @@
 // What is selected in one picture is selected in all: rows of the campaign, by their place in the
 // arrays that the server sent.
 import {t} from "../shared/language.js";
-import {number, post, Refusal} from "../shared/dom.js";
+import {number} from "../shared/dom.js";
+import {Lost, post, Refusal} from "../shared/server.js";
 
 export class Linked {
   /** `rows`, `values`: as the server sends them. */
@@ -40,7 +41,7 @@ export class Linked {
       if (this.asked === asked) this.choose(found.rows, found);
     } catch (error) {
       // the server is away, or compares anew: the page says so
-      if (!(error instanceof Refusal) && !(error instanceof TypeError)) throw error;
+      if (!(error instanceof Refusal) && !(error instanceof Lost)) throw error;
     }
   }
 

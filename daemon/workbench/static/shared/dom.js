@@ -1,5 +1,5 @@
-// Elements, requests and numbers. Text goes into the page as text only, never as HTML.
-import {know, label} from "./language.js";
+// Elements, pictures and numbers. Text goes into the page as text only, never as HTML.
+import {label} from "./language.js";
 import {colours, onColours} from "./theme.js";
 
 /** An element: tag, properties (`class`, `on…`, attributes), children (elements or text). */
@@ -47,27 +47,15 @@ export function number(value, digits = 3) {
   return `${mantissa.includes(".") ? mantissa.replace(/\.?0+$/, "") : mantissa}·10${raised}`.replace("-", "−");
 }
 
-export class Refusal extends Error {}
-
-/** JSON of this server; null where it is not known yet. */
-export async function get(path) {
-  return answer(await fetch(path, {cache: "no-store"}));
-}
-
-/** Have something done; `token` where that takes a role. */
-export async function post(path, body = {}, token = "") {
-  const role = token ? {authorization: `Bearer ${token}`} : {};
-  return answer(await fetch(path, {
-    method: "POST", headers: {"content-type": "application/json", ...role}, body: JSON.stringify(body),
-  }));
-}
-
-async function answer(response) {
-  const type = response.headers.get("content-type") ?? "";
-  const found = type.startsWith("application/json") ? await response.json() : await response.text();
-  if (!response.ok) throw new Refusal(found.detail ?? found);
-  know(found);
-  return found;
+/** Have `redraw` make something anew; what a person typed into fields stays, and where one types. */
+export function keepingTyped(place, redraw) {
+  const fields = () => [...place.querySelectorAll("input[id]")].filter((f) => !["password", "range"].includes(f.type));
+  const typed = new Map(fields().filter((f) => f.value !== f.defaultValue).map((f) => [f.id, f.value]));
+  const {activeElement} = document;
+  const at = place.contains(activeElement) ? activeElement.id : "";
+  redraw();
+  for (const field of fields()) if (typed.has(field.id)) field.value = typed.get(field.id);
+  if (at && at !== document.activeElement?.id) document.getElementById(at)?.focus();
 }
 
 let plotly = null;
