@@ -36,6 +36,10 @@ class BrowserProcesses:
         """Memory that is nobody else's, MB: without files that other programs have mapped, too."""
         return sum(_anonymous(pid) for pid in self.pids)
 
+    def memory_of(self, kind: str) -> float:
+        """The same of one kind of process: ``renderer`` draws the page, ``gpu-process`` puts it up."""
+        return sum(_anonymous(pid) for pid in self.pids if f"--type={kind}" in _words(pid))
+
 
 def _below(pid: int) -> Iterator[int]:
     for task in Path(f"/proc/{pid}/task").iterdir():
@@ -46,6 +50,11 @@ def _below(pid: int) -> Iterator[int]:
 
 def _name(pid: int) -> str:
     return Path(f"/proc/{pid}/comm").read_text().strip()
+
+
+def _words(pid: int) -> list[str]:
+    # Chromium sets them apart by spaces
+    return Path(f"/proc/{pid}/cmdline").read_text().replace("\0", " ").split()
 
 
 def _anonymous(pid: int) -> float:

@@ -21,7 +21,14 @@ ANSWERS = {"yes": "y", "no": "n", "stands": "", "leave out": "s"}
 
 def step_json(step: str, lines: Sequence[str]) -> dict[str, Any]:
     """What the page shows of a step that asks nothing and is not counted."""
-    nothing = {"question": "", "choices": [], "next": "", "done": None, "of": None, "left": None}
+    nothing: dict[str, Any] = {
+        "question": "",
+        "choices": [],
+        "next": "",
+        "done": None,
+        "of": None,
+        "left": None,
+    }
     return {"step": step, "lines": list(lines), "ended": "", **nothing}
 
 

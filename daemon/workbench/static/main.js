@@ -1,6 +1,6 @@
 // The frame: what is known of the machine, what is under way, and the views.
 import {label, offerLanguages, t, translatePage} from "./shared/language.js";
-import {el, keepingTyped} from "./shared/dom.js";
+import {el, keepingTyped, replace} from "./shared/dom.js";
 import {back, get, Lost, Outside, post, Refusal, why} from "./shared/server.js";
 import {Calibration} from "./calibration/calibrate.js";
 import {compareView} from "./model/compare.js";
@@ -48,7 +48,7 @@ async function refresh() {
     if (own) return;
     own = OWN[tab]();
     own.name = tab;
-    view.replaceChildren(own.node);
+    replace(view, own.node);
     view.dataset.tab = tab;
     return;
   }
@@ -77,7 +77,7 @@ async function refresh() {
     parts = learnView(found, state, act);
   }
   else parts = watchView(found, state, act, () => show("learn").catch(missed));
-  keepingTyped(view, () => view.replaceChildren(...parts));
+  keepingTyped(view, () => replace(view, ...parts));
   view.dataset.tab = found === null ? "" : tab;
   view.dataset.about = about;
 }

@@ -161,7 +161,7 @@ export class Calibration {
           onclick: () => this.#ask("answer", {answer: choice})}, CHOICES[choice])))));
       parts.push(el("p", {}, el("button", {class: "small", id: "stop", onclick: () => this.#ask("stop")}, t("Stop; it goes on later"))));
     }
-    parts.push(el("h3", {class: work.ended}, {good: t("Done: {what}", {what}), bad: t("Not done: {what}", {what})}[work.ended] ?? t("What it says")));
+    parts.push(el("h2", {class: work.ended}, {good: t("Done: {what}", {what}), bad: t("Not done: {what}", {what})}[work.ended] ?? t("What it says")));
     const lines = el("pre", {class: "lines", tabindex: 0, "aria-label": t("What the step says")}, work.lines.join("\n"));
     // what went well is read by whoever wants to; what comes next stands below
     parts.push(work.ended === "good" ? el("details", {}, el("summary", {}, t("What it said")), lines) : lines);

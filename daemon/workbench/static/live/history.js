@@ -118,20 +118,33 @@ class PastPicture {
 
   async load(first, last) {
     this.found = await get(`/api/live/picture?${new URLSearchParams({name: this.wanted.name, first, last})}`);
-    this.#draw();
+    if (this.chart?.series.length !== 1 + 3 * this.found.series.length) return this.#draw();
+    // the same picture with other values: no new one for each look at the present
+    this.chart.setSelect({left: 0, top: 0, width: 0, height: 0}, false);
+    this.chart.setData(this.#values());
+    this.#drawn();
+  }
+
+  #values() {
+    return [this.found.time, ...this.found.series.flatMap((s) => [s.mean, s.least, s.greatest])];
+  }
+
+  #drawn() {
+    this.node.dataset.points = String(this.found.time.length * this.found.series.length);
+    this.#say(null);
   }
 
   #draw() {
     if (!this.found || !this.place.clientWidth) return;
     this.chart?.destroy();
-    const {time, series, first, last} = this.found;
+    const {series} = this.found;
     const thin = {stroke: "transparent", width: 0, points: {show: false}};
     this.chart = new uPlot({
       width: this.place.clientWidth, height: HEIGHT, legend: {show: false},
-      scales: {x: {time: true, range: () => [first, last]}, y: {range: (_, low, high) => around(low, high)}},
+      scales: {x: {time: true, range: () => [this.found.first, this.found.last]}, y: {range: (_, low, high) => around(low, high)}},
       cursor: {sync: {key: "past"}, drag: {x: true, y: false, setScale: false}, points: {show: false}},
       series: [{}, ...series.flatMap((_, k) => [
-        {stroke: curve(k), width: 1.6, points: {show: time.length < 3}}, thin, thin])],
+        {stroke: curve(k), width: 1.6, points: {show: () => this.found.time.length < 3}}, thin, thin])],
       bands: series.map((_, k) => ({series: [3 * k + 3, 3 * k + 2], fill: `color-mix(in srgb, ${curve(k)} 22%, transparent)`})),
       axes: [{...axis(), space: 76, values: (_, splits, __, ___, step) => clock(splits, step)},
         {...axis(), size: 62, values: (_, splits) => splits.map((v) => number(v, 5))}],
@@ -142,9 +155,8 @@ class PastPicture {
         }],
         setCursor: [(u) => this.#say(u.cursor.idx)],
       },
-    }, [time, ...series.flatMap((s) => [s.mean, s.least, s.greatest])], this.place);
-    this.node.dataset.points = String(time.length * series.length);
-    this.#say(null);
+    }, this.#values(), this.place);
+    this.#drawn();
   }
 
   /** The numbers at the pointer, or the last ones. */

@@ -1,6 +1,6 @@
 // Live: the machine as it stands, in the words of `abbe status`; its volume now; what was.
 import {label, say, stateOf, t} from "../shared/language.js";
-import {el, number, table} from "../shared/dom.js";
+import {el, fill, number, refill, table, write} from "../shared/dom.js";
 import {get, Outside, Refusal} from "../shared/server.js";
 import {History, when} from "./history.js";
 import {FigureInSpace} from "../shared/space.js";
@@ -20,6 +20,7 @@ export class Live {
     this.warm = el("div", {});
     this.links = el("ul", {class: "links"});
     this.more = el("div", {});
+    this.beat = el("p", {});
     this.now = el("div", {id: "now"},
       this.axes,
       el("div", {class: "columns"},
@@ -94,20 +95,22 @@ export class Live {
     this.node.dataset.seen = "run";
     this.state.textContent = stateOf(found.state);
     this.state.className = found.light;
-    this.warnings.replaceChildren(
+    fill(this.warnings, [found.faults, found.less_sure, found.checks, found.switches], () => [
       ...found.faults.map((text) => el("p", {class: "warning"}, text)),
       ...found.less_sure.map((text) => el("p", {class: "warning"}, t("less sure: {what}", {what: text}))),
-      ...[...found.checks, ...found.switches].map((text) => el("p", {class: "note"}, text)));
+      ...[...found.checks, ...found.switches].map((text) => el("p", {class: "note"}, text))]);
     this.#axes(found.axes);
-    this.warm.replaceChildren(table("", [t("Sensor"), t("Where"), t("Reads"), t("Age")],
-      found.signals.map((s) => [s.name, s.where, s.value, s.stale || s.age])));
-    found.signals.forEach((s, k) => {
-      if (s.stale) this.warm.querySelectorAll("tbody tr")[k].className = "stale";
-    });
-    this.links.replaceChildren(...found.links.map((l) => el("li", {class: l.light}, l.words)));
-    this.more.replaceChildren(el("p", {}, found.cycle),
+    // once a second for hours: what has not changed stays as it is
+    const sensors = found.signals.map((s) => [s.name, s.where, s.value, s.stale || s.age]);
+    if (!refill(this.warm, sensors))
+      this.warm.replaceChildren(table("", [t("Sensor"), t("Where"), t("Reads"), t("Age")], sensors));
+    const rows = this.warm.querySelectorAll("tbody tr");
+    found.signals.forEach((s, k) => rows[k].classList.toggle("stale", Boolean(s.stale)));
+    fill(this.links, found.links, () => found.links.map((l) => el("li", {class: l.light}, l.words)));
+    write(this.beat, found.cycle);
+    fill(this.more, [found.files, found.events], () => [this.beat,
       table(t("What runs"), ["", t("File"), "SHA-256", ""], found.files),
-      table(t("Journal, newest first"), [t("Time"), "", t("What")], found.events));
+      table(t("Journal, newest first"), [t("Time"), "", t("What")], found.events)]);
     this.#say();
     if (first || back) {
       this.seen();
@@ -170,16 +173,15 @@ class AxisCard {
   }
 
   show(axis) {
-    const put = (node, text) => { if (node.textContent !== text) node.textContent = text; };
-    put(this.corrected, axis.corrected);
-    put(this.guard, label(axis.guard));
+    write(this.corrected, axis.corrected);
+    write(this.guard, label(axis.guard));
     this.guard.className = `guard ${axis.light}`;
-    put(this.parts.indicated, axis.indicated);
-    put(this.parts.correction, [axis.correction || t("none"), axis.sure ? `± ${axis.sure}` : ""].join(" "));
-    if (axis.measured) put(this.parts.measured, label(axis.measured));
+    write(this.parts.indicated, axis.indicated);
+    write(this.parts.correction, [axis.correction || t("none"), axis.sure ? `± ${axis.sure}` : ""].join(" "));
+    if (axis.measured) write(this.parts.measured, label(axis.measured));
     if (!this.parts.measured.textContent) this.measured.hidden = true;
     else this.measured.hidden = false;
-    put(this.stale, axis.stale);
+    write(this.stale, axis.stale);
     this.stale.hidden = !axis.stale;
   }
 }

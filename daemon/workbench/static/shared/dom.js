@@ -32,6 +32,29 @@ export function table(title, columns, cells, last = null) {
     el("tbody", {}, ...body)));
 }
 
+/** Other texts in the cells of such a table; false where it has other rows. */
+export function refill(place, cells) {
+  const rows = place.querySelectorAll("tbody tr");
+  if (rows.length !== cells.length) return false;
+  cells.forEach((row, i) => row.forEach((text, k) => write(rows[i].cells[k], text)));
+  return true;
+}
+
+/** Put a text where it does not stand yet. */
+export function write(node, text) {
+  if (node.textContent !== text) node.textContent = text;
+}
+
+/** Fill a place anew where what it is made from has changed. */
+export function fill(place, content, make) {
+  const key = JSON.stringify(content);
+  if (made.get(place) === key) return;
+  made.set(place, key);
+  place.replaceChildren(...make());
+}
+
+const made = new WeakMap();
+
 /** A number for people: significant digits, a true minus sign, no exponent but a power of ten. */
 export function number(value, digits = 3) {
   if (value === null || !Number.isFinite(value)) return "–";
@@ -67,12 +90,25 @@ export async function draw(place, figure) {
   });
   await plotly;
   const now = () => {
+    // gone meanwhile: nothing of it stays behind
+    if (!place.isConnected) return null;
     const shown = onScreen(figure);
     return Plotly.react(place, shown.data, {...shown.layout, autosize: true},
       {responsive: true, displaylogo: false, showSendToCloud: false, displayModeBar: false});
   };
+  // a plot that was drawn anew in the same place has one way to be drawn in other colours
+  const first = !drawing.has(place);
+  drawing.set(place, now);
   await now();
-  onColours(place, now);
+  if (first) onColours(place, () => drawing.get(place)());
+}
+
+const drawing = new WeakMap();
+
+/** Put other parts in a place; plots that stood there are let go of: Plotly listens to the window for each. */
+export function replace(place, ...parts) {
+  for (const plot of place.querySelectorAll(".js-plotly-plot")) Plotly.purge(plot);
+  place.replaceChildren(...parts);
 }
 
 /** Figures have colours for paper; what is on the screen may be dark. */

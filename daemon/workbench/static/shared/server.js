@@ -1,4 +1,5 @@
 // Asking the server: its answers, what it refuses, and that it is away, or does not let this window in.
+import {Attached} from "./attached.js";
 import {know, t} from "./language.js";
 
 /** What the server does not want. */
@@ -54,17 +55,14 @@ async function answer(path, how) {
   return found;
 }
 
-const waiting = new Set();
+const waiting = new Attached();
 
 /** Have `act(anew)` called when the server is back; `anew`: it is another one, which knows nothing of before. */
 export function onBack(element, act) {
-  waiting.add([new WeakRef(element), act]);
+  waiting.add(element, act);
 }
 
 /** The server is back. */
 export function back(anew) {
-  for (const entry of waiting) {
-    if (entry[0].deref()?.isConnected) entry[1](anew);
-    else waiting.delete(entry);
-  }
+  waiting.call(anew);
 }

@@ -1,7 +1,9 @@
 // Colours of the pictures, as the style sheet has them: light, dark, and on paper.
+import {Attached} from "./attached.js";
+
 const NAMES = ["ink", "quiet", "line", "shade", "paper", "grid", "plus", "minus", "still", "accent",
   "first", "second", "third", "fourth", "fifth", "sixth", "seventh"];
-const redraws = new Set();
+const redraws = new Attached();
 let known = null;
 
 /** Name → colour at present. */
@@ -20,17 +22,12 @@ export function curve(k) {
 
 /** Have `draw` called when the colours change; forgotten when its element is gone. */
 export function onColours(element, draw) {
-  redraws.add([new WeakRef(element), draw]);
+  redraws.add(element, draw);
 }
 
 async function changed() {
   known = null;
-  const drawn = [];
-  for (const entry of redraws) {
-    if (entry[0].deref()?.isConnected) drawn.push(entry[1]());
-    else redraws.delete(entry);
-  }
-  await Promise.all(drawn);
+  await Promise.all(redraws.call());
 }
 
 /** Have everything in the colours of paper while `act` lasts. */
