@@ -37,7 +37,7 @@ class BrowserProcesses:
         return sum(_anonymous(pid) for pid in self.pids)
 
     def memory_of(self, kind: str) -> float:
-        """The same of one kind of process: ``renderer`` draws the page, ``gpu-process`` puts it up."""
+        """The same of one kind of process: ``renderer`` draws the page."""
         return sum(_anonymous(pid) for pid in self.pids if f"--type={kind}" in _words(pid))
 
 

@@ -68,6 +68,7 @@ class Reopened:
         expect(page.locator("#trouble")).to_contain_text(OUTSIDE)
         enter(page, self.bench)
         expect(page.locator("#trouble")).to_contain_text(ANEW)
+        expect(page.locator("#view.lost")).to_have_count(0)
 
 
 def enter(page: Page, bench: OpenedWorkbench) -> None:
@@ -139,7 +140,7 @@ def test_compare_what_if_and_add_go_on_where_they_were(browser: Browser, tmp_pat
         again.bench.process.kill()
         again.bench.process.wait()
         add.click()
-        expect(page.locator("#trouble")).to_contain_text("did not answer")
+        expect(page.locator("#trouble")).to_contain_text("was not answered")
         again.start(page)
         expect(page.locator("#trouble")).to_contain_text("nothing is done twice")
         page.wait_for_function(KNOWN)

@@ -136,7 +136,7 @@ async function look() {
   if (now.changes === seen && !over && !again) return;
   seen = now.changes;
   if (now.error) trouble(now.error);
-  else if (again) { told = returned(anew, before, now) || told; trouble(""); }
+  else if (again) { told = returned(anew, before, now); trouble(""); }
   else if (before && before.version !== now.version && !mine)
     trouble(t("The model is {version} now: it was changed in another window.", {version: now.version}));
   else if (over || before?.error) trouble("");
@@ -149,7 +149,6 @@ async function look() {
 /** What there is to say when the server is back. */
 function returned(anew, before, now) {
   const said = [unsure].filter(Boolean);
-  unsure = "";
   if (anew) {
     said.push(t("The workbench was started anew. What was typed here stays."));
     if (before.task) said.push(t("It ended in the middle of: {what}. Look under Watch whether that is done.", {what: before.task.what}));
@@ -197,6 +196,7 @@ async function watchOver() {
     } catch (error) {
       view.classList.add("lost");
       if (!(error instanceof Lost) && !(error instanceof Refusal)) console.error(error);
+      told = "";
       trouble(error instanceof Refusal ? error.message
         : [t("The workbench does not answer. It is asked again. If it was ended, start 'abbe open' anew with --port {port}: this window then goes on, with what was typed.", {port: location.port}), unsure].filter(Boolean).join(" "));
       away = true;
@@ -207,7 +207,7 @@ async function watchOver() {
 
 for (const name of TABS) {
   const button = $(`tab-${name}`);
-  button.addEventListener("click", () => { if (told) { told = ""; trouble(""); } show(name).catch(missed); });
+  button.addEventListener("click", () => { if (told) { told = unsure = ""; trouble(""); } show(name).catch(missed); });
   button.addEventListener("keydown", (event) => {
     const step = {ArrowRight: 1, ArrowLeft: -1}[event.key];
     if (!step) return;

@@ -97,7 +97,8 @@ def test_only_a_page_of_the_workbench_changes_anything(bench: OpenedWorkbench) -
 
 def test_no_path_leads_out_of_its_files(bench: OpenedWorkbench) -> None:
     for path in ("/../session.py", "/static/main.js", "/%2e%2e/session.py", "/..%2f..%2fserve.py",
-                 "//etc/passwd", "/etc/passwd", "/main.js/../../door.py", "/main.js%00.py", "/shared", "/shared/", "/words/",
+                 "//etc/passwd", "/etc/passwd", "/main.js/../../door.py", "/main.js%00.py",
+                 "/shared", "/shared/", "/words/",
                  "/docs", "/openapi.json", "/redoc"):  # fmt: skip
         answered = bench.ask("GET", path)
         assert answered.status in (400, 404), path
