@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import os
+import shutil
+import subprocess
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +16,7 @@ import numpy as np
 from benchmarks.browsing.taken import BrowserProcesses, resident, spent
 from tests.support.daemon.browser import chromium, visit
 from tests.support.daemon.live_run import MODEL, compensating, live_run, machine
-from tests.support.daemon.workbench import opened
+from tests.support.daemon.workbench import OpenedWorkbench, opened
 
 CHANNELS = 50
 """Three axes' positions and thermometers."""
@@ -27,7 +31,10 @@ def fifty_channels(seconds: float) -> str:
     """Measure; the figures as a page has them."""
     with tempfile.TemporaryDirectory() as name, machine(Path(name)) as (_, config):
         _with_more(config)
-        with opened(config) as bench, live_run(config) as run, chromium() as browser:
+        with ExitStack() as stack:
+            bench = stack.enter_context(opened(config))
+            run = stack.enter_context(live_run(config))
+            browser = stack.enter_context(chromium())
             run.until(compensating)
             seen = visit(browser, bench, until=".live[data-seen=run]")
             page = seen.page
@@ -48,16 +55,19 @@ def fifty_channels(seconds: float) -> str:
                 if (all.some((one) => one.attributeName === "data-cycle")) window.counted += 1;
                 }).observe(document.querySelector(".live"), {attributes: true}); }"""
             )
-            page.wait_for_timeout(1e3 * _SETTLED)
             processes, pid = BrowserProcesses(), bench.process.pid
+            second = stack.enter_context(_alone(bench))
+            page.wait_for_timeout(1e3 * _SETTLED)
+            alone = BrowserProcesses(second)
             began, cpu, own = time.monotonic(), processes.spent(), spent(pid)
             counted = int(page.evaluate("window.counted"))
             samples = []
             while (passed := time.monotonic() - began) < seconds:
                 page_now = page_has()
-                renderer = processes.memory_of("renderer")
-                others = processes.memory() - renderer
-                samples.append((passed, *page_now, renderer, others, resident(pid)))
+                renderer = alone.memory_of("renderer")
+                others = alone.memory() - renderer
+                kept = processes.memory_of("renderer")
+                samples.append((passed, *page_now, renderer, others, kept, resident(pid)))
                 page.wait_for_timeout(1e3 * _EVERY)
             passed = time.monotonic() - began
             used, served = (processes.spent() - cpu) / passed, (spent(pid) - own) / passed
@@ -88,15 +98,42 @@ of the host {os.getloadavg()[0]:.1f}.
 | the page's objects (JavaScript heap), MB | {grown[0]} |
 | elements and texts that anything holds | {grown[1]} |
 | listeners that anything holds | {grown[2]} |
-| the processes that draw pages, MB | {grown[3]} |
-| all other processes of the browser, MB | {grown[4]} |
-| the server, MB | {grown[5]} |
+| a browser that no tool listens in on: the processes that draw pages, MB | {grown[3]} |
+| all its other processes, MB | {grown[4]} |
+| the browser that is measured: the processes that draw pages, MB | {grown[5]} |
+| the server, MB | {grown[6]} |
 
 Target: under 30 % of a core, server under 120 MB, and no growth. Growth, ± {_COVERAGE:g} standard
 errors, is the slope of a straight line through a sample every {_EVERY:.0f} s of
 {passed / 60.0:.0f} minutes, begun {_SETTLED:.0f} s after the page was opened, in which the records,
 and with them the pictures of the past, fill; the standard error takes what is left as independent.
-Garbage is collected before each sample, which costs processor time, too."""
+Objects, elements and listeners are counted by the browser's own tools after garbage was collected,
+which costs processor time, too; these tools keep a copy of all that a stream has brought, so the
+browser that they listen in on grows by it. Memory is therefore a second browser's beside it."""
+
+
+@contextmanager
+def _alone(bench: OpenedWorkbench) -> Iterator[int]:
+    """Chromium as a person has it, with the same page; gives its process."""
+    program = shutil.which("chromium")
+    assert program, "chromium is missing: apt install chromium"
+    assert bench.process.stdout is not None
+    address = ""
+    while "for another browser" not in address:
+        address = bench.process.stdout.readline()
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+        words = ["--headless=new", "--no-sandbox", "--disable-background-networking",
+                 "--no-first-run", "--window-size=1280,900",
+                 f"--user-data-dir={profile}"]  # fmt: skip
+        process = subprocess.Popen(
+            [program, *words, address.split()[-1]],
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        try:
+            yield process.pid
+        finally:
+            process.terminate()
+            process.wait()
 
 
 def _with_more(config: Path) -> None:

@@ -22,10 +22,17 @@ def spent(pid: int) -> float:
 
 
 class BrowserProcesses:
-    """All processes of the browsers that this process started."""
+    """All processes of the browsers that a process started.
 
-    def __init__(self) -> None:
-        self.pids = [pid for pid in _below(os.getpid()) if _name(pid).startswith("chrom")]
+    Parameters
+    ----------
+    of
+        Its id; None: this one.
+    """
+
+    def __init__(self, of: int | None = None) -> None:
+        below = _below(os.getpid() if of is None else of)
+        self.pids = [pid for pid in below if _name(pid).startswith("chrom")]
         assert self.pids, "no browser was started"
 
     def spent(self) -> float:

@@ -16,8 +16,10 @@ from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
 from abbe.compcore.effects import RotaryLocation
 from abbe.compcore.effects.base import Effect
+from abbe.compcore.effects.registry import effect_kinds
 from abbe.compcore.model.as_built import average_lines, seen_factor
 from abbe.compcore.model.model import Model, Term, Value
+from abbe.compcore.sentences import Sentence, joined, said
 from abbe.compcore.units import display, in_digits, with_uncertainty
 
 F64 = NDArray[np.float64]
@@ -29,51 +31,65 @@ _NAMED = 6
 """An effect of more parameters is a shape, of which no single one says anything."""
 
 
-def explanation(established: Established, diagnosis: Findings) -> str:
+def explanation(established: Established, diagnosis: Findings) -> Sentence:
     """A paragraph: what it is, the evidence, the parameters, cause and cure, the expected error."""
     effect = established.found.candidate.effect
     campaign = diagnosis.result.problem.campaign
-    parts = [headline(effect) + "."]
+    parts: list[str] = [said("{what}.", what=headline(effect))]
     parts.append(_evidence(established, diagnosis, campaign))
     parts += _fitted(established.estimates)
     parts += _as_built(established, diagnosis)
     doubtful = [e for e in established.estimates if not e.plausible]
     parts += [
-        f"{e.name} lies outside what a sound machine shows "
-        f"({amount(e.range[0], e.unit)} … {amount(e.range[1], e.unit)}): look for a wrong unit "
-        "or another cause."
+        said(
+            "{name} lies outside what a sound machine shows ({least} … {greatest}): look for a "
+            "wrong unit or another cause.",
+            name=e.name,
+            least=amount(e.range[0], e.unit),
+            greatest=amount(e.range[1], e.unit),
+        )
         for e in doubtful
     ]
     if established.aliases:
         names = "; ".join(a.found.candidate.effect.spec for a in established.aliases[:4])
-        parts.append(f"This campaign cannot tell it from: {names}.")
+        parts.append(said("This campaign cannot tell it from: {names}.", names=names))
     if cause := section(effect, "Typical causes"):
-        parts.append(f"Typical causes: {_sentence(cause)}")
+        parts.append(said("Typical causes: {causes}", causes=_of_page(_sentence(cause))))
     if cure := section(effect, "Cure"):
-        parts.append(f"Cure: {_sentence(cure)}")
+        parts.append(said("Cure: {cure}", cure=_of_page(_sentence(cure))))
     if effect.scope == "instrument":
-        parts.append("It belongs to the instrument and never goes into the compensation.")
+        parts.append(said("It belongs to the instrument and never goes into the compensation."))
     unit, _, factor = diagnosis.unit
     before, after = diagnosis.rms * factor, established.rms_after * factor
-    parts.append(f"Added, it brings the residuals from {before:.2f} to {after:.2f} {unit} RMS.")
-    return " ".join(parts)
+    parts.append(
+        said(
+            "Added, it brings the residuals from {before} to {after} {unit} RMS.",
+            before=f"{before:.2f}",
+            after=f"{after:.2f}",
+            unit=unit,
+        )
+    )
+    return joined(parts, " ")
 
 
 def _fitted(estimates: Sequence[Estimate]) -> list[str]:
     """What the campaign says of the parameters; of which of them it says nothing."""
-    said = [e for e in estimates if e.measured]
+    measured = [e for e in estimates if e.measured]
     silent = [e.name for e in estimates if not e.measured]
-    parts = []
-    if shown := ", ".join(parameter(e) for e in said[:_SHOWN]):
-        more = len(said) - _SHOWN
-        parts.append(f"Fitted: {shown}{f' and {more} more' if more > 0 else ''}.")
-    if said and silent:
-        names = ", ".join(silent[:_SHOWN])
-        more = len(silent) - _SHOWN
-        parts.append(
-            f"This campaign says nothing of {names}{f' and {more} more' if more > 0 else ''}."
-        )
+    parts: list[str] = []
+    if measured:
+        shown = _first([parameter(e) for e in measured])
+        parts.append(said("Fitted: {parameters}.", parameters=shown))
+    if measured and silent:
+        parts.append(said("This campaign says nothing of {names}.", names=_first(silent)))
     return parts
+
+
+def _first(names: Sequence[str]) -> str:
+    """The first ones of many, and how many more there are."""
+    shown = ", ".join(names[:_SHOWN])
+    more = len(names) - _SHOWN
+    return said("{shown} and {n} more", shown=shown, n=more) if more > 0 else shown
 
 
 def _as_built(established: Established, diagnosis: Findings) -> list[str]:
@@ -86,7 +102,7 @@ def _as_built(established: Established, diagnosis: Findings) -> list[str]:
         return [_sentence(w) for one in line if one.axis == effect.axis for w in one.words()]
     if seen_factor(model.machine, effect) > 0.0:
         return []
-    return ["On the table itself (level, indicator, R-test) it has the opposite sign."]
+    return [said("On the table itself (level, indicator, R-test) it has the opposite sign.")]
 
 
 def _evidence(established: Established, diagnosis: Findings, campaign: Campaign) -> str:
@@ -95,27 +111,40 @@ def _evidence(established: Established, diagnosis: Findings, campaign: Campaign)
     shown = campaign.kind == (Kind.ROTATION if diagnosis.of_rotations else Kind.DISPLACEMENT)
     signature = established.signature
     largest = float(np.abs(signature[shown]).max()) * factor if shown.any() else 0.0
-    text = (
-        f"Of the {diagnosis.tests} candidates tested it explains the residuals best: χ² falls by "
-        f"{found.evidence.f_drop:.0f} for {_columns(found.screened.rank)}"
-        f" ({_chance(found.evidence.log_p)})"
-    )
-    text += f", up to {largest:.1f} {unit}" if largest > 0.0 else ""
+    parts: list[str] = [
+        said(
+            "Of the {n} candidates tested it explains the residuals best: χ² falls by {fall} for "
+            "{coefficients} ({chance})",
+            n=diagnosis.tests,
+            fall=f"{found.evidence.f_drop:.0f}",
+            coefficients=_columns(found.screened.rank),
+            chance=_chance(found.evidence.log_p),
+        )
+    ]
+    if largest > 0.0:
+        parts.append(said(", up to {size} {unit}", size=f"{largest:.1f}", unit=unit))
     if places := _where(signature, campaign, diagnosis):
-        text += f", most of it in {places}"
+        parts.append(said(", most of it in {places}", places=places))
     gain = established.cross_validated_gain
     if gain > 0.0:
-        return text + f"; blocks left out of the fit are predicted with {gain:.0%} less variance."
-    return text + "; blocks left out of the fit are not predicted better."
+        less = f"{gain:.0%}"
+        parts.append(
+            said("; blocks left out of the fit are predicted with {less} less variance.", less=less)
+        )
+    else:
+        parts.append(said("; blocks left out of the fit are not predicted better."))
+    return joined(parts, "")
 
 
 def _columns(rank: int) -> str:
-    return "one coefficient" if rank == 1 else f"{rank} coefficients"
+    return said("one coefficient") if rank == 1 else said("{n} coefficients", n=rank)
 
 
 def _chance(log_p: float) -> str:
     power = log_p / np.log(10.0)
-    return "chance: none" if power < -99 else f"chance: 1 in 10^{-power:.0f}"
+    if power < -99:
+        return said("chance: none")
+    return said("chance: 1 in 10^{power}", power=f"{-power:.0f}")
 
 
 def _where(signature: F64, campaign: Campaign, diagnosis: Findings) -> str:
@@ -131,18 +160,40 @@ def _where(signature: F64, campaign: Campaign, diagnosis: Findings) -> str:
 
 def headline(effect: Effect) -> str:
     """The first sentence of an effect's page, with the place."""
-    first = inspect.cleandoc(type(effect).__doc__ or effect.kind).split("\n\n")[0]
-    first = re.sub(r"\s+", " ", first).rstrip(".")
+    first = _of_page(_first_sentence(type(effect)))
     where = ", ".join(
         f"{key} {', '.join(map(str, value)) if isinstance(value, list) else value}"
         for key, value in effect.where().items()
     )
-    return f"{first} ({where})" if where else first
+    return said("{what} ({where})", what=first, where=where) if where else first
+
+
+def page_sentences() -> Iterator[str]:
+    """What explanations take from the pages of all effects: what each is, its causes, its cure."""
+    for cls in effect_kinds().values():
+        yield _first_sentence(cls)
+        for name in ("Typical causes", "Cure"):
+            if text := _section(cls, name):
+                yield _sentence(text)
+
+
+def _of_page(text: str) -> str:
+    """A sentence of an effect's page, which other languages have as it stands there."""
+    return text if "{" in text else said(text)
+
+
+def _first_sentence(cls: type[Effect]) -> str:
+    first = inspect.cleandoc(cls.__doc__ or cls.__name__).split("\n\n")[0]
+    return re.sub(r"\s+", " ", first).rstrip(".")
 
 
 def section(effect: Effect, name: str) -> str:
     """One section of an effect's page as running text; empty where it has none."""
-    lines = inspect.cleandoc(type(effect).__doc__ or "").splitlines()
+    return _section(type(effect), name)
+
+
+def _section(cls: type[Effect], name: str) -> str:
+    lines = inspect.cleandoc(cls.__doc__ or "").splitlines()
     found: list[str] = []
     inside = False
     for line in lines:

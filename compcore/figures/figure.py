@@ -30,6 +30,10 @@ Figure = dict[str, Any]
 """A Plotly figure as plain data: ``{"data": [...], "layout": {...}}``."""
 
 
+_LEGEND = 26
+"""px above a picture for the names of its curves, which else lie over them."""
+
+
 def figure(
     traces: Sequence[Trace],
     x: str = "",
@@ -52,12 +56,14 @@ def figure(
     layout
         More of Plotly's layout; its `xaxis`, `yaxis` add to the style's.
     """
+    named = [t for t in traces if t.get("name") and t.get("showlegend", True)]
+    above = _LEGEND if len(named) > 1 else 0
     base: dict[str, Any] = {
         "font": {"family": _FONT, "size": 13, "color": "#1b1f24"},
         "paper_bgcolor": "rgba(0,0,0,0)",
         "plot_bgcolor": "rgba(0,0,0,0)",
         "colorway": list(COLOURS),
-        "margin": {"l": 64, "r": 16, "t": 40 if title else 16, "b": 48},
+        "margin": {"l": 64, "r": 16, "t": (40 if title else 16) + above, "b": 48},
         "height": height,
         "hovermode": "closest",
         "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": "#9aa4ae", "activecolor": "#1b1f24"},

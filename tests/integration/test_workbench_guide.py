@@ -58,7 +58,9 @@ def do(page: Page, step: str, *, secret: str = "") -> None:
 
 
 def done(page: Page, step: str) -> None:
-    page.wait_for_selector(f'li[data-step="{step}"][data-state=done]')
+    page.wait_for_selector(f'li[data-step="{step}"][data-state=done], #step[data-ended=bad]')
+    failed = page.locator("#step[data-ended=bad]")
+    assert failed.count() == 0, failed.inner_text()
 
 
 def measure(page: Page, machine: SimulatedProcess, plan: Path, model: Path) -> None:
@@ -88,7 +90,7 @@ def test_from_the_first_step_to_the_certificate(tmp_path: Path) -> None:
             seen = visit(browser, bench, until=".calibration[data-ready]")
             page = seen.page
             page.locator("summary", has_text="What is asked for").click()
-            for name, text in {"time": "20min", "check_time": "10min", "tools": "P=0,0,-150",
+            for name, text in {"time": "20min", "check_time": "60min", "tools": "P=0,0,-150",
                                "controller": "linuxcnc"}.items():  # fmt: skip
                 page.fill(f"#ask-{name}", text)
             page.click("#ask")

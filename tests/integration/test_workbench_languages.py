@@ -11,6 +11,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from abbe.compcore.campaign.measuring_conditions import STATED
+from abbe.compcore.diagnosis.explain import page_sentences
 from abbe.compcore.diagnosis.shop_words import templates
 from tests.support.daemon.browser import assert_quiet, chromium, visit
 from tests.support.daemon.some_setups import some_setups
@@ -58,7 +59,7 @@ def words_of(path: Path) -> tuple[dict[str, str], dict[str, str]]:
 
 def said_somewhere() -> set[str]:
     """The template of every sentence that a command says with its parts: ``said("…", …)``."""
-    found = set(templates())
+    found = {*templates(), *page_sentences()}
     for folder in ("compcore", "daemon"):
         for path in (STATIC.parents[2] / folder).rglob("*.py"):
             for node in ast.walk(ast.parse(path.read_text("utf-8"))):

@@ -143,11 +143,14 @@ def test_compare_what_if_and_add_go_on_where_they_were(browser: Browser, tmp_pat
         expect(page.locator("#trouble")).to_contain_text("was not answered")
         again.start(page)
         expect(page.locator("#trouble")).to_contain_text("nothing is done twice")
-        page.wait_for_function(KNOWN)
+        while not page.evaluate(KNOWN):
+            page.wait_for_timeout(100)
         assert list(versions.iterdir()) == []
         # clicked again it is done once
         add.click()
-        page.wait_for_selector(f"tr.current:has-text('{spec}')")
+        added = page.locator("tr.current", has_text=spec)
+        added.or_(page.locator("#trouble:not([hidden])")).first.wait_for()
+        assert added.count() == 1, page.locator("#trouble").inner_text()
         expect(page.locator("#task")).to_be_hidden()
         assert [p.name for p in versions.iterdir()] == ["model-2.toml"]
         # in the middle of a refit: that is said; the version before is there

@@ -151,7 +151,8 @@ function returned(anew, before, now) {
   const said = [unsure].filter(Boolean);
   if (anew) {
     said.push(t("The workbench was started anew. What was typed here stays."));
-    if (before.task) said.push(t("It ended in the middle of: {what}. Look under Watch whether that is done.", {what: before.task.what}));
+    // what is only looked at is worked out anew
+    if (/^(add|fit)\b/.test(before.task?.what ?? "")) said.push(t("It ended in the middle of: {what}. Look under Watch whether that is done.", {what: before.task.what}));
     if (before.version !== now.version) said.push(t("It shows {version} at first, not {before}: Watch leads to any version.", {version: now.version, before: before.version}));
   }
   return said.join(" ");

@@ -79,7 +79,7 @@ export class Tables {
       el("section", {}, el("h2", {}, t("At the controller")),
         el("ol", {}, ...tables.activation.map((text) => el("li", {}, text)))),
       el("section", {}, el("h2", {}, t("Record (ISO/TR 16907, 9.1)")),
-        table("", ["", ""], tables.facts), table("", ["", t("File"), "SHA-256"], tables.files)),
+        table("", ["", ""], tables.facts.map(([name, text]) => [label(name), text])), table("", ["", t("File"), "SHA-256"], tables.files)),
     ];
   }
 }
