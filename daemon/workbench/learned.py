@@ -34,8 +34,6 @@ _REACH = 2.0
 _DECADES = 20.0
 """Ratio of a slider's ends from which it goes by ratios."""
 _TABLED = 10
-_LISTED = 12
-"""Causes that the page lists; it knows hundreds more by their names."""
 
 
 def learned(
@@ -70,11 +68,10 @@ def learned(
         "candidates": [
             {
                 "spec": f.candidate.effect.spec,
-                # what is listed is said in the page's language; of the rest there are hundreds
-                "said": _named(headline(f.candidate.effect), listed=i < _LISTED),
+                "said": headline(f.candidate.effect),
                 "evidence": round(f.evidence.value, 1) if np.isfinite(f.evidence.value) else None,
             }
-            for i, f in enumerate(diagnosis.ranked)
+            for f in diagnosis.ranked
         ],
         "figure": figures[CANDIDATES]() if CANDIDATES in figures else None,
         "rows": rows_json(problem.campaign, problem.model.machine, rows),
@@ -85,10 +82,6 @@ def learned(
     }
     answer: dict[str, Any] = plain(found)
     return answer
-
-
-def _named(what: str, *, listed: bool) -> str:
-    return what if listed else str(what)
 
 
 def _level(diagnosis: Diagnosis) -> dict[str, Any]:

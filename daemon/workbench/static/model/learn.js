@@ -83,5 +83,5 @@ function others(found, open, trial, attempt) {
     el("form", {onsubmit: go}, el("label", {for: "any-cause"}, t("Try any other: ")), wanted, " ",
       el("button", {class: "small"}, t("Try it")),
       el("datalist", {id: "all-causes"},
-        ...found.candidates.map((c) => el("option", {value: c.spec}, c.said)))));
+        ...found.candidates.map((c) => el("option", {value: c.spec}, say(c.said))))));
 }
