@@ -9,19 +9,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from abbe.compcore.campaign.campaign import LENGTHS, Campaign, Kind
+from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.diagnosis.findings import measured_kinds
 from abbe.compcore.diagnosis.foretelling import OF_THE_CLOCK, WORTH
-from abbe.compcore.diagnosis.screening.blocks import Blocks
 from abbe.compcore.diagnosis.screening.candidates import RIGID
-from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut
 from abbe.compcore.diagnosis.screening.independence import independent_share
-from abbe.compcore.diagnosis.screening.screening import Basis
+from abbe.compcore.diagnosis.screening.left_out_errors import LeftOutErrors
 from abbe.compcore.diagnosis.thermometers import further_thermometers, warmth_together
+from abbe.compcore.diagnosis.uncatalogued.descriptions import LEAST, descriptions, surely
 from abbe.compcore.diagnosis.verdict import Diagnosis, lacking
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.temperature.lengths import ThermalOffset
@@ -29,7 +28,6 @@ from abbe.compcore.effects.signals import LaggedEffect
 from abbe.compcore.errors import FitError
 from abbe.compcore.fitting.design.begun import begun
 from abbe.compcore.fitting.fit import FitResult, fit
-from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.revise import with_effect, without_effect
 
@@ -52,62 +50,6 @@ _FALLS = 0.998
 
 
 @dataclass(frozen=True, eq=False)
-class LeftOutErrors:
-    """How a fit predicts the blocks of its campaign that were left out, each in its turn.
-
-    Attributes
-    ----------
-    left
-        What the fit without each block leaves of it, in mm or rad.
-    lengths, rotations
-        Root mean squares, mm and rad; NaN without such rows.
-    """
-
-    left: LeftOut
-    lengths: float
-    rotations: float
-
-    @classmethod
-    def of(cls, result: FitResult, judged: Sequence[Effect] | None = None) -> LeftOutErrors:
-        """Leave out every block of a fit; exact for what is linear, non-linear values kept.
-
-        `judged`: the effects that the blocks must be narrow enough for; default all of the model's.
-        """
-        thin = result.thin
-        campaign = thin.problem.campaign
-        effects = thin.model.effects if judged is None else judged
-        blocks = Blocks(campaign.conditions, thin.model.machine).for_effects(effects)
-        with threads_for(thin.problem.n * thin.problem.layout.size):
-            left = LeftOut.of(Basis.of(thin), blocks)
-        used = thin.problem.weight > 0.0
-        sd = np.where(used, thin.problem.sd, 0.0)
-        left = replace(left, residual=left.residual * sd)
-
-        def rms(*kinds: Kind) -> float:
-            rows = np.isin(campaign.kind, kinds) & used
-            return float(np.sqrt(np.mean(left.residual[rows] ** 2))) if rows.any() else math.nan
-
-        return cls(left, rms(*LENGTHS), rms(Kind.ROTATION))
-
-    def falls_to(self, fuller: LeftOutErrors, result: FitResult, *, bound: bool) -> float:
-        """The part of the left-out χ² that another fit to the same rows leaves.
-
-        Parameters
-        ----------
-        fuller
-            How the other fit predicts.
-        result
-            That fit, in the uncertainties of which both are judged.
-        bound
-            Whether what was added belongs to the placing of an instrument (`gain`).
-        """
-        weight = result.thin.problem.weight
-        after = fuller.left.residual if bound else self.left.with_what_it_foretells(fuller.left)
-        before = float(np.sum((self.left.residual * weight) ** 2))
-        return float(np.sum((after * weight) ** 2)) / before if before > 0.0 else 1.0
-
-
-@dataclass(frozen=True, eq=False)
 class Step:
     """One change of the model.
 
@@ -116,7 +58,8 @@ class Step:
     action
         ``began``, ``added``, ``added together`` (with the next, as neither predicts anything
         alone), ``lagged`` (its signals stand behind a lag now), ``second body`` (behind the same
-        signal), ``began elsewhere`` (than in equilibrium with its signal), ``removed``.
+        signal), ``began elsewhere`` (than in equilibrium with its signal), ``described`` (by what
+        explains nothing), ``removed``.
     effect
         The effect that was added, changed or taken out; None for the beginning.
     result
@@ -212,6 +155,7 @@ def to_the_verdict(
             or course.sharpen(diagnosis)
             or course.complete_motions(diagnosis)
             or course.prune()
+            or course.describe(diagnosis)
         ):
             break
         diagnosis = course.diagnosed()
@@ -412,6 +356,37 @@ class _StepwiseCourse:
             return False
         self._make(action, fuller, *found)
         self._added[self._added.index(effect)] = fuller
+        return True
+
+    def describe(self, diagnosis: Diagnosis) -> bool:
+        """Describe what no cause explains, where that foretells left-out blocks surely better.
+
+        Of all descriptions the one that foretells best.
+        """
+        before = self._last
+        best: tuple[float, Effect, FitResult, LeftOutErrors] | None = None
+        for effect in descriptions(diagnosis):
+            if effect in before.result.model.effects or self.refused_now(effect):
+                continue
+            self._progress(f"describing by {effect.kind}")
+            more, added = with_effect(before.result.model, effect.kind, effect.where())
+            try:
+                result = fit(more, self._campaign, near=True)
+            except FitError:
+                continue
+            along = added.positions_used(more.machine)
+            was = LeftOutErrors.of(before.result, (added,), along=along)
+            now = LeftOutErrors.of(result, (added,), along=along)
+            if was.falls_to(now, result, bound=False) > 1.0 - LEAST:
+                continue
+            left = float(now.left.residual @ now.left.residual)
+            if surely(was.left, now.left) and (best is None or left < best[0]):
+                best = left, added, result, LeftOutErrors.of(result)
+        if best is None:
+            return False
+        _, effect, result, out = best
+        self._make("described", effect, result, out)
+        self._adopt(result.model, effect)
         return True
 
     def prune(self) -> bool:

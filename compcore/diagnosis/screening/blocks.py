@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.diagnosis.screening.crossvalidation import folds
+from abbe.compcore.diagnosis.screening.crossvalidation import clock_order, folds
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.rotary.motions import RotaryMotion
 from abbe.compcore.effects.shapes import CUBIC, Shape
@@ -16,6 +16,29 @@ from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
 
 Rows = list[NDArray[np.int64]]
+
+_WHOLE = 0.5
+"""Part of what an axis moved in all that a pass has to see of it."""
+
+
+def passes(conditions: Conditions, axis: str) -> Rows:
+    """The rows of each pass along an axis, from where it turned to where it turns again.
+
+    What one pass says of a place another has to say again, while all else that goes on in time is
+    another. Empty where there were not two passes over half of the way.
+    """
+    order = np.argsort(clock_order(conditions), kind="stable")
+    at = conditions.position(axis)[order]
+    step = np.sign(np.diff(at, prepend=at[:1]))
+    # where it stood, it goes on as before
+    last = np.maximum.accumulate(np.where(step != 0.0, np.arange(len(step)), 0))
+    turned = np.flatnonzero(np.diff(step[last])) + 1
+    found = np.split(order, turned[turned > 1])
+    least = _WHOLE * float(np.ptp(at))
+    whole = [r for r in found if least > 0.0 and np.ptp(conditions.position(axis)[r]) >= least]
+    if len(whole) < 2 or sum(map(len, whole)) < _WHOLE * conditions.n:
+        return []
+    return [np.sort(r) for r in whole]
 
 
 @dataclass(frozen=True, eq=False)

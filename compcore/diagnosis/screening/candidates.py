@@ -151,13 +151,13 @@ def _refinements(model: Model, campaign: Campaign) -> Iterator[Candidate]:
         if axis is None or axis not in campaign.conditions.positions:
             continue
         at = campaign.conditions.position(axis)
-        finer = _finer(effect, len(np.unique(at)), float(np.ptp(at)))
-        for detail in finer if few else islice(finer, 1):
+        details = finer(effect, len(np.unique(at)), float(np.ptp(at)))
+        for detail in details if few else islice(details, 1):
             refined = effect.model_copy(update=detail)
             yield Candidate(refined, cost_of(refined, machine, 1))
 
 
-def _finer(effect: Effect, distinct: int, extent: float) -> Iterator[dict[str, object]]:
+def finer(effect: Effect, distinct: int, extent: float) -> Iterator[dict[str, object]]:
     """Where-keys with twice the detail, and twice that again, as far as so many positions show it.
 
     Of a rotary axis that was not turned around (`extent`, rad) waves of a turn imitate one another

@@ -30,6 +30,7 @@ _SAID = {
     "lagged": "behind a lag: {0}",
     "second body": "a second body follows the same signal: {0}",
     "began elsewhere": "not in equilibrium at first: {0}",
+    "described": "described, not explained: {0}",
     "removed": "taken out again, as the others say it too: {0}",
 }
 

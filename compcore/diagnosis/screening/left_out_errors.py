@@ -1,0 +1,88 @@
+"""How a fit foretells blocks of its campaign that are left out of it, each in its turn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from abbe.compcore.campaign.campaign import LENGTHS, Kind
+from abbe.compcore.diagnosis.screening.blocks import Blocks, passes
+from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut
+from abbe.compcore.diagnosis.screening.screening import Basis
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.fitting.fit import FitResult
+from abbe.compcore.linalg import threads_for
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOutErrors:
+    """How a fit predicts the blocks of its campaign that were left out, each in its turn.
+
+    Attributes
+    ----------
+    left
+        What the fit without each block leaves of it, in mm or rad.
+    lengths, rotations
+        Root mean squares, mm and rad; NaN without such rows.
+    """
+
+    left: LeftOut
+    lengths: float
+    rotations: float
+
+    @classmethod
+    def of(
+        cls,
+        result: FitResult,
+        judged: Sequence[Effect] | None = None,
+        *,
+        along: Sequence[str] = (),
+    ) -> LeftOutErrors:
+        """Leave out every block of a fit; exact for what is linear, non-linear values kept.
+
+        Parameters
+        ----------
+        result
+            The fit.
+        judged
+            The effects that the blocks must be narrow enough for; default all of the model's.
+        along
+            Axes of whose passes each is to be left out, where there are several (`passes`).
+        """
+        thin = result.thin
+        campaign = thin.problem.campaign
+        effects = thin.model.effects if judged is None else judged
+        conditions = campaign.conditions
+        blocks = next(filter(None, (passes(conditions, axis) for axis in along)), None)
+        blocks = blocks or Blocks(conditions, thin.model.machine).for_effects(effects)
+        with threads_for(thin.problem.n * thin.problem.layout.size):
+            left = LeftOut.of(Basis.of(thin), blocks)
+        used = thin.problem.weight > 0.0
+        sd = np.where(used, thin.problem.sd, 0.0)
+        left = replace(left, residual=left.residual * sd)
+
+        def rms(*kinds: Kind) -> float:
+            rows = np.isin(campaign.kind, kinds) & used
+            return float(np.sqrt(np.mean(left.residual[rows] ** 2))) if rows.any() else math.nan
+
+        return cls(left, rms(*LENGTHS), rms(Kind.ROTATION))
+
+    def falls_to(self, fuller: LeftOutErrors, result: FitResult, *, bound: bool) -> float:
+        """The part of the left-out χ² that another fit to the same rows leaves.
+
+        Parameters
+        ----------
+        fuller
+            How the other fit predicts.
+        result
+            That fit, in the uncertainties of which both are judged.
+        bound
+            Whether what was added belongs to the placing of an instrument (`gain`).
+        """
+        weight = result.thin.problem.weight
+        after = fuller.left.residual if bound else self.left.with_what_it_foretells(fuller.left)
+        before = float(np.sum((self.left.residual * weight) ** 2))
+        return float(np.sum((after * weight) ** 2)) / before if before > 0.0 else 1.0

@@ -1,0 +1,79 @@
+"""What a spreadsheet would do where no cause is left: a curve along an axis, a short formula.
+
+No evidence is asked of a description, and it names no cause: it is taken for what it foretells of
+left-out blocks alone. So nobody ends worse than with a table of the axis's own positions, however
+alike the rows are that no cause explains.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from abbe.compcore.diagnosis.explain import formula
+from abbe.compcore.diagnosis.findings import Findings
+from abbe.compcore.diagnosis.screening.candidates import finer
+from abbe.compcore.diagnosis.screening.crossvalidation import FOLDS, LeftOut
+from abbe.compcore.distributions import log_f_beyond
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.effects.catalogue.formula import Formula
+from abbe.compcore.effects.catalogue.linear.linear_axes import Positioning
+from abbe.compcore.effects.catalogue.linear.reversal import Backlash
+from abbe.compcore.effects.catalogue.rotary.motions import RotaryPositioning
+from abbe.compcore.model.model import Model
+from abbe.compcore.model.revise import identity
+
+LEAST = 0.1
+"""Part of the left-out χ² that a description must remove: it is chosen among many."""
+
+_CHANCE = 0.05
+"""Chance of so large a mean fall over the blocks by their scatter alone: Student's t, one side."""
+
+
+def descriptions(diagnosis: Findings) -> Iterator[Effect]:
+    """The descriptions that a model may be given, those of an axis's own position first."""
+    model, campaign = diagnosis.result.model, diagnosis.result.problem.campaign
+    coverage = campaign.coverage()
+    axes = [a for a in model.machine.structure.axes if a in coverage.moving]
+    if len(campaign.setups) < FOLDS:
+        for axis in axes:
+            at = campaign.conditions.position(axis)
+            distinct, extent = len(np.unique(at)), float(np.ptp(at))
+            rotary = model.machine.axis(axis).rotary
+            own: list[Effect] = [(RotaryPositioning if rotary else Positioning)(axis=axis)]
+            if axis in coverage.reversing:
+                own.append(Backlash(axis=axis))
+            for plain in own:
+                for effect in _known(model, plain):
+                    yield effect
+                    for detail in finer(effect, distinct, extent):
+                        yield effect.model_copy(update=detail)
+    for structure in diagnosis.structure:
+        # what goes with time says nothing of another day
+        if "t" not in structure.depends_on and (spec := formula(structure)) is not None:
+            channel, terms = spec.removeprefix("formula channel=").split(" terms=", 1)
+            yield Formula.model_validate({"channel": channel, "terms": terms})
+
+
+def _known(model: Model, plain: Effect) -> list[Effect]:
+    """An effect in the detail that a model has it in; as it is, where the model lacks it."""
+    return [e for e in model.effects if identity(e) == identity(plain)] or [plain]
+
+
+def surely(before: LeftOut, after: LeftOut) -> bool:
+    """Whether left-out blocks are foretold better by more than their own scatter.
+
+    Both of the same rows in the same blocks.
+    """
+    fall = np.array(
+        [
+            float(np.sum(before.residual[rows] ** 2) - np.sum(after.residual[rows] ** 2))
+            for rows in before.folds
+        ]
+    )
+    if len(fall) < 2 or not fall.mean() > 0.0:
+        return False
+    squared = len(fall) * fall.mean() ** 2 / max(float(fall.var(ddof=1)), 1e-300)
+    return log_f_beyond(float(squared), 1, len(fall) - 1) < math.log(2.0 * _CHANCE)
