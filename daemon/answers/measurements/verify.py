@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from abbe.compcore.artefacts.decision_rule import Conformity
-from abbe.compcore.units import with_uncertainty
+from abbe.compcore.units import in_digits, with_uncertainty
 from abbe.compcore.verification.budget import CAUSES, FIGURES
 from abbe.compcore.verification.foretold import ForetoldLine
 from abbe.compcore.verification.lengths import LengthsVerified
@@ -29,7 +29,7 @@ STATUS = {Conformity.PASSES: 0, Conformity.FAILS: 3, Conformity.NEITHER: 4, None
 
 
 _ROUND_OFF = 1e-6
-"""µm or µrad: a figure that the model does not have, but for rounding."""
+"""µm or µrad: nothing, but for rounding."""
 
 
 def outcome_words(found: Verification) -> str:
@@ -216,7 +216,10 @@ def said(test: LineTest, figure: str, factor: float, coverage: float) -> str:
     value, sd = test.value(figure), test.sd(figure)
     if value is None or sd is None:
         return "–"
-    return with_uncertainty(value * factor, coverage * sd * factor)
+    shown, expanded = value * factor, coverage * sd * factor
+    if expanded < _ROUND_OFF:  # runs that repeat to the last digit
+        return f"{in_digits(shown if abs(shown) > _ROUND_OFF else 0.0, 4)} ± 0"
+    return with_uncertainty(shown, expanded)
 
 
 def foretold_words(one: VerifiedLine, figure: str, factor: float, coverage: float) -> str:

@@ -417,3 +417,23 @@ def test_a_model_without_covariance_foretells_without_a_margin(shop, tmp_path):
     assert one["foretold"]["figures"]["E"]["sd"] is None
     assert one["foretold"]["agrees"] is None
     assert "does not say to which campaigns" in "".join(json.loads(done.out)["warnings"])
+
+
+def test_runs_that_repeat_to_the_last_digit_are_shown_as_people_write_them(shop, tmp_path):
+    """R and U of exact repeats are rounding errors: 0, not a number times ten to the minus 14."""
+    text = (shop / "after.csv").read_text("utf-8").splitlines()
+    head = next(i for i, row in enumerate(text) if row.startswith("time,"))
+    names = text[head].split(",")
+    value, came = names.index("value"), names.index("X_dir")
+    for i in range(head + 1, len(text)):
+        cells = text[i].split(",")
+        cells[value] = "1.0" if float(cells[came]) > 0.0 else "3.1"
+        text[i] = ",".join(cells)
+    (tmp_path / "exact.csv").write_text("\n".join(text) + "\n", "utf-8")
+    page = tmp_path / "page.html"
+    done = abbe("verify", shop / "m.toml", tmp_path / "exact.csv", "--before", shop / "before.csv",
+                "--report", page)  # fmt: skip
+    assert done.status == 0, done.err
+    found = unescape(page.read_text("utf-8"))
+    assert "2.1 ± 0" in found
+    assert "·10⁻¹" not in found
