@@ -1,7 +1,7 @@
-"""The workbench: many viewers, fifty channels in a browser, a million rows in a browser.
+"""The workbench: many viewers, fifty channels, ten million records, a million rows.
 
 Writes its sections of docs/performance.md. ``python -m benchmarks.workbench [WHAT …]``, of
-``viewers``, ``channels``, ``rows``; all where none is named.
+``viewers``, ``channels``, ``past``, ``rows``; all where none is named.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.browsing.channels import fifty_channels
+from benchmarks.browsing.past import far_past
 from benchmarks.browsing.rows import many_rows
 from benchmarks.browsing.viewers import many_viewers
 from benchmarks.measuring.report import machine, write_section
@@ -21,6 +22,7 @@ from benchmarks.measuring.report import machine, write_section
 PARTS: Mapping[str, Callable[[], str]] = {
     "viewers": lambda: many_viewers(100.0),
     "channels": lambda: fifty_channels(900.0),
+    "past": lambda: far_past(10_000_000),
     "rows": lambda: many_rows(1_000_000),
 }
 

@@ -99,9 +99,15 @@ class Records:
 
     def range(self) -> tuple[float, float] | None:
         """First and last time of anything kept, s since 1970; None: nothing is."""
+        # series by series: the index knows the ends of each, and nothing is read through
+        ends = "(SELECT {end}(time) FROM {table} WHERE {table}.series = series.series)"
         parts = " UNION ALL ".join(
-            f"SELECT min(time) AS a, max(time) AS b FROM {t}" for t in (*LEVELS, "events")
-        )
+            "SELECT " + ends.format(end="min", table=t) + " AS a, "
+            + ends.format(end="max", table=t) + " AS b FROM series"
+            for t in LEVELS
+        )  # fmt: skip
+        # of the events, likewise, one end at a time
+        parts += " UNION ALL SELECT (SELECT min(time) FROM events), (SELECT max(time) FROM events)"
         first, last = self._connection.execute(f"SELECT min(a), max(b) FROM ({parts})").fetchone()
         return None if first is None else (first, last)
 
