@@ -1,4 +1,4 @@
-"""Pointing files of telescopes: what a star says of the mount, and the MMT's own file."""
+"""Pointing files of telescopes: what a star says of the mount, one by one and of a whole night."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
-from abbe.compcore.diagnosis.stepwise import to_the_verdict
 from abbe.compcore.errors import InputError
+from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.importers.placing import ForeignPlacing
 from abbe.compcore.files.importers.tpoint import import_tpoint
 from abbe.compcore.files.model_file import load_model
@@ -84,16 +84,33 @@ def test_what_is_no_such_file_is_refused_in_one_sentence(
     assert "\n" not in str(found.value)
 
 
-def test_the_mmt_s_night_of_2021_is_explained_from_its_own_file() -> None:
-    """80 stars; the lean of the azimuth as of the other encoder's readings, 49.9 and 12.0 µrad."""
+def test_a_real_night_told_as_stars_comes_back_as_it_was(tmp_path: Path) -> None:
+    """86 stars of the MMT: where each stood, by vectors, from what was measured of the mount."""
     model = load_model(SKY / "model.toml")
+    night = read_campaign(SKY / "run.csv", model.machine)
+    joints = night.conditions.positions
+    azimuth, elevation = joints["C"], np.pi / 2 - joints["B"]
+    looks = np.column_stack(
+        [
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+        ]
+    )
+    # two components of one star stand in rows that follow one another
+    turned = (np.asarray(night.conditions.u) * night.value[:, None]).reshape(-1, 2, 3).sum(axis=1)
+    star = looks[::2] + np.cross(turned, looks[::2])
+    star /= np.linalg.norm(star, axis=1, keepdims=True)
+    stars = np.column_stack(
+        [
+            np.rad2deg(np.arctan2(star[:, 1], star[:, 0])),
+            np.rad2deg(np.arcsin(star[:, 2])),
+            np.rad2deg(azimuth[::2]),
+            np.rad2deg(elevation[::2]),
+        ]
+    )
     placing = ForeignPlacing(at={"Z": 0.0})
-    campaign = import_tpoint(SKY / "k_and_e.dat", placing, machine=model.machine)
-    assert campaign.n == 160
-    course = to_the_verdict(model, campaign)
-    assert course.diagnosis.verdict == "complete"
-    # eight terms of a pointing model leave 3.86 µrad out in three blocks
-    assert course.last.held_out.rotations < 3.7e-6
-    (leaning,) = [t for t in course.last.result.model.terms if t.effect.spec.endswith("axis=C")]
-    size = np.hypot(leaning.values["E_A0C"].value, leaning.values["E_B0C"].value)
-    assert size == pytest.approx(np.hypot(49.94e-6, 12.0e-6), abs=1e-6)
+    campaign = import_tpoint(written(tmp_path, *stars), placing, machine=model.machine)
+    assert campaign.n == night.n
+    found = (np.asarray(campaign.conditions.u) * campaign.value[:, None]).reshape(-1, 2, 3)
+    assert np.abs(found.sum(axis=1) - turned).max() < 5e-9
