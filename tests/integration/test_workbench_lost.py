@@ -90,7 +90,9 @@ def further(bench: OpenedWorkbench) -> None:
 
 def unexpected(seen: Watched) -> list[str]:
     """What the browser complained of, apart from the server's being away."""
-    away = re.compile(r"ERR_(CONNECTION|EMPTY_RESPONSE|INCOMPLETE|CONTENT_LENGTH|SOCKET)|40[39]")
+    away = re.compile(
+        r"ERR_(CONNECTION|EMPTY_RESPONSE|INCOMPLETE|CONTENT_LENGTH|SOCKET)|Failed to fetch|40[39]"
+    )
     return [e for e in seen.errors if not away.search(e)]
 
 

@@ -60,7 +60,8 @@ export class Controller {
         this.refusal = t("This was looked at in another window. What stands here is what it found.");
       if (state.work?.ended) this.own = false;
       if (JSON.stringify(before) !== JSON.stringify(state)) this.#show();
-      if (before?.work && !before.work.ended && state.work?.ended) await this.changed(state.work);
+      // who looks seldom sees only that another work has ended, never that it went on
+      if (before && state.work?.ended && JSON.stringify(before.work) !== JSON.stringify(state.work)) await this.changed(state.work);
     } catch {
       // the frame says that the server is lost
     }
