@@ -23,7 +23,7 @@ from tests.support.daemon.browser import Watched, chromium, visit
 from tests.support.daemon.live_run import MODEL, compensating, live_run, machine
 from tests.support.daemon.measuring import SPEED, configuration, driven, line_plan, write_plan
 from tests.support.daemon.some_setups import some_setups
-from tests.support.daemon.upload_cases import SLOW, Place, fill, sums, texts
+from tests.support.daemon.upload_cases import Place, patient_place, sums
 from tests.support.daemon.workbench import OpenedWorkbench, opened
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(900)]
@@ -218,14 +218,7 @@ def test_a_session_that_is_over_goes_on_where_it_was(browser: Browser, tmp_path:
 @pytest.fixture
 def place(tmp_path: Path) -> Iterator[Place]:
     """A mill, its tables ``old`` (active) and ``new``, and a control."""
-    fill(tmp_path)
-    with SimulatedProcess("controller", "modbus") as control:
-        control.order("reset")
-        control.order("load", files=texts(tmp_path / "old"))
-        keys = {"driver": "modbus", "host": "127.0.0.1", "port": control.ready["port"]}
-        here = Place(tmp_path, control, keys, SLOW)
-        here.configure(**SLOW)
-        here.config.write_text(here.config.read_text() + "\n[http]\n")
+    with patient_place(tmp_path) as here:
         yield here
 
 

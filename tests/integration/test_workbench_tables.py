@@ -10,9 +10,8 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from abbe.daemon.config.tokens import add_token
-from abbe.drivers.simulated.process import SimulatedProcess
 from tests.support.daemon.browser import WIDTHS, assert_for_everybody, assert_quiet, chromium, visit
-from tests.support.daemon.upload_cases import SLOW, Place, fill, sums, texts
+from tests.support.daemon.upload_cases import Place, patient_place, sums
 from tests.support.daemon.workbench import OpenedWorkbench, opened
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
@@ -21,14 +20,7 @@ pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
 @pytest.fixture
 def place(tmp_path: Path) -> Iterator[Place]:
     """A mill, its tables ``old`` (active) and ``new``, and a control."""
-    fill(tmp_path)
-    with SimulatedProcess("controller", "modbus") as control:
-        control.order("reset")
-        control.order("load", files=texts(tmp_path / "old"))
-        keys = {"driver": "modbus", "host": "127.0.0.1", "port": control.ready["port"]}
-        here = Place(tmp_path, control, keys, SLOW)
-        here.configure(**SLOW)
-        here.config.write_text(here.config.read_text() + "\n[http]\n")
+    with patient_place(tmp_path) as here:
         yield here
 
 

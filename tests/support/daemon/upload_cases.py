@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -188,4 +189,28 @@ def fill(folder: Path) -> None:
         make_tables(folder / "model.toml", folder / name)
 
 
-__all__ = ["NAME", "SERIAL", "Place", "fill", "make_tables", "model", "sums", "texts"]
+@contextmanager
+def patient_place(folder: Path) -> Iterator[Place]:
+    """A mill with the page of its service, its tables ``old`` (active) and ``new``, a control."""
+    fill(folder)
+    with SimulatedProcess("controller", "modbus") as control:
+        control.order("reset")
+        control.order("load", files=texts(folder / "old"))
+        keys = {"driver": "modbus", "host": "127.0.0.1", "port": control.ready["port"]}
+        here = Place(folder, control, keys, SLOW)
+        here.configure(**SLOW)
+        here.config.write_text(here.config.read_text() + "\n[http]\n")
+        yield here
+
+
+__all__ = [
+    "NAME",
+    "SERIAL",
+    "Place",
+    "fill",
+    "make_tables",
+    "model",
+    "patient_place",
+    "sums",
+    "texts",
+]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Self
 
 from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import F64, Effect, FittedEffect, Motion, Parameter
@@ -129,8 +130,37 @@ class SensorOffset(ThermometerEffect):
             yield cls(signal=signal.name)
 
 
+class MisreadDifferences(ThermometerEffect):
+    """A thermometer that is right at one temperature, and misreads what differs from it."""
+
+    def check(self, machine: Machine) -> None:
+        """The signal is a temperature.
+
+        Raises
+        ------
+        InputError
+            The signal is in another unit than degC or K.
+        """
+        super().check(machine)
+        signal = machine.signals[self.signal]
+        if not signal.temperature:
+            raise InputError(
+                "not a temperature",
+                field="signal",
+                found=f"{self.signal} in {signal.unit}",
+                expected="a signal in degC or K",
+            )
+
+    @classmethod
+    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Self]:
+        """Each recorded temperature: those on the structure first, whose differences are read."""
+        signals = recorded(machine, coverage, temperature=True)
+        for signal in by_sense(signals, ("structure", "scale", "screw")):
+            yield cls(signal=signal.name)
+
+
 @register
-class SensorGain(ThermometerEffect):
+class SensorGain(MisreadDifferences):
     """A temperature sensor whose differences are wrong in proportion: its gain.
 
     It reads a change of 10 K as one of 11. Of an effect that reads this sensor alone nothing is
@@ -164,11 +194,6 @@ class SensorGain(ThermometerEffect):
 
     kind = "sensor_gain"
 
-    def check(self, machine: Machine) -> None:
-        """A temperature."""
-        super().check(machine)
-        _require_temperature(machine, self.signal)
-
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """The gain."""
         text = f"{self.signal} reads differences too large by this part"
@@ -198,16 +223,9 @@ class SensorGain(ThermometerEffect):
         factor = 1.0 / (1.0 + float(coefficients[0]))
         return conditions.with_gain(self.signal, factor, machine.reference_temperature)
 
-    @classmethod
-    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[SensorGain]:
-        """Each recorded temperature: those on the structure first, whose differences are read."""
-        signals = recorded(machine, coverage, temperature=True)
-        for signal in by_sense(signals, ("structure", "scale", "screw")):
-            yield cls(signal=signal.name)
-
 
 @register
-class SensorBend(ThermometerEffect):
+class SensorBend(MisreadDifferences):
     """A temperature sensor whose reading is bent: right at one temperature, less and less beyond.
 
     Thermistors, resistors and thermocouples are bent by nature, and are straightened by a formula
@@ -242,11 +260,6 @@ class SensorBend(ThermometerEffect):
 
     kind = "sensor_bend"
 
-    def check(self, machine: Machine) -> None:
-        """A temperature."""
-        super().check(machine)
-        _require_temperature(machine, self.signal)
-
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """The bend."""
         text = f"{self.signal} reads too much by this times the square of its distance from T0"
@@ -274,20 +287,3 @@ class SensorBend(ThermometerEffect):
         """The readings put right."""
         about = machine.reference_temperature
         return conditions.straightened(self.signal, float(coefficients[0]), about)
-
-    @classmethod
-    def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[SensorBend]:
-        """Each recorded temperature: those on the structure first."""
-        signals = recorded(machine, coverage, temperature=True)
-        for signal in by_sense(signals, ("structure", "scale", "screw")):
-            yield cls(signal=signal.name)
-
-
-def _require_temperature(machine: Machine, signal: str) -> None:
-    if not machine.signals[signal].temperature:
-        raise InputError(
-            "not a temperature",
-            field="signal",
-            found=f"{signal} in {machine.signals[signal].unit}",
-            expected="a signal in degC or K",
-        )
