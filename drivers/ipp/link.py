@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import ClassVar
 
@@ -12,17 +11,16 @@ from abbe.drivers.ipp.config import IppConfig
 from abbe.drivers.ipp.probing import IppProbe
 from abbe.drivers.link import (
     ChannelInfo,
-    Link,
     LinkConfig,
     LinkConfigError,
-    LinkError,
     Sample,
     WirePlace,
 )
+from abbe.drivers.reading_link import ReadingLink
 from abbe.drivers.touch_probe import TouchingLink, TouchProbe
 
 
-class IppLink(Link, TouchingLink):
+class IppLink(ReadingLink, TouchingLink):
     """One I++ DME server and its channels.
 
     Parameters
@@ -34,6 +32,10 @@ class IppLink(Link, TouchingLink):
     """
 
     Config: ClassVar[type[LinkConfig]] = IppConfig
+    refusal: ClassVar[str] = (
+        "an I++ DME link only reads; the machine is corrected through its controller, "
+        "see docs/ipp.md"
+    )
 
     def __init__(self, name: str, config: IppConfig) -> None:
         super().__init__(name, config)
@@ -95,20 +97,6 @@ class IppLink(Link, TouchingLink):
         """
         self._check_known(channels, self._config.channels)
         return await self._asking.read(channels)
-
-    async def write(self, values: Mapping[str, float], *, until: float = math.inf) -> None:
-        """Refuse: this link only reads.
-
-        Raises
-        ------
-        LinkError
-            Always, unless there is nothing to write.
-        """
-        if values:
-            raise LinkError(
-                f"link {self.name}: nothing written: {', '.join(values)}: an I++ DME link only "
-                "reads; the machine is corrected through its controller, see docs/ipp.md"
-            ).leaving(untouched=values)
 
     def touch_probe(self) -> TouchProbe:
         """The machine's own probe; only who asks for it has the machine moved."""

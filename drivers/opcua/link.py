@@ -13,7 +13,6 @@ from asyncua import ua
 from abbe.drivers import resources
 from abbe.drivers.link import (
     ChannelInfo,
-    Link,
     LinkConfig,
     LinkConfigError,
     LinkDownError,
@@ -29,6 +28,7 @@ from abbe.drivers.opcua.config import OpcuaConfig
 from abbe.drivers.opcua.session import OpcuaSession
 from abbe.drivers.opcua.values import of_state, sample_of
 from abbe.drivers.pace import Pace
+from abbe.drivers.reading_link import ReadingLink
 from abbe.drivers.reconnect import Reconnector
 
 logger = logging.getLogger("abbe.drivers.opcua")
@@ -37,7 +37,7 @@ _NAN = math.nan
 _STATE = ua.NodeId(ua.ObjectIds.Server_ServerStatus_State)
 
 
-class OpcuaLink(Link):
+class OpcuaLink(ReadingLink):
     """One OPC UA server and its channels; it only reads.
 
     Parameters
@@ -49,6 +49,7 @@ class OpcuaLink(Link):
     """
 
     Config: ClassVar[type[LinkConfig]] = OpcuaConfig
+    refusal: ClassVar[str] = "an OPC UA link only reads; see docs/opcua.md"
 
     def __init__(self, name: str, config: OpcuaConfig) -> None:
         super().__init__(name, config)
@@ -105,8 +106,10 @@ class OpcuaLink(Link):
                 f"link {self.name}: {', '.join(channels)} must be of one answer: give them the "
                 "same every"
             )
-        if len(paces) == 1:
-            group = frozenset(channels)
+        for pace in paces:
+            group = frozenset(n for n in channels if self._config.channels[n].every == pace)
+            # who belongs to two groups belongs with all of both
+            group = group.union(*(self._together.get(name, ()) for name in group))
             self._together |= dict.fromkeys(group, group)
 
     async def open(self) -> None:
@@ -139,20 +142,6 @@ class OpcuaLink(Link):
             await self._renew(tuple(wanted))
         missing = Sample(_NAN, now, Quality.UNAVAILABLE, "not answered yet")
         return {name: self._last.get(name, missing) for name in channels}
-
-    async def write(self, values: Mapping[str, float], *, until: float = math.inf) -> None:
-        """Refuse: this link only reads.
-
-        Raises
-        ------
-        LinkError
-            Always, unless there is nothing to write.
-        """
-        if values:
-            raise LinkError(
-                f"link {self.name}: nothing written: {', '.join(values)}: an OPC UA link only "
-                "reads; see docs/opcua.md"
-            ).leaving(untouched=values)
 
     async def _renew(self, names: Sequence[str]) -> None:
         """Ask for channels; whatever comes of it is their last sample."""

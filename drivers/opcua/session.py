@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from asyncua import Client, ua
+from asyncua.client.ua_client import UASocketProtocol
 from asyncua.crypto import security_policies, uacrypto
 from asyncua.ua.ua_binary import struct_from_binary
 
@@ -25,14 +26,15 @@ from abbe.drivers.link import (
     LinkTimeoutError,
 )
 from abbe.drivers.opcua.config import OpcuaConfig
+from abbe.drivers.opcua.incoming import MOST_BYTES, Incoming
 
 _PATIENCE = 5.0
 """Time-outs within which a connection is there: five answers, some with cryptography."""
 _APPLICATION = "urn:abbe:client"
 _FORGOTTEN = 10_000
 """ms after which the server forgets a session that was cut off: controls have few of them."""
-_MOST_BYTES = 1 << 20
-"""Bytes of an answer beyond which it is none; that of a hundred variables has some 5000."""
+_MOST_AT_ONCE = 8192
+"""Bytes of an answer that are read at once, some ms; more may take a second, in a thread."""
 _MODES = {
     "sign": ua.MessageSecurityMode.Sign,
     "encrypt": ua.MessageSecurityMode.SignAndEncrypt,
@@ -78,7 +80,10 @@ class OpcuaSession:
         self._client.name = self._client.description = "Abbe"
         self._client.application_uri = _APPLICATION
         self._client.session_timeout = _FORGOTTEN
-        self._client.max_messagesize = _MOST_BYTES
+        self._client.max_messagesize = MOST_BYTES
+        self._incoming: Incoming | None = None
+        self._make_protocol = self._client.uaclient._make_protocol
+        self._client.uaclient._make_protocol = self._bounded
 
     async def open(self) -> list[str]:
         """Connect, prove the server where that is configured, log in; its list of namespaces.
@@ -101,7 +106,7 @@ class OpcuaSession:
         except LinkError:
             raise
         except Exception as error:  # noqa: BLE001 - a stranger's answers, in a library's hands
-            raise LinkDownError(_why(error)) from None
+            raise LinkDownError(self._broken or _why(error)) from None
         named = found.Value.Value if found.Value is not None else None
         return [str(name) for name in named] if isinstance(named, list) else []
 
@@ -166,17 +171,35 @@ class OpcuaSession:
     async def _ask(self, request: Any, answer: Any) -> Any:
         try:
             data = await self._client.uaclient.protocol.send_request(request)
-            found = struct_from_binary(answer, data)
+            if len(data) > _MOST_AT_ONCE:
+                found = await asyncio.to_thread(struct_from_binary, answer, data)
+            else:
+                found = struct_from_binary(answer, data)
             found.ResponseHeader.ServiceResult.check()
         except TimeoutError:
             raise LinkTimeoutError(f"no answer within {self._config.timeout:g} s") from None
         except ua.UaStatusCodeError as error:
             raise LinkProtocolError(f"refused: {_why(error)}") from None
         except (OSError, AttributeError):
-            raise LinkDownError("the connection was lost") from None
+            raise LinkDownError(self._broken or "the connection was lost") from None
         except Exception as error:  # noqa: BLE001 - a stranger's answers, in a library's hands
+            if self._broken:
+                raise LinkDownError(self._broken) from None
             raise LinkProtocolError(f"an answer that is none: {_why(error)}") from None
         return found
+
+    @property
+    def _broken(self) -> str:
+        """Why the connection was broken from this side; empty: it was not."""
+        return self._incoming.why if self._incoming is not None else ""
+
+    def _bounded(self) -> UASocketProtocol:
+        """A connection of asyncua's that gets whole chunks only, and not too many."""
+        protocol = self._make_protocol()
+        incoming = Incoming(protocol.data_received, lambda: _end(protocol))
+        protocol.data_received = incoming.data_received
+        self._incoming = incoming
+        return protocol
 
     async def _prepare(self) -> None:
         config, client = self._config, self._client
@@ -200,6 +223,11 @@ class OpcuaSession:
             raise LinkConfigError(
                 f"no use as certificates and key: {files}: {_why(error)}", ("certificate",)
             ) from None
+
+
+def _end(protocol: UASocketProtocol) -> None:
+    if protocol.transport is not None:
+        protocol.transport.abort()
 
 
 def _file(path: str, key: str) -> uacrypto.CertProperties:

@@ -145,6 +145,18 @@ async def test_each_is_read_at_its_pace_and_a_group_never_apart(server: Mill) ->
         assert link.status.requests == 2
 
 
+async def test_groups_that_share_a_channel_are_one(server: Mill) -> None:
+    channels = {name: node(name, every=60.0) for name in "xyz"}
+    async with linked(server.url, channels) as link:
+        link.keep_together(("x", "y"))
+        link.keep_together(("y", "z"))
+        await link.read(("x",))
+        server.say(z={"value": 9.0})
+        # it came with x already
+        assert (await link.read(("z",)))["z"].value == 3.5
+        assert link.status.requests == 1
+
+
 async def test_nothing_is_written(server: Mill) -> None:
     async with linked(server.url, {"x": "x"}) as link:
         await link.write({})
