@@ -14,7 +14,7 @@ _HEADER = 8
 """Bytes of a chunk's type, whether it is the last one, and its size (Part 6, 7.1.2.2)."""
 
 
-class Incoming:
+class IncomingChunks:
     """The bytes of one connection: handed on chunk by chunk, until there are too many.
 
     asyncua keeps whatever a server claims that it is going to send, up to 4 GB, copies all of it at

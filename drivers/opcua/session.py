@@ -26,7 +26,7 @@ from abbe.drivers.link import (
     LinkTimeoutError,
 )
 from abbe.drivers.opcua.config import OpcuaConfig
-from abbe.drivers.opcua.incoming import MOST_BYTES, Incoming
+from abbe.drivers.opcua.incoming import MOST_BYTES, IncomingChunks
 
 _PATIENCE = 5.0
 """Time-outs within which a connection is there: five answers, some with cryptography."""
@@ -81,7 +81,7 @@ class OpcuaSession:
         self._client.application_uri = _APPLICATION
         self._client.session_timeout = _FORGOTTEN
         self._client.max_messagesize = MOST_BYTES
-        self._incoming: Incoming | None = None
+        self._incoming: IncomingChunks | None = None
         self._make_protocol = self._client.uaclient._make_protocol
         self._client.uaclient._make_protocol = self._bounded
 
@@ -196,7 +196,7 @@ class OpcuaSession:
     def _bounded(self) -> UASocketProtocol:
         """A connection of asyncua's that gets whole chunks only, and not too many."""
         protocol = self._make_protocol()
-        incoming = Incoming(protocol.data_received, lambda: _end(protocol))
+        incoming = IncomingChunks(protocol.data_received, lambda: _end(protocol))
         protocol.data_received = incoming.data_received
         self._incoming = incoming
         return protocol

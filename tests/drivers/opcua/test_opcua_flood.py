@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from abbe.drivers.link import LinkState
-from abbe.drivers.opcua.incoming import MOST_BYTES, Incoming
+from abbe.drivers.opcua.incoming import MOST_BYTES, IncomingChunks
 from tests.support.drivers.opcua.mill import Mill, linked
 from tests.support.drivers.opening import until
 
@@ -172,10 +172,10 @@ async def test_a_flood_costs_neither_memory_nor_the_loop(server: Mill, flood: Fl
     assert watched.lag < 0.5
 
 
-def _cut(pieces: list[bytes]) -> tuple[list[bytes], Incoming, list[bool]]:
+def _cut(pieces: list[bytes]) -> tuple[list[bytes], IncomingChunks, list[bool]]:
     taken: list[bytes] = []
     ended: list[bool] = []
-    incoming = Incoming(taken.append, lambda: ended.append(True))
+    incoming = IncomingChunks(taken.append, lambda: ended.append(True))
     for piece in pieces:
         incoming.data_received(piece)
     return taken, incoming, ended
