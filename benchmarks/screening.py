@@ -22,7 +22,7 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.diagnosis.screening.candidates import Candidate, candidates
 from abbe.compcore.diagnosis.screening.frames import Frames
 from abbe.compcore.diagnosis.screening.pool import Pool
-from abbe.compcore.diagnosis.screening.screening import Basis
+from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.model_file import parse_model
 from abbe.compcore.files.text.toml_source import TomlSource

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.screening.evidence import INDISTINCT
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
-from abbe.compcore.diagnosis.screening.screening import Basis, orthonormal
+from abbe.compcore.diagnosis.screening.projection.basis import Basis, orthonormal
 
 F64 = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING, INDISTINCT
-from abbe.compcore.diagnosis.screening.independence import independent_share
+from abbe.compcore.diagnosis.screening.left_out.independence import independent_share
 from abbe.compcore.distributions import chi2_beyond
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.fitting.design.unknowns import BASE_SCALE

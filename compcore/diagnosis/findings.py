@@ -13,7 +13,7 @@ from abbe.compcore.diagnosis.aliases import Alias
 from abbe.compcore.diagnosis.changed import Standing
 from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
-from abbe.compcore.diagnosis.screening.screening import Basis
+from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.fitting.fit import FitResult

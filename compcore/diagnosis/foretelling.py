@@ -15,12 +15,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from abbe.compcore.diagnosis.screening.blocks import Blocks
-from abbe.compcore.diagnosis.screening.crossvalidation import gain
 from abbe.compcore.diagnosis.screening.evidence import INDISTINCT
-from abbe.compcore.diagnosis.screening.independence import independent_share
+from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import gain
+from abbe.compcore.diagnosis.screening.left_out.independence import independent_share
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
-from abbe.compcore.diagnosis.screening.screening import Basis
+from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.diagnosis.screening.search import LEADERS, search, taken
 from abbe.compcore.diagnosis.screening.suddenness import stepping
 

@@ -7,18 +7,15 @@ it. At the end each effect that was added is tried without: what later ones made
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-
-import numpy as np
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.diagnosis.findings import measured_kinds
 from abbe.compcore.diagnosis.foretelling import OF_THE_CLOCK, WORTH
 from abbe.compcore.diagnosis.screening.candidates import RIGID
-from abbe.compcore.diagnosis.screening.independence import independent_share
-from abbe.compcore.diagnosis.screening.left_out_errors import LeftOutErrors
+from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
+from abbe.compcore.diagnosis.soundness import apart, sound, worth
 from abbe.compcore.diagnosis.thermometers import further_thermometers, warmth_together
 from abbe.compcore.diagnosis.uncatalogued.descriptions import LEAST, descriptions, surely
 from abbe.compcore.diagnosis.verdict import Diagnosis, lacking
@@ -41,9 +38,6 @@ ALONG_AN_AXIS = ("cyclic", "local_defect")
 
 _NEXT = 6
 """So many of the leading candidates are tried where none of those established is taken."""
-
-_TWO = 2.0
-"""Least ratio of two time constants behind one signal."""
 
 _FALLS = 0.998
 """Part of the left-out χ² below which an addition's or a lag's has fallen."""
@@ -351,7 +345,7 @@ class _StepwiseCourse:
         before = self._last.result.model
         more, _ = with_effect(before, fuller.kind, fuller.where())
         found = self._better(more, (fuller,), _FALLS)
-        if found is None or not _worth(self._last.result, found[0]):
+        if found is None or not worth(self._last.result, found[0]):
             self.refused[fuller] = len(self.steps)
             return False
         self._make(action, fuller, *found)
@@ -418,11 +412,11 @@ class _StepwiseCourse:
         after = LeftOutErrors.of(result, changed)
         if before.falls_to(after, result, bound=bound) > falls:
             return None
-        if not all(_apart(result.model, e) for e in changed):
+        if not all(apart(result.model, e) for e in changed):
             return None
         if not all(b.plausible for b in begun(result.problem, result.theta)):
             return None  # a body that began where none can have been is no body
-        if not all(_sound(result.model, e) for e in changed):
+        if not all(sound(result.model, e) for e in changed):
             return None
         return result, LeftOutErrors.of(result)
 
@@ -437,46 +431,3 @@ def _motions_first(effects: Sequence[Effect]) -> list[Effect]:
     return [
         e for e in effects if e.kind not in ALONG_AN_AXIS or getattr(e, "axis", "") not in moving
     ]
-
-
-def _apart(model: Model, effect: Effect) -> bool:
-    """Whether the time constants of two bodies behind one signal are two.
-
-    Of nearly the same two lags the difference is a derivative: it follows noise, and foretells
-    nothing.
-    """
-    values = next((t.values for t in model.terms if t.effect == effect), {})
-    if "tau2" not in values or "tau" not in values:
-        return True
-    one, other = (values[name].value for name in ("tau", "tau2"))
-    return max(one, other) > _TWO * min(one, other)
-
-
-def _sound(model: Model, effect: Effect) -> bool:
-    """Whether a thermometer that is accused reads as wrong as one well may.
-
-    What reads wrong by more is described by its reading, and is no fault of the thermometer.
-    """
-    if not effect.reads_model:
-        return True
-    values = next((t.values for t in model.terms if t.effect == effect), {})
-    for p in effect.linear(model.machine):
-        if p.name in values:
-            sd = values[p.name].sd or 0.0
-            low, high = p.plausible
-            if not low - 2.0 * sd <= values[p.name].value <= high + 2.0 * sd:
-                return False
-    return True
-
-
-def _worth(plainer: FitResult, fuller: FitResult) -> bool:
-    """Whether more detail is worth its coefficients, with as many rows as are independent."""
-    before, after = plainer.thin, fuller.thin
-    share = independent_share(after.weighted, after.problem.campaign.conditions)
-    rows = max(2.0, share * after.problem.n)
-    weight = after.problem.weight
-    was = float(np.sum((before.residual * weight) ** 2))
-    more = after.problem.layout.size - before.problem.layout.size
-    if was <= 0.0:
-        return False  # nothing is left that detail could say
-    return after.chi2 <= 0.0 or rows * math.log(was / after.chi2) > more * math.log(rows)

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.findings import Findings
-from abbe.compcore.diagnosis.screening.crossvalidation import folds, gain
-from abbe.compcore.diagnosis.screening.screening import Basis
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import folds, gain
+from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.signals import LaggedEffect
 from abbe.compcore.machine.machine import Machine

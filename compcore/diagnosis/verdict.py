@@ -26,14 +26,14 @@ from abbe.compcore.diagnosis.foretelling import ALIKE, foretelling, foretold, pr
 from abbe.compcore.diagnosis.pictures import diagnosis_figures
 from abbe.compcore.diagnosis.screening.acting_through import acting_through
 from abbe.compcore.diagnosis.screening.all_rows import measured
-from abbe.compcore.diagnosis.screening.blocks import Blocks
 from abbe.compcore.diagnosis.screening.candidates import RIGID, Candidate, candidates
-from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut, gain
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING
 from abbe.compcore.diagnosis.screening.frames import Frames
-from abbe.compcore.diagnosis.screening.independence import independent_share
+from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import LeftOut, gain
+from abbe.compcore.diagnosis.screening.left_out.independence import independent_share
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
-from abbe.compcore.diagnosis.screening.screening import Basis
+from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.diagnosis.screening.search import joint_value, search
 from abbe.compcore.diagnosis.screening.tried import Tried
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import Patterns, ResidualPattern

@@ -13,14 +13,14 @@ import numpy as np
 
 from abbe.compcore.artefacts.calibrated_plate import CalibratedPlate
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.importers.roles import (
+from abbe.compcore.files.importers.sheets.roles import (
     EXPANSION,
     STANDARD_WORDS,
     RoleColumns,
     Words,
     calibration_sd,
 )
-from abbe.compcore.files.importers.words import read_sheet
+from abbe.compcore.files.importers.sheets.words import read_sheet
 from abbe.compcore.machine.plausible import TRAVEL, Range
 from abbe.compcore.planning.probing.touches import farthest_three
 

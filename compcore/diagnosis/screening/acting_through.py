@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.screening.candidates import Candidate
-from abbe.compcore.diagnosis.screening.screening import SEEN, Basis
+from abbe.compcore.diagnosis.screening.projection.basis import SEEN, Basis
 from abbe.compcore.fitting.fit import FitResult
 
 F64 = NDArray[np.float64]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from abbe.compcore.diagnosis.screening.candidates import Candidate
 from abbe.compcore.diagnosis.screening.parameters import Estimate, neighbours, with_slopes
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
-from abbe.compcore.diagnosis.screening.screening import Basis
+from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.diagnosis.screening.tried import Tried
 from abbe.compcore.fitting.design.nuisance import Eliminator
 from abbe.compcore.fitting.design.prepared_rows import OutsideEffect

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.coverage import Coverage
-from abbe.compcore.diagnosis.screening.crossvalidation import FOLDS
 from abbe.compcore.diagnosis.screening.evidence import RIGID_BODY, cost_of
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import FOLDS
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.rotary.motions import RotaryMotion
 from abbe.compcore.effects.registry import effect_kinds

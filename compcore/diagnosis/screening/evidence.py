@@ -20,7 +20,8 @@ from functools import cached_property
 
 import numpy as np
 
-from abbe.compcore.diagnosis.screening.screening import Basis, ScreenedCandidate
+from abbe.compcore.diagnosis.screening.projection.bank import ScreenedCandidate
+from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.distributions import log_f_beyond
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.machine.machine import Machine, Signal

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.screening.candidates import Candidate
-from abbe.compcore.diagnosis.screening.screening import Basis, Frame, Placed
+from abbe.compcore.diagnosis.screening.projection.basis import Basis
+from abbe.compcore.diagnosis.screening.projection.frame import Frame, Placed
 from abbe.compcore.effects.base import Motion
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.machine.conditions import Conditions

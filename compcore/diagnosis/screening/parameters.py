@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.screening.evidence import IMPLAUSIBLE
-from abbe.compcore.diagnosis.screening.screening import Basis
+from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.effects.base import Effect, NonlinearParameter, Parameter
 from abbe.compcore.fitting.determinacy import LEAST_INFORMATION
 from abbe.compcore.linalg import svd

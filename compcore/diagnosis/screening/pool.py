@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.screening.bounded_search import least
 from abbe.compcore.diagnosis.screening.candidates import Candidate
-from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut
 from abbe.compcore.diagnosis.screening.evidence import (
     CONVINCING,
     Evidence,
@@ -21,15 +20,11 @@ from abbe.compcore.diagnosis.screening.evidence import (
     weigh,
     weigh_all,
 )
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import LeftOut
 from abbe.compcore.diagnosis.screening.parameters import Estimate, doubt_of, estimates
-from abbe.compcore.diagnosis.screening.screening import (
-    Bank,
-    Basis,
-    Placed,
-    ScreenedCandidate,
-    Trial,
-    screen,
-)
+from abbe.compcore.diagnosis.screening.projection.bank import Bank, ScreenedCandidate, Trial, screen
+from abbe.compcore.diagnosis.screening.projection.basis import Basis
+from abbe.compcore.diagnosis.screening.projection.frame import Placed
 from abbe.compcore.diagnosis.screening.suddenness import Wander, gradual, stepping
 from abbe.compcore.diagnosis.screening.tried import Tried
 from abbe.compcore.machine.machine import Machine

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from abbe.compcore.diagnosis.screening.candidates import PLAIN, RIGID
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING, INDISTINCT, log_chance, price_of
 from abbe.compcore.diagnosis.screening.pool import SIGNIFICANT, Pool, WeighedCandidate
-from abbe.compcore.diagnosis.screening.screening import Basis, orthonormal
+from abbe.compcore.diagnosis.screening.projection.basis import Basis, orthonormal
 from abbe.compcore.diagnosis.screening.suddenness import stepping
 
 F64 = NDArray[np.float64]

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.diagnosis.screening.screening import Basis
+from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.machine.machine import Machine
 

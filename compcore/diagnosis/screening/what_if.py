@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.screening.parameters import Estimate
-from abbe.compcore.diagnosis.screening.screening import Basis
+from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.effects.base import Effect
 
 F64 = NDArray[np.float64]

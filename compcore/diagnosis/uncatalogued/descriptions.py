@@ -15,7 +15,7 @@ import numpy as np
 from abbe.compcore.diagnosis.explain import formula
 from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.diagnosis.screening.candidates import finer
-from abbe.compcore.diagnosis.screening.crossvalidation import FOLDS, LeftOut
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import FOLDS, LeftOut
 from abbe.compcore.distributions import log_f_beyond
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.formula import Formula

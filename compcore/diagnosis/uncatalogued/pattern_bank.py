@@ -16,18 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.screening.frames import Frames, Places
-from abbe.compcore.diagnosis.screening.screening import (
-    Basis,
-    Frame,
-    ScreenedCandidate,
-    drops_of,
-    grams,
-)
-from abbe.compcore.diagnosis.uncatalogued.patterns import (
-    CandidatePattern,
-    PatternGroup,
-    oscillating,
-)
+from abbe.compcore.diagnosis.screening.projection.bank import ScreenedCandidate
+from abbe.compcore.diagnosis.screening.projection.basis import Basis
+from abbe.compcore.diagnosis.screening.projection.falls import drops_of, grams
+from abbe.compcore.diagnosis.screening.projection.frame import Frame
+from abbe.compcore.diagnosis.uncatalogued.patterns.oscillations import oscillating
+from abbe.compcore.diagnosis.uncatalogued.patterns.pattern import CandidatePattern, PatternGroup
 from abbe.compcore.machine.error_motion import ErrorMotion
 
 F64 = NDArray[np.float64]

@@ -13,22 +13,18 @@ from numpy.typing import NDArray
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING, Evidence, weigh
 from abbe.compcore.diagnosis.screening.frames import Frames
 from abbe.compcore.diagnosis.screening.pool import MATERIAL, SIGNIFICANT
-from abbe.compcore.diagnosis.screening.screening import Basis, ScreenedCandidate
+from abbe.compcore.diagnosis.screening.projection.bank import ScreenedCandidate
+from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.diagnosis.uncatalogued.pattern_bank import PatternBank, PatternFamily
-from abbe.compcore.diagnosis.uncatalogued.patterns import (
-    CandidatePattern,
-    PatternVariable,
-    error_motions,
-    grouped,
-    lever_axes,
+from abbe.compcore.diagnosis.uncatalogued.patterns.motions import error_motions, lever_axes
+from abbe.compcore.diagnosis.uncatalogued.patterns.oscillations import (
     oscillation,
     oscillations,
-    products,
-    surfaces,
     swings,
-    variables,
-    with_product,
 )
+from abbe.compcore.diagnosis.uncatalogued.patterns.pattern import CandidatePattern, grouped
+from abbe.compcore.diagnosis.uncatalogued.patterns.products import products, surfaces, with_product
+from abbe.compcore.diagnosis.uncatalogued.patterns.variables import PatternVariable, variables
 from abbe.compcore.diagnosis.uncatalogued.short_formula import shortened
 from abbe.compcore.fitting.design.design_matrix import Problem
 

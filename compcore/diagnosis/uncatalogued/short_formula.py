@@ -17,8 +17,10 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.diagnosis.screening.screening import Basis, Trial, screen
-from abbe.compcore.diagnosis.uncatalogued.patterns import CandidatePattern, PatternVariable, term_of
+from abbe.compcore.diagnosis.screening.projection.bank import Trial, screen
+from abbe.compcore.diagnosis.screening.projection.basis import Basis
+from abbe.compcore.diagnosis.uncatalogued.patterns.pattern import CandidatePattern
+from abbe.compcore.diagnosis.uncatalogued.patterns.variables import PatternVariable, term_of
 
 F64 = NDArray[np.float64]
 

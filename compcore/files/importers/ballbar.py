@@ -20,7 +20,7 @@ import numpy as np
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.importers.placing import I64, ForeignPlacing, Readings, place
-from abbe.compcore.files.importers.words import (
+from abbe.compcore.files.importers.sheets.words import (
     Sheet,
     as_number,
     direction,

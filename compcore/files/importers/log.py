@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_csv.columns import AXIS, RESERVED
-from abbe.compcore.files.importers.moments import date_of, seconds
 from abbe.compcore.files.importers.placing import (
     COMPONENTS,
     F64,
@@ -26,7 +25,8 @@ from abbe.compcore.files.importers.placing import (
     Readings,
     place,
 )
-from abbe.compcore.files.importers.words import (
+from abbe.compcore.files.importers.sheets.moments import date_of, seconds
+from abbe.compcore.files.importers.sheets.words import (
     Sheet,
     as_number,
     number,

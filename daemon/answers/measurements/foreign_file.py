@@ -83,7 +83,7 @@ _Reader = Callable[[Path, ForeignPlacing, Machine | None, ForeignOptions], Campa
 def _runs(
     file: Path, placing: ForeignPlacing, machine: Machine | None, options: ForeignOptions
 ) -> Campaign:
-    from abbe.compcore.files.importers.iso230_table import import_iso230_table
+    from abbe.compcore.files.importers.lines.iso230_table import import_iso230_table
 
     axis = _needed(options.axis, "axis")
     return import_iso230_table(
@@ -94,8 +94,8 @@ def _runs(
 def _laser(
     file: Path, placing: ForeignPlacing, machine: Machine | None, options: ForeignOptions
 ) -> Campaign:
-    from abbe.compcore.files.importers.laser_environment import Normalisation
-    from abbe.compcore.files.importers.rtl import import_rtl
+    from abbe.compcore.files.importers.lines.laser_environment import Normalisation
+    from abbe.compcore.files.importers.lines.rtl import import_rtl
 
     return import_rtl(
         file,
@@ -136,8 +136,8 @@ def _ball_bar(
 def _rotary_test(
     file: Path, placing: ForeignPlacing, machine: Machine | None, options: ForeignOptions
 ) -> Campaign:
-    from abbe.compcore.files.importers.rotary_test import RotaryTestOptions
-    from abbe.compcore.files.importers.rtest import import_rtest
+    from abbe.compcore.files.importers.rotary.rotary_test import RotaryTestOptions
+    from abbe.compcore.files.importers.rotary.rtest import import_rtest
 
     if machine is None:
         raise typer.BadParameter("needed for this kind of file", param_hint="--model")
@@ -148,7 +148,7 @@ def _rotary_test(
 def _probed(
     file: Path, placing: ForeignPlacing, machine: Machine | None, _: ForeignOptions
 ) -> Campaign:
-    from abbe.compcore.files.importers.probed import import_probed
+    from abbe.compcore.files.importers.rotary.probed import import_probed
 
     if machine is None:
         raise typer.BadParameter("needed for this kind of file", param_hint="--model")

@@ -12,8 +12,8 @@ from abbe.compcore.campaign.join import join_campaigns
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.importers.placing import ForeignPlacing
-from abbe.compcore.files.importers.rotary_test import RotaryTestOptions
-from abbe.compcore.files.importers.rtest import import_rtest
+from abbe.compcore.files.importers.rotary.rotary_test import RotaryTestOptions
+from abbe.compcore.files.importers.rotary.rtest import import_rtest
 from abbe.compcore.files.recognised import CAMPAIGN, recognised
 from abbe.compcore.iso10791.error_motions import AngleCurve
 from abbe.compcore.iso10791.evaluate import (

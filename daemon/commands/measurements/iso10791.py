@@ -61,7 +61,7 @@ def iso10791(
     An example: abbe iso10791 machine.toml rtest.csv --nest spindle --report page.html
     """
     from abbe.compcore.files.campaign_file import write_campaign
-    from abbe.compcore.files.importers.rotary_test import RotaryTestOptions
+    from abbe.compcore.files.importers.rotary.rotary_test import RotaryTestOptions
     from abbe.compcore.files.model_file import load_model
     from abbe.daemon.answers.measurements import iso10791 as answer
     from abbe.daemon.arguments.measurements.foreign_placing import foreign_placing

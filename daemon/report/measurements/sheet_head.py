@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from abbe.compcore.campaign.measuring_conditions import stated
-from abbe.compcore.files.importers.words import read_sheet
+from abbe.compcore.files.importers.sheets.words import read_sheet
 from abbe.daemon.report.head import PageHead, facts_of, file_on_page
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.files.campaign_csv.columns import RESERVED
-from abbe.compcore.files.importers.iso230_table import import_iso230_table
+from abbe.compcore.files.importers.lines.iso230_table import import_iso230_table
 from tests.support.compcore.campaign_texts import read_text
 
 PAGE = (Path(__file__).parents[3] / "docs" / "campaigns.md").read_text(encoding="utf-8")

@@ -7,7 +7,7 @@ import pytest
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.comparison.compare import compare
-from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import LeftOut
 from abbe.compcore.diagnosis.stepwise import to_the_verdict
 from abbe.compcore.diagnosis.uncatalogued.descriptions import surely
 from abbe.compcore.files.model_file import parse_model

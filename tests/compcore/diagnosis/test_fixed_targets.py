@@ -7,7 +7,7 @@ import pytest
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.comparison.compare import compare
-from abbe.compcore.diagnosis.screening.crossvalidation import folds
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import folds
 from abbe.compcore.diagnosis.stepwise import to_the_verdict
 from abbe.compcore.files.model_file import parse_model
 from abbe.compcore.files.text.toml_source import TomlSource

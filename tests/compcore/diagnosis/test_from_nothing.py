@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.diagnosis import advise, diagnose
-from abbe.compcore.diagnosis.screening.crossvalidation import folds
-from abbe.compcore.diagnosis.screening.independence import independent_share
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import folds
+from abbe.compcore.diagnosis.screening.left_out.independence import independent_share
 from abbe.compcore.diagnosis.stepwise import Course, to_the_verdict
 from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.model_file import load_model

@@ -6,8 +6,9 @@ import re
 
 import numpy as np
 
-from abbe.compcore.diagnosis.screening.screening import Basis, orthonormal
-from abbe.compcore.diagnosis.uncatalogued.patterns import PatternVariable, surfaces
+from abbe.compcore.diagnosis.screening.projection.basis import Basis, orthonormal
+from abbe.compcore.diagnosis.uncatalogued.patterns.products import surfaces
+from abbe.compcore.diagnosis.uncatalogued.patterns.variables import PatternVariable
 from abbe.compcore.diagnosis.uncatalogued.short_formula import shortened
 from abbe.compcore.fitting.design.nuisance import Eliminator
 from abbe.compcore.machine.error_motion import FUNCTIONAL_POINT, ErrorMotion

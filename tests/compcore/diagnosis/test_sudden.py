@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.diagnosis import diagnose
-from abbe.compcore.diagnosis.screening.screening import Basis
+from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.diagnosis.screening.suddenness import Wander, gradual
 from abbe.compcore.diagnosis.stepwise import to_the_verdict
 from abbe.compcore.files.model_file import parse_model

@@ -7,9 +7,9 @@ import pytest
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_file import read_campaign, write_campaign
-from abbe.compcore.files.importers.iso230_table import import_iso230_table
-from abbe.compcore.files.importers.laser_environment import Normalisation
-from abbe.compcore.files.importers.rtl import import_rtl
+from abbe.compcore.files.importers.lines.iso230_table import import_iso230_table
+from abbe.compcore.files.importers.lines.laser_environment import Normalisation
+from abbe.compcore.files.importers.lines.rtl import import_rtl
 from abbe.compcore.files.text.encodings import decoded
 from tests.compcore.files.test_importers import AT, RTL
 from tests.support.compcore.campaign_texts import CMM

@@ -12,10 +12,10 @@ from abbe.compcore.comparison.compare import compare
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_file import read_campaign, write_campaign
 from abbe.compcore.files.importers.ballbar import import_ballbar
-from abbe.compcore.files.importers.iso230_table import import_iso230_table
+from abbe.compcore.files.importers.lines.iso230_table import import_iso230_table
+from abbe.compcore.files.importers.lines.rtl import import_rtl
 from abbe.compcore.files.importers.map_rows import import_map_rows
 from abbe.compcore.files.importers.placing import ForeignPlacing
-from abbe.compcore.files.importers.rtl import import_rtl
 from abbe.compcore.files.map_file import load_map
 from abbe.compcore.iso230.positioning import evaluate_positioning, positioning_runs
 from abbe.compcore.machine.structure import Structure

@@ -12,7 +12,8 @@ import pytest
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.join import join_campaigns
-from abbe.compcore.diagnosis.screening.screening import Basis, screen
+from abbe.compcore.diagnosis.screening.projection.bank import screen
+from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_file import read_campaign, write_campaign
 from abbe.compcore.files.model_file import load_model

@@ -14,7 +14,7 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.join import join_campaigns
 from abbe.compcore.comparison.compare import compare
 from abbe.compcore.diagnosis import diagnose
-from abbe.compcore.diagnosis.stepwise import _worth
+from abbe.compcore.diagnosis.soundness import worth
 from abbe.compcore.files.model_file import format_model, parse_model
 from abbe.compcore.files.model_toml.packed_covariance import pack_symmetric
 from abbe.compcore.files.text.toml_source import TomlSource
@@ -168,7 +168,7 @@ def test_detail_beside_a_model_that_leaves_nothing_is_worth_nothing() -> None:
     model, first = run(32, None)
     fuller = fit(lagged(model), first)
     exact = replace(fuller, residual=np.zeros_like(fuller.residual))
-    assert not _worth(exact, fuller)
+    assert not worth(exact, fuller)
 
 
 def test_a_body_says_the_same_of_a_run_in_parts() -> None:

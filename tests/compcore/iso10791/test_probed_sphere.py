@@ -9,7 +9,7 @@ import pytest
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.importers.placing import ForeignPlacing
-from abbe.compcore.files.importers.probed import import_probed
+from abbe.compcore.files.importers.rotary.probed import import_probed
 from abbe.compcore.files.model_file import load_model
 from tests.support.daemon.command_line import abbe
 

@@ -19,7 +19,7 @@ from abbe.compcore.artefacts.calibrated_length import CalibratedLength
 from abbe.compcore.artefacts.iso10360 import TESTS
 from abbe.compcore.artefacts.measured_length import MeasuredLength
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.importers.roles import (
+from abbe.compcore.files.importers.sheets.roles import (
     EXPANSION,
     STANDARD_TEMPERATURE,
     STANDARD_TEMPERATURE_SD,
@@ -29,7 +29,7 @@ from abbe.compcore.files.importers.roles import (
     Words,
     calibration_sd,
 )
-from abbe.compcore.files.importers.words import (
+from abbe.compcore.files.importers.sheets.words import (
     as_number,
     read_sheet,
     scale_of,

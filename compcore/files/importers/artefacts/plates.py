@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.artefacts.plate import MeasuredPlate
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.importers.roles import (
+from abbe.compcore.files.importers.sheets.roles import (
     EXPANSION,
     STANDARD_TEMPERATURE,
     STANDARD_WORDS,
@@ -23,7 +23,7 @@ from abbe.compcore.files.importers.roles import (
     Words,
     calibration_sd,
 )
-from abbe.compcore.files.importers.words import read_sheet
+from abbe.compcore.files.importers.sheets.words import read_sheet
 from abbe.compcore.machine.plausible import TRAVEL
 
 F64 = NDArray[np.float64]

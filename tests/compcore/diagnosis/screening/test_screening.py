@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.diagnosis.screening.candidates import Candidate, candidates
-from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut, folds
 from abbe.compcore.diagnosis.screening.frames import Frames
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import LeftOut, folds
 from abbe.compcore.diagnosis.screening.pool import Pool
-from abbe.compcore.diagnosis.screening.screening import Bank, Basis, Frame, Placed, screen
+from abbe.compcore.diagnosis.screening.projection.bank import Bank, screen
+from abbe.compcore.diagnosis.screening.projection.basis import Basis
+from abbe.compcore.diagnosis.screening.projection.frame import Frame, Placed
 from abbe.compcore.effects import make_effect
 from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.model_file import load_model

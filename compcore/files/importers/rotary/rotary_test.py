@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.importers.placing import ForeignPlacing, Readings
-from abbe.compcore.files.importers.roles import RoleColumns, Words
-from abbe.compcore.files.importers.words import as_number, direction, scale_of, unit_of
+from abbe.compcore.files.importers.sheets.roles import RoleColumns, Words
+from abbe.compcore.files.importers.sheets.words import as_number, direction, scale_of, unit_of
 from abbe.compcore.iso10791.poses import around, following, nest_directions
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain

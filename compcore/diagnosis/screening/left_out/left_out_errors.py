@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from abbe.compcore.campaign.campaign import LENGTHS, Kind
-from abbe.compcore.diagnosis.screening.blocks import Blocks, passes
-from abbe.compcore.diagnosis.screening.crossvalidation import LeftOut
-from abbe.compcore.diagnosis.screening.screening import Basis
+from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks, passes
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import LeftOut
+from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.linalg import threads_for

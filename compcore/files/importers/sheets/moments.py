@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.importers.words import Sheet, as_number
+from abbe.compcore.files.importers.sheets.words import Sheet, as_number
 
 F64 = NDArray[np.float64]
 

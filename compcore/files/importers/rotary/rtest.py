@@ -14,9 +14,14 @@ from pathlib import Path
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.measuring_conditions import stated
 from abbe.compcore.files.importers.placing import ForeignPlacing, place
-from abbe.compcore.files.importers.roles import RoleColumns
-from abbe.compcore.files.importers.rotary_test import RotaryTest, RotaryTestOptions, spheres, words
-from abbe.compcore.files.importers.words import read_sheet
+from abbe.compcore.files.importers.rotary.rotary_test import (
+    RotaryTest,
+    RotaryTestOptions,
+    spheres,
+    words,
+)
+from abbe.compcore.files.importers.sheets.roles import RoleColumns
+from abbe.compcore.files.importers.sheets.words import read_sheet
 from abbe.compcore.machine.machine import Machine
 
 

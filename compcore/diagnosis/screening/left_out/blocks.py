@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.diagnosis.screening.crossvalidation import clock_order, folds
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import clock_order, folds
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.rotary.motions import RotaryMotion
 from abbe.compcore.effects.shapes import CUBIC, Shape

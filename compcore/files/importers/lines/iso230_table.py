@@ -19,7 +19,7 @@ import numpy as np
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.importers.placing import ForeignPlacing, along_line, component_of, place
-from abbe.compcore.files.importers.words import (
+from abbe.compcore.files.importers.sheets.words import (
     Sheet,
     as_direction,
     as_number,

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.importers.words import Sheet, as_number, number, split_unit
+from abbe.compcore.files.importers.sheets.words import Sheet, as_number, number, split_unit
 from abbe.compcore.machine.plausible import TOOL, Range
 
 Words = Mapping[str, tuple[str, ...]]

@@ -18,8 +18,8 @@ from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.campaign.measuring_conditions import stated
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.importers.placing import ForeignPlacing, Readings, place
-from abbe.compcore.files.importers.roles import TOOL_WORDS, RoleColumns
-from abbe.compcore.files.importers.words import read_sheet
+from abbe.compcore.files.importers.sheets.roles import TOOL_WORDS, RoleColumns
+from abbe.compcore.files.importers.sheets.words import read_sheet
 from abbe.compcore.iso10791.poses import following
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain

@@ -16,7 +16,7 @@ import numpy as np
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_csv.columns import AXIS
-from abbe.compcore.files.importers.laser_environment import LaserEnvironment, Normalisation
+from abbe.compcore.files.importers.lines.laser_environment import LaserEnvironment, Normalisation
 from abbe.compcore.files.importers.placing import (
     ForeignPlacing,
     along_line,
@@ -24,7 +24,7 @@ from abbe.compcore.files.importers.placing import (
     place,
     read_bytes,
 )
-from abbe.compcore.files.importers.words import scale_of
+from abbe.compcore.files.importers.sheets.words import scale_of
 from abbe.compcore.files.text.encodings import decoded
 from abbe.compcore.files.text.numbers import checked_number
 from abbe.compcore.machine.machine import Machine, own_component

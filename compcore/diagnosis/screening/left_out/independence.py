@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.diagnosis.screening.crossvalidation import clock_order, setup_rows
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import clock_order, setup_rows
 from abbe.compcore.machine.conditions import Conditions
 
 F64 = NDArray[np.float64]

@@ -1,0 +1,58 @@
+"""Whether a step towards a model is sound: two lags are two, a thermometer may read so wrongly."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from abbe.compcore.diagnosis.screening.left_out.independence import independent_share
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.fitting.fit import FitResult
+from abbe.compcore.model.model import Model
+
+_TWO = 2.0
+"""Least ratio of two time constants behind one signal."""
+
+
+def apart(model: Model, effect: Effect) -> bool:
+    """Whether the time constants of two bodies behind one signal are two.
+
+    Of nearly the same two lags the difference is a derivative: it follows noise, and foretells
+    nothing.
+    """
+    values = next((t.values for t in model.terms if t.effect == effect), {})
+    if "tau2" not in values or "tau" not in values:
+        return True
+    one, other = (values[name].value for name in ("tau", "tau2"))
+    return max(one, other) > _TWO * min(one, other)
+
+
+def sound(model: Model, effect: Effect) -> bool:
+    """Whether a thermometer that is accused reads as wrong as one well may.
+
+    What reads wrong by more is described by its reading, and is no fault of the thermometer.
+    """
+    if not effect.reads_model:
+        return True
+    values = next((t.values for t in model.terms if t.effect == effect), {})
+    for p in effect.linear(model.machine):
+        if p.name in values:
+            sd = values[p.name].sd or 0.0
+            low, high = p.plausible
+            if not low - 2.0 * sd <= values[p.name].value <= high + 2.0 * sd:
+                return False
+    return True
+
+
+def worth(plainer: FitResult, fuller: FitResult) -> bool:
+    """Whether more detail is worth its coefficients, with as many rows as are independent."""
+    before, after = plainer.thin, fuller.thin
+    share = independent_share(after.weighted, after.problem.campaign.conditions)
+    rows = max(2.0, share * after.problem.n)
+    weight = after.problem.weight
+    was = float(np.sum((before.residual * weight) ** 2))
+    more = after.problem.layout.size - before.problem.layout.size
+    if was <= 0.0:
+        return False  # nothing is left that detail could say
+    return after.chi2 <= 0.0 or rows * math.log(was / after.chi2) > more * math.log(rows)

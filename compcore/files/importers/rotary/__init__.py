@@ -1,0 +1,1 @@
+"""Spheres on a turning table: R-tests, ball bars round it, touches by the machine's own probe."""
