@@ -7,6 +7,7 @@ DEBIAN := mbpoll socat chromium fonts-dejavu-core linuxcnc-uspace systemd libfak
   mmdebstrap e2fsprogs dpkg-dev iproute2
 MACHINE := qemu-system-x86 mmdebstrap e2fsprogs dpkg-dev
 PROMETHEUS := $(VENV)/unpacked/usr/bin/prometheus
+MOSQUITTO := $(VENV)/unpacked/usr/sbin/mosquitto
 NODE_OPCUA := $(VENV)/opcua/node_modules/.package-lock.json
 BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis_command diagnosis check_points plan validation
 SOURCES := compcore drivers daemon tests benchmarks examples
@@ -93,7 +94,7 @@ $(VENV)/.bench: pyproject.toml | $(BIN)/python
 	@touch $@ $(VENV)/.dev $(VENV)/.runtime
 
 # Unrelated clients and a browser for the integration tests: Debian packages.
-$(VENV)/.debian: Makefile | $(BIN)/python $(PROMETHEUS) $(NODE_OPCUA)
+$(VENV)/.debian: Makefile | $(BIN)/python $(PROMETHEUS) $(MOSQUITTO) $(NODE_OPCUA)
 	@$(call install_debian,$(DEBIAN))
 	@touch $@
 
@@ -103,6 +104,14 @@ $(PROMETHEUS):
 	run=; [ "$$(id -u)" = 0 ] || run=sudo; rm -f prometheus_*.deb; \
 	apt-get download -qq prometheus 2>/dev/null || { $$run apt-get update -qq && apt-get download -qq prometheus 2>/dev/null; }; \
 	dpkg-deb --fsys-tarfile prometheus_*.deb | tar -xm ./usr/bin && rm prometheus_*.deb
+
+# A broker, unpacked likewise, with the libraries that Debian has it stand on.
+$(MOSQUITTO):
+	@echo "Unpacking Mosquitto for the tests …"; mkdir -p $(VENV)/unpacked; cd $(VENV)/unpacked; \
+	run=; [ "$$(id -u)" = 0 ] || run=sudo; needed="mosquitto libmosquitto1 libcjson1 libdlt2 libwrap0"; \
+	for package in $$needed; do rm -f "$$package"_*.deb; done; \
+	apt-get download -qq $$needed 2>/dev/null || { $$run apt-get update -qq && apt-get download -qq $$needed 2>/dev/null; }; \
+	for package in $$needed; do dpkg-deb --fsys-tarfile "$$package"_*.deb | tar -xm ./usr && rm "$$package"_*.deb || exit 1; done
 
 # An OPC UA server that is not Abbe's.
 $(NODE_OPCUA): tests/support/drivers/opcua/package.json | $(BIN)/python

@@ -23,7 +23,7 @@ _GRACE = 5.0
 
 @asynccontextmanager
 async def beside(service: ControlledService, *, supervised: bool) -> AsyncIterator[None]:
-    """Doors for those who ask, an eye on the files and on how sure the correction is, HTTP.
+    """Doors for those who ask, an eye on the files and on how sure the correction is, HTTP, MQTT.
 
     Parameters
     ----------
@@ -51,6 +51,7 @@ async def beside(service: ControlledService, *, supervised: bool) -> AsyncIterat
             asyncio.create_task(_watch_files(service, supervised=supervised)),
             asyncio.create_task(service.uncertainty.run()),
             asyncio.create_task(_show(service, controls)),
+            asyncio.create_task(_publish(service, controls)),
         }
         try:
             yield
@@ -91,3 +92,13 @@ async def _show(service: ObservedService, controls: Controls) -> None:
         from abbe.daemon.http.supervisor import HttpProcess
 
         await HttpProcess(service, controls, setup).run()
+
+
+async def _publish(service: ObservedService, controls: Controls) -> None:
+    """Keep the process that publishes running, where the configuration names a broker."""
+    setup = service.configuration.mqtt
+    if setup is not None:
+        # nothing of it is there for those who do not ask for it
+        from abbe.daemon.mqtt.supervisor import MqttProcess
+
+        await MqttProcess(service, controls, setup).run()

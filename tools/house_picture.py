@@ -38,6 +38,8 @@ DAEMON: tuple[Rooms, ...] = (
         ("control", "by a person"),
         ("status", "what it says"),
         ("http", "over a network"),
+        ("mqtt", "to a broker"),
+        ("side_process", "beside a run"),
         ("systemd", "as a service"),
         ("calibration", "its steps, its state"),
     ),

@@ -11,6 +11,7 @@ from abbe.daemon.config.folders import data_folder
 from abbe.daemon.config.instruments import only_for_instruments
 from abbe.daemon.config.sections.config_file import ConfigFile
 from abbe.daemon.config.sections.http import HttpSetup
+from abbe.daemon.config.sections.mqtt import MqttSetup
 from abbe.daemon.config.sections.upload import UploadSetup
 from abbe.daemon.guard import GuardLimits
 from abbe.drivers.link import Link, LinkConfig
@@ -45,6 +46,8 @@ class Configuration:
         Where tables go; None: nowhere.
     http
         Where a run can be looked at over HTTP; None: nowhere.
+    mqtt
+        The broker that a run publishes to; None: nowhere.
     """
 
     path: Path
@@ -54,6 +57,7 @@ class Configuration:
     limits: GuardLimits
     upload: UploadSetup | None = None
     http: HttpSetup | None = None
+    mqtt: MqttSetup | None = None
 
     @property
     def model_path(self) -> Path:

@@ -16,6 +16,7 @@ from abbe.daemon.config.configuration import Configuration, LinkSetup
 from abbe.daemon.config.files import check_files
 from abbe.daemon.config.sections.config_file import ConfigFile
 from abbe.daemon.config.sections.http import http_setup
+from abbe.daemon.config.sections.mqtt import mqtt_setup
 from abbe.daemon.config.sections.upload import upload_setup
 from abbe.daemon.guard import GuardLimits
 from abbe.drivers.link import Link, LinkConfigError, link_class
@@ -47,7 +48,10 @@ def load_config(path: str | Path) -> Configuration:
     turning = tuple(a for a in model.machine.structure.rotary if a in file.output.axes)
     limits = _limits(source, file, turning)
     http = None if file.http is None else http_setup(source, Path(path), file.http)
-    configuration = Configuration(Path(path), file, model, links, limits, upload, http)
+    mqtt = None
+    if file.mqtt is not None:
+        mqtt = mqtt_setup(source, Path(path), file.mqtt, model.machine.name)
+    configuration = Configuration(Path(path), file, model, links, limits, upload, http, mqtt)
     made = {name: _made(source, name, setup) for name, setup in links.items()}
     check(source, configuration, made)
     check_files(source, configuration)

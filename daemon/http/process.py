@@ -9,17 +9,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import os
-import resource
-import signal
-import socket
 import sys
 
 from abbe.daemon.http.cycles.hub import Hub
 from abbe.daemon.http.serve import serve
+from abbe.daemon.side_process.child import step_back, streams
 
-_NICER = 10
-"""By how much it steps back behind the correction."""
 _MEMORY = 1_000_000_000
 """Bytes of its own data: it fails before the correction's computer does."""
 _LONGEST = 20_000_000
@@ -42,9 +37,7 @@ class JournalHandler(logging.Handler):
 
 async def run(descriptor: int) -> None:
     """Serve until the run is over."""
-    end = socket.socket(fileno=descriptor)
-    end.setblocking(False)
-    reader, writer = await asyncio.open_unix_connection(sock=end, limit=_LONGEST)
+    reader, writer = await streams(descriptor, _LONGEST)
     hub = Hub(reader, writer)
     try:
         setup = await hub.setup()
@@ -66,12 +59,7 @@ async def run(descriptor: int) -> None:
 
 def main() -> None:
     """Begin."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)
-    with contextlib.suppress(OSError, AttributeError):
-        os.nice(_NICER)
-    with contextlib.suppress(OSError, ValueError):
-        resource.setrlimit(resource.RLIMIT_DATA, (_MEMORY, _MEMORY))
+    step_back(_MEMORY)
     asyncio.run(run(int(sys.argv[1])))
 
 

@@ -50,5 +50,7 @@ class RecentEvents(logging.Handler):
         except Exception:  # noqa: BLE001  (as logging's own handlers: the event is at fault)
             self.handleError(record)
             return
+        # a file's name may hold what no UTF-8 can: a status that holds it would be no JSON
+        text = text.encode("utf-8", "replace").decode("utf-8")
         self.events.append(RecentEvent(record.created, record.levelno, text))
         self.counts[record.levelname] += 1

@@ -149,10 +149,11 @@ def plan(
         files[_under(root, _SYSUSERS)] = sysusers(user)
     links = configuration.make_links()
     resources = [resource for link in links.values() for resource in link.owns]
-    file, http = configuration.file, configuration.http
+    file, http, mqtt = configuration.file, configuration.http, configuration.mqtt
+    resources += [] if mqtt is None else [mqtt.resource]
     needs = replace(
         Needs.of_resources(resources, _written_folders(configuration)),
-        http=http is not None,
+        beside=http is not None or mqtt is not None,
         clients=() if http is None else http.networks,
     )
     longest_end = file.guard.hold + file.guard.ramp
@@ -277,6 +278,8 @@ def _written_folders(configuration: Configuration) -> list[Path]:
         names.append(Path(file.control.socket).parent)
     if file.http is not None:
         names.append(Path(file.http.socket).parent)
+    if file.mqtt is not None:
+        names.append(Path(file.mqtt.buffer).parent)
     if upload is not None:
         names += [Path(upload.section.journal).parent, Path(upload.section.backups)]
     return [folder for folder in names if folder and folder.is_absolute()]

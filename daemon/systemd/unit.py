@@ -138,8 +138,8 @@ class Needs:
     clients
         Networks that may ask over HTTP, with ``localhost`` for this computer; empty: the network is
         not listened to.
-    http
-        Whether there is an HTTP process, which steps back behind the correction.
+    beside
+        Whether there are processes beside the correction (HTTP, MQTT), which step back behind it.
     """
 
     addresses: tuple[str, ...] = ()
@@ -148,7 +148,7 @@ class Needs:
     can: bool = False
     folders: tuple[Path, ...] = ()
     clients: tuple[str, ...] = ()
-    http: bool = False
+    beside: bool = False
 
     @classmethod
     def of_resources(cls, resources: Iterable[str], folders: Iterable[Path] = ()) -> Needs:
@@ -263,9 +263,9 @@ def drop_in(needs: Needs, period: float = 0.0, longest_end: float = 0.0) -> str:
         ]
     elif needs.addresses or needs.clients:
         lines.append(f"IPAddressAllow={' '.join((*needs.addresses, *needs.clients))}")
-    if needs.http:
+    if needs.beside:
         lines += [
-            "# the HTTP process steps back behind the correction (nice)",
+            "# processes beside the correction (HTTP, MQTT) step back behind it (nice)",
             "SystemCallFilter=setpriority",
         ]
     lines += [f"DeviceAllow={_quoted(device)} rw" for device in needs.devices]

@@ -13,6 +13,7 @@ from abbe.daemon.config.sections.check_points import ChecksSection
 from abbe.daemon.config.sections.guard import GuardSection
 from abbe.daemon.config.sections.http import HttpSection
 from abbe.daemon.config.sections.measure import InstrumentSection, MeasureSection
+from abbe.daemon.config.sections.mqtt import MqttSection
 from abbe.daemon.config.sections.output import OutputSection
 from abbe.daemon.config.sections.probing import ProbingSection
 from abbe.daemon.config.sections.readings import (
@@ -102,4 +103,5 @@ class ConfigFile(Section):
     probing: ProbingSection | None = None
     control: ControlSection | None = None
     http: HttpSection | None = None
+    mqtt: MqttSection | None = None
     upload: UploadSection | None = None

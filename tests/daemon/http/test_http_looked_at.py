@@ -21,9 +21,9 @@ from prometheus_client.openmetrics import parser as openmetrics
 from prometheus_client.parser import text_string_to_metric_families
 
 from abbe.daemon.guard import GuardState
-from abbe.daemon.http import supervisor
 from abbe.daemon.http.cycles.cycle_event import StreamedCycle
 from abbe.daemon.http.exchange.packing import CyclePacker
+from abbe.daemon.side_process import parent
 from abbe.daemon.status.run_status import AxisStatus, RunStatus
 from abbe.daemon.status.status_source import StatusSource
 from abbe.drivers.link import LinkDownError, LinkState
@@ -272,8 +272,8 @@ async def test_the_process_killed_and_frozen(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Whatever happens to it, the correction goes on, and it is begun anew."""
-    monkeypatch.setattr(supervisor, "_SILENT", 6.0)
-    monkeypatch.setattr(supervisor, "_FIRST_DELAY", 0.1)
+    monkeypatch.setattr(parent, "_SILENT", 6.0)
+    monkeypatch.setattr(parent, "_FIRST_DELAY", 0.1)
     started: list[int] = []
     real = asyncio.create_subprocess_exec
 

@@ -49,7 +49,7 @@ ALL = replace(
         ["tcp 10.0.0.5:502", "tcp [fe80::1]:502", "serial /dev/ttyUSB0", "can socketcan can0"],
         [Path("/var/log/my machine")],
     ),
-    http=True,
+    beside=True,
     clients=("192.168.7.0/24",),
 )
 
@@ -102,12 +102,12 @@ def test_only_what_the_configuration_names_is_open() -> None:
 
 def test_http_opens_the_network_for_those_who_may_ask() -> None:
     serial = Needs.of_resources(["serial /dev/ttyUSB3"])
-    text = drop_in(replace(serial, http=True))
+    text = drop_in(replace(serial, beside=True))
     assert "IPAddressAllow" not in text
     assert "AF_INET" not in text
     assert "SystemCallFilter=setpriority\n" in text
     assert "setpriority" not in drop_in(serial)
-    text = drop_in(replace(serial, http=True, clients=("localhost",)))
+    text = drop_in(replace(serial, beside=True, clients=("localhost",)))
     assert "IPAddressAllow=localhost\n" in text
     assert "RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6\n" in text
     text = drop_in(replace(ALL, clients=("192.168.7.0/24",)))

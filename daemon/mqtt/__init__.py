@@ -1,0 +1,1 @@
+"""What a run publishes by MQTT: made in the run, kept and sent by a process of its own."""

@@ -1,0 +1,227 @@
+"""Publishing as the run sees it: statuses and events handed over, and never waited for."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import os
+import socket
+import time
+from collections import deque
+from datetime import UTC, datetime
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from abbe.daemon.config.sections.mqtt import MqttSetup
+from abbe.daemon.control.controls import Controls
+from abbe.daemon.pipeline.record import CycleRecord
+from abbe.daemon.side_process.parent import SideProcess
+from abbe.daemon.status.status_source import ObservedService
+
+logger = logging.getLogger("abbe.mqtt")
+
+_SOONEST = 0.2
+"""s between two statuses, however often the status word changes."""
+_WAITING = 1_000_000
+"""Bytes that may wait for the process; what is more is dropped."""
+_EVENTS = 1000
+"""Events that may wait for the process to begin."""
+_LONGEST = 10_000
+"""Bytes of a line of the process's, and characters of an event."""
+_A_MINUTE = 20
+"""Sentences of the process's that go into the journal."""
+
+
+class MqttProcess:
+    """Keeps the process that publishes running while `run` runs.
+
+    Parameters
+    ----------
+    service
+        What runs.
+    controls
+        Make the status.
+    setup
+        The broker.
+    """
+
+    def __init__(self, service: ObservedService, controls: Controls, setup: MqttSetup) -> None:
+        self._service, self._controls, self._setup = service, controls, setup
+        self._events = _Events()
+
+    async def run(self) -> None:
+        """Until cancelled; whatever happens to process and broker, the correction goes on."""
+        journal = logging.getLogger("abbe")
+        self._events.begin()
+        journal.addHandler(self._events)
+        try:
+            await SideProcess("mqtt", "abbe.daemon.mqtt.process", self._talk, _LONGEST).run()
+        finally:
+            journal.removeHandler(self._events)
+
+    def _talk(self) -> _Talk:
+        service = self._service
+        about = {
+            "abbe": service.identity.version,
+            "machine": service.configuration.model.machine.name,
+            "host": socket.gethostname(),
+            "pid": os.getpid(),
+        }
+        task = {**self._setup.task(), "about": about}
+        return _Talk(service, self._controls, self._events, task, self._setup.section.every)
+
+
+class _Events(logging.Handler):
+    """The journal's events, until somebody takes them; its own are none."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.INFO)
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._waiting: deque[dict[str, Any]] = deque()
+        self.news = asyncio.Event()
+        self.lost = 0
+
+    def begin(self) -> None:
+        """Take events of all threads from now on, for this loop."""
+        self._loop = asyncio.get_running_loop()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Take one event, of any thread."""
+        if record.name.startswith("abbe.mqtt") or self._loop is None:
+            return
+        try:
+            text = record.getMessage()
+        except Exception:  # noqa: BLE001 - as logging's own handlers: the event is at fault
+            self.handleError(record)
+            return
+        event = {
+            "at": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
+            "level": record.levelname,
+            "part": record.name,
+            "text": text[:_LONGEST],
+        }
+        with contextlib.suppress(RuntimeError):  # the loop is closed: the run is over
+            self._loop.call_soon_threadsafe(self._keep, event)
+
+    def _keep(self, event: dict[str, Any]) -> None:
+        if len(self._waiting) >= _EVENTS:
+            self._waiting.popleft()
+            self.lost += 1
+        self._waiting.append(event)
+        self.news.set()
+
+    def taken(self) -> list[dict[str, Any]]:
+        """Those that wait, which then wait no more."""
+        self.news.clear()
+        found = list(self._waiting)
+        self._waiting.clear()
+        return found
+
+
+class _Said(BaseModel):
+    """One line of the process's."""
+
+    model_config = ConfigDict(extra="forbid")
+    level: Annotated[int, Field(ge=0, le=50)] = 0
+    text: str = ""
+
+
+class _Talk:
+    """One connection to the process."""
+
+    def __init__(
+        self,
+        service: ObservedService,
+        controls: Controls,
+        events: _Events,
+        task: dict[str, Any],
+        every: float,
+    ) -> None:
+        self._service, self._controls, self._events = service, controls, events
+        self._task, self._every = task, every
+        self._word = -1
+        self._due = asyncio.Event()
+        self._dropped = 0
+        self._failed = False
+        self._said, self._said_since = 0, 0.0
+        self.last_message_at: float | None = None
+
+    async def run(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Hand over what is to be published until the process is gone."""
+        listeners = self._service.pipeline.listeners
+        writer.write(json.dumps(self._task).encode("ascii") + b"\n")
+        listeners.append(self._on_cycle)
+        tasks = [
+            asyncio.create_task(self._hand_over_statuses(writer)),
+            asyncio.create_task(self._hand_over_events(writer)),
+        ]
+        try:
+            while line := await reader.readline():
+                self._take(line)
+        except (OSError, ValueError):
+            pass  # gone, or a stranger
+        finally:
+            listeners.remove(self._on_cycle)
+            for task in tasks:
+                task.cancel()
+            writer.close()
+
+    def _take(self, line: bytes) -> None:
+        try:
+            said = _Said.model_validate_json(line)
+        except ValidationError:
+            raise ValueError("not a line of the process that publishes") from None
+        now = self.last_message_at = time.monotonic()
+        if not said.text:
+            return
+        if now - self._said_since > 60.0:
+            self._said, self._said_since = 0, now
+        self._said += 1
+        if self._said <= _A_MINUTE:
+            text = "".join(c if c.isprintable() else " " for c in said.text)
+            logger.log(said.level or logging.INFO, "mqtt: %s", text)
+
+    def _on_cycle(self, record: CycleRecord) -> None:
+        """A status is made between two cycles, when the status word changes."""
+        if record.status != self._word:
+            self._word = record.status
+            self._due.set()
+
+    async def _hand_over_statuses(self, writer: asyncio.StreamWriter) -> None:
+        while True:
+            self._due.clear()
+            try:
+                status = self._controls.status_now().model_dump_json().encode()
+            except Exception as error:
+                if not self._failed:
+                    logger.exception("mqtt: a status cannot be published: %s", error)
+                self._failed = True
+            else:
+                # it is JSON already: it is put into the line as it is
+                self._send_line(writer, b'{"status": %s' % status)
+            await asyncio.sleep(_SOONEST)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(max(0.0, self._every - _SOONEST)):
+                    await self._due.wait()
+
+    async def _hand_over_events(self, writer: asyncio.StreamWriter) -> None:
+        while True:
+            for event in self._events.taken():
+                self._send(writer, {"event": event})
+            await self._events.news.wait()
+
+    def _send(self, writer: asyncio.StreamWriter, what: dict[str, Any]) -> None:
+        self._send_line(writer, json.dumps(what).encode("ascii")[:-1])
+
+    def _send_line(self, writer: asyncio.StreamWriter, begun: bytes) -> None:
+        """Send an object that lacks its end, with what was dropped before; or drop it."""
+        if writer.transport.get_write_buffer_size() > _WAITING:
+            self._dropped += 1
+            return
+        dropped = self._dropped + self._events.lost
+        self._dropped = self._events.lost = 0
+        end = b', "dropped": %d}\n' % dropped if dropped else b"}\n"
+        writer.write(begun + end)

@@ -1,0 +1,1 @@
+"""Processes beside a run: begun by it, never waited for, begun anew when they end or hang."""
