@@ -50,7 +50,7 @@ class MqttProcess:
 
     def __init__(self, service: ObservedService, controls: Controls, setup: MqttSetup) -> None:
         self._service, self._controls, self._setup = service, controls, setup
-        self._events = _Events()
+        self._events = _JournalEvents()
 
     async def run(self) -> None:
         """Until cancelled; whatever happens to process and broker, the correction goes on."""
@@ -62,7 +62,7 @@ class MqttProcess:
         finally:
             journal.removeHandler(self._events)
 
-    def _talk(self) -> _Talk:
+    def _talk(self) -> _PublishingTalk:
         service = self._service
         about = {
             "abbe": service.identity.version,
@@ -71,10 +71,12 @@ class MqttProcess:
             "pid": os.getpid(),
         }
         task = {**self._setup.task(), "about": about}
-        return _Talk(service, self._controls, self._events, task, self._setup.section.every)
+        return _PublishingTalk(
+            service, self._controls, self._events, task, self._setup.section.every
+        )
 
 
-class _Events(logging.Handler):
+class _JournalEvents(logging.Handler):
     """The journal's events, until somebody takes them; its own are none."""
 
     def __init__(self) -> None:
@@ -121,7 +123,7 @@ class _Events(logging.Handler):
         return found
 
 
-class _Said(BaseModel):
+class _ProcessLine(BaseModel):
     """One line of the process's."""
 
     model_config = ConfigDict(extra="forbid")
@@ -129,14 +131,14 @@ class _Said(BaseModel):
     text: str = ""
 
 
-class _Talk:
+class _PublishingTalk:
     """One connection to the process."""
 
     def __init__(
         self,
         service: ObservedService,
         controls: Controls,
-        events: _Events,
+        events: _JournalEvents,
         task: dict[str, Any],
         every: float,
     ) -> None:
@@ -171,7 +173,7 @@ class _Talk:
 
     def _take(self, line: bytes) -> None:
         try:
-            said = _Said.model_validate_json(line)
+            said = _ProcessLine.model_validate_json(line)
         except ValidationError:
             raise ValueError("not a line of the process that publishes") from None
         now = self.last_message_at = time.monotonic()
