@@ -20,6 +20,7 @@ from abbe.daemon.service import Service
 from abbe.daemon.status.status_source import StatusSource
 from abbe.daemon.status.text import lines
 from tests.support.daemon.command_line import abbe
+from tests.support.daemon.plant_files import named
 from tests.support.daemon.probing_plc import (
     POINTS_AT,
     ProbingPlc,
@@ -92,6 +93,10 @@ async def test_a_sphere_is_recorded_judged_and_shown(model, tmp_path, caplog) ->
         assert samples["abbe_checks_recorded", ()] == 1.0
         assert samples["abbe_check_verdict", ("sound",)] == 1.0
         assert ("abbe_check_chart_ratio", ("ball_X",)) in samples
+        # the plant's rules and dashboard ask for nothing else
+        of_checks = {name for name in named() if name.startswith("abbe_check_")}
+        assert of_checks <= {name for name, _ in samples} | {"abbe_check_refused"}
+        assert "abbe_check_refused" in {family.name for family in collector.collect()}
         assert "check ball: ball_X" in caplog.text
     with sqlite3.connect(tmp_path / "records.sqlite") as records:
         names = {row[0] for row in records.execute("SELECT name FROM series")}

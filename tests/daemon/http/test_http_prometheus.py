@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import shutil
 import subprocess
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -24,27 +23,10 @@ from tests.support.daemon.observed import (
     token,
     until,
 )
+from tests.support.daemon.plant_files import ALERTS, named, questions, scraped
+from tests.support.daemon.prometheus_tools import PrometheusTools
 
 pytestmark = pytest.mark.integration
-
-ROOT = Path(__file__).parents[3]
-UNPACKED = ROOT / ".venv" / "unpacked" / "usr" / "bin"
-
-
-@pytest.fixture(scope="module")
-def tools() -> tuple[str, str]:
-    """Prometheus and promtool, from Debian's package; `make test` unpacks it, and so does this."""
-    found = shutil.which("prometheus"), shutil.which("promtool")
-    if None in found and not (UNPACKED / "promtool").exists():
-        made = UNPACKED.relative_to(ROOT) / "prometheus"
-        subprocess.run(["make", str(made)], cwd=ROOT, check=False, capture_output=True, timeout=90)
-    prometheus, promtool = (
-        there or str(UNPACKED / name)
-        for there, name in zip(found, ("prometheus", "promtool"), strict=True)
-    )
-    if not Path(promtool).exists():
-        pytest.skip("Debian's package prometheus cannot be had here")
-    return prometheus, promtool
 
 
 @asynccontextmanager
@@ -63,7 +45,9 @@ async def scraping(
         "static_configs": [{"targets": [f"127.0.0.1:{port}"]}],
     }
     file = folder / "prometheus.yml"
-    file.write_text(json.dumps({"scrape_configs": [job]}), encoding="utf-8")  # JSON is YAML
+    asked = {"rule_files": [str(ALERTS)], "scrape_configs": [job]}
+    asked["global"] = {"evaluation_interval": "250ms"}
+    file.write_text(json.dumps(asked), encoding="utf-8")  # JSON is YAML
     its = free_port()
     process = await asyncio.create_subprocess_exec(
         prometheus, f"--config.file={file}", f"--storage.tsdb.path={folder / 'data'}",
@@ -92,8 +76,8 @@ async def value(client: httpx.AsyncClient, query: str) -> float | None:
     return float(found[0]["value"][1]) if found else None
 
 
-async def test_a_real_prometheus(tmp_path: Path, tools: tuple[str, str]) -> None:
-    prometheus, promtool = tools
+async def test_a_real_prometheus(tmp_path: Path) -> None:
+    prometheus, promtool = PrometheusTools.found()
     chain, key = certificate(tmp_path)
     secret, port = token(tmp_path, "prometheus"), free_port()
     http = f'listen = ["127.0.0.1:{port}"]\ncertificate = "{chain.name}"\nkey = "{key.name}"\n'
@@ -119,10 +103,20 @@ async def test_a_real_prometheus(tmp_path: Path, tools: tuple[str, str]) -> None
         found.run.link.values["R_T_x1"] = 4.2e8
         await until(lambda: is_so('abbe_signal_stale{signal="T_x1"}', 1.0))
         await until(lambda: is_so("abbe_corrected_in_full", 0.0))
+        for alert in ("AbbeSignalStale", "AbbeNotCorrected"):
+            await until(lambda alert=alert: is_so(f'ALERTS{{alertname="{alert}"}}', 1.0))
         found.run.link.values["R_T_x1"] = ohms
         await until(lambda: is_so("abbe_corrected_in_full", 1.0))
+        rules = (await client.get("/rules")).json()["data"]["groups"][0]["rules"]
+        assert {rule["health"] for rule in rules} == {"ok"}
+        for panel, question in questions():
+            answer = (await client.get("/query", params={"query": question})).json()
+            assert answer["status"] == "success", (panel, answer)
         async with found.client() as own:
             text = await own.get("/metrics", headers={"accept": "text/plain", **bearer(secret)})
+    # those of check points: tests/daemon/checks/test_live_checks.py
+    of_checks = {name for name in named() if name.startswith("abbe_check_")}
+    assert named() - of_checks - scraped(text.text) == set()
     check = [promtool, "check", "metrics"]
     done = await asyncio.to_thread(
         subprocess.run, check, input=text.content, capture_output=True, timeout=PATIENCE
