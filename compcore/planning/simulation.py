@@ -56,6 +56,9 @@ def carry_out(plan: SurveyPlan, seed: int = 1, amount: float = AMOUNT) -> Reache
     truth = problem.start()
     size = problem.layout.model_size
     truth[:size] += amount * problem.layout.scale[:size] * rng.standard_normal(size)
+    for i, parameter in problem.layout.searched.items():
+        # a time constant is no error about zero: it is one of those that a machine may have
+        truth[i] = rng.choice(parameter.starts)
     truth[size:] += 0.3 * rng.standard_normal(len(truth) - size)
     noise = blank.sd * rng.standard_normal(blank.n)
     measured = replace(blank, value=problem.predicted(truth) + noise)

@@ -225,6 +225,10 @@ def check_parameter(
     InputError
         With field ``value`` or ``sd``, what was found and what was expected.
     """
+    if isinstance(parameter, NonlinearParameter) and parameter.bounds[0] > 0.0 >= value:
+        raise InputError(
+            "not believable", field="value", found=value, expected=f"above 0 {parameter.unit}"
+        )
     largest = max(map(abs, parameter.plausible))
     if not 0.0 < largest < np.inf:
         return

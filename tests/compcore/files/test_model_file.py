@@ -150,8 +150,11 @@ def models(draw):
     terms = []
     for kind, keys in draw(st.lists(st.sampled_from(catalogue), unique_by=lambda c: c[0])):
         effect = make_effect(kind, keys)
-        wanted = [p.name for p in (*effect.linear(machine), *effect.nonlinear(machine))]
-        values = {n: Value(draw(small), draw(st.none() | st.floats(0.0, 1e-2))) for n in wanted}
+        drawn = {p.name: small for p in effect.linear(machine)}
+        for p in effect.nonlinear(machine):
+            drawn[p.name] = st.floats(1e-9, 1e-2) if p.bounds[0] > 0.0 else small
+        sds = st.none() | st.floats(0.0, 1e-2)
+        values = {name: Value(draw(value), draw(sds)) for name, value in drawn.items()}
         terms.append(Term(effect, values if draw(st.booleans()) else {}))
     size = sum(len(t.values) for t in terms)
     covariance = None
@@ -232,6 +235,9 @@ ERRORS = [
     (changed('"ppm/K"', '"µm"'), 34, "effects[1].parameters.alpha.unit", "found 'µm'"),
     (TEXT + '\n[[effects]]\nkind = "positioning"\naxis = "X"\nshape = "spline:8"\n', 36,
      "effects[2]", "the same effect twice"),
+    (TEXT + '\n[[effects]]\nkind = "warm_up"\ndirection = "X"\n[effects.parameters]\n'
+     'A = {value = 0.01}\ntau = {value = -600.0}\n', 41,
+     "effects[2].parameters.tau.value", "found -600.0, expected above 0 s"),
     (TEXT + '\n[fit]\ncovariance = "rubbish"\n', 37, "fit.covariance", "damaged"),
     (changed("[machine]", "[machine"), 3, None, "not valid TOML"),
 ]  # fmt: skip
