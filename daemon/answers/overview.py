@@ -54,8 +54,18 @@ def overview(configuration: Configuration) -> dict[str, Any]:
             "hold_s": guard.hold,
             "ramp_s": guard.ramp,
         },
+        **_published(configuration),
         "notes": notes(configuration),
     }
+
+
+def _published(configuration: Configuration) -> dict[str, Any]:
+    """Where the run is published; nothing where it is not."""
+    mqtt = configuration.mqtt
+    if mqtt is None:
+        return {}
+    section = mqtt.section
+    return {"published": {"to": section.url, "below": mqtt.topic, "every_s": section.every}}
 
 
 def _turns(configuration: Configuration) -> dict[str, Any]:

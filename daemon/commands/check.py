@@ -60,6 +60,10 @@ def check(
         f"{guard['hold_s']:g} s and ramped to zero in {guard['ramp_s']:g} s.\n"
         f"Cycle: every {cycle['period_s']:g} s, signals every {cycle['signals_every_s']:g} s."
     )
+    if "published" in found:
+        to = found["published"]
+        words = f"Published: every {to['every_s']:g} s to {to['to']}, below {to['below']}."
+        console.print(words, markup=False, highlight=False)
     for note in found["notes"]:
         console.print(f"[yellow]Note:[/yellow] {escape(note)}.", highlight=False)
     console.print("[green]The configuration is in order.[/green]", highlight=False)

@@ -69,6 +69,25 @@ def check_files(source: TomlSource, configuration: Configuration) -> None:
                 expected="a name of its own",
             )
         taken[identity] = name
+    _check_buffer(source, configuration, taken)
+
+
+def _check_buffer(
+    source: TomlSource, configuration: Configuration, taken: dict[tuple[object, ...] | None, str]
+) -> None:
+    """What waits for a broker has a file of its own."""
+    if configuration.mqtt is None:
+        return
+    if configuration.records_path is not None:
+        taken[WriteTarget.of(configuration.records_path).identity] = "the records"
+    path = configuration.mqtt.buffer
+    if (identity := WriteTarget.of(path).identity) in taken:
+        raise source.error(
+            f"would be written onto {taken[identity]}",
+            ("mqtt", "buffer"),
+            found=str(path),
+            expected="a name of its own",
+        )
 
 
 def _written(configuration: Configuration) -> Iterator[tuple[Path, OutputKind, Key, str]]:

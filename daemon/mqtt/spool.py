@@ -23,6 +23,9 @@ _LONGEST = 256_000
 """Bytes of one message; a status has some thousands."""
 _AGAIN = 5.0
 """s from one attempt to use the disk to the next."""
+_OURS = 0x41626D71
+"""SQLite's application_id of such files."""
+_HEAD = b"SQLite format 3\x00"
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS waiting (
   number INTEGER PRIMARY KEY AUTOINCREMENT, series TEXT NOT NULL, id INTEGER NOT NULL,
@@ -63,7 +66,7 @@ class Spool:
     Parameters
     ----------
     path
-        SQLite file; one that is damaged is put aside.
+        SQLite file; one that is damaged is put aside, one of somebody else's is left alone.
     max_bytes
         Of all messages; beyond it the oldest go.
     say
@@ -200,7 +203,7 @@ class Spool:
         try:
             self._db = _open(self._path)
         except sqlite3.DatabaseError as error:
-            if not isinstance(error, sqlite3.OperationalError):
+            if _is_damaged(self._path, error):
                 self._put_aside(error)
             else:
                 self._failed(error)
@@ -249,6 +252,11 @@ def _open(path: Path) -> sqlite3.Connection:
     path.parent.mkdir(parents=True, exist_ok=True)
     db = sqlite3.connect(path, timeout=1.0)
     try:
+        (tables,) = db.execute("SELECT count(*) FROM sqlite_master").fetchone()
+        (owner,) = db.execute("PRAGMA application_id").fetchone()
+        if tables and owner != _OURS:
+            raise sqlite3.OperationalError("it is a database of something else")
+        db.execute(f"PRAGMA application_id = {_OURS}")
         db.execute("PRAGMA journal_mode = WAL")
         db.execute("PRAGMA synchronous = NORMAL")
         db.execute(_SCHEMA)
@@ -257,3 +265,12 @@ def _open(path: Path) -> sqlite3.Connection:
         db.close()
         raise
     return db
+
+
+def _is_damaged(path: Path, error: sqlite3.DatabaseError) -> bool:
+    """Whether it is a database that is broken; what never was one is somebody's."""
+    if isinstance(error, sqlite3.OperationalError):
+        return False
+    with contextlib.suppress(OSError), path.open("rb") as file:
+        return file.read(len(_HEAD)) == _HEAD
+    return False

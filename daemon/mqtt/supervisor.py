@@ -25,6 +25,8 @@ logger = logging.getLogger("abbe.mqtt")
 
 _SOONEST = 0.2
 """s between two statuses, however often the status word changes."""
+_WITHOUT_A_CYCLE = 0.5
+"""s after which a status is made although no cycle comes to its end."""
 _WAITING = 1_000_000
 """Bytes that may wait for the process; what is more is dropped."""
 _EVENTS = 1000
@@ -145,7 +147,7 @@ class _PublishingTalk:
         self._service, self._controls, self._events = service, controls, events
         self._task, self._every = task, every
         self._word = -1
-        self._due = asyncio.Event()
+        self._due, self._between = asyncio.Event(), asyncio.Event()
         self._dropped = 0
         self._failed = False
         self._said, self._said_since = 0, 0.0
@@ -187,13 +189,19 @@ class _PublishingTalk:
             logger.log(said.level or logging.INFO, "mqtt: %s", text)
 
     def _on_cycle(self, record: CycleRecord) -> None:
-        """A status is made between two cycles, when the status word changes."""
+        """The end of a cycle: it may be time for a status, and is when the status word changes."""
+        self._between.set()
         if record.status != self._word:
             self._word = record.status
             self._due.set()
 
     async def _hand_over_statuses(self, writer: asyncio.StreamWriter) -> None:
         while True:
+            # between two cycles, so that none waits for it; where none ends, the status says so
+            self._between.clear()
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(_WITHOUT_A_CYCLE):
+                    await self._between.wait()
             self._due.clear()
             try:
                 status = self._controls.status_now().model_dump_json().encode()

@@ -16,6 +16,7 @@ from abbe.daemon.mqtt.messages import PARTS
 from abbe.daemon.status.run_status import RunStatus
 from abbe.daemon.systemd.install import plan
 from tests.daemon.pipeline.test_live_control import EXAMPLE
+from tests.support.daemon.command_line import abbe
 
 PAGE = (Path(__file__).parents[3] / "docs" / "mqtt.md").read_text("utf-8")
 TLS = 'url = "mqtts://10.1.2.3"'
@@ -47,6 +48,7 @@ def written(folder: Path, section: str) -> Path:
         (f"{TLS}\nreconnect_min = 100.0", "below reconnect_min"),
         (f'{TLS}\nversion = "4"', "version"),
         (f'{TLS}\nbuffer = "here.txt"', "buffer"),
+        (f'{TLS}\nbuffer = "r.sqlite"\n[records]\nfile = "r.sqlite"', "onto the records"),
         ('url = "mqtt://10.1.2.3"\nca = "there"', "mqtts"),
         (
             'url = "mqtt://10.1.2.3"\nuser = "me"\npassword_file = "there"',
@@ -79,6 +81,12 @@ def test_what_it_becomes(tmp_path: Path) -> None:
     assert setup.topic == f"abbe/{configuration.model.machine.name}"
     assert setup.buffer == tmp_path / "mqtt.sqlite"
     assert setup.resource == "tcp 10.1.2.3:8883"
+
+
+def test_abbe_check_says_where_it_is_published(tmp_path: Path) -> None:
+    done = abbe("check", written(tmp_path, TLS))
+    assert done.status == 0, done.err
+    assert "Published: every 5 s to mqtts://10.1.2.3, below abbe/Bridge CMM" in done.out
 
 
 def test_the_page_tells_every_key_and_topic() -> None:

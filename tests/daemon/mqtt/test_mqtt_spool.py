@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sqlite3
 from pathlib import Path
@@ -95,11 +96,30 @@ def test_memory_is_bounded_where_there_is_no_disk(tmp_path: Path) -> None:
 
 def test_a_damaged_file_is_put_aside(tmp_path: Path) -> None:
     path = tmp_path / "mqtt.sqlite"
-    path.write_bytes(b"no database at all" * 1000)
+    filled(path, 50)[0].close()
+    held = path.read_bytes()
+    path.write_bytes(held[:100] + b"\xff" * (len(held) - 100))
     spool, said = filled(path, 3)
     assert "put aside as mqtt.sqlite.damaged" in said[0]
     assert [message.id for message in spool.oldest(10)] == [1, 2, 3]
-    assert (tmp_path / "mqtt.sqlite.damaged").read_bytes().startswith(b"no database")
+    assert (tmp_path / "mqtt.sqlite.damaged").read_bytes().endswith(b"\xff" * 1000)
+
+
+@pytest.mark.parametrize("kind", ["text", "database"])
+def test_what_is_somebody_else_s_is_left_alone(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "mqtt.sqlite"
+    if kind == "text":
+        path.write_bytes(b"somebody's notes\n" * 1000)
+    else:
+        with contextlib.closing(sqlite3.connect(path)) as db:
+            db.execute("CREATE TABLE waiting (guests TEXT)")
+    before = path.read_bytes()
+    spool, said = filled(path, 3)
+    assert [message.id for message in spool.oldest(10)] == [1, 2, 3]
+    spool.close()
+    assert path.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["mqtt.sqlite"]
+    assert "what waits is kept in memory" in said[0]
 
 
 @pytest.mark.parametrize("text", ["\x00\x1f\x7f", "\ud800", "µ°→\U0001f600", '"}{\\', "\n\r"])
