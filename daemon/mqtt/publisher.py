@@ -23,6 +23,8 @@ _IN_FLIGHT = 10
 """Messages that are on their way at a time."""
 _KEEPALIVE = 30
 """s without a word after which the broker is asked whether it is there."""
+_REASONS = 5
+"""Reasons why there is no connection that are said, until there is one again."""
 _VERSIONS = {"5": aiomqtt.ProtocolVersion.V5, "3.1.1": aiomqtt.ProtocolVersion.V311}
 
 # paho and aiomqtt log every lost connection; here an outage is said once
@@ -46,6 +48,8 @@ class Publisher:
 
     Attributes
     ----------
+    connections
+        Attempts to connect.
     refused
         Messages that the broker acknowledged and said that it does not take (protocol 5 only).
     """
@@ -60,8 +64,8 @@ class Publisher:
         self._task, self._spool, self._about, self._say = task, spool, about, say
         self._news = asyncio.Event()
         self._ending = asyncio.Event()
-        self._said = ""
-        self._connection = 0
+        self._said: set[str] = set()
+        self.connections = 0
         self.refused = 0
 
     def put(self, message: Message) -> None:
@@ -92,7 +96,7 @@ class Publisher:
     async def _connected(self) -> None:
         """One connection, from birth to its end."""
         task = self._task
-        self._connection += 1
+        self.connections += 1
         async with aiomqtt.Client(
             task["host"],
             task["port"],
@@ -112,7 +116,7 @@ class Publisher:
             self._note_refusals(client)
             await self._publish(client, ONLINE, self._life(online=True), retain=True)
             self._say(logging.INFO, f"connected to {task['host']}:{task['port']}")
-            self._said = ""
+            self._said.clear()
             async with asyncio.TaskGroup() as group:
                 watching = group.create_task(_watch(client))
                 await self._send(client)
@@ -151,7 +155,7 @@ class Publisher:
         body = {
             "online": online,
             "series": self._spool.series,
-            "connection": self._connection,
+            "connection": self.connections,
             "since": datetime.now(UTC).isoformat(timespec="milliseconds"),
             **self._about,
         }
@@ -173,8 +177,9 @@ class Publisher:
         paho.on_publish = look
 
     def _lost(self, why: str) -> None:
-        if why != self._said and not self._ending.is_set():
-            self._said = why
+        """Say what is wrong, once until it is right: two reasons may come in turn for days."""
+        if why not in self._said and len(self._said) < _REASONS and not self._ending.is_set():
+            self._said.add(why)
             self._say(logging.WARNING, f"{why}; what is to be published waits")
 
 

@@ -150,7 +150,7 @@ def _resident() -> int:
 @pytest.mark.parametrize("flood", FLOODS.values(), ids=FLOODS)
 async def test_a_flood_costs_neither_memory_nor_the_loop(server: Mill, flood: Flood) -> None:
     with FloodedWire(server.port) as wire:
-        async with linked(f"opc.tcp://127.0.0.1:{wire.port}", {"x": "x"}, timeout=1.0) as link:
+        async with linked(f"opc.tcp://127.0.0.1:{wire.port}", {"x": "x"}) as link:
             assert (await link.read(("x",)))["x"].good
             watched = Watched()
             watching = asyncio.create_task(watched.run())
@@ -169,7 +169,7 @@ async def test_a_flood_costs_neither_memory_nor_the_loop(server: Mill, flood: Fl
             watching.cancel()
             assert wire.sent >= floods
     assert watched.grown < 32 << 20
-    assert watched.lag < 0.5
+    assert watched.lag < 1.0
 
 
 def _cut(pieces: list[bytes]) -> tuple[list[bytes], IncomingChunks, list[bool]]:
