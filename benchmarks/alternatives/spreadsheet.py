@@ -34,7 +34,7 @@ def regressed(seen: Campaign, unseen: Campaign) -> F64:
 
     Where the zero of a set-up is unknown it is taken from the rows of the other campaign.
     """
-    left = _left(seen, unseen)
+    left = _left(seen, _components(seen), unseen, _components(unseen))
     for rows in _setups(unseen):
         _take_zero(left, unseen, rows)
     return left
@@ -46,9 +46,10 @@ def left_out(campaign: Campaign, blocks: Sequence[Rows]) -> F64:
     A set-up that lies in the block as a whole has its zero taken from there.
     """
     left = campaign.value.copy()
+    what = _components(campaign)
     for block in blocks:
         others = np.setdiff1d(np.arange(campaign.n), block)
-        left[block] = _left(campaign.rows(others), campaign.rows(block))
+        left[block] = _left(campaign.rows(others), what[others], campaign.rows(block), what[block])
         for rows in _setups(campaign):
             if np.isin(rows, block).all():
                 _take_zero(left, campaign, rows)
@@ -60,11 +61,10 @@ def rms(left: F64) -> float:
     return math.sqrt(float(np.mean(left**2)))
 
 
-def _left(seen: Campaign, unseen: Campaign) -> F64:
+def _left(seen: Campaign, mine: Rows, unseen: Campaign, others: Rows) -> F64:
     left = np.empty(unseen.n)
     here, there = _columns(seen), _columns(unseen)
     names = [name for name in here if np.ptp(here[name]) > 0.0]
-    mine, others = _components(seen), _components(unseen)
     for component in np.unique(others):
         rows, later = mine == component, others == component
         a = np.column_stack([np.ones(rows.sum()), *(here[name][rows] for name in names)])
