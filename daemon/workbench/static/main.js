@@ -31,6 +31,8 @@ function missed(error) {
 /** Show a tab; what it needs is computed if nobody has asked for it yet. */
 async function show(name) {
   tab = name;
+  // clicked before anything is known: the first look at the server shows it
+  if (!state) return;
   for (const t of TABS) {
     $(`tab-${t}`).setAttribute("aria-selected", String(t === name));
     $(`tab-${t}`).tabIndex = t === name ? 0 : -1;
@@ -122,7 +124,7 @@ async function look() {
   const now = await get("/api/state");
   const before = state;
   state = now;
-  if (tab === null) begin();
+  if (!before) begin();
   const anew = Boolean(before) && before.run !== now.run;
   const again = away || anew;
   away = false;
@@ -160,7 +162,8 @@ function returned(anew, before, now) {
 
 /** Which views there are, and the one that is shown first. */
 function begin() {
-  tab = state.first;
+  // a view may have been clicked before it was known which there are
+  if (!state.views.includes(tab)) tab = state.first;
   for (const name of TABS) if (!state.views.includes(name)) $(`tab-${name}`).remove();
   TABS = state.views;
   for (const t of TABS) {
@@ -180,12 +183,12 @@ async function header() {
   facts.querySelector("dl").replaceChildren(...head.facts.map(([name, text]) =>
     el("div", {}, el("dt", {}, label(name)), el("dd", {class: text ? null : "unstated"}, moment(text) || t("not stated")))));
   facts.querySelector("table").replaceChildren(el("tbody", {}, ...head.files.map(([part, file, sha]) =>
-    el("tr", {}, el("td", {}, part), el("td", {}, file),
+    el("tr", {}, el("td", {}, label(part)), el("td", {}, file),
       el("td", {}, el("code", {class: "sha"}, sha || "–"))))));
   const said = head.facts.filter(([name]) => ["Date", "Serial number"].includes(name));
   facts.querySelector("summary").textContent = [
     ...said.map(([name, text]) => `${label(name)}: ${moment(text) || t("not stated")}`),
-    ...head.files.map(([part, file, sha]) => `${part}: ${file} (${sha.slice(0, 12)})`)].join(" · ");
+    ...head.files.map(([part, file, sha]) => `${label(part)}: ${file} (${sha.slice(0, 12)})`)].join(" · ");
   $("made").textContent = `Abbe ${head.abbe}, ${moment(head.made)}`;
 }
 

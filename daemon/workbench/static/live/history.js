@@ -2,7 +2,7 @@
 import {label, t} from "../shared/language.js";
 import {el, number} from "../shared/dom.js";
 import {get, Outside, Refusal} from "../shared/server.js";
-import {colours, curve, onColours} from "../shared/theme.js";
+import {colours, curve, letters, onColours} from "../shared/theme.js";
 
 const SPANS = {Hour: 3600, Day: 86400, Month: 30 * 86400};
 const LAST = {Hour: t("Last hour"), Day: t("Last day"), Month: t("Last month")};
@@ -106,7 +106,10 @@ class PastPicture {
     this.node = el("figure", {class: "past", "data-picture": wanted.name},
       el("figcaption", {}, `${label(wanted.title)}, ${wanted.unit}`), this.place,
       el("div", {class: "legend"}, ...this.names));
-    this.observer = new ResizeObserver(() => this.chart?.setSize({width: this.place.clientWidth, height: HEIGHT}));
+    this.observer = new ResizeObserver(() => {
+      if (this.letters !== letters()) this.#draw();
+      else this.chart?.setSize({width: this.place.clientWidth, height: HEIGHT * letters()});
+    });
     this.observer.observe(this.place);
     onColours(this.place, () => this.#draw());
   }
@@ -137,17 +140,18 @@ class PastPicture {
   #draw() {
     if (!this.found || !this.place.clientWidth) return;
     this.chart?.destroy();
+    this.letters = letters();
     const {series} = this.found;
     const thin = {stroke: "transparent", width: 0, points: {show: false}};
     this.chart = new uPlot({
-      width: this.place.clientWidth, height: HEIGHT, legend: {show: false},
+      width: this.place.clientWidth, height: HEIGHT * letters(), legend: {show: false},
       scales: {x: {time: true, range: () => [this.found.first, this.found.last]}, y: {range: (_, low, high) => around(low, high)}},
       cursor: {sync: {key: "past"}, drag: {x: true, y: false, setScale: false}, points: {show: false}},
       series: [{}, ...series.flatMap((_, k) => [
         {stroke: curve(k), width: 1.6, points: {show: () => this.found.time.length < 3}}, thin, thin])],
       bands: series.map((_, k) => ({series: [3 * k + 3, 3 * k + 2], fill: `color-mix(in srgb, ${curve(k)} 22%, transparent)`})),
-      axes: [{...axis(), space: 76, values: (_, splits, __, ___, step) => clock(splits, step)},
-        {...axis(), size: 62, values: (_, splits) => splits.map((v) => number(v, 5))}],
+      axes: [{...axis(), space: 76 * letters(), size: 50 * letters(), values: (_, splits, __, ___, step) => clock(splits, step)},
+        {...axis(), size: 62 * letters(), space: 30 * letters(), values: (_, splits) => splits.map((v) => number(v, 5))}],
       hooks: {
         setSelect: [(u) => {
           if (u.select.width < 5) return;
@@ -179,7 +183,7 @@ function fixed(value) {
 
 function axis() {
   const {quiet, grid} = colours();
-  return {stroke: quiet, font: "12px system-ui, sans-serif", grid: {stroke: grid, width: 1}, ticks: {stroke: grid, width: 1}};
+  return {stroke: quiet, font: `${12 * letters()}px system-ui, sans-serif`, grid: {stroke: grid, width: 1}, ticks: {stroke: grid, width: 1}};
 }
 
 /** Ends of the vertical scale with some room; never closer than one can read. */

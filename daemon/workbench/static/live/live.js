@@ -21,7 +21,7 @@ export class Live {
     this.links = el("ul", {class: "links"});
     this.more = el("div", {});
     this.beat = el("p", {});
-    this.now = el("div", {id: "now"},
+    this.now = el("div", {id: "now", hidden: true},
       this.axes,
       el("div", {class: "columns"},
         this.volume = el("section", {class: "card", id: "volume"}, el("h2", {}, t("The volume now")), el("p", {class: "note"}, t("Being worked out …"))),
@@ -29,7 +29,8 @@ export class Live {
     this.node = el("div", {class: "live"},
       el("section", {class: "verdict"}, this.state, this.age, this.lost, this.warnings), this.now);
     this.past = el("div", {});
-    this.node.append(this.past, el("details", {}, el("summary", {}, t("Cycle, journal, files")), this.more));
+    this.how = el("details", {hidden: true}, el("summary", {}, t("Cycle, journal, files")), this.more);
+    this.node.append(this.past, this.how);
     this.#begin();
   }
 
@@ -88,6 +89,7 @@ export class Live {
   #run(found) {
     const first = !this.found;
     this.found = found;
+    this.now.hidden = this.how.hidden = false;
     const back = this.isLost;
     this.isLost = false;
     this.lost.hidden = true;

@@ -5,6 +5,7 @@ import {drawnFiner} from "../shared/space.js";
 import {onPaper} from "../shared/theme.js";
 
 const FINER = 2.5; // dots of a picture for each of the screen's
+const SHORT = 12; // letters of a SHA-256 that tell files apart
 const CONTROLS = "button, form, input, datalist, progress, script, .tip, .how, .waiting, [hidden]";
 
 /** A moment as people write it. */
@@ -15,19 +16,20 @@ export function moment(text) {
 /** What a report holds: `view` as it is shown now, with `head` as the server has it. */
 export async function reportOf(view, name, head, version) {
   const pictures = new Map();
-  await drawnFiner(FINER, () => onPaper(async () => {
+  for (const image of view.querySelectorAll("img")) pictures.set(image, await dataOf(image.src));
+  // copied while it is in these colours: some pictures are made of other elements afterwards
+  const body = await drawnFiner(FINER, () => onPaper(async () => {
     for (const plot of view.querySelectorAll(".js-plotly-plot"))
       pictures.set(plot, await Plotly.toImage(plot, {format: "svg", width: plot.clientWidth, height: plot.clientHeight}));
     for (const canvas of view.querySelectorAll("canvas"))
       if (canvas.clientWidth) pictures.set(canvas, canvas.toDataURL());
+    return copyOf(view, pictures);
   }));
-  for (const image of view.querySelectorAll("img")) pictures.set(image, await dataOf(image.src));
-  const body = copyOf(view, pictures);
   body.className = `paper-body ${view.dataset.tab}`;
   return {
     title: `${head.machine} – ${name}`,
-    node: el("div", {}, headOf(head, name, version), body,
-      el("p", {class: "paper-foot"}, `Abbe ${head.abbe}, ${moment(head.made)}`)),
+    node: el("div", {class: "paper"}, headOf(head, name, version), body,
+      el("p", {class: "paper-foot"}, `Abbe ${head.abbe}, ${moment(head.made)}`), sheetFoot(head, name)),
   };
 }
 
@@ -43,7 +45,14 @@ function headOf(head, name, version) {
       el("div", {}, el("dt", {}, label(key)),
         el("dd", {class: text ? null : "unstated"}, moment(text) || t("not stated"))))),
     el("table", {}, el("tbody", {}, ...head.files.map(([part, file, sha]) => el("tr", {},
-      el("td", {}, part), el("td", {}, file), el("td", {}, el("code", {class: "sha"}, sha || "–")))))));
+      el("td", {}, label(part)), el("td", {}, file), el("td", {}, el("code", {class: "sha"}, sha || "–")))))));
+}
+
+/** What stands on every sheet of paper: a sheet that lies alone says what it is of. */
+function sheetFoot(head, name) {
+  const facts = head.facts.map(([key, text]) => `${label(key)}: ${moment(text) || t("not stated")}`);
+  const files = head.files.map(([part, file, sha]) => `${label(part)}: ${file} (${sha.slice(0, SHORT) || "–"})`);
+  return el("div", {class: "sheet-foot"}, el("p", {}, [`${head.machine}: ${name}`, ...facts, ...files].join(" · ")));
 }
 
 /** A copy of what is seen; what is folded is left out. */

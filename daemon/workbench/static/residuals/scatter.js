@@ -2,14 +2,14 @@
 import {label, t} from "../shared/language.js";
 import {Density} from "./density.js";
 import {el, number} from "../shared/dom.js";
-import {line, sharp} from "../shared/space.js";
+import {line, placeOf, roomOf, sharp} from "../shared/space.js";
 import {colours, onColours} from "../shared/theme.js";
 
 const SIDES = {1: "minus", "-1": "plus", 0: "still"}; // names of colours, by side of approach
 const ORDER = [0, 1, -1]; // sides, as the server counts them
 const FAINT = 0.13;
 const EDGE = {left: 46, right: 8, top: 8, bottom: 34};
-const HEIGHT = 210, PARTS = 12;
+const PARTS = 12;
 
 /** Round numbers between two ends. */
 export function ticks(low, high, count = 5) {
@@ -52,8 +52,8 @@ export class Scatter {
     new ResizeObserver(() => this.draw()).observe(this.canvas);
   }
 
-  get #wide() { return this.canvas.clientWidth - EDGE.left - EDGE.right; }
-  get #tall() { return HEIGHT - EDGE.top - EDGE.bottom; }
+  get #wide() { return this.room[0] - EDGE.left - EDGE.right; }
+  get #tall() { return this.room[1] - EDGE.top - EDGE.bottom; }
   #at(x) { return EDGE.left + ((x - this.low) / (this.high - this.low)) * this.#wide; }
   #px(i) { return this.#at(this.x[i]); }
   #py(v) { return EDGE.top + (0.5 - (0.5 * v) / this.reach) * this.#tall; }
@@ -63,7 +63,8 @@ export class Scatter {
 
   draw() {
     if (!this.canvas.clientWidth) return;
-    const pen = sharp(this.canvas, HEIGHT);
+    this.room = roomOf(this.canvas);
+    const pen = sharp(this.canvas);
     this.#axes(pen);
     if (this.cells) this.#counted(pen);
     else this.#single(pen);
@@ -166,10 +167,10 @@ export class Scatter {
         pen.strokeStyle = colours().grid;
         line(pen, x, EDGE.top, x, EDGE.top + this.#tall);
         pen.fillStyle = colours().quiet;
-        pen.fillText(number(v, 4), x, HEIGHT - EDGE.bottom + 4);
+        pen.fillText(number(v, 4), x, this.room[1] - EDGE.bottom + 4);
       }
-      pen.fillText(this.label, EDGE.left + this.#wide / 2, HEIGHT - 14);
-    } else pen.fillText(t("one column for each set-up"), EDGE.left + this.#wide / 2, HEIGHT - 22);
+      pen.fillText(this.label, EDGE.left + this.#wide / 2, this.room[1] - 14);
+    } else pen.fillText(t("one column for each set-up"), EDGE.left + this.#wide / 2, this.room[1] - 22);
     pen.save();
     pen.translate(9, EDGE.top + this.#tall / 2);
     pen.rotate(-Math.PI / 2);
@@ -179,8 +180,7 @@ export class Scatter {
 
   #listen() {
     const at = (event) => {
-      const box = this.canvas.getBoundingClientRect();
-      return [event.clientX - box.left, event.clientY - box.top];
+      return placeOf(event, this.canvas);
     };
     this.canvas.addEventListener("pointerdown", (event) => {
       if (event.button) return;
@@ -220,8 +220,8 @@ export class Scatter {
     this.tip.hidden = best === null;
     if (best === null) return;
     this.tip.replaceChildren(...this.linked.label(best).map((text) => el("div", {}, text)));
-    this.tip.style.top = `${y + 14}px`;
-    this.tip.style.left = `${Math.max(0, Math.min(x, this.canvas.clientWidth - 190))}px`;
+    this.tip.style.top = `${(y + 14) / 16}rem`;
+    this.tip.style.left = `${Math.max(0, Math.min(x, this.room[0] - 190)) / 16}rem`;
   }
 }
 
@@ -242,7 +242,7 @@ function across(panel, rows) {
     const signal = rows.signals[panel.signal];
     return [signal.at, `${panel.signal} (${signal.unit})`, []];
   }
-  return panel.by === "time" ? [rows.time, "time (h)", []] : [rows.setup, "", []];
+  return panel.by === "time" ? [rows.time, t("time (h)"), []] : [rows.setup, "", []];
 }
 
 export const min = (values) => values.reduce((a, b) => Math.min(a, b), Infinity);

@@ -1,6 +1,6 @@
 // Elements, pictures and numbers. Text goes into the page as text only, never as HTML.
 import {label} from "./language.js";
-import {colours, onColours} from "./theme.js";
+import {colours, letters, onColours} from "./theme.js";
 
 /** An element: tag, properties (`class`, `on…`, attributes), children (elements or text). */
 export function el(tag, properties = {}, ...children) {
@@ -17,12 +17,12 @@ export function el(tag, properties = {}, ...children) {
 
 /** A table of text cells; `last(i)` makes a further cell of row i. */
 export function table(title, columns, cells, last = null) {
-  const numeric = columns.map((_, k) => cells.some((row) => /^[−–]?[\d.]+$/.test(row[k])));
+  const numeric = columns.map((_, k) => cells.some((row) => /^[−–]?[\d.]+( (°C|K|s|%|µm|mm|bar|hPa))?$/.test(row[k])));
   const side = (k) => (numeric[k] ? "number" : null);
   // a column without a name is no heading
   const head = columns.map((name, k) => (name ? el("th", {scope: "col", class: side(k)}, label(name)) : el("td", {})));
   const body = cells.map((row, i) => el("tr", {},
-    ...row.map((text, k) => el("td", {class: side(k)}, text)),
+    ...row.map((text, k) => el("td", {class: side(k) ?? (text?.length > LONG ? "long" : null)}, text)),
     last ? el("td", {}, last(i)) : null));
   // what is wider than the window is scrolled with keys, too
   const words = title || columns.filter(Boolean).join(", ");
@@ -81,6 +81,7 @@ export function keepingTyped(place, redraw) {
   if (at && at !== document.activeElement?.id) document.getElementById(at)?.focus();
 }
 
+const LONG = 24; // letters of a cell that may be broken anywhere on paper
 let plotly = null;
 
 /** Draw a Plotly figure; the library is fetched when the first is drawn. */
@@ -104,6 +105,7 @@ export async function draw(place, figure) {
 }
 
 const drawing = new WeakMap();
+const LARGER = new Set(["size", "l", "r", "t", "b", "height"]); // of a figure, with its letters
 
 /** Put other parts in a place; plots that stood there are let go of: Plotly listens to the window for each. */
 export function replace(place, ...parts) {
@@ -111,12 +113,16 @@ export function replace(place, ...parts) {
   place.replaceChildren(...parts);
 }
 
-/** Figures have colours for paper; what is on the screen may be dark. */
+/** Figures have colours for paper, and letters of a usual screen; what is on the screen may be dark, or very wide. */
 function onScreen(figure) {
   const c = colours();
   const instead = {"#1b1f24": c.ink, "#000000": c.ink, "#57606a": c.quiet, "#e6e9ec": c.grid,
     "#9aa4ae": c.still, "#0072b2": c.first, "#d55e00": c.second, "#009e73": c.third,
     "#cc79a7": c.fourth, "#e69f00": c.fifth, "#56b4e9": c.sixth, "#d8dce0": c.line, "#ffffff": c.paper};
-  return JSON.parse(JSON.stringify(figure).replace(/"(#[0-9a-f]{6})"/g, (all, colour) =>
-    (instead[colour] ? `"${instead[colour]}"` : all)));
+  const size = letters();
+  const shown = JSON.parse(JSON.stringify(figure).replace(/"(#[0-9a-f]{6})"/g, (all, colour) =>
+    (instead[colour] ? `"${instead[colour]}"` : all)), (key, value) =>
+    (size > 1 && typeof value === "number" && LARGER.has(key) ? value * size : value));
+  shown.layout.font = {size: 12 * size, ...shown.layout.font};
+  return shown;
 }

@@ -1,9 +1,9 @@
 // A box in space on a canvas, turned with the mouse, a finger or the arrow keys; paper gets it as it stands.
 import {t} from "./language.js";
 import {el, number} from "./dom.js";
-import {colours, onColours} from "./theme.js";
+import {colours, letters, onColours} from "./theme.js";
 
-const HEIGHT = 420, STEP = 0.12;
+const STEP = 0.12;
 
 export class Space {
   /** `ends`: lowest and highest of X, Y, Z; `names` of the axes; `label` for who does not see it. */
@@ -32,14 +32,16 @@ export class Space {
     const [right, away] = [x * Math.cos(a) - y * Math.sin(a), x * Math.sin(a) + y * Math.cos(a)];
     const up = z * Math.cos(b) + away * Math.sin(b);
     // room for the names of the axes beside and below; the same however far it is turned
-    const scale = Math.min((0.96 * this.canvas.clientWidth - 150) / this.across,
-      (HEIGHT - 90) / (this.tall * Math.cos(b) + this.across * Math.abs(Math.sin(b)) || 1));
-    return [this.canvas.clientWidth / 2 + scale * right, HEIGHT / 2 - scale * up];
+    const [width, height] = this.room;
+    const scale = Math.min((0.96 * width - 150) / this.across,
+      (height - 90) / (this.tall * Math.cos(b) + this.across * Math.abs(Math.sin(b)) || 1));
+    return [width / 2 + scale * right, height / 2 - scale * up];
   }
 
   draw() {
     if (!this.canvas.clientWidth) return;
-    const pen = sharp(this.canvas, HEIGHT);
+    this.room = roomOf(this.canvas);
+    const pen = sharp(this.canvas);
     this.box(pen);
     this.paint(pen);
     this.named(pen);
@@ -82,7 +84,7 @@ export class Space {
       // what has no room beside the edge stands below it
       const beside = left ? x - 12 - wide : x + 12;
       pen.textAlign = "left";
-      const place = [Math.max(2, Math.min(this.canvas.clientWidth - wide - 2, beside)), y + (k === 2 ? 0 : 14)];
+      const place = [Math.max(2, Math.min(this.room[0] - wide - 2, beside)), y + (k === 2 ? 0 : 14)];
       [pen.lineWidth, pen.lineJoin] = [5, "round"];
       pen.strokeText(words, ...place);
       pen.fillText(words, ...place);
@@ -109,8 +111,7 @@ export class Space {
 
   #listen() {
     const at = (event) => {
-      const box = this.canvas.getBoundingClientRect();
-      return [event.clientX - box.left, event.clientY - box.top];
+      return placeOf(event, this.canvas);
     };
     this.canvas.addEventListener("pointerdown", (event) => {
       this.canvas.setPointerCapture(event.pointerId);
@@ -207,14 +208,26 @@ export async function drawnFiner(factor, act) {
   }
 }
 
+/** How wide and high a canvas is where letters have their usual size: on a 4K screen all is drawn larger. */
+export function roomOf(canvas) {
+  return [canvas.clientWidth / letters(), canvas.clientHeight / letters()];
+}
+
+/** Where a pointer is on a canvas, in its room. */
+export function placeOf(event, canvas) {
+  const box = canvas.getBoundingClientRect();
+  return [(event.clientX - box.left) / letters(), (event.clientY - box.top) / letters()];
+}
+
 /** A canvas's pen, as sharp as the screen. */
-export function sharp(canvas, height) {
-  const scale = finer || window.devicePixelRatio || 1;
-  const [wide, tall] = [Math.round(canvas.clientWidth * scale), Math.round(height * scale)];
+export function sharp(canvas) {
+  const dots = finer || window.devicePixelRatio || 1;
+  const [wide, tall] = [canvas.clientWidth, canvas.clientHeight].map((size) => Math.round(size * dots));
+  const scale = dots * letters();
   if (canvas.width !== wide || canvas.height !== tall) [canvas.width, canvas.height] = [wide, tall];
   const pen = canvas.getContext("2d");
   pen.setTransform(scale, 0, 0, scale, 0, 0);
-  pen.clearRect(0, 0, canvas.clientWidth, height);
+  pen.clearRect(0, 0, ...roomOf(canvas));
   return pen;
 }
 

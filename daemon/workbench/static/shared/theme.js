@@ -15,6 +15,16 @@ export function colours() {
   return known;
 }
 
+let sized = null;
+
+/** How large letters are beside those of a usual screen: more on one that is very wide. */
+export function letters() {
+  sized ??= parseFloat(getComputedStyle(document.documentElement).fontSize) / 16 || 1;
+  return sized;
+}
+
+addEventListener("resize", () => { sized = null; });
+
 /** The colour of the k-th curve of a picture. */
 export function curve(k) {
   return colours()[NAMES[10 + (k % 7)]];
