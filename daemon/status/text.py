@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from abbe.compcore.sentences import joined, said
 from abbe.compcore.units import in_digits
 from abbe.daemon.status.ages import age_in_words
 from abbe.daemon.status.run_status import (
@@ -23,6 +24,13 @@ _GUARD = {
     "active": "in full",
     "holding": "held",
     "falling": "ramped to zero",
+}
+_STATES = {
+    "closed": said("closed"),
+    "connecting": said("connecting"),
+    "up": said("up"),
+    "degraded": said("degraded"),
+    "down": said("down"),
 }
 _UNITS = {"degC": "°C", "um": "µm", "urad": "µrad", "deg": "°"}
 
@@ -123,36 +131,61 @@ def signal_cells(name: str, signal: SignalStatus) -> list[str]:
 
 def link_line(name: str, link: LinkHealth) -> str:
     """One link in words."""
-    parts = [f"link {name} ({link.driver}) {link.state} for {age_in_words(link.for_s)}"]
+    parts: list[str] = [
+        said(
+            "link {name} ({driver}) {state} for {age}",
+            name=name,
+            driver=link.driver,
+            state=_STATES[link.state],
+            age=age_in_words(link.for_s),
+        )
+    ]
     if link.detail:
         parts.append(link.detail)
     if link.round_trip_ms is not None:
         parts.append(f"{in_digits(link.round_trip_ms, 2)} ms")
-    parts.append(f"{link.requests} requests, {link.failures} failures")
+    parts.append(
+        said(
+            "{requests} requests, {failures} failures",
+            requests=link.requests,
+            failures=link.failures,
+        )
+    )
     if link.reconnects:
-        parts.append(f"{link.reconnects} reconnects")
-    parts += [f"{unit} left alone: {why}" for unit, why in link.quarantined.items()]
-    return ", ".join(parts)
+        parts.append(said("{n} reconnects", n=link.reconnects))
+    parts += [
+        said("{unit} left alone: {why}", unit=unit, why=why)
+        for unit, why in link.quarantined.items()
+    ]
+    return joined(parts, ", ")
 
 
 def cycle_line(status: RunStatus) -> str:
     """The cycle in words."""
     cycle = status.cycle
     if cycle.last_ms is None:
-        return "no cycle yet"
-    parts = [
-        f"cycle {cycle.number}, {age_in_words(cycle.age_s)} ago, {in_digits(cycle.last_ms, 2)} ms"
+        return said("no cycle yet")
+    parts: list[str] = [
+        said(
+            "cycle {n}, {age} ago, {last} ms",
+            n=cycle.number,
+            age=age_in_words(cycle.age_s),
+            last=in_digits(cycle.last_ms, 2),
+        )
     ]
     if cycle.median_ms is not None and cycle.p99_ms is not None:
         parts.append(
-            f"half within {in_digits(cycle.median_ms, 2)} ms, "
-            f"99 % within {in_digits(cycle.p99_ms, 2)} ms"
+            said(
+                "half within {half} ms, 99 % within {most} ms",
+                half=in_digits(cycle.median_ms, 2),
+                most=in_digits(cycle.p99_ms, 2),
+            )
         )
     if cycle.period_ms:
-        parts.append(f"every {cycle.period_ms:g} ms")
+        parts.append(said("every {period} ms", period=f"{cycle.period_ms:g}"))
     if cycle.missed:
-        parts.append(f"{cycle.missed} left out")
-    return "; ".join(parts)
+        parts.append(said("{n} left out", n=cycle.missed))
+    return joined(parts)
 
 
 def _number(value: float | None, digits: int, unit: str) -> str:

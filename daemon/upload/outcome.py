@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from abbe.compcore.sentences import said
 from abbe.daemon.upload.history.content import Content, short
 
 Active = Literal["new", "old", "unknown"]
@@ -66,34 +67,45 @@ class UploadOutcome:
 
     def lines(self) -> list[str]:
         """For people: what failed, what is active, what to do."""
-        found = []
+        found: list[str] = []
         if self.step:
-            found.append(f"failed at the step '{self.step}': {self.why}")
+            found.append(said("failed at the step '{step}': {why}", step=self.step, why=self.why))
         found += self._state()
         if self.seen and self.active == "new":
             found.append(self.seen)
         found += self.notes
         if self.backup is not None:
-            found.append(f"backup of what was active before: {self.backup}")
+            found.append(said("backup of what was active before: {file}", file=self.backup))
         return found
 
     def _state(self) -> list[str]:
         old, new = short(self.old.sha256), short(self.new.sha256)
         if self.active == "new":
-            what = "no table is active" if self.new.none else f"the {self.name} ({new}) is active"
-            return [f"{what}, verified by reading it back"]
+            what = said("the new table ({table}) is active", table=new)
+            if self.new.none:
+                what = said("no table is active")
+            elif self.puts_back:
+                what = said("the table of the backup ({table}) is active", table=new)
+            return [said("{what}, verified by reading it back", what=what)]
         if self.active == "old":
             what = (
-                "no table is active, as before"
+                said("no table is active, as before")
                 if self.old.none
-                else f"the old table ({old}) is active"
+                else said("the old table ({table}) is active", table=old)
             )
-            return [f"{what}, verified by reading it back; nothing is staged"]
+            return [said("{what}, verified by reading it back; nothing is staged", what=what)]
         return [
-            f"which table is active is NOT known, the old one ({old}) or the new one ({new}): it "
-            f"could not be read and verified{f' ({self.last})' if self.last else ''}",
-            "do not machine or measure with it; bring the controller back and run "
-            "abbe upload CONFIG.toml --recover",
+            said(
+                "which table is active is NOT known, the old one ({old}) or the new one ({new}): "
+                "it could not be read and verified{why}",
+                old=old,
+                new=new,
+                why=f" ({self.last})" if self.last else "",
+            ),
+            said(
+                "do not machine or measure with it; bring the controller back and run "
+                "abbe upload CONFIG.toml --recover"
+            ),
         ]
 
     def as_json(self) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from abbe.compcore.sentences import joined, said
 from abbe.daemon.upload.history.content import Content, short
 from abbe.daemon.upload.history.unfinished import unfinished_words
 from abbe.daemon.upload.history.upload_log import END, Entry
@@ -58,31 +59,49 @@ def origin(active: Content, entries: Sequence[Entry]) -> dict[str, Any] | None:
     return None
 
 
+_READY = {
+    (True, True): said("idle, referenced"),
+    (True, False): said("idle, not referenced"),
+    (False, True): said("not idle, referenced"),
+    (False, False): said("not idle, not referenced"),
+}
+
+
 def status_lines(found: dict[str, Any]) -> list[str]:
     """For people."""
     reported = found["controller"]
-    ready = "idle" if found["idle"] else "not idle"
-    ready += ", referenced" if found["referenced"] else ", not referenced"
-    lines = [
-        f"controller: {reported['name']}"
-        + (f", {reported['serial']}" if reported["serial"] else ""),
-        "; ".join([ready, *found["hindrances"]]),
+    ready = _READY[bool(found["idle"]), bool(found["referenced"])]
+    lines: list[str] = [
+        said(
+            "controller: {name}",
+            name=reported["name"] + (f", {reported['serial']}" if reported["serial"] else ""),
+        ),
+        joined([ready, *found["hindrances"]]),
     ]
     if not found["active"]:
-        lines.append("active: no table")
+        lines.append(said("active: no table"))
     else:
-        lines.append(f"active: {short(found['active'])} ({', '.join(found['files'])})")
+        table = f"{short(found['active'])} ({', '.join(found['files'])})"
+        lines.append(said("active: {table}", table=table))
         came = found["from"]
         if came is None:
-            lines.append("not from any upload that this journal knows")
+            lines.append(said("not from any upload that this journal knows"))
         else:
             version = came["model"].get("versions")
-            of = f"; version {version} of the model" if version else ""
-            lines.append(f"from upload {came['upload']} of {came['time']} by {came['who']}{of}")
+            of = said("; version {version} of the model", version=version) if version else ""
+            lines.append(
+                said(
+                    "from upload {upload} of {time} by {who}{of}",
+                    upload=came["upload"],
+                    time=came["time"],
+                    who=came["who"],
+                    of=of,
+                )
+            )
     if found["restart_needed"]:
-        lines.append("it acts after the controller was restarted")
+        lines.append(said("it acts after the controller was restarted"))
     if found["staged"]:
-        lines.append(f"staged, not active: {short(found['staged'])}")
+        lines.append(said("staged, not active: {table}", table=short(found["staged"])))
     if found["unfinished"]:
         lines.append(f"{found['unfinished']}; run abbe upload CONFIG.toml --recover")
     return lines

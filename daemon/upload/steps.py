@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from abbe.compcore.sentences import said
 from abbe.daemon.upload.checks.shown_correction import EffectCheck, Expectation, check_effect
 from abbe.daemon.upload.history.content import Content, short
 from abbe.daemon.upload.operator_port import OperatorPort
@@ -121,7 +122,7 @@ class Steps:
 
     async def backup(self) -> dict[str, Any]:
         """Keep what is active; it must still be what was read first."""
-        self.tell(f"backing up what is active ({short(self._old.sha256)})")
+        self.tell(said("backing up what is active ({table})", table=short(self._old.sha256)))
         self.kept = self._back_up()
         if not self._old.same(await self.store.active()):
             raise LinkProtocolError("what is active has changed since it was first read")
@@ -129,14 +130,19 @@ class Steps:
 
     async def stage(self) -> dict[str, Any]:
         """Write the new set into the staging area."""
-        what = "table of the backup" if self.change.puts_back else "new table"
-        self.tell(f"writing the {what} ({short(self._new.sha256)}) into the staging area")
+        new = short(self._new.sha256)
+        if self.change.puts_back:
+            self.tell(
+                said("writing the table of the backup ({table}) into the staging area", table=new)
+            )
+        else:
+            self.tell(said("writing the new table ({table}) into the staging area", table=new))
         await self.store.stage(self._new.files or {}, self._operator.progress)
         return {}
 
     async def compare(self) -> dict[str, Any]:
         """Read the staging area back: byte for byte, and as tables."""
-        self.tell("reading the staging area back and comparing")
+        self.tell(said("reading the staging area back and comparing"))
         files = await self.store.staged(self._operator.progress)
         if not self._new.same(files):
             raise LinkProtocolError("what is staged is not what was written")
@@ -150,16 +156,17 @@ class Steps:
 
     async def activate(self) -> dict[str, Any]:
         """Make what is staged active, or take the tables out of action."""
-        self.tell("activating" if not self._new.none else "taking the table out of action")
         if self._new.none:
+            self.tell(said("taking the table out of action"))
             await self.store.deactivate()
         else:
+            self.tell(said("activating"))
             await self.store.activate(self._new.files or {})
         return {}
 
     async def verify(self) -> dict[str, Any]:
         """Read back what is active."""
-        self.tell("reading back what is active and comparing")
+        self.tell(said("reading back what is active and comparing"))
         files = await self.store.active(self._operator.progress)
         if not self._new.same(files):
             raise LinkProtocolError("what is active is not the new table")
@@ -175,11 +182,15 @@ class Steps:
         try:
             await self.store.restart()
         except RefusedError as error:
-            self.tell(f"the controller has to be restarted for the table to act ({error})")
+            self.tell(
+                said("the controller has to be restarted for the table to act ({why})", why=error)
+            )
             if not await self._operator.restarted():
                 self.notes.append(
-                    "it acts after the controller was restarted; its effect is not checked: "
-                    "afterwards run abbe upload CONFIG.toml --check"
+                    said(
+                        "it acts after the controller was restarted; its effect is not checked: "
+                        "afterwards run abbe upload CONFIG.toml --check"
+                    )
                 )
                 return {"needed": True, "restarted": False}
             await self.store.close()
@@ -195,7 +206,7 @@ class Steps:
         """Compare what the controller adds with what the new tables say."""
         if not self.acts:
             return {"looks": 0}
-        self.tell("checking what the controller adds")
+        self.tell(said("checking what the controller adds"))
         allowed = self.allowed
         self.seen = await check_effect(
             self.store,

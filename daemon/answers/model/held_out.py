@@ -13,6 +13,7 @@ from abbe.compcore.comparison.words import OTHER_SETUPS
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_file import read_campaign, read_campaigns
 from abbe.compcore.machine.machine import Machine
+from abbe.compcore.sentences import said
 from abbe.daemon.answers.measured_under import bare
 
 _MOST_LISTED = 6
@@ -47,7 +48,12 @@ class HeldOutCampaigns:
                 names = ", ".join(found.setups[:_MOST_LISTED])
                 more = len(found.setups) - _MOST_LISTED
                 names += f" and {more} more" if more > 0 else ""
-                yield f"{file} repeats fitted set-ups ({names}): {OTHER_SETUPS}"
+                yield said(
+                    "{file} repeats fitted set-ups ({names}): {rule}",
+                    file=file,
+                    names=names,
+                    rule=OTHER_SETUPS,
+                )
 
 
 def read_held_out(

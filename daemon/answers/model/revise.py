@@ -22,6 +22,7 @@ from abbe.compcore.files.model_toml.fit_record import recorded
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.model.as_built import average_line_words, reversed_parameters
 from abbe.compcore.model.model import Model, Value
+from abbe.compcore.sentences import said
 from abbe.compcore.units import display, with_uncertainty
 from abbe.daemon.answers import as_built
 from abbe.daemon.answers.inputs import now
@@ -212,22 +213,30 @@ def as_text(revision: Revision, effect: Effect | None) -> Iterator[str]:
             yield from average_line_words(revision.after.model)
     floor = revision.noise.lengths
     at_best = (
-        f"; noise floor {floor.value * 1e3:.2f} µm"
+        said("; noise floor {floor} µm", floor=f"{floor.value * 1e3:.2f}")
         if floor is not None and floor.value is not None
         else ""
     )
-    yield (
-        f"fitted campaigns: {revision.before.rms(*LENGTHS) * 1e3:.3f} → "
-        f"{revision.after.rms(*LENGTHS) * 1e3:.3f} µm rms{at_best}; χ² per degree of freedom "
-        f"{revision.before.chi2_per_dof:.3f} → {revision.after.chi2_per_dof:.3f}"
+    yield said(
+        "fitted campaigns: {one} → {two} µm rms{floor}; χ² per degree of freedom {before} → "
+        "{after}",
+        one=f"{revision.before.rms(*LENGTHS) * 1e3:.3f}",
+        two=f"{revision.after.rms(*LENGTHS) * 1e3:.3f}",
+        floor=at_best,
+        before=f"{revision.before.chi2_per_dof:.3f}",
+        after=f"{revision.after.chi2_per_dof:.3f}",
     )
     one, two = revision.holdout_before, revision.holdout_after
     if one is None or two is None:
-        yield "no --holdout campaign was given: whether unseen measurements agree is not known"
+        yield said(
+            "no --holdout campaign was given: whether unseen measurements agree is not known"
+        )
         return
     if revision.held_out is not None:
         yield from revision.held_out.notes()
-    yield f"held-out campaigns: {one * 1e3:.3f} → {two * 1e3:.3f} µm rms"
+    yield said(
+        "held-out campaigns: {one} → {two} µm rms", one=f"{one * 1e3:.3f}", two=f"{two * 1e3:.3f}"
+    )
     if effect is not None and two > NOT_FALLEN * one:
         yield (
             "WARNING: the held-out error did not fall. The effect explains the fitted campaign and "

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from abbe.compcore.sentences import said
 from abbe.daemon.answers.typed import uploading
 from abbe.daemon.upload.operator_port import OperatorPort
 from abbe.daemon.upload.session import Result, UploadRequest
@@ -13,7 +14,9 @@ from abbe.daemon.upload.session import Result, UploadRequest
 
 def named(line: str, config: Path) -> str:
     """A line whose command can be typed as it stands."""
-    return line.replace("abbe upload CONFIG.toml", uploading(config))
+    command = "abbe upload CONFIG.toml"
+    # without a command it stays the sentence that it is
+    return line.replace(command, uploading(config)) if command in line else line
 
 
 def naming(port: OperatorPort, config: Path) -> OperatorPort:
@@ -26,11 +29,11 @@ def result_lines(result: Result, request: UploadRequest) -> list[str]:
     if result.outcome is not None:
         return result.outcome.lines()
     if result.cleared is None:
-        return ["the earlier upload has to be brought to its end first; nothing was written"]
+        return [said("the earlier upload has to be brought to its end first; nothing was written")]
     if result.cleared.nothing_to_do:
-        return [*result.cleared.lines(), "it is active already: nothing to do"]
+        return [*result.cleared.lines(), said("it is active already: nothing to do")]
     if request.dry_run:
-        return [*result.cleared.lines(), "dry run: nothing was written"]
+        return [*result.cleared.lines(), said("dry run: nothing was written")]
     return ["nothing was written"]
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.model.uncertainty import COVERAGE, UNKNOWN
+from abbe.compcore.sentences import said
 from abbe.compcore.tables.compensation_types import on_machine, types_needed
 from abbe.compcore.tables.projection.orientation import pointing_axes
 from abbe.compcore.tables.remainder import Remainder
@@ -21,6 +22,12 @@ _LEAN = 1e-7
 """rad: a lean that is worth saying."""
 _WORTH = 1e-4
 """mm: what limits cost is reported from here on."""
+
+_SURE = {
+    Confidence.TRIED: said("tried"),
+    Confidence.DOCUMENTED: said("documented"),
+    Confidence.UNVERIFIED: said("unverified"),
+}
 
 
 def as_json(done: TableAnswer, written: Sequence[Path]) -> dict[str, Any]:
@@ -100,8 +107,15 @@ def trust_lines(controller: Controller) -> Iterator[str]:
     """How sure Abbe is of a dialect, with a warning where it is not."""
     trust = controller.trust
     yield (
-        f"how sure: syntax {trust.syntax}, sign {trust.sign}, activation {trust.activation}"
-        + (f" ({trust.note})" if trust.note else "")
+        said(
+            "how sure: syntax {syntax}, sign {sign}, activation {activation}",
+            syntax=_SURE[trust.syntax],
+            sign=_SURE[trust.sign],
+            activation=_SURE[trust.activation],
+        )
+        if not trust.note
+        else f"how sure: syntax {trust.syntax}, sign {trust.sign}, activation {trust.activation} "
+        f"({trust.note})"
     )
     if trust.least is Confidence.UNVERIFIED:
         yield (

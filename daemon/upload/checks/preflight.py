@@ -8,6 +8,7 @@ from typing import Any
 
 from abbe.compcore.errors import AbbeError, InputError
 from abbe.compcore.model.model import Model
+from abbe.compcore.sentences import said
 from abbe.compcore.tables.table import Table
 from abbe.daemon.config.sections.upload import UploadSetup
 from abbe.daemon.upload.checks.bounds import Extent, Limits, check, extent, largest_change
@@ -54,18 +55,24 @@ class Cleared:
             f", {self.identity.serial}" if self.identity.serial else ""
         )
         new = self.plan.content
-        found = [
-            f"controller: {reported}; idle and referenced",
-            f"active now: {short(self.old.sha256)}"
-            + (f" ({', '.join(sorted(self.old.files or {}))})" if not self.old.none else ""),
-            f"to become active: {short(new.sha256)}"
-            + (f" ({', '.join(sorted(new.files or {}))})" if not new.none else ""),
-            f"new entries up to {self.extent.entry_um:.2f} µm"
-            + (f" and {self.extent.entry_urad:.2f} µrad" if self.extent.entry_urad else "")
-            + f", correction at most {self.extent.correction_um:.2f} µm",
-            f"the correction changes by at most {self.change_um:.2f} µm",
+        found: list[str] = [
+            said("controller: {name}; idle and referenced", name=reported),
+            said("active now: {table}", table=_with_files(self.old)),
+            said("to become active: {table}", table=_with_files(new)),
+            said(
+                "new entries up to {entry}, correction at most {correction} µm",
+                entry=f"{self.extent.entry_um:.2f} µm"
+                if not self.extent.entry_urad
+                else said(
+                    "{length} µm and {angle} µrad",
+                    length=f"{self.extent.entry_um:.2f}",
+                    angle=f"{self.extent.entry_urad:.2f}",
+                ),
+                correction=f"{self.extent.correction_um:.2f}",
+            ),
+            said("the correction changes by at most {change} µm", change=f"{self.change_um:.2f}"),
         ]
-        return found + [f"warning: {w}" for w in self.plan.warnings]
+        return found + [said("warning: {what}", what=w) for w in self.plan.warnings]
 
     def as_json(self) -> dict[str, Any]:
         """One object for ``--json``."""
@@ -106,6 +113,11 @@ def check_tables(plan: UploadPlan, model: Model, limits: Limits) -> Extent:
     if not plan.puts_back:
         check(found, None, limits)
     return found
+
+
+def _with_files(content: Content) -> str:
+    files = "" if content.none else f" ({', '.join(sorted(content.files or {}))})"
+    return f"{short(content.sha256)}{files}"
 
 
 async def preflight(

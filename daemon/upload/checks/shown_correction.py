@@ -13,6 +13,7 @@ from abbe.compcore.compensator.folding.slow_state import SlowState
 from abbe.compcore.errors import AbbeError
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.model import Model
+from abbe.compcore.sentences import said
 from abbe.compcore.tables.field import ErrorField
 from abbe.compcore.tables.table import Table
 from abbe.drivers.stores.base import ShownCorrection, Store
@@ -43,13 +44,16 @@ class EffectCheck:
     def words(self) -> str:
         """For people."""
         if not self.looks:
-            return (
+            return said(
                 "the controller shows no correction that could be compared: its effect is not "
                 "checked; check one point with an indicator"
             )
-        return (
-            f"the controller adds what the table says: {self.looks} corrections up to "
-            f"{self.largest:.2f} µm compared, worst difference {self.worst:.3f} µm"
+        return said(
+            "the controller adds what the table says: {looks} corrections up to {largest} µm "
+            "compared, worst difference {worst} µm",
+            looks=self.looks,
+            largest=f"{self.largest:.2f}",
+            worst=f"{self.worst:.3f}",
         )
 
 

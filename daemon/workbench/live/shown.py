@@ -10,6 +10,7 @@ from typing import Any
 from abbe.compcore.model.model import Model
 from abbe.daemon.status.run_status import AxisStatus, RunStatus
 from abbe.daemon.status.text import axis_cells, check_lines, cycle_line, link_line, signal_cells
+from abbe.daemon.workbench.sentences import sentences_in
 
 _STALE = 6
 """Place of an axis's cell that says that its position is old."""
@@ -25,7 +26,7 @@ def shown_run(status: RunStatus, model: Model | None) -> dict[str, Any]:
     model
         Its model, for where sensors sit; None where it cannot be read.
     """
-    return {
+    found = {
         "machine": status.machine or "Machine",
         "at": status.at.isoformat(timespec="milliseconds"),
         "state": status.state,
@@ -49,6 +50,7 @@ def shown_run(status: RunStatus, model: Model | None) -> dict[str, Any]:
             [f"{e.time:%Y-%m-%d %H:%M:%S}", e.level, e.text] for e in reversed(status.events[-8:])
         ],
     }
+    return {**found, "sentences": sentences_in([found["links"], found["cycle"]])}
 
 
 def _light(status: RunStatus) -> str:

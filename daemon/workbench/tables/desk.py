@@ -25,6 +25,7 @@ from abbe.daemon.upload.session import (
 )
 from abbe.daemon.upload.status import status, status_lines
 from abbe.daemon.workbench.fresh import FreshConfiguration
+from abbe.daemon.workbench.sentences import sentences_in
 from abbe.daemon.workbench.tables.held import held
 from abbe.daemon.workbench.tables.past import past_uploads
 
@@ -123,6 +124,7 @@ class TableDesk:
                 "work": None if work is None else vars(work) | {"said": list(work.said)},
                 "cleared": self._count if self._cleared else None,
                 "change": self._change,
+                "sentences": {} if work is None else sentences_in(work.said),
             }
 
     def ask(self) -> None:

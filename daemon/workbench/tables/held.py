@@ -53,7 +53,7 @@ def held(configuration: Configuration, folder: Path) -> dict[str, Any]:
     answer: dict[str, Any] = plain(
         {
             "title": title,
-            "sentences": sentences_in(title),
+            "sentences": sentences_in([title, *trust_lines(controller)]),
             "controller": controller.title,
             "key": _key(left, record.get("uncertainty")),
             "trust": list(trust_lines(controller)),

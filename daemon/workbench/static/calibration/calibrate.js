@@ -133,7 +133,7 @@ export class Calibration {
         if (!place.isConnected || this.controller) return;
         this.controller = new Controller("/api/calibrate/upload", found, () => this.#follow(), {rollback: false});
         place.replaceChildren(el("p", {}, say(found.tables.title)),
-          ...found.tables.trust.map((text) => el("p", {class: found.tables.unverified ? "warning" : "note"}, text)),
+          ...found.tables.trust.map((text) => el("p", {class: found.tables.unverified ? "warning" : "note"}, say(text))),
           this.controller.node);
       } catch (error) {
         if (error instanceof Refusal && !(error instanceof Outside)) place.replaceChildren(el("p", {class: "warning", role: "alert"}, error.message));

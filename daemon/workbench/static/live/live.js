@@ -1,5 +1,5 @@
 // Live: the machine as it stands, in the words of `abbe status`; its volume now; what was.
-import {label, say, stateOf, t} from "../shared/language.js";
+import {knowNow, label, say, stateOf, t} from "../shared/language.js";
 import {el, fill, number, refill, table, write} from "../shared/dom.js";
 import {get, Outside, Refusal} from "../shared/server.js";
 import {History, when} from "./history.js";
@@ -50,7 +50,7 @@ export class Live {
     });
     take("run", (found) => this.#run(found));
     take("cycle", (found) => this.#cycle(found));
-    take("lost", (found) => this.#lose(t("The machine is not seen since {since}: {why}. It is asked again every second.", {since: when(Date.parse(found.since) / 1000), why: found.why})));
+    take("lost", (found) => this.#lose(t("The machine is not seen since {since}: {why}. It is asked again every second.", {since: when(Date.parse(found.since) / 1000), why: label(found.why)})));
     source.onerror = () => {
       const since = this.heard ? when(this.heard / 1000) : t("the beginning");
       const outside = source.readyState === EventSource.CLOSED;
@@ -83,12 +83,13 @@ export class Live {
     const seconds = Math.max(0, (Date.now() - this.heard) / 1000);
     this.age.textContent = this.isLost || seconds > 3
       ? t("What stands here is {s} s old and says nothing of the present.", {s: number(seconds, 2)})
-      : `${when(Date.parse(this.found.at) / 1000)}; ${this.found.cycle}`;
+      : `${when(Date.parse(this.found.at) / 1000)}; ${say(this.found.cycle)}`;
   }
 
   #run(found) {
     const first = !this.found;
     this.found = found;
+    knowNow(found);
     this.now.hidden = this.how.hidden = false;
     const back = this.isLost;
     this.isLost = false;
@@ -108,11 +109,11 @@ export class Live {
       this.warm.replaceChildren(table("", [t("Sensor"), t("Where"), t("Reads"), t("Age")], sensors));
     const rows = this.warm.querySelectorAll("tbody tr");
     found.signals.forEach((s, k) => rows[k].classList.toggle("stale", Boolean(s.stale)));
-    fill(this.links, found.links, () => found.links.map((l) => el("li", {class: l.light}, l.words)));
-    write(this.beat, found.cycle);
+    fill(this.links, found.links, () => found.links.map((l) => el("li", {class: l.light}, say(l.words))));
+    write(this.beat, say(found.cycle));
     fill(this.more, [found.files, found.events], () => [this.beat,
-      table(t("What runs"), ["", t("File"), "SHA-256", ""], found.files),
-      table(t("Journal, newest first"), [t("Time"), "", t("What")], found.events)]);
+      table(t("What runs"), ["", t("File"), "SHA-256", ""], found.files.map(([role, ...rest]) => [label(role), ...rest])),
+      table(t("Journal, newest first"), [t("Time"), "", t("What")], found.events.map(([time, level, text]) => [time, label(level), label(text)]))]);
     this.#say();
     if (first || back) {
       this.seen();

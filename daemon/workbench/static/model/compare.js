@@ -39,9 +39,11 @@ export function compareView(found, next) {
     if (!found.rows.part.includes(part)) continue;
     sections.push(partSection(found, linked, part, reach));
   }
-  sections.push(el("section", {}, ...found.notes.map((text) => el("p", {class: "note"}, say(text)))));
+  sections.push(el("section", {}, ...found.notes.map((text) => el("p", {class: "note"}, label(say(text))))));
   return sections;
 }
+
+const SIDES = /^Side of approach/; // whose rows are named in words, not by what a person chose
 
 function partSection(found, linked, part, reach) {
   const own = found.panels.filter((panel) => panel.part === part);
@@ -76,13 +78,14 @@ function partSection(found, linked, part, reach) {
   const listed = el("div", {class: "beside"});
   section.append(listed);
   tables.forEach((each, k) => {
+    const cells = SIDES.test(each.title) ? each.cells.map(([where, ...rest]) => [label(where), ...rest]) : each.cells;
     const choose = (i) => el("button", {class: "small", onclick: () =>
       (found.cells ? linked.ask({group: {table: found.tables.indexOf(each), row: i}})
         : linked.choose(linked.matching(each.select[i]))),
-      "aria-label": t("Show {row} in all pictures", {row: each.cells[i].slice(0, 3).join(" ")})}, t("Show"));
+      "aria-label": t("Show {row} in all pictures", {row: cells[i].slice(0, 3).join(" ")})}, t("Show"));
     const able = each.select.every((s) => s.tool === undefined);
     listed.append(el("details", {open: k < 2}, el("summary", {}, label(each.title)),
-      table("", each.columns, each.cells, able ? choose : null)));
+      table("", each.columns, cells, able ? choose : null)));
   });
   return section;
 }

@@ -1,5 +1,5 @@
 // Watch: every version of the model with its error; back to any of them.
-import {say, t} from "../shared/language.js";
+import {label, say, t} from "../shared/language.js";
 import {draw, el, table} from "../shared/dom.js";
 
 export function watchView(found, state, act, next) {
@@ -13,9 +13,9 @@ export function watchView(found, state, act, next) {
   const plots = found.courses.map((course) => {
     const place = el("div", {class: "plot"});
     draw(place, course.figure);
-    return el("figure", {class: "course"}, place, el("figcaption", {}, course.caption));
+    return el("figure", {class: "course"}, place, el("figcaption", {}, label(course.caption)));
   });
-  const versions = table(t("Errors: rms of what is left of lengths"), found.columns, found.cells, button);
+  const versions = table(t("Errors: rms of what is left of lengths"), found.columns, found.cells.map((row) => row.map((text, k) => (k === 1 ? label(text) : text))), button);
   const at = versions.querySelectorAll("tbody tr")[found.current];
   if (at) at.className = "current";
   return [

@@ -105,6 +105,7 @@ export async function draw(place, figure) {
 }
 
 const drawing = new WeakMap();
+const WORDS = new Set(["text", "name"]); // of a figure: titles of axes and names of curves
 const LARGER = new Set(["size", "l", "r", "t", "b", "height"]); // of a figure, with its letters
 
 /** Put other parts in a place; plots that stood there are let go of: Plotly listens to the window for each. */
@@ -122,7 +123,7 @@ function onScreen(figure) {
   const size = letters();
   const shown = JSON.parse(JSON.stringify(figure).replace(/"(#[0-9a-f]{6})"/g, (all, colour) =>
     (instead[colour] ? `"${instead[colour]}"` : all)), (key, value) =>
-    (size > 1 && typeof value === "number" && LARGER.has(key) ? value * size : value));
+    (WORDS.has(key) && typeof value === "string" ? label(value) : size > 1 && typeof value === "number" && LARGER.has(key) ? value * size : value));
   shown.layout.font = {size: 12 * size, ...shown.layout.font};
   return shown;
 }

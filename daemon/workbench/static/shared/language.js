@@ -38,9 +38,16 @@ export function know(answer) {
     for (const [text, made] of Object.entries(part?.sentences ?? {})) sentences.set(text, made);
 }
 
+let passing = {}; // of what is said anew every second: nothing of it is kept
+
+/** Have the sentences of what is shown now, and of nothing before it. */
+export function knowNow(answer) {
+  passing = answer.sentences ?? {};
+}
+
 /** A sentence of the commands in the present language; what has no translation stays as it is. */
 export function say(text) {
-  const [template, values] = sentences.get(text) ?? [];
+  const [template, values] = passing[text] ?? sentences.get(text) ?? [];
   if (code === "en" || template === undefined) return text;
   const own = templates[template] ?? (/\p{L}/u.test(template.replace(/\{\w+\}/g, "")) ? null : template);
   return own === null ? text : own.replace(/\{(\w+)\}/g, (all, name) => (name in values ? say(values[name]) : all));

@@ -1,5 +1,5 @@
 // The controller that takes tables: asked, looked at, then written to by whoever has the role.
-import {t} from "../shared/language.js";
+import {say, t} from "../shared/language.js";
 import {el, keepingTyped} from "../shared/dom.js";
 import {get, onBack, post, why} from "../shared/server.js";
 
@@ -77,7 +77,7 @@ export class Controller {
     const parts = [];
     if (work) {
       parts.push(el("h3", {class: work.ended}, title(work)));
-      parts.push(el("ul", {class: "steps"}, ...work.said.map((text) => el("li", {}, text))));
+      parts.push(el("ul", {class: "steps"}, ...work.said.map((text) => el("li", {}, say(text)))));
       if (busy) parts.push(el("p", {}, el("progress", {max: 1, value: work.part || null, "aria-label": t("How far it is")})));
     }
     if (this.refusal) parts.push(el("p", {class: "warning", role: "alert"}, this.refusal));

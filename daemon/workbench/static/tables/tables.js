@@ -36,10 +36,10 @@ export class Tables {
     if (!tables) return el("section", {class: "verdict"}, el("h1", {}, t("The tables of the controller")),
       el("p", {}, t("No new tables were stated (abbe open … --tables FOLDER): what is active can be asked for and rolled back.")));
     return el("section", {class: "verdict"},
-      el("h1", {}, say(tables.title)), el("p", {}, tables.controller),
+      el("h1", {}, say(tables.title)), el("p", {}, label(tables.controller)),
       el("dl", {class: "key"}, ...tables.key.map(([name, value, unit]) =>
         el("div", {}, el("dt", {}, label(name)), el("dd", {}, `${value} `, el("small", {}, label(unit)))))),
-      ...tables.trust.map((text) => el("p", {class: tables.unverified ? "warning" : "note"}, text)));
+      ...tables.trust.map((text) => el("p", {class: tables.unverified ? "warning" : "note"}, say(text))));
   }
 
   /** Looking at it, and doing it. */
@@ -57,7 +57,7 @@ export class Tables {
   #past() {
     const {past, upload} = this.found;
     return el("section", {id: "journal"}, el("h2", {}, t("Uploads so far")),
-      past.cells.length ? table("", past.columns, past.cells) : el("p", {}, t("None yet.")),
+      past.cells.length ? table("", past.columns, past.cells.map((row) => row.map(label))) : el("p", {}, t("None yet.")),
       upload ? el("p", {class: "note"}, t("From the journal {file}", {file: upload.journal})) : null);
   }
 
@@ -73,13 +73,13 @@ export class Tables {
         table("", tables.remaining.columns, tables.remaining.cells.map(([name, ...rest]) => [label(name), ...rest])),
         tables.where_note ? el("p", {class: "note"}, tables.where_note) : plots(tables.where)),
       el("section", {}, el("h2", {}, t("What the controller will hold")),
-        el("p", {}, t("Sign of the numbers in the files: {sign}. The pictures show errors.", {sign: tables.sign})),
+        el("p", {}, t("Sign of the numbers in the files: {sign}. The pictures show errors.", {sign: label(tables.sign)})),
         table("", tables.held.columns, tables.held.cells), plots(tables.curves),
         ...tables.notes.map((text) => el("p", {class: "note"}, text))),
       el("section", {}, el("h2", {}, t("At the controller")),
-        el("ol", {}, ...tables.activation.map((text) => el("li", {}, text)))),
+        el("ol", {}, ...tables.activation.map((text) => el("li", {}, label(text))))),
       el("section", {}, el("h2", {}, t("Record (ISO/TR 16907, 9.1)")),
-        table("", ["", ""], tables.facts.map(([name, text]) => [label(name), text])), table("", ["", t("File"), "SHA-256"], tables.files)),
+        table("", ["", ""], tables.facts.map(([name, text]) => [label(name), text])), table("", ["", t("File"), "SHA-256"], tables.files.map(([part, ...rest]) => [label(part), ...rest]))),
     ];
   }
 }
