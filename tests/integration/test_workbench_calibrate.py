@@ -17,6 +17,7 @@ from abbe.drivers.simulated.process import SimulatedProcess
 from tests.support.daemon.browser import WIDTHS, assert_for_everybody, chromium, visit
 from tests.support.daemon.live_run import MODEL
 from tests.support.daemon.measuring import SPEED, configuration, driven, line_plan, write_plan
+from tests.support.daemon.paper import assert_on_paper
 from tests.support.daemon.workbench import opened
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
@@ -62,6 +63,8 @@ def test_step_by_step_by_clicking(machine: SimulatedProcess, tmp_path: Path) -> 
                 "width => document.documentElement.scrollWidth <= width", arg=width
             )
         assert_for_everybody(page)
+        page.set_viewport_size({"width": 1280, "height": 900})
+        assert_on_paper(page, tmp_path, pictures.count())
         # two lines are enough here: the plan changed by hand is the one that is measured
         write_plan(folder / "plan.toml", line_plan("one", "X", (100.0, 200.0)),
                    line_plan("two", "Y", (100.0, 200.0)))  # fmt: skip

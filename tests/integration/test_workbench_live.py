@@ -24,6 +24,7 @@ from tests.support.daemon.browser import (
     visit,
 )
 from tests.support.daemon.live_run import PATIENCE, compensating, live_run, machine, set_fault
+from tests.support.daemon.paper import assert_on_paper
 from tests.support.daemon.workbench import OpenedWorkbench, opened
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
@@ -164,6 +165,15 @@ def test_volume_and_history(browser: Browser, tmp_path: Path) -> None:
             for words in ("Wider", "Earlier", "Later", "Closer", "Back", "Last day", "Last month"):
                 page.locator("#history button", has_text=words).first.click()
             expect(page.locator("[data-span=Month]")).to_have_attribute("aria-pressed", "true")
+
+            # on paper: the volume and every picture of the past
+            page.locator("[data-span=Hour]").click()
+            expect(page.locator("[data-span=Hour]")).to_have_attribute("aria-pressed", "true")
+            page.wait_for_function(
+                "() => { const {first, last} = document.querySelector('#history').dataset;"
+                " return last - first < 7200; }"
+            )
+            assert_on_paper(page, tmp_path, 1 + pictures.count(), [config])
 
             # room at every width, and no more text than the window is wide
             page.evaluate("document.querySelectorAll('details').forEach((d) => { d.open = true; })")

@@ -8,45 +8,22 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser
 
 from tests.support.daemon.browser import WIDTHS, assert_quiet, chromium, visit, watched
+from tests.support.daemon.paper import COLOURED, assert_on_paper, report_of
 from tests.support.daemon.some_setups import some_setups
 from tests.support.daemon.workbench import opened
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 
 BRIDGE = Path(__file__).parents[1] / "data" / "p03-bridge"
-COLOURED = """async (image) => {
-  await image.decode();
-  const copy = document.createElement("canvas");
-  [copy.width, copy.height] = [image.naturalWidth, image.naturalHeight];
-  const pen = copy.getContext("2d");
-  pen.drawImage(image, 0, 0);
-  const dots = pen.getImageData(0, 0, copy.width, copy.height).data;
-  let coloured = 0, dark = 0;
-  for (let i = 0; i < dots.length; i += 4) {
-    const [r, g, b] = dots.slice(i, i + 3);
-    if (dots[i + 3] > 60 && Math.max(r, g, b) - Math.min(r, g, b) > 60) coloured += 1;
-  }
-  return coloured;
-}"""
-"""Pixels in colour of an image."""
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     with chromium() as started:
         yield started
-
-
-def report_of(page: Page) -> Page:
-    """The window that the button opens."""
-    with page.expect_popup() as found:
-        page.click("#report")
-    made = found.value
-    made.wait_for_selector("#paper[data-ready]")
-    return made
 
 
 def test_a_view_as_a_page_that_stands_alone_and_on_paper(browser: Browser, tmp_path: Path) -> None:
@@ -105,4 +82,13 @@ def test_a_view_as_a_page_that_stands_alone_and_on_paper(browser: Browser, tmp_p
         assert (
             page.locator(".cause h2").first.inner_text() in learned.locator("#paper").inner_text()
         )
+        # every view of it on paper
+        files = (BRIDGE / "model.toml", campaign)
+        assert_on_paper(page, tmp_path, 3, files)
+        page.click("#tab-compare")
+        page.wait_for_selector(".volume canvas")
+        assert_on_paper(page, tmp_path, drawn, files)
+        page.click("#tab-watch")
+        page.wait_for_selector("#view[data-tab=watch] h1")
+        assert_on_paper(page, tmp_path, 0, files)
         assert_quiet(seen, bench)

@@ -11,6 +11,7 @@ from playwright.sync_api import Page, expect
 
 from abbe.daemon.config.tokens import add_token
 from tests.support.daemon.browser import WIDTHS, assert_for_everybody, assert_quiet, chromium, visit
+from tests.support.daemon.paper import assert_on_paper
 from tests.support.daemon.upload_cases import Place, patient_place, sums
 from tests.support.daemon.workbench import OpenedWorkbench, opened
 
@@ -57,6 +58,8 @@ def test_looked_at_then_written_then_rolled_back(place: Place) -> None:
             page.wait_for_function(
                 "width => document.documentElement.scrollWidth <= width", arg=width
             )
+        page.set_viewport_size({"width": 1280, "height": 900})
+        assert_on_paper(page, place.folder, 6)
         # nothing can be written before it was looked at
         assert page.locator("#write").count() == 0
         page.locator("#controller button").first.click()
