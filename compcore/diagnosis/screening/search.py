@@ -123,12 +123,28 @@ def _forward(pool: Pool, basis: Basis, start: Sequence[WeighedCandidate]) -> lis
     current = pool.joined(basis, out)
     for _ in range(_MOST):
         first = pool.ranked(current, taken(pool, out))
-        leader = _simplest(pool, current, [pool.refined(current, f) for f in first[:LEADERS]])
-        if leader is None or not leader.established(basis.n):
+        leaders = [pool.refined(current, f) for f in first[:LEADERS]]
+        leader = _established(_simplest(pool, current, leaders), leaders, basis.n)
+        if leader is None:
             break
         out.append(leader)
         current = pool.joined(current, [leader])
     return out
+
+
+def _established(
+    first: WeighedCandidate | None, leaders: Sequence[WeighedCandidate], n: int
+) -> WeighedCandidate | None:
+    """The first of the leaders if it is established, or one that is and is no less likely.
+
+    A commoner cause that explains less may stand before one that the data establish, by less than
+    distinguishes them. Which of them it is remains open; that something is there does not.
+    """
+    if first is None or first.established(n):
+        return first
+    least = first.evidence.value - INDISTINCT
+    alike = [f for f in leaders if f.evidence.value > least and f.established(n)]
+    return max(alike, key=lambda f: f.evidence.value, default=None)
 
 
 def _cause(found: WeighedCandidate) -> tuple[str, tuple[tuple[str, str], ...]]:
