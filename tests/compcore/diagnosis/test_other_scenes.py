@@ -45,6 +45,22 @@ def test_hidden_in_other_scenes(kind: str, seed: int, cause: str) -> None:
     assert found.left == pytest.approx(1.0, abs=0.15)
 
 
+def test_a_commoner_cause_that_is_not_established_hides_none_that_is() -> None:
+    """A shift by the spindle's warmth is commoner than a tilt by it, and says less of these rows.
+
+    It stood before the tilt by 0.8 in evidence, short of what establishes, and all was `complete`.
+    """
+    scenario = Scenario("gantry", 119, ("thermal_tilt by one sensor",), 3)
+    stage = scene(scenario.seed, scenario.kind)
+    hidden = hide(scenario, stage)
+    model = parse_model(TomlSource(stage.model_text()))
+    found = diagnose(model, as_campaign(stage.simulate(hidden).text, model))
+    assert score(found, [c for c, _ in hidden]) == "named"
+    (tilt,) = found.established
+    shifts = [a.found.candidate.effect.spec for a in tilt.aliases]
+    assert "thermal_offset direction=X signal=T_spindle" in shifts
+
+
 def test_distances_get_advice_too() -> None:
     """Proposals have no base points, of which the model's unknowns hold some."""
     stage = scene(5, distances.kinds()[0])
