@@ -91,4 +91,24 @@ def test_a_view_as_a_page_that_stands_alone_and_on_paper(browser: Browser, tmp_p
         page.click("#tab-watch")
         page.wait_for_selector("#view[data-tab=watch] h1")
         assert_on_paper(page, tmp_path, 0, files)
+        # views that were gone to and left again leave nothing behind
+        devtools = page.context.new_cdp_session(page)
+
+        def held() -> tuple[int, int]:
+            for tab in ("compare", "learn", "watch"):
+                page.click(f"#tab-{tab}")
+                page.locator(f"#view[data-tab={tab}] h1").wait_for()  # a handle would hold it
+                if tab == "learn":
+                    page.locator("#what-if[data-ready]").wait_for()
+            for _ in range(3):  # what is let go of in one is collected in the next
+                devtools.send("HeapProfiler.collectGarbage")
+            found = devtools.send("Memory.getDOMCounters")
+            return int(found["nodes"]), int(found["jsEventListeners"])
+
+        held()
+        nodes, listeners = held()
+        for _ in range(5):
+            more = held()
+        assert more[0] < 1.1 * nodes
+        assert more[1] <= 1.1 * listeners
         assert_quiet(seen, bench)
