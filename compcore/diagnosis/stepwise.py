@@ -358,6 +358,7 @@ class _StepwiseCourse:
         Of all descriptions the one that foretells best.
         """
         before = self._last
+        weight = before.result.thin.problem.weight
         best: tuple[float, Effect, FitResult, LeftOutErrors] | None = None
         for effect in descriptions(diagnosis):
             if effect in before.result.model.effects or self.refused_now(effect):
@@ -373,8 +374,8 @@ class _StepwiseCourse:
             now = LeftOutErrors.of(result, (added,), along=along)
             if was.falls_to(now, result, bound=False) > 1.0 - LEAST:
                 continue
-            left = float(now.left.residual @ now.left.residual)
-            if surely(was.left, now.left) and (best is None or left < best[0]):
+            left = float(np.sum((now.left.residual * weight) ** 2))
+            if surely(was.left, now.left, weight) and (best is None or left < best[0]):
                 best = left, added, result, LeftOutErrors.of(result)
         if best is None:
             return False

@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.explain import formula
 from abbe.compcore.diagnosis.findings import Findings
@@ -24,6 +25,8 @@ from abbe.compcore.effects.catalogue.linear.reversal import Backlash
 from abbe.compcore.effects.catalogue.rotary.motions import RotaryPositioning
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.revise import identity
+
+F64 = NDArray[np.float64]
 
 LEAST = 0.1
 """Part of the left-out χ² that a description must remove: it is chosen among many."""
@@ -62,14 +65,21 @@ def _known(model: Model, plain: Effect) -> list[Effect]:
     return [e for e in model.effects if identity(e) == identity(plain)] or [plain]
 
 
-def surely(before: LeftOut, after: LeftOut) -> bool:
+def surely(before: LeftOut, after: LeftOut, weight: F64) -> bool:
     """Whether left-out blocks are foretold better by more than their own scatter.
 
-    Both of the same rows in the same blocks.
+    Parameters
+    ----------
+    before, after
+        What two models leave of the same rows in the same blocks, mm or rad, shape (n,).
+    weight
+        One over the rows' standard uncertainties, 1/mm or 1/rad, shape (n,): lengths and rotations
+        count alike.
     """
     fall = np.array(
         [
-            float(np.sum(before.residual[rows] ** 2) - np.sum(after.residual[rows] ** 2))
+            float(np.sum((before.residual[rows] * weight[rows]) ** 2))
+            - float(np.sum((after.residual[rows] * weight[rows]) ** 2))
             for rows in before.folds
         ]
     )

@@ -76,9 +76,25 @@ def test_nothing_is_described_where_nothing_is(seed: int) -> None:
 
 def test_one_block_does_not_speak_for_all() -> None:
     blocks = [np.arange(4 * k, 4 * k + 4) for k in range(8)]
+    alike = np.ones(32)
     before = LeftOut(np.full(32, 1.0), blocks, (0,) * 8)
     better = before.residual.copy()
     better[:4] = 0.0
-    assert not surely(before, LeftOut(better, blocks, (0,) * 8))
-    assert surely(before, LeftOut(np.full(32, 0.9), blocks, (0,) * 8))
-    assert not surely(before, LeftOut(np.full(32, 1.1), blocks, (0,) * 8))
+    assert not surely(before, LeftOut(better, blocks, (0,) * 8), alike)
+    assert surely(before, LeftOut(np.full(32, 0.9), blocks, (0,) * 8), alike)
+    assert not surely(before, LeftOut(np.full(32, 1.1), blocks, (0,) * 8), alike)
+
+
+@pytest.mark.parametrize("better", ["rotations", "lengths"])
+def test_lengths_and_rotations_count_by_their_uncertainties(better: str) -> None:
+    """1 µm and 1 µrad are as much as one another, though their squares differ a millionfold."""
+    blocks = [np.arange(4 * k, 4 * k + 4) for k in range(8)]
+    sd = np.tile([1e-3, 1e-3, 1e-6, 1e-6], 8)
+    by = {"rotations": [1.0, 1.0, 0.5, 0.5], "lengths": [0.5, 0.5, 1.0, 1.0]}[better]
+    # the others are foretold a little better here and a little worse there
+    to_and_fro = np.where(np.tile(by, 8) < 1.0, 1.0, 1.0 + 0.01 * np.repeat([1, -1] * 4, 4))
+    before = LeftOut(sd, blocks, (0,) * 8)
+    after = LeftOut(sd * np.tile(by, 8) * to_and_fro, blocks, (0,) * 8)
+    assert surely(before, after, 1.0 / sd)
+    worse = LeftOut(sd / np.tile(by, 8), blocks, (0,) * 8)
+    assert not surely(before, worse, 1.0 / sd)
