@@ -14,6 +14,7 @@ from abbe.compcore.diagnosis.changed import Standing
 from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.projection.basis import Basis
+from abbe.compcore.diagnosis.strays import Stray
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.fitting.fit import FitResult
@@ -93,6 +94,8 @@ class Findings:
         For further questions: the candidates' columns, what the model leaves.
     standing
         Whether the model as it was given holds, and what has changed; None where it was not fitted.
+    strays
+        Readings that stand alone, and were left out of all this.
     """
 
     verdict: Verdict
@@ -107,6 +110,7 @@ class Findings:
     pool: Pool = field(repr=False)
     basis: Basis = field(repr=False)
     standing: Standing | None = None
+    strays: tuple[Stray, ...] = ()
 
     @property
     def of_rotations(self) -> bool:

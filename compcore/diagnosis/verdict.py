@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
+from abbe.compcore.campaign.thinning import thinned
 from abbe.compcore.diagnosis.advice import Advice, advise
 from abbe.compcore.diagnosis.aliases import aliases
 from abbe.compcore.diagnosis.changed import Standing, standing
@@ -36,6 +37,7 @@ from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.diagnosis.screening.search import joint_value, search
 from abbe.compcore.diagnosis.screening.tried import Tried
+from abbe.compcore.diagnosis.strays import Stray, strays
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import Patterns, ResidualPattern
 from abbe.compcore.diagnosis.words import diagnosis_words
 from abbe.compcore.errors import FitError, require_type
@@ -58,6 +60,9 @@ _COINCIDENCE = 8.0
 _ALL_BUT = 0.999
 """Part of what the best description explains above which a cause is not its rival, but nearly all
 of it: what is left is a thirtieth in size."""
+
+_ROUNDS = 5
+"""How often readings that stand alone are looked for: a gross one hides others."""
 
 BEYOND_DOUBT = 40.0
 """Least evidence of a cause that is found beside structure which no cause explains."""
@@ -163,6 +168,34 @@ def lacking(whole: FitResult, *, progress: Progress = lambda _: None) -> Diagnos
 
 
 def _of_fit(whole: FitResult, given: Model | None, progress: Progress) -> Diagnosis:
+    aside: list[Stray] = []
+    for _ in range(_ROUNDS):
+        found = _looked_at(whole, given, progress)
+        alone = _stray(found)
+        if not alone:
+            break
+        aside += alone.values()
+        progress("without the readings that stand alone")
+        whole = _without(whole, list(alone))
+    return replace(found, strays=tuple(sorted(aside, key=lambda s: -s.size)))
+
+
+def _stray(found: Diagnosis) -> dict[int, Stray]:
+    beside = found.pool.joined(found.basis, [e.found for e in found.established])
+    signatures = [e.signature for e in found.established]
+    return strays(found.result, found.basis, beside, signatures)
+
+
+def _without(whole: FitResult, aside: Sequence[int]) -> FitResult:
+    """The fit without some of the rows that were looked at."""
+    campaign = whole.problem.campaign
+    looked_at = thinned(campaign)
+    keep = np.ones(campaign.n, dtype=bool)
+    keep[np.array(aside) if looked_at is None else looked_at[list(aside)]] = False
+    return fit(whole.model, campaign.rows(keep), near=True)
+
+
+def _looked_at(whole: FitResult, given: Model | None, progress: Progress) -> Diagnosis:
     result = whole.thin
     if result.dof < 1:
         raise FitError(

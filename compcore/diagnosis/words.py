@@ -23,6 +23,9 @@ _SAID = {
 }
 
 
+MOST_LISTED = 10
+"""Readings that stand alone that are listed; the rest are counted."""
+
 NO_CLOCK = said(
     "the campaign says no times: nothing was looked for that changes with time (drift, warm-up, "
     "an event, a lag, an oscillation)"
@@ -78,6 +81,12 @@ def diagnosis_words(
         yield thinned_words(diagnosis)
     if not diagnosis.whole.problem.campaign.clocked:
         yield NO_CLOCK
+    if diagnosis.strays:
+        yield alone_words(diagnosis)
+        for stray in diagnosis.strays[:MOST_LISTED]:
+            yield f"   {stray.text}"
+        if len(diagnosis.strays) > MOST_LISTED:
+            yield f"   and {len(diagnosis.strays) - MOST_LISTED} more"
     names = listed([e.found.candidate.effect.spec for e in diagnosis.established])
     if diagnosis.verdict == "complete" and diagnosis.whole.misfit:
         yield _more_than_noise(diagnosis)
@@ -122,6 +131,22 @@ def _more_than_noise(diagnosis: Findings) -> Sentence:
         "repeated readings (χ² per degree of freedom {chi2}): too few independent rows, or these "
         "were taken in too short a time.",
         chi2=chi2,
+    )
+
+
+def alone_words(diagnosis: Findings) -> Sentence:
+    """How many readings stand alone, and what to do about them."""
+    count = len(diagnosis.strays)
+    if count == 1:
+        return said(
+            "1 reading stands alone: nothing measured beside it agrees with it, so it was left out "
+            "here. Look at it and measure it again; 'abbe fit --robust' leaves it out, too:"
+        )
+    return said(
+        "{count} readings stand alone: nothing measured beside them agrees with them, so they were "
+        "left out here. Look at them and measure them again; 'abbe fit --robust' leaves them out, "
+        "too:",
+        count=count,
     )
 
 

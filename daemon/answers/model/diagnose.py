@@ -52,6 +52,17 @@ def as_json(
             }
             for s in diagnosis.structure
         ],
+        "strays": [
+            {
+                "file": s.file,
+                "line": s.line,
+                "setup": s.setup,
+                "unit": "urad" if s.rotation else "um",
+                "off": finite(s.off, 1e6 if s.rotation else 1e3),
+                "size": finite(s.size),
+            }
+            for s in diagnosis.strays
+        ],
         "measure_next": [
             {
                 "what": a.what,
