@@ -8,7 +8,7 @@ it. At the end each effect that was added is tried without: what later ones made
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.diagnosis.findings import measured_kinds
@@ -16,6 +16,7 @@ from abbe.compcore.diagnosis.foretelling import OF_THE_CLOCK, WORTH
 from abbe.compcore.diagnosis.screening.candidates import RIGID
 from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
 from abbe.compcore.diagnosis.soundness import apart, sound, worth
+from abbe.compcore.diagnosis.strays import Stray
 from abbe.compcore.diagnosis.thermometers import further_thermometers, warmth_together
 from abbe.compcore.diagnosis.uncatalogued.descriptions import LEAST, descriptions, surely
 from abbe.compcore.diagnosis.verdict import Diagnosis, lacking
@@ -53,19 +54,22 @@ class Step:
         ``began``, ``added``, ``added together`` (with the next, as neither predicts anything
         alone), ``lagged`` (its signals stand behind a lag now), ``second body`` (behind the same
         signal), ``began elsewhere`` (than in equilibrium with its signal), ``described`` (by what
-        explains nothing), ``removed``.
+        explains nothing), ``removed``, ``set aside`` (readings that stand alone).
     effect
-        The effect that was added, changed or taken out; None for the beginning.
+        The effect that was added, changed or taken out; None for the beginning and for readings.
     result
         The fit with it.
     held_out
         How left-out blocks are predicted.
+    strays
+        The readings that were set aside.
     """
 
     action: str
     effect: Effect | None
     result: FitResult
     held_out: LeftOutErrors
+    strays: tuple[Stray, ...] = ()
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
@@ -176,6 +180,7 @@ class _StepwiseCourse:
         self.refused: dict[Effect, int] = {}
         self.steps: list[Step] = []
         self._added: list[Effect] = []
+        self._strays: list[Stray] = []
         result = fit(model, campaign)
         self._make("began", None, result, LeftOutErrors.of(result))
 
@@ -190,8 +195,15 @@ class _StepwiseCourse:
         self._on_step(self._last)
 
     def diagnosed(self) -> Diagnosis:
-        """What the model lacks as it is now."""
-        return lacking(self._last.result, progress=self._progress)
+        """What the model lacks as it is now; readings that stand alone count no more."""
+        found = lacking(self._last.result, progress=self._progress)
+        if found.strays:
+            self._strays += found.strays
+            self._campaign = found.whole.problem.campaign
+            out = LeftOutErrors.of(found.whole)
+            self.steps.append(Step("set aside", None, found.whole, out, found.strays))
+            self._on_step(self._last)
+        return replace(found, strays=tuple(self._strays))
 
     def refused_now(self, effect: Effect) -> bool:
         """Whether an effect was refused beside the model as it is now; beside another it may do."""

@@ -10,7 +10,7 @@ file.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +36,10 @@ _SHARED = 0.5
 """Part of a row's residual from which on another row shares it."""
 _MOST = 0.1
 """Greatest part of a set-up's rows that may be strays: what is off more often is no stray."""
+_APART = 2.0
+"""So many times as far off as the furthest of all others a stray is."""
+_MOST_OF_ALL = 0.01
+"""Greatest part of a campaign's rows that are set aside at a time."""
 _ALONE = 0.5
 """Part of all that a cause explains above which it stands on one row."""
 _DECIMALS = 2
@@ -85,30 +89,34 @@ class Stray:
 def strays(
     result: FitResult, before: Basis, beside: Basis, signatures: Sequence[F64]
 ) -> dict[int, Stray]:
-    """The readings that stand alone beside the causes that a diagnosis established.
+    """The readings that stand alone beside what a diagnosis found.
 
-    Those that neither the model nor the causes explain, and those that are all that a cause
-    explains.
+    Those that neither the model nor the causes nor a description explain, and those that are all
+    that one of these explains.
 
     Parameters
     ----------
     result
         The fit of the model as it is.
     before, beside
-        What it leaves without the causes, and with them.
+        What it leaves without what was found, and with it.
     signatures
-        What each cause explains of every row, mm or rad, each of shape (n,).
+        What each cause or description explains of every row, mm or rad, each of shape (n,).
 
     Returns
     -------
     Row of the fit → what is said of it.
     """
     problem = result.problem
-    found = dict(_alone(problem, beside))
+    beside_which = _Neighbours(problem.campaign)
+    found = _apart(problem, before, beside_which) or _apart(problem, beside, beside_which)
     explained = [s * problem.weight for s in signatures]
-    for row, size in _alone(problem, before) if explained else ():
-        if any(s[row] ** 2 > _ALONE * float(s @ s) for s in explained):
-            found.setdefault(row, size)
+    size = _sizes(problem, before.residual, _absorbed(before)) if explained else np.zeros(0)
+    for s in explained:
+        row = int(np.argmax(np.abs(s)))
+        leads = s[row] ** 2 > _ALONE * float(s @ s) and abs(size[row]) > _limit(problem)
+        if leads and not beside_which.share(row, size):
+            found.setdefault(row, float(size[row]))
     campaign = problem.campaign
     setup = campaign.conditions.setup
     others = before.residual / (problem.weight * np.maximum(1.0 - _absorbed(before), 1e-3))
@@ -125,23 +133,64 @@ def strays(
     }
 
 
-def _alone(problem: Problem, basis: Basis) -> Iterator[tuple[int, float]]:
-    """Rows whose residual is beyond chance and shared by none beside them, and its size."""
+def _limit(problem: Problem) -> float:
+    """The size that chance hardly ever exceeds, in standard deviations."""
+    return normal_limit(_CHANCE / (2.0 * max(problem.n, 1)))
+
+
+def _sizes(problem: Problem, weighted: F64, absorbed: F64) -> F64:
+    """Weighted residuals in their own standard deviations, shape (n,); 0 where not used."""
     used = problem.weight > 0.0
-    residual = np.where(used, basis.residual / np.where(used, problem.weight, 1.0), 0.0)
-    size = studentised(problem, residual, _absorbed(basis))
-    limit = normal_limit(_CHANCE / (2.0 * max(problem.n, 1)))
-    beyond = np.flatnonzero(np.abs(size) > limit)
-    if not len(beyond):
-        return
-    beside = _Neighbours(problem.campaign)
-    found = {int(i) for i in beyond if not beside.share(int(i), size)}
+    residual = np.where(used, weighted / np.where(used, problem.weight, 1.0), 0.0)
+    return studentised(problem, residual, absorbed)
+
+
+def _apart(problem: Problem, basis: Basis, beside: _Neighbours) -> dict[int, float]:
+    """Rows that are far from all others and alone where they were measured, and their size.
+
+    One after the other the furthest is left out of the fit, until what is left is nearer by a
+    factor: so neither does one hide another, nor do its neighbours seem to be off that it pulls at.
+    """
+    limit = _limit(problem)
+    left, absorbed = basis.residual.copy(), _absorbed(basis)
+    grown: list[F64] = []
+    out: dict[int, float] = {}
+    most = max(1, round(_MOST_OF_ALL * problem.n))
+    while True:
+        size = _sizes(problem, left, absorbed)
+        row = int(np.argmax(np.abs(size)))
+        if out and min(map(abs, out.values())) > _APART * abs(size[row]):
+            break
+        if abs(size[row]) <= limit or len(out) == most:
+            return {}
+        out[row] = float(size[row])
+        hat = _hat(basis, row) + sum((v * v[row] for v in grown), np.zeros(problem.n))
+        keep = max(1.0 - float(hat[row]), 1e-9)
+        left = left + hat * (left[row] / keep)
+        grown.append(hat / np.sqrt(keep))
+        absorbed = absorbed + grown[-1] ** 2
+        absorbed[row] = 1.0
+    found = {}
+    for row, own in out.items():
+        size[row] = own
+        if not beside.share(row, size):
+            found[row] = own
+        size[row] = 0.0
     for rows in beside.lines:
-        own = found.intersection(rows.tolist())
-        if own and len(own) <= max(1.0, _MOST * len(rows)):
-            # a gross one pulls the curve of its line, so that its neighbours seem to be off
-            grossest = max(own, key=lambda i: abs(size[i]))
-            yield grossest, float(size[grossest])
+        own_rows = found.keys() & set(rows.tolist())
+        if len(own_rows) > max(1.0, _MOST * len(rows)):
+            found = {row: own for row, own in found.items() if row not in own_rows}
+    return found
+
+
+def _hat(basis: Basis, row: int) -> F64:
+    """How much of a reading each row's fitted value follows, shape (n,)."""
+    out = basis.q @ basis.q[row] + basis.extra @ basis.extra[row]
+    for rows, own in basis.eliminator.bases():
+        at = np.flatnonzero(rows == row)
+        if len(at):
+            out[rows] += own @ own[at[0]]
+    return np.asarray(out)
 
 
 def _absorbed(basis: Basis) -> F64:

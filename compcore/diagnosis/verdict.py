@@ -181,8 +181,15 @@ def _of_fit(whole: FitResult, given: Model | None, progress: Progress) -> Diagno
 
 
 def _stray(found: Diagnosis) -> dict[int, Stray]:
-    beside = found.pool.joined(found.basis, [e.found for e in found.established])
+    """What stands alone beside the causes and beside the structure that is described."""
+    beside = found.basis
     signatures = [e.signature for e in found.established]
+    for structure in found.structure:
+        columns = beside.project(structure.columns)
+        coefficients = np.linalg.lstsq(columns, beside.residual, rcond=1e-10)[0]
+        signatures.append(columns @ coefficients / found.result.problem.weight)
+        beside = beside.extended(structure.columns)
+    beside = found.pool.joined(beside, [e.found for e in found.established])
     return strays(found.result, found.basis, beside, signatures)
 
 

@@ -84,9 +84,9 @@ def diagnosis_words(
     if diagnosis.strays:
         yield alone_words(diagnosis)
         for stray in diagnosis.strays[:MOST_LISTED]:
-            yield f"   {stray.text}"
+            yield said("  - {reading}", reading=stray.text)
         if len(diagnosis.strays) > MOST_LISTED:
-            yield f"   and {len(diagnosis.strays) - MOST_LISTED} more"
+            yield said("  - and {count} more", count=len(diagnosis.strays) - MOST_LISTED)
     names = listed([e.found.candidate.effect.spec for e in diagnosis.established])
     if diagnosis.verdict == "complete" and diagnosis.whole.misfit:
         yield _more_than_noise(diagnosis)
@@ -140,12 +140,11 @@ def alone_words(diagnosis: Findings) -> Sentence:
     if count == 1:
         return said(
             "1 reading stands alone: nothing measured beside it agrees with it, so it was left out "
-            "here. Look at it and measure it again; 'abbe fit --robust' leaves it out, too:"
+            "here. Look at it, measure it again; --robust leaves it out of a fit, too:"
         )
     return said(
         "{count} readings stand alone: nothing measured beside them agrees with them, so they were "
-        "left out here. Look at them and measure them again; 'abbe fit --robust' leaves them out, "
-        "too:",
+        "left out here. Look at them, measure them again; --robust leaves them out of a fit, too:",
         count=count,
     )
 

@@ -43,20 +43,24 @@ def calibrating(config: Path, folder: Path) -> str:
 
 @dataclass(frozen=True)
 class Adding:
-    """What ``abbe add`` is given beside the effect: the model and the campaigns of a diagnosis."""
+    """What ``abbe add`` is given beside the effect: the model and the campaigns of a diagnosis.
+
+    `robust`: readings that stand alone are left out of the fit, as they were of the diagnosis.
+    """
 
     model: Path
     campaigns: Sequence[Path]
+    robust: bool = False
 
     @property
     def fitting(self) -> str:
         """The command that fits the model to the campaigns."""
-        return fitting(self.model, self.campaigns)
+        return fitting(self.model, self.campaigns) + (" --robust" if self.robust else "")
 
     def command(self, spec: str) -> str:
         """The command that adds an effect, with the campaign and the next version's name."""
         words = ["abbe", "add", str(self.model), *spec.split(), "--campaign"]
-        words += [str(c) for c in self.campaigns]
+        words += [*map(str, self.campaigns), *(("--robust",) if self.robust else ())]
         return shlex.join([*words, "-o", str(next_version(self.model))])
 
 

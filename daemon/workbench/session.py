@@ -129,9 +129,12 @@ class Workbench:
 
     def fit(self) -> None:
         """Fit the present version as it is: a new version."""
+        robust = self._alone
 
         def made(current: Model, out: Path, tell: Tell) -> tuple[Model, list[str]]:
-            model, said = fitted_version(current, self._campaign, self._holdout, out, progress=tell)
+            model, said = fitted_version(
+                current, self._campaign, self._holdout, out, robust=robust, progress=tell
+            )
             return model, [said]
 
         self._make("fit", made)
@@ -147,16 +150,22 @@ class Workbench:
         kind, *keys = spec.split() or [spec]
         # what is no effect is said at once, not by a task
         with_effect(self._current.model, kind, split_assignments(keys))
+        robust = self._alone
 
         def made(current: Model, out: Path, tell: Tell) -> tuple[Model, list[str]]:
             changed, effect = with_effect(current, kind, split_assignments(keys))
             revision = revise.revise(
                 current, changed, self._campaign, self._holdout, out,
-                added=effect.spec, progress=tell,
+                added=effect.spec, robust=robust, progress=tell,
             )  # fmt: skip
             return revision.model, list(revise.as_text(revision, effect))
 
         self._make(f"add {spec}", made)
+
+    @property
+    def _alone(self) -> bool:
+        """Whether the diagnosis that is shown left readings out that stand alone."""
+        return self._diagnosis is not None and bool(self._diagnosis.strays)
 
     def go_back(self, number: int) -> None:
         """Look at another version; no file changes.
@@ -289,7 +298,7 @@ class Workbench:
         current = self._current
         diagnosis = diagnose(current.model, self._campaign, progress=tell)
         tell("noise floor")
-        adding = Adding(current.path, self._campaigns)
+        adding = Adding(current.path, self._campaigns, robust=bool(diagnosis.strays))
         first = _bytes(learned(diagnosis, None, adding))
         with self._lock:
             self._diagnosis, self._learned = diagnosis, first

@@ -32,10 +32,23 @@ _SAID = {
     "began elsewhere": "not in equilibrium at first: {0}",
     "described": "described, not explained: {0}",
     "removed": "taken out again, as the others say it too: {0}",
+    "set aside": "left out, as nothing measured beside agrees: {0}",
 }
 
 _NOTHING = 1e-9
 """µm, µrad: a standard uncertainty below this is none, the value a convention."""
+
+
+def _what(step: Step) -> str:
+    """The effect of a step, or the readings."""
+    if step.effect is not None:
+        return step.effect.spec
+    named = [f"{Path(s.file).name}, line {s.line}" for s in step.strays[:_LISTED]]
+    more = len(step.strays) - len(named)
+    return "; ".join(named) + (f" and {more} more" if more else "")
+
+
+_LISTED = 3
 
 
 @dataclass(frozen=True)
@@ -85,8 +98,7 @@ class StepFigures:
     @property
     def line(self) -> str:
         """For people."""
-        effect = self.step.effect
-        said = _SAID[self.step.action].format("" if effect is None else effect.spec)
+        said = _SAID[self.step.action].format(_what(self.step))
         text = f"{said}: {self.rms:.3g} {self.unit} rms, left-out blocks {self.held_out:.3g}"
         return text if self.unseen is None else f"{text}, held-out campaigns {self.unseen:.3g}"
 
@@ -97,6 +109,7 @@ class StepFigures:
         return {
             "action": self.step.action,
             "spec": None if effect is None else effect.spec,
+            "lines": [{"file": s.file, "line": s.line} for s in self.step.strays],
             "unit": self.json_unit,
             "rms": finite(self.rms),
             "left_out_blocks": finite(self.held_out),

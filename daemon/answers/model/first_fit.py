@@ -27,9 +27,12 @@ def fitted_version(
     holdout: Sequence[Path],
     out: Path,
     *,
+    robust: bool = False,
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[Model, str]:
     """Fit all effects, lay the result beside unseen campaigns, write it; and a summary of the fit.
+
+    With `robust` rows that do not belong to the others are set aside.
 
     Raises
     ------
@@ -44,7 +47,7 @@ def fitted_version(
     if held is not None:
         require_signals(held.campaign, model)
     progress("fitting the next version")
-    result = fit(model, campaign)
+    result = fit(model, campaign, robust=robust)
     lengths = result.noise.lengths
     kept = recorded(
         result,

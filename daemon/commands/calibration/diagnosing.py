@@ -47,7 +47,7 @@ def complete_model(
             loaded, measured = load(model, [campaign])
             noise = noise_floor(measured, loaded.machine)
             found = diagnose(loaded, measured, progress=tell)
-        adding = Adding(model, [campaign])
+        adding = Adding(model, [campaign], robust=bool(found.strays))
         for line in diagnosis_words(found, noise, (), adding.command, adding.fitting):
             say(line)
         following = out.with_name(f"{fitted.stem}-{number + 1}{fitted.suffix}")
@@ -55,7 +55,7 @@ def complete_model(
             spec = cause.effect.spec
             if not ask(f"add {spec}?"):
                 continue
-            add(model, spec, [campaign], following)
+            add(model, spec, [campaign], following, robust=bool(found.strays))
             hidden = _hidden_wave(load_model(following), spec, measured.conditions)
             if not hidden:
                 break

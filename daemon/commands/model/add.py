@@ -38,6 +38,9 @@ def add(
         list[str] | None, typer.Argument(help="KEY=VALUE as 'abbe diagnose' prints them.")
     ] = None,
     holdout: HoldoutFiles = None,
+    robust: Annotated[
+        bool, typer.Option("--robust", help="Set readings aside that stand alone.")
+    ] = False,
     as_json: AsJson = False,
     report: VersionsReport = None,
     force: Force = False,
@@ -47,7 +50,7 @@ def add(
     from abbe.daemon.arguments.assignments import split_assignments
     from abbe.daemon.commands.model.next_version import NextVersion
 
-    version = NextVersion(model, campaign, holdout or [], out, report)
+    version = NextVersion(model, campaign, holdout or [], out, report, robust)
     say = version.checked(force=force, as_json=as_json)
     # a whole spec in one pair of quotes is what 'abbe diagnose' prints, too
     name, *more_keys = kind.split() or [kind]

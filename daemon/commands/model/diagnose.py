@@ -97,7 +97,7 @@ def diagnose(
         if measure_next:
             tell("what to measure next")
         advice = found.advice if measure_next else ()
-    adding = Adding(model if out is None else out, campaigns)
+    adding = Adding(model if out is None else out, campaigns, robust=bool(found.strays))
     if report is not None:
         from abbe.daemon.report.head import file_on_page, head_of
         from abbe.daemon.report.model.diagnosis import page

@@ -27,6 +27,8 @@ class NextVersion:
         What it is fitted to, and what only tests it.
     out, report
         The next version; a page with the error, version by version, None: none is asked for.
+    robust
+        Whether readings that stand alone are set aside in the fits.
     """
 
     model: Path
@@ -34,6 +36,7 @@ class NextVersion:
     holdout: Sequence[Path]
     out: Path
     report: Path | None
+    robust: bool = False
 
     def checked(self, *, force: bool, as_json: bool) -> Say:
         """Refuse outputs that would destroy something; parameters and errors of `check_outputs`."""
@@ -79,6 +82,7 @@ class NextVersion:
                 self.out,
                 added=effect.spec if adds else None,
                 removed=None if adds else effect.spec,
+                robust=self.robust,
                 progress=tell,
             )
         self.write_page(revision.model)

@@ -28,6 +28,7 @@ from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.compcore.diagnosis.words import (
     NO_UNCERTAINTY,
     advice_text,
+    alone_words,
     noise_of,
     thinned_words,
     uncertainty_stated,
@@ -121,6 +122,9 @@ def _how_wrong(out: Page, diagnosis: Diagnosis, noise: NoiseFloor) -> None:
         if stated
         else NO_UNCERTAINTY[0].upper() + NO_UNCERTAINTY[1:] + "."
     )
+    if diagnosis.strays:
+        out.text(alone_words(diagnosis))
+        out.notes([s.text for s in diagnosis.strays])
     if diagnosis.result is not diagnosis.whole:
         out.text(f"Pictures show those rows only: {thinned_words(diagnosis)}.")
 
