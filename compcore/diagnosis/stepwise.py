@@ -386,7 +386,8 @@ class _StepwiseCourse:
             now = LeftOutErrors.of(result, (added,), along=along)
             if was.falls_to(now, result, bound=False) > 1.0 - LEAST:
                 continue
-            left = float(np.sum((now.left.residual * weight) ** 2))
+            weighted = now.left.residual * weight
+            left = float(weighted @ weighted)
             if surely(was.left, now.left, weight) and (best is None or left < best[0]):
                 best = left, added, result, LeftOutErrors.of(result)
         if best is None:

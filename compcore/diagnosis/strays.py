@@ -115,7 +115,8 @@ def strays(
     for s in explained:
         row = int(np.argmax(np.abs(s)))
         leads = s[row] ** 2 > _ALONE * float(s @ s) and abs(size[row]) > _limit(problem)
-        if leads and not beside_which.share(row, size):
+        shared = beside_which.comes_again(row, size) or beside_which.goes_on(row, size[row], size)
+        if leads and not shared:
             found.setdefault(row, float(size[row]))
     campaign = problem.campaign
     setup = campaign.conditions.setup
@@ -170,12 +171,13 @@ def _apart(problem: Problem, basis: Basis, beside: _Neighbours) -> dict[int, flo
         grown.append(hat / np.sqrt(keep))
         absorbed = absorbed + grown[-1] ** 2
         absorbed[row] = 1.0
-    found = {}
-    for row, own in out.items():
-        size[row] = own
-        if not beside.share(row, size):
-            found[row] = own
-        size[row] = 0.0
+    every = size.copy()
+    every[list(out)] = list(out.values())
+    found = {
+        row: own
+        for row, own in out.items()
+        if not beside.comes_again(row, every) and not beside.goes_on(row, own, size)
+    }
     for rows in beside.lines:
         own_rows = found.keys() & set(rows.tolist())
         if len(own_rows) > max(1.0, _MOST * len(rows)):
@@ -227,19 +229,28 @@ class _Neighbours:
         # where each row was measured along another direction, all of a set-up are one line
         few = np.bincount(line)[line] < 3
         line = np.where(few, line.max() + 1 + _groups(setup[:, None]), line)
+        self._line = line
         order = clock_order(conditions)
         self.lines = [
             rows[np.argsort(order[rows], kind="stable")]
             for rows in (np.flatnonzero(line == k) for k in np.unique(line))
         ]
 
-    def share(self, row: int, size: F64) -> bool:
-        """Whether rows beside a row are off to the same side, by half as much or more."""
-        alike = size * np.sign(size[row]) > _SHARED * abs(size[row])
+    def comes_again(self, row: int, size: F64) -> bool:
+        """Whether the place's other visits, half of them or more, are off as a row is.
+
+        Those of its own set-up, where there are any: of what an axis does another set-up sees
+        nothing in which that axis rests.
+        """
         same = np.flatnonzero(self._place == self._place[row])
-        others = same[same != row]
-        if len(others) and float(np.mean(alike[others])) >= 0.5:
-            return True
+        same = same[same != row]
+        own = same[self._line[same] == self._line[row]]
+        others = own if len(own) else same
+        alike = size[others] * np.sign(size[row]) > _SHARED * abs(size[row])
+        return bool(len(others)) and float(np.mean(alike)) >= 0.5
+
+    def goes_on(self, row: int, own: float, size: F64) -> bool:
+        """Whether a reading before, after or next to a row of this size is off as it is."""
         rows = next(rows for rows in self.lines if row in rows)
         k = int(np.flatnonzero(rows == row)[0])
         beside = [*rows[max(0, k - 1) : k], *rows[k + 1 : k + 2]]
@@ -247,7 +258,8 @@ class _Neighbours:
         if len(further):
             away = np.linalg.norm(self._at[further] - self._at[row], axis=1)
             beside += list(further[np.argsort(away, kind="stable")[:2]])
-        return not beside or bool(alike[np.array(beside, dtype=np.int64)].any())
+        alike = size[np.array(beside, dtype=np.int64)] * np.sign(own) > _SHARED * abs(own)
+        return not beside or bool(alike.any())
 
 
 def _groups(columns: NDArray[np.generic]) -> I64:
