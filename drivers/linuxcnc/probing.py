@@ -134,14 +134,19 @@ class LinuxCncProbe(TouchProbe):
         """
         for _ in range(_ORDERS):
             began = (await self._ask({kind: order}))["from"]
-            how = await self._ended(kind, began)
+            how = await self._ended(kind, began, free=not order.get("touching"))
             if how is not None:
                 await self._ask({"done": True})
                 return how
         raise LinkError(f"{self._label}: LinuxCNC does not begin to move, ordered {_ORDERS} times")
 
-    async def _ended(self, kind: str, began: dict[str, Any]) -> dict[str, Any] | None:
-        """How a move ended; None when it never began."""
+    async def _ended(
+        self, kind: str, began: dict[str, Any], *, free: bool
+    ) -> dict[str, Any] | None:
+        """How a move ended; None when it never began.
+
+        `free`: nothing may be touched by a ``go``.
+        """
         moved_at, last = time.monotonic(), began["axes"]
         while True:
             how = await self._ask({"how": True})
@@ -149,6 +154,8 @@ class LinuxCncProbe(TouchProbe):
             left = math.dist(how["axes"], began["axes"]) > _THERE
             there = how["off"] <= _THERE
             if how["idle"] and (there or (kind == "touch" and left and how["tripped"])):
+                if kind == "go" and free and how["met"]:
+                    raise LinkError(f"{self._label}: the probe touched something on its way")
                 # what tripped before this move began says nothing of it
                 return how | {"tripped": how["tripped"] and left}
             now = time.monotonic()

@@ -129,6 +129,8 @@ async def test_what_is_not_safe_is_not_begun(mill: TouchingMill) -> None:
         await ordered(mill, "mdi", "M5")
         await probe.begin(TRAVEL)
         mill.hal("in-height.max", 100.0)
+        # a servo period later it shows in the pin
+        await until(lambda: _in_contact(mill))
         with pytest.raises(LinkError, match="touches something already"):
             await probe.touch(TOP, UP)
         mill.lay(MIDDLE, 0.0, SIZE)
@@ -208,6 +210,10 @@ async def test_whoever_stops_it_a_touch_is_none(mill: TouchingMill, what: str) -
         assert await probe.where() == first
         assert first[2] > TOP[2] + 0.5 * TIP - 0.1
     await ordered(mill, "mdi", "G21 G90 G53 G1 F9000 Z0")
+
+
+async def _in_contact(mill: TouchingMill) -> bool:
+    return mill.halcmd("getp", "motion.probe-input").strip() == "TRUE"
 
 
 async def _below(probe: LinuxCncProbe, height: float) -> bool:
