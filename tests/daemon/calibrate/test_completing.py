@@ -46,9 +46,10 @@ def found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Effect]:
     def diagnose(model: Model, *_: object, **__: object) -> SimpleNamespace:
         has = {e.spec for e in model.effects}
         left = [SimpleNamespace(effect=e) for e in causes if e.spec not in has]
-        return SimpleNamespace(established=tuple(left))
+        return SimpleNamespace(established=tuple(left), strays=())
 
-    def add(model: Path, spec: str, _: list[Path], out: Path) -> None:
+    def add(model: Path, spec: str, _: list[Path], out: Path, *, robust: bool) -> None:
+        assert not robust
         chosen = [e for e in causes if e.spec == spec]
         save(out, *load_model(model).effects, *chosen)
 
