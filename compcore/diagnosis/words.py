@@ -84,9 +84,9 @@ def diagnosis_words(
     if diagnosis.strays:
         yield alone_words(diagnosis)
         for stray in diagnosis.strays[:MOST_LISTED]:
-            yield said("  - {reading}", reading=stray.text)
+            yield stray.text
         if len(diagnosis.strays) > MOST_LISTED:
-            yield said("  - and {count} more", count=len(diagnosis.strays) - MOST_LISTED)
+            yield said("and {count} more readings", count=len(diagnosis.strays) - MOST_LISTED)
     names = listed([e.found.candidate.effect.spec for e in diagnosis.established])
     if diagnosis.verdict == "complete" and diagnosis.whole.misfit:
         yield _more_than_noise(diagnosis)

@@ -43,6 +43,8 @@ ASTRAY = 0.5
 """mm from its line at which a tip is halted."""
 _ACCEPTED = 5.0
 """s for LinuxCNC to take an order up."""
+_BETWEEN = 0.005
+"""s between two looks whether an order is read."""
 _EXPLAINED = 0.3
 """s within which an order of somebody else's shows as a changed override; else it is another."""
 _LINEAR, _ROTARY = "XYZ", "ABC"
@@ -232,8 +234,15 @@ class TouchBridge(Bridge):  # type: ignore[misc]
         return {"from": began}
 
     def _mdi(self, line: str) -> None:
+        """A line without a move; what is ordered while LinuxCNC still reads one can be lost."""
         self._command.mdi(line)
         self._command.wait_complete(_ACCEPTED)
+        end = time.monotonic() + _ACCEPTED
+        while time.monotonic() < end:
+            self._status.poll()
+            if self._idle():
+                break
+            time.sleep(_BETWEEN)
         self._serial, self._unexplained = self._command.serial, None
 
     def _in_program(self, tip: list[float]) -> list[float]:

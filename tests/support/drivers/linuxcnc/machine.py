@@ -43,13 +43,19 @@ def home():
         if all(s.homed[:s.joints]): break
         time.sleep(0.02)
     c.mode(linuxcnc.MODE_MDI); done()
-def mdi(text):
-    c.mode(linuxcnc.MODE_MDI); done(); c.mdi(text); done()
-    end = time.time() + 20
-    while time.time() < end:
-        s.poll()
-        if s.inpos and s.exec_state == linuxcnc.EXEC_DONE and s.queue == 0: break
+def rests():
+    s.poll()
+    over = s.exec_state in (linuxcnc.EXEC_DONE, linuxcnc.EXEC_ERROR) and s.queue == 0
+    return s.interp_state == linuxcnc.INTERP_IDLE and over and s.inpos
+def settle():
+    # one look may fall between an order's being taken up and its move's beginning
+    end, looks = time.time() + 60, 0
+    while time.time() < end and looks < 4:
+        looks = looks + 1 if rests() else 0
         time.sleep(0.01)
+def mdi(text):
+    # what is ordered while another order is being read can be lost
+    c.mode(linuxcnc.MODE_MDI); done(); settle(); c.mdi(text); done(); settle()
 def load(path): c.mode(linuxcnc.MODE_AUTO); done(); c.program_open(path); done()
 def step(): c.auto(linuxcnc.AUTO_STEP)
 def state():
