@@ -20,8 +20,7 @@ from tests.support.drivers.linuxcnc.links import ordered
 from tests.support.drivers.linuxcnc.touching_mill import TIP, TOOL, TouchingMill, says, tip
 from tests.support.drivers.opening import until
 
-# not dependable yet beside other work: see docs/linuxcnc.md
-pytestmark = [pytest.mark.integration, pytest.mark.calibration]
+pytestmark = pytest.mark.integration
 
 MIDDLE = np.array([40.0, -25.0, -160.0])
 SIZE = (60.0, 30.0, 20.0)
