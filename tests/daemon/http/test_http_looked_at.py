@@ -40,6 +40,16 @@ async def status_of(client: httpx.AsyncClient) -> RunStatus:
     return RunStatus.model_validate_json(answer.content)
 
 
+async def says(client: httpx.AsyncClient, state: str) -> RunStatus:
+    """The status that says so: what is shown lies a moment behind the cycle."""
+
+    async def is_said() -> bool:
+        return (await status_of(client)).state == state
+
+    await until(is_said)
+    return await status_of(client)
+
+
 async def lights(client: httpx.AsyncClient) -> tuple[int, int]:
     return (await client.get("/healthz")).status_code, (await client.get("/readyz")).status_code
 
@@ -72,8 +82,7 @@ def down(found: Observed) -> Iterator[None]:
 async def test_what_is_said_is_what_is(tmp_path: Path) -> None:
     async with observed(tmp_path) as found, found.client() as client:
         full = await found.run.until(compensating)
-        status = await status_of(client)
-        assert status.state == "corrected in full"
+        await says(client, "corrected in full")
         assert await lights(client) == (200, 200)
         axes = {n: AxisStatus(**a) for n, a in (await client.get("/api/v1/axes")).json().items()}
         assert axes["X"].indicated == pytest.approx(350.0)
@@ -114,6 +123,7 @@ async def test_metrics_by_the_official_parsers(tmp_path: Path) -> None:
     """Each value again as the status has it; stale positions are not there at all."""
     async with observed(tmp_path) as found, found.client() as client:
         await found.run.until(compensating)
+        await says(client, "corrected in full")
         wanted = {"accept": "application/openmetrics-text; version=1.0.0"}
         answer = await client.get("/metrics", headers=wanted)
         status = await status_of(client)
@@ -162,7 +172,7 @@ async def test_without_an_output_ready_is_what_is_computed_in_full(tmp_path: Pat
     outputs = text[start : text.index("[links.", start)]
     async with observed(tmp_path, {outputs: ""}) as found, found.client() as client:
         await found.run.until(compensating)
-        assert (await status_of(client)).state == "computed, not written"
+        await says(client, "computed, not written")
         assert await lights(client) == (200, 200)
         text = (await client.get("/metrics")).text
         assert "abbe_corrected_in_full 0.0" in text
