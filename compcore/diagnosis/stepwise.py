@@ -31,6 +31,9 @@ from abbe.compcore.model.revise import with_effect, without_effect
 
 Progress = Callable[[str], None]
 
+Grown = list[tuple[Model, Effect]]
+"""A model with one effect more each time, and that effect."""
+
 MOST_STEPS = 40
 """A model that needs more effects is looked at by its user first."""
 
@@ -285,22 +288,23 @@ class _StepwiseCourse:
     def _add_together(self, effects: Sequence[Effect]) -> bool:
         """Add several effects if with all of them left-out blocks are predicted better."""
         self._progress(f"adding {len(effects)} effects together")
-        grown = [self._last.result.model]
-        added = []
-        for effect in effects:
-            model, one = with_effect(grown[-1], effect.kind, effect.where())
-            grown.append(model)
-            added.append(one)
-        found = self._better(grown[-1], added, _FALLS)
+        grown = _grown(self._last.result.model, effects)
+        found = self._better(grown[-1][0], [one for _, one in grown], _FALLS)
         if found is None:
             return False
-        for one, model in zip(added[:-1], grown[1:-1], strict=True):
-            result = fit(model, self._campaign, near=True)
-            self._make("added together", one, result, LeftOutErrors.of(result))
-        self._make("added", added[-1], *found)
-        for one, model in zip(added, grown[1:], strict=True):
-            self._adopt(model, one)
+        self._make_together("added together", "added", grown, *found)
         return True
+
+    def _make_together(
+        self, before: str, last: str, grown: Grown, result: FitResult, out: LeftOutErrors
+    ) -> None:
+        """Steps of effects that belong together: the first ones fitted as they come, then all."""
+        for model, one in grown[:-1]:
+            partly = fit(model, self._campaign, near=True)
+            self._make(before, one, partly, LeftOutErrors.of(partly))
+        self._make(last, grown[-1][1], result, out)
+        for model, one in grown:
+            self._adopt(model, one)
 
     def _adopt(self, model: Model, added: Effect) -> None:
         """Count an effect among those that were added."""
@@ -371,34 +375,41 @@ class _StepwiseCourse:
         """
         before = self._last
         weight = before.result.thin.problem.weight
-        best: tuple[float, Effect, FitResult, LeftOutErrors] | None = None
-        for effect in descriptions(diagnosis):
-            if effect in before.result.model.effects or self.refused_now(effect):
+        best: tuple[float, Grown, FitResult] | None = None
+        for effects in descriptions(diagnosis):
+            known = before.result.model.effects
+            if any(e in known or self.refused_now(e) for e in effects):
                 continue
-            self._progress(f"describing by {effect.kind}")
-            more, added = with_effect(before.result.model, effect.kind, effect.where())
+            self._progress(f"describing by {effects[0].kind}")
+            grown = _grown(before.result.model, effects)
+            more, _ = grown[-1]
             try:
                 result = fit(more, self._campaign, near=True)
             except FitError:
                 continue
-            along = added.positions_used(more.machine)
-            was = LeftOutErrors.of(before.result, (added,), along=along)
-            now = LeftOutErrors.of(result, (added,), along=along)
+            added = [one for _, one in grown]
+            along = added[0].positions_used(more.machine) if len(added) == 1 else ()
+            was = LeftOutErrors.of(before.result, added, along=along)
+            now = LeftOutErrors.of(result, added, along=along)
             if was.falls_to(now, result, bound=False) > 1.0 - LEAST:
                 continue
             weighted = now.left.residual * weight
             left = float(weighted @ weighted)
             if surely(was.left, now.left, weight) and (best is None or left < best[0]):
-                best = left, added, result, LeftOutErrors.of(result)
+                best = left, grown, result
         if best is None:
             return False
-        _, effect, result, out = best
-        self._make("described", effect, result, out)
-        self._adopt(result.model, effect)
+        _, grown, result = best
+        self._make_together("described", "described", grown, result, LeftOutErrors.of(result))
         return True
 
     def prune(self) -> bool:
-        """Take out what was added and is superfluous by now."""
+        """Take out what was added and is superfluous by now.
+
+        A formula names no cause: beside one none goes for saying the same.
+        """
+        if any(e.kind == "formula" for e in self._added):
+            return False
         before = len(self._added)
         for effect in list(self._added):
             self._progress(f"without {effect.kind}")
@@ -433,6 +444,15 @@ class _StepwiseCourse:
         if not all(sound(result.model, e) for e in changed):
             return None
         return result, LeftOutErrors.of(result)
+
+
+def _grown(model: Model, effects: Sequence[Effect]) -> Grown:
+    """A model with one effect more and more, and each effect as the model has it."""
+    grown: Grown = []
+    for effect in effects:
+        model, added = with_effect(model, effect.kind, effect.where())
+        grown.append((model, added))
+    return grown
 
 
 def _motions_first(effects: Sequence[Effect]) -> list[Effect]:

@@ -1,4 +1,4 @@
-"""What a spreadsheet would do where no cause is left: a curve along an axis, a short formula.
+"""What a spreadsheet would do where no cause is left: a curve, a short formula, a polynomial.
 
 No evidence is asked of a description, and it names no cause: it is taken for what it foretells of
 left-out blocks alone. So nobody ends worse than with a table of the axis's own positions, however
@@ -17,6 +17,7 @@ from abbe.compcore.diagnosis.explain import formula
 from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.diagnosis.screening.candidates import finer
 from abbe.compcore.diagnosis.screening.left_out.crossvalidation import FOLDS, LeftOut
+from abbe.compcore.diagnosis.uncatalogued.over_the_volume import smooth_errors
 from abbe.compcore.distributions import log_f_beyond
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.formula import Formula
@@ -35,8 +36,11 @@ _CHANCE = 0.05
 """Chance of so large a mean fall over the blocks by their scatter alone: Student's t, one side."""
 
 
-def descriptions(diagnosis: Findings) -> Iterator[Effect]:
-    """The descriptions that a model may be given, those of an axis's own position first."""
+def descriptions(diagnosis: Findings) -> Iterator[tuple[Effect, ...]]:
+    """The descriptions that a model may be given, those of an axis's own position first.
+
+    Each is one effect, or one for every direction that belong together.
+    """
     model, campaign = diagnosis.result.model, diagnosis.result.problem.campaign
     coverage = campaign.coverage()
     axes = [a for a in model.machine.structure.axes if a in coverage.moving]
@@ -50,14 +54,15 @@ def descriptions(diagnosis: Findings) -> Iterator[Effect]:
                 own.append(Backlash(axis=axis))
             for plain in own:
                 for effect in _known(model, plain):
-                    yield effect
+                    yield (effect,)
                     for detail in finer(effect, distinct, extent):
-                        yield effect.model_copy(update=detail)
+                        yield (effect.model_copy(update=detail),)
     for structure in diagnosis.structure:
         # what goes with time says nothing of another day
         if "t" not in structure.depends_on and (spec := formula(structure)) is not None:
             channel, terms = spec.removeprefix("formula channel=").split(" terms=", 1)
-            yield Formula.model_validate({"channel": channel, "terms": terms})
+            yield (Formula.model_validate({"channel": channel, "terms": terms}),)
+    yield from smooth_errors(model.machine, campaign)
 
 
 def _known(model: Model, plain: Effect) -> list[Effect]:
