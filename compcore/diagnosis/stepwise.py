@@ -18,7 +18,7 @@ from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutEr
 from abbe.compcore.diagnosis.soundness import apart, sound, worth
 from abbe.compcore.diagnosis.strays import Stray
 from abbe.compcore.diagnosis.thermometers import further_thermometers, warmth_together
-from abbe.compcore.diagnosis.uncatalogued.descriptions import LEAST, descriptions, surely
+from abbe.compcore.diagnosis.uncatalogued.chosen import Grown, best_beside, best_instead, grown
 from abbe.compcore.diagnosis.verdict import Diagnosis, lacking
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.temperature.lengths import ThermalOffset
@@ -30,9 +30,6 @@ from abbe.compcore.model.model import Model
 from abbe.compcore.model.revise import with_effect, without_effect
 
 Progress = Callable[[str], None]
-
-Grown = list[tuple[Model, Effect]]
-"""A model with one effect more each time, and that effect."""
 
 MOST_STEPS = 40
 """A model that needs more effects is looked at by its user first."""
@@ -288,22 +285,22 @@ class _StepwiseCourse:
     def _add_together(self, effects: Sequence[Effect]) -> bool:
         """Add several effects if with all of them left-out blocks are predicted better."""
         self._progress(f"adding {len(effects)} effects together")
-        grown = _grown(self._last.result.model, effects)
-        found = self._better(grown[-1][0], [one for _, one in grown], _FALLS)
+        more = grown(self._last.result.model, effects)
+        found = self._better(more[-1][0], [one for _, one in more], _FALLS)
         if found is None:
             return False
-        self._make_together("added together", "added", grown, *found)
+        self._make_together("added together", "added", more, *found)
         return True
 
     def _make_together(
-        self, before: str, last: str, grown: Grown, result: FitResult, out: LeftOutErrors
+        self, before: str, last: str, more: Grown, result: FitResult, out: LeftOutErrors
     ) -> None:
         """Steps of effects that belong together: the first ones fitted as they come, then all."""
-        for model, one in grown[:-1]:
+        for model, one in more[:-1]:
             partly = fit(model, self._campaign, near=True)
             self._make(before, one, partly, LeftOutErrors.of(partly))
-        self._make(last, grown[-1][1], result, out)
-        for model, one in grown:
+        self._make(last, more[-1][1], result, out)
+        for model, one in more:
             self._adopt(model, one)
 
     def _adopt(self, model: Model, added: Effect) -> None:
@@ -371,44 +368,42 @@ class _StepwiseCourse:
     def describe(self, diagnosis: Diagnosis) -> bool:
         """Describe what no cause explains, where that foretells left-out blocks surely better.
 
-        Of all descriptions the one that foretells best.
+        Of all descriptions the one that foretells best: beside the causes; or over the whole volume
+        in place of them, where they foretell surely worse than it does by itself.
         """
-        before = self._last
-        weight = before.result.thin.problem.weight
-        best: tuple[float, Grown, FitResult] | None = None
-        for effects in descriptions(diagnosis):
-            known = before.result.model.effects
-            if any(e in known or self.refused_now(e) for e in effects):
-                continue
-            self._progress(f"describing by {effects[0].kind}")
-            grown = _grown(before.result.model, effects)
-            more, _ = grown[-1]
-            try:
-                result = fit(more, self._campaign, near=True)
-            except FitError:
-                continue
-            added = [one for _, one in grown]
-            along = added[0].positions_used(more.machine) if len(added) == 1 else ()
-            was = LeftOutErrors.of(before.result, added, along=along)
-            now = LeftOutErrors.of(result, added, along=along)
-            if was.falls_to(now, result, bound=False) > 1.0 - LEAST:
-                continue
-            weighted = now.left.residual * weight
-            left = float(weighted @ weighted)
-            if surely(was.left, now.left, weight) and (best is None or left < best[0]):
-                best = left, grown, result
-        if best is None:
+        self._progress("describing what no cause explains")
+        before = self._last.result
+        if self._added and not _described(before.model.effects):
+            bare = self.steps[0].result.model
+            instead = best_instead(before, bare, self._campaign, self.refused_now)
+            if instead is not None:
+                self._replace(instead)
+                return True
+        found = best_beside(before, self._campaign, diagnosis, self.refused_now)
+        if found is None:
             return False
-        _, grown, result = best
-        self._make_together("described", "described", grown, result, LeftOutErrors.of(result))
+        more, result = found
+        self._make_together("described", "described", more, result, LeftOutErrors.of(result))
         return True
+
+    def _replace(self, effects: Sequence[Effect]) -> None:
+        """Describe, then take out what was added before."""
+        added = list(self._added)
+        more = grown(self._last.result.model, effects)
+        result = fit(more[-1][0], self._campaign, near=True)
+        self._make_together("described", "described", more, result, LeftOutErrors.of(result))
+        for effect in added:
+            less, _ = without_effect(self._last.result.model, effect.spec)
+            result = fit(less, self._campaign, near=True)
+            self._make("removed", effect, result, LeftOutErrors.of(result))
+            self._added.remove(effect)
 
     def prune(self) -> bool:
         """Take out what was added and is superfluous by now.
 
         A formula names no cause: beside one none goes for saying the same.
         """
-        if any(e.kind == "formula" for e in self._added):
+        if _described(self._added):
             return False
         before = len(self._added)
         for effect in list(self._added):
@@ -446,13 +441,9 @@ class _StepwiseCourse:
         return result, LeftOutErrors.of(result)
 
 
-def _grown(model: Model, effects: Sequence[Effect]) -> Grown:
-    """A model with one effect more and more, and each effect as the model has it."""
-    grown: Grown = []
-    for effect in effects:
-        model, added = with_effect(model, effect.kind, effect.where())
-        grown.append((model, added))
-    return grown
+def _described(effects: Sequence[Effect]) -> bool:
+    """Whether there is a formula among effects: it names no cause."""
+    return any(e.kind == "formula" for e in effects)
 
 
 def _motions_first(effects: Sequence[Effect]) -> list[Effect]:

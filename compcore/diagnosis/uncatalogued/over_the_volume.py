@@ -47,10 +47,11 @@ def smooth_errors(machine: Machine, campaign: Campaign) -> Iterator[tuple[Effect
     moving = campaign.coverage().moving
     axes = [a for a in machine.structure.axes if a in moving and not machine.axis(a).rotary]
     lengths = np.isin(campaign.kind, LENGTHS)
-    shown = np.abs(campaign.conditions.u[lengths]).max(axis=0, initial=0.0) > _SEEN
-    channels = [d for d, seen in zip(_DIRECTIONS, shown, strict=True) if seen]
-    if len(axes) < 2 or not channels:
+    along = campaign.conditions.u
+    if len(axes) < 2 or along is None or not lengths.any():
         return
+    shown = np.abs(along[lengths]).max(axis=0) > _SEEN
+    channels = [d for d, seen in zip(_DIRECTIONS, shown, strict=True) if seen]
     places = _places(campaign, axes, lengths)
     for degree in _DEGREES:
         for least in (2, 1):  # axes in a product

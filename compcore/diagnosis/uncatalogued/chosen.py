@@ -1,0 +1,113 @@
+"""The description that foretells left-out blocks best, beside the causes or in place of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.diagnosis.findings import Findings
+from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
+from abbe.compcore.diagnosis.uncatalogued.descriptions import LEAST, descriptions, surely
+from abbe.compcore.diagnosis.uncatalogued.over_the_volume import smooth_errors
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.errors import FitError
+from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.model.model import Model
+from abbe.compcore.model.revise import with_effect
+
+Grown = list[tuple[Model, Effect]]
+"""A model with one effect more each time, and that effect."""
+
+Refused = Callable[[Effect], bool]
+
+
+def grown(model: Model, effects: Iterable[Effect]) -> Grown:
+    """A model with one effect more and more, not fitted, and each effect as the model has it.
+
+    Raises
+    ------
+    InputError
+        As `with_effect`.
+    """
+    found: Grown = []
+    for effect in effects:
+        model, added = with_effect(model, effect.kind, effect.where())
+        found.append((model, added))
+    return found
+
+
+def best_beside(
+    before: FitResult, campaign: Campaign, diagnosis: Findings, refused: Refused
+) -> tuple[Grown, FitResult] | None:
+    """The description that foretells best beside all causes of a model; None where none does.
+
+    Parameters
+    ----------
+    before
+        The model's fit.
+    campaign
+        Its rows.
+    diagnosis
+        Of that fit.
+    refused
+        Whether an effect has been refused beside this model.
+    """
+    weight = before.thin.problem.weight
+    best: tuple[float, Grown, FitResult] | None = None
+    for effects in descriptions(diagnosis):
+        if any(e in before.model.effects or refused(e) for e in effects):
+            continue
+        more = grown(before.model, effects)
+        try:
+            result = fit(more[-1][0], campaign, near=True)
+        except FitError:
+            continue
+        added = [one for _, one in more]
+        along = added[0].positions_used(before.model.machine) if len(added) == 1 else ()
+        was = LeftOutErrors.of(before, added, along=along)
+        now = LeftOutErrors.of(result, added, along=along)
+        if was.falls_to(now, result, bound=False) > 1.0 - LEAST:
+            continue
+        left = float(np.sum((now.left.residual * weight) ** 2))
+        if surely(was.left, now.left, weight) and (best is None or left < best[0]):
+            best = left, more, result
+    return None if best is None else best[1:]
+
+
+def best_instead(
+    before: FitResult, bare: Model, campaign: Campaign, refused: Refused
+) -> Sequence[Effect] | None:
+    """A smooth error over the volume that foretells better than all that was added to a model.
+
+    Error motions of single axes may imitate a machine that has no such axes, an arm of joints that
+    is told X, Y and Z: all together they take more coefficients, and say worse what lies between.
+
+    Parameters
+    ----------
+    before
+        The fit of the model with all that was added.
+    bare
+        The model as it was given.
+    campaign
+        The rows.
+    refused
+        Whether an effect has been refused beside this model.
+    """
+    weight = before.thin.problem.weight
+    best: tuple[float, Sequence[Effect]] | None = None
+    for effects in smooth_errors(bare.machine, campaign):
+        if any(map(refused, effects)):
+            continue
+        try:
+            alone = fit(grown(bare, effects)[-1][0], campaign, near=True)
+        except FitError:
+            continue
+        was, now = (LeftOutErrors.of(r, effects).left for r in (before, alone))
+        held, left = (float(np.sum((x.residual * weight) ** 2)) for x in (was, now))
+        if left > (1.0 - LEAST) * held or not surely(was, now, weight):
+            continue
+        if best is None or left < best[0]:
+            best = left, effects
+    return None if best is None else best[1]
