@@ -22,6 +22,7 @@ from abbe.compcore.planning.instruments import PlannedInstrument
 from abbe.compcore.planning.knowledge import CHANGED, VolumeError, added, prior
 from abbe.compcore.planning.plan import SurveyPlan, campaign_of, ordered
 from abbe.compcore.planning.planned_setup import PlannedSetup
+from abbe.compcore.planning.setups.gauges import probed_gauges
 from abbe.compcore.planning.setups.lines import axis_lines, diagonals
 from abbe.compcore.planning.setups.points import gauge_blocks
 from abbe.compcore.planning.setups.rotations import turns
@@ -39,6 +40,7 @@ _ALONG = 1.0 - 1e-4
 _STILL = 1e-6
 """mm or rad below which an axis does not move."""
 _LONG = ("laser", "step-gauge")
+_GAUGES = ("step-gauge", "gauge-block")
 _TURN = "rotary-calibrator"
 CHECKED_BY = ("laser", "step-gauge", "gauge-block", _TURN)
 """Instruments of check plans."""
@@ -110,6 +112,9 @@ def plan_check(
 def _lines(task: SurveyTask, instruments: Sequence[PlannedInstrument]) -> Iterator[PlannedSetup]:
     """Lines and lengths; with other steps than those of usual plans, so that targets are new."""
     for instrument in instruments:
+        if task.gauge is not None and instrument.key in _GAUGES:
+            yield from probed_gauges(task, instrument, task.gauge)
+            continue
         if instrument.key in _LONG:
             for axis in task.machine.structure.linear:
                 count = task.count(axis) + 2

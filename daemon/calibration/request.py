@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from abbe.compcore.errors import InputError
+from abbe.compcore.files.gauge_file import read_gauge
 from abbe.compcore.machine.machine import Machine
 from abbe.daemon.config import Configuration
 
@@ -87,10 +89,56 @@ class CalibrationRequest:
     @property
     def instruments(self) -> str:
         """The plan's instruments that the configuration has, comma-separated."""
+        if self.touches:
+            return self.touches
         names: dict[str, None] = {}
         for name, section in self.configuration.file.instrument.items():
             names |= dict.fromkeys(section.measures or (name,))
         return ",".join(names)
+
+    @property
+    def touches(self) -> str:
+        """The plan's instrument whose artefact the machine touches by itself; or empty.
+
+        Only where nothing else measures: a plate before a gauge before a sphere.
+        """
+        section = self.configuration.file.probing
+        if section is None or self.configuration.file.instrument:
+            return ""
+        if section.plate is not None:
+            return "ball-plate"
+        return self._gauge_kind or "sphere"
+
+    @property
+    def plate(self) -> Path | None:
+        """Certificate of the plate that the machine touches in the plan."""
+        section = self.configuration.file.probing
+        named = section.plate if section is not None and self.touches else None
+        return None if named is None else self.config.parent / named
+
+    @property
+    def gauge(self) -> Path | None:
+        """Certificate of the gauge that it touches in the plan or in the check plan."""
+        section = self.configuration.file.probing
+        touches = section is not None and not self.configuration.file.instrument
+        named = section.gauge if section is not None and touches else None
+        return None if named is None else self.config.parent / named
+
+    @property
+    def checked_by(self) -> str:
+        """The check plan's instruments; empty where what is touched has no line to judge."""
+        from abbe.compcore.planning.check_lines import CHECKED_BY
+
+        if self.touches:
+            return self._gauge_kind
+        own = [name for name in self.instruments.split(",") if name in CHECKED_BY]
+        return ",".join(own) or "laser"
+
+    @property
+    def _gauge_kind(self) -> str:
+        if self.gauge is None:
+            return ""
+        return "gauge-block" if len(read_gauge(self.gauge).faces) == 2 else "step-gauge"
 
     @property
     def uploads(self) -> bool:
@@ -117,6 +165,17 @@ class CalibrationRequest:
     def file(self, name: str) -> Path:
         """A file of the calibration."""
         return self.folder / name
+
+
+def require_measured_with(configuration: Configuration) -> None:
+    """Refuse a configuration that has nothing to measure with; raises `InputError`."""
+    if not configuration.file.instrument and configuration.file.probing is None:
+        raise InputError(
+            "no instrument to measure with",
+            file=configuration.path,
+            field="instrument",
+            expected="a section [instrument.laser], …, or [probing] (docs/measure.md)",
+        )
 
 
 def _as_typed(value: object) -> str:

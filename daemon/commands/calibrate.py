@@ -56,7 +56,7 @@ def calibrate(
     An example: abbe calibrate cmm.toml --time 4h --tool P=0,0,-150
     """
     from abbe.compcore.errors import AbbeError, InputError
-    from abbe.daemon.calibration.request import CalibrationRequest
+    from abbe.daemon.calibration.request import CalibrationRequest, require_measured_with
     from abbe.daemon.commands.calibration.guide import calibrate as lead
     from abbe.daemon.config import load_config
     from abbe.daemon.measure.person import somebody_there
@@ -64,20 +64,27 @@ def calibrate(
     if not yes and not somebody_there():
         raise AbbeError("nobody can be asked (no terminal): say --yes")
     configuration = load_config(config)
-    if not configuration.file.instrument:
-        raise InputError(
-            "no instrument to measure with",
-            file=config,
-            field="instrument",
-            expected="a section [instrument.laser], … (docs/measure.md)",
-        )
+    require_measured_with(configuration)
     request = CalibrationRequest(
         configuration, folder, time, check_time, tuple(tool or ()), controller, tables, yes,
         feed=feed, stands=stands, at=tuple(at or ("reference",)),
     )  # fmt: skip
+
+    if controller and request.touches:
+        raise InputError(
+            f"a {request.touches} has no program: Abbe moves the machine",
+            field="controller",
+            found=controller,
+            expected="no --controller",
+        )
 
     def ask(question: str) -> bool:
         return yes or typer.confirm(question, default=True)
 
     if lead(request, typer.echo, ask, upto):
         typer.echo(f"calibrated: {folder}")
+        if not request.checked_by:
+            typer.echo(
+                f"not verified: a {request.touches} shows no lines to judge; `abbe verify` does by "
+                "a gauge ([probing] gauge) or a laser"
+            )

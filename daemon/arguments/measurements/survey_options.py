@@ -25,3 +25,10 @@ KeepOutBoxes = Annotated[
 ToolRadius = Annotated[
     float, typer.Option(callback=within(0.0, 1000.0, "mm"), help="Tool with its holder, mm.")
 ]
+GaugeAtHand = Annotated[
+    Path | None,
+    typer.Option(
+        help="The gauge block or step gauge at hand, which the machine touches itself: face,at.",
+        metavar="GAUGE.csv",
+    ),
+]

@@ -37,7 +37,8 @@ def steps_of(
     yield from _measured(request, state)
     yield from _modelled(request, say, ask)
     yield from _applied(request)
-    yield from _verified(request, state)
+    if request.checked_by:
+        yield from _verified(request, state)
 
 
 def _measured(request: CalibrationRequest, state: CalibrationState) -> Iterator[CalibrationStep]:
@@ -63,10 +64,12 @@ def _measured(request: CalibrationRequest, state: CalibrationState) -> Iterator[
 
         plan(
             model, instruments=request.instruments, time=request.time, out=plan_file,
-            tool=list(request.tools),
+            tool=list(request.tools), plate=request.plate,
+            gauge=request.gauge if request.touches != "ball-plate" else None,
         )  # fmt: skip
 
-    yield CalibrationStep("plan", "which measurements", (model,), (plan_file,), planned)
+    made_from = tuple(p for p in (model, request.plate, request.gauge) if p is not None)
+    yield CalibrationStep("plan", "which measurements", made_from, (plan_file,), planned)
     yield from _program(request, state, "program", plan_file, file(PROGRAM), model)
 
     def measured() -> None:
@@ -95,7 +98,7 @@ def _program(
             stands=float(settings["stands"]) if settings["stands"] else None,
         )  # fmt: skip
 
-    if request.controller:
+    if request.controller and not request.touches:
         yield CalibrationStep(name, "the program of it", (plan_file,), (out,), made, settings)
 
 
@@ -157,13 +160,11 @@ def _verified(request: CalibrationRequest, state: CalibrationState) -> Iterator[
     active = calibrated if request.uploads else None
 
     def planned() -> None:
-        from abbe.compcore.planning.check_lines import CHECKED_BY
         from abbe.daemon.commands.measurements.verify import verify
 
-        own = [name for name in request.instruments.split(",") if name in CHECKED_BY]
         verify(
             calibrated, out=plan_file, fitted=[campaign], time=request.check_time, runs=2,
-            tool=list(request.tools), instruments=",".join(own) or "laser",
+            tool=list(request.tools), instruments=request.checked_by, gauge=request.gauge,
         )  # fmt: skip
 
     made_from = (calibrated, campaign)

@@ -10,6 +10,7 @@ import typer
 
 from abbe.daemon.arguments.bounded import within
 from abbe.daemon.arguments.measurements.survey_options import (
+    GaugeAtHand,
     Instruments,
     KeepOutBoxes,
     PlanOut,
@@ -65,13 +66,7 @@ def plan(
             metavar="PLATE.csv",
         ),
     ] = None,
-    gauge: Annotated[
-        Path | None,
-        typer.Option(
-            help="The gauge block or step gauge at hand, likewise: face,at.",
-            metavar="GAUGE.csv",
-        ),
-    ] = None,
+    gauge: GaugeAtHand = None,
     apart: Annotated[
         list[str] | None,
         typer.Option(help="Tell these causes apart instead; give two or more.", metavar="EFFECT"),

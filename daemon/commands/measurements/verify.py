@@ -19,6 +19,7 @@ from abbe.daemon.arguments.measurements.sure import (
     TemperatureSd,
 )
 from abbe.daemon.arguments.measurements.survey_options import (
+    GaugeAtHand,
     Instruments,
     KeepOutBoxes,
     PlanOut,
@@ -30,6 +31,7 @@ from abbe.daemon.arguments.options import ActiveModel, AsJson, Force, Report
 
 if TYPE_CHECKING:
     from abbe.compcore.planning.plan import SurveyPlan
+    from abbe.compcore.planning.targets import SurveyTask
     from abbe.daemon.answers.measurements.verified_files import FittedCampaigns, NamedModel
     from abbe.daemon.outputs import Say
 
@@ -83,6 +85,7 @@ def verify(
     time: TimeThere = "4h",
     runs: Annotated[int, typer.Option(help="Of each planned line, each way.", min=1, max=100)] = 5,
     tool: Tools = None,
+    gauge: GaugeAtHand = None,
     keep_out: KeepOutBoxes = None,
     tool_radius: ToolRadius = 0.0,
     as_json: AsJson = False,
@@ -109,7 +112,7 @@ def verify(
         tuple(campaigns or []), tuple(before or []), active, check, tables, tuple(fitted or [])
     )
     say = check_outputs(
-        [model, *files.all()], [(out, PLAN), (report, REPORT)], force=force, as_json=as_json
+        [model, gauge, *files.all()], [(out, PLAN), (report, REPORT)], force=force, as_json=as_json
     )
     if bool(files.campaigns) == (out is not None):
         raise InputError(
@@ -122,7 +125,17 @@ def verify(
     named = named_model(model)
     known = fitted_campaigns(named, files.fitted)
     if out is not None:
-        made = _planned(named, known, instruments, time, tool, keep_out, tool_radius, runs)
+        from abbe.compcore.files.gauge_file import read_gauge
+        from abbe.compcore.planning.envelope import WorkingSpace
+        from abbe.compcore.planning.targets import SurveyTask
+        from abbe.daemon.arguments.plan_arguments import keep_out_of, seconds_of, tools_of
+
+        space = WorkingSpace(keep_out_of(keep_out or []), tool_radius)
+        task = SurveyTask(
+            named.model, space, tools_of(tool or []),
+            gauge=None if gauge is None else read_gauge(gauge),
+        )  # fmt: skip
+        made = _planned(task, known, instruments, seconds_of(time), runs)
         _tell_plan(made, named, known, out, report, say, as_json=as_json)
         return
 
@@ -155,22 +168,16 @@ def verify(
 
 
 def _planned(
-    named: NamedModel, known: FittedCampaigns, instruments: str | None, time: str,
-    tool: list[str] | None, keep_out: list[str] | None, tool_radius: float, runs: int,
-) -> SurveyPlan:  # fmt: skip
+    task: SurveyTask, known: FittedCampaigns, instruments: str | None, seconds: float, runs: int
+) -> SurveyPlan:
     """The check plan."""
     from abbe.compcore.planning.check_lines import plan_check
-    from abbe.compcore.planning.envelope import WorkingSpace
     from abbe.compcore.planning.instruments import instruments_called
-    from abbe.compcore.planning.targets import SurveyTask
-    from abbe.daemon.arguments.plan_arguments import keep_out_of, seconds_of, tools_of
     from abbe.daemon.progress import shown
 
-    space = WorkingSpace(keep_out_of(keep_out or []), tool_radius)
-    task = SurveyTask(named.model, space, tools_of(tool or []))
     called = instruments_called([w.strip() for w in (instruments or "laser").split(",")])
     with shown("lines that were not fitted"):
-        return plan_check(task, called, seconds_of(time), known.campaign, runs=runs)
+        return plan_check(task, called, seconds, known.campaign, runs=runs)
 
 
 def _tell_plan(

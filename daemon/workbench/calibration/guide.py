@@ -11,7 +11,7 @@ from typing import Any
 from abbe.compcore.errors import AbbeError, InputError
 from abbe.compcore.files.plan_file import PlannedWork, read_plan
 from abbe.compcore.planning.targets import SurveyTask
-from abbe.daemon.calibration.request import CalibrationRequest
+from abbe.daemon.calibration.request import CalibrationRequest, require_measured_with
 from abbe.daemon.calibration.state import CalibrationState, make_folder
 from abbe.daemon.calibration.step import CERTIFICATE, CHECK_PLAN, PLAN, TABLES, StepNow
 from abbe.daemon.config import Configuration
@@ -69,7 +69,7 @@ class CalibrationGuide:
     Raises
     ------
     InputError
-        For a configuration without an instrument, and a folder of another one.
+        For a configuration with nothing to measure with, and a folder of another one.
     """
 
     def __init__(
@@ -88,11 +88,7 @@ class CalibrationGuide:
         self._desk: TableDesk | None = None
         self._uploaded_last = False
         configuration = self._fresh.now()
-        if not configuration.file.instrument:
-            raise InputError(
-                "no instrument to measure with", file=config, field="instrument",
-                expected="a section [instrument.laser], … (docs/measure.md)",
-            )  # fmt: skip
+        require_measured_with(configuration)
         self._steps_now(self._request(configuration))
         kept = CalibrationState.read(folder, config).asked
         if kept:
