@@ -1,4 +1,4 @@
-"""`abbe calibrate` of a machine that only probes: by a plate and a gauge, from plan to certificate."""
+"""`abbe calibrate` of a machine that only probes: a plate, a gauge, from plan to certificate."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def test_by_a_plate_and_verified_by_a_block(
         truth = plate_measuring.exact(process, at)["errors"] @ found.conditions.u[rows[0]]
         assert 1e3 * np.diff(found.value[rows])[0] == pytest.approx(1e3 * np.diff(truth)[0], abs=1)
     page = (own / "certificate.html").read_text("utf-8")
-    words = "what was measured is not what the model foretells"
+    words = "the model does not foretell 01_gauge_block"
     assert words in page
     assert words in capsys.readouterr().out
 
