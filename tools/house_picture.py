@@ -60,6 +60,7 @@ DRIVERS: tuple[Rooms, ...] = (
         ("linuxcnc", "HAL"),
         ("ipp", "I++ DME"),
         ("opcua", "OPC UA"),
+        ("mtconnect", "MTConnect"),
     ),
     (
         ("transducers", "counts, ohms → mm, °C"),

@@ -29,7 +29,16 @@ def folder_of(driver: str) -> Path:
 
 
 def test_all_links_are_looked_at() -> None:
-    assert set(OURS) == {"modbus", "serial", "linuxcnc", "can", "canopen", "ipp", "opcua"}
+    assert set(OURS) == {
+        "modbus",
+        "serial",
+        "linuxcnc",
+        "can",
+        "canopen",
+        "ipp",
+        "opcua",
+        "mtconnect",
+    }
 
 
 @pytest.mark.parametrize("driver", sorted(OURS))
