@@ -117,9 +117,9 @@ async def test_no_damage_to_a_document_is_a_traceback(data: st.DataObject) -> No
     for _ in range(data.draw(st.integers(1, 4))):
         at = data.draw(st.integers(0, len(raw) - 1))
         raw[at : at + data.draw(st.integers(0, 30))] = data.draw(st.binary(max_size=8))
+    said, found = "", None
     try:
         found = await document_of(bytes(raw), frozenset(("Xact",)))
     except LinkProtocolError as error:
-        assert len(str(error)) < 400
-    else:
-        assert found.root.startswith("MTConnect")
+        said = str(error)
+    assert found.root.startswith("MTConnect") if found else 0 < len(said) < 400

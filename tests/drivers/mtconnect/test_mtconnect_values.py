@@ -28,11 +28,12 @@ async def test_what_changes_is_followed(agent: MillAgent) -> None:
         # what did not change is as it was, and both are of this question
         assert [found[name].value for name in ("x", "T")] == [-0.725, 20.25]
         assert all(before <= found[name].time <= time.monotonic() for name in ("x", "T"))
+        assert (await link.read(("x",)))["x"].value == -0.725
     kinds = [target.split("?")[0].rpartition("/")[2] for target in agent.asked]
-    assert kinds == ["probe", "current", "sample", "sample"]
+    assert kinds == ["probe", "current", "sample", "sample", "sample"]
     assert agent.connections == 1
-    assert "from=14&" in agent.asked[2]
-    assert "from=15&" in agent.asked[3]
+    assert all("from=14&" in target for target in agent.asked[2:4])
+    assert "from=15&" in agent.asked[4]
 
 
 async def test_all_of_a_bufferful_is_one_answer_and_more_is_asked_anew(agent: MillAgent) -> None:
