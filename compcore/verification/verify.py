@@ -54,8 +54,11 @@ class VerificationRequest:
     coverage
         The factor k of U = k·u.
     planned
-        Set-ups of the check plan; only these count, and those that are missing are said. Empty:
-        all of the campaign.
+        Set-ups of the check plan; only these and their parts (``01_laser.2``, after an
+        interruption) count, and those that are missing are said. Empty: all of the campaign.
+    whole
+        Set-up of the check plan → rows that it has where all of it was measured in one go. One
+        of which no part has so many is missing: between two zeros nobody knows what lies.
     """
 
     before: Campaign | None = None
@@ -66,6 +69,7 @@ class VerificationRequest:
     sure: MeasuringUncertainty = field(default_factory=MeasuringUncertainty)
     coverage: float = COVERAGE
     planned: Sequence[str] = ()
+    whole: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +111,7 @@ class Verification:
     comparison
         The model beside what was measured before, or was put back.
     missing
-        Set-ups of the check plan that were not measured.
+        Set-ups of the check plan that were not measured, or not in one go.
     coverage
         The factor k.
     fitted_before
@@ -159,10 +163,13 @@ def verify(model: Model, campaign: Campaign, request: VerificationRequest) -> Ve
     require_type(model, Model, "model")
     require_type(campaign, Campaign, "campaign")
     machine, sure = model.machine, request.sure
-    missing = tuple(n for n in request.planned if n not in campaign.setups)
+    parts = _parts(campaign, request.planned)
+    missing = tuple(
+        n for n in request.planned if max(parts[n].values(), default=0) < request.whole.get(n, 1)
+    )
     bare = campaign if request.bare is None else request.bare
     if request.planned:
-        present = [n for n in request.planned if n in campaign.setups]
+        present = [part for n in request.planned for part in parts[n]]
         campaign, bare = _only(campaign, present), _only(bare, present)
     measured = request.bare is not None or request.before is not None
     corrected = campaign if measured else _corrected(campaign, model)
@@ -205,6 +212,17 @@ def verify(model: Model, campaign: Campaign, request: VerificationRequest) -> Ve
 def _rows(fitted: Mapping[str, FittedPart]) -> tuple[str, ...]:
     """Set-ups to whose very readings the model was fitted."""
     return tuple(name for name, part in fitted.items() if part is FittedPart.ROWS)
+
+
+def _parts(campaign: Campaign, planned: Sequence[str]) -> dict[str, dict[str, int]]:
+    """Planned set-up → its parts in a campaign, each with its number of rows."""
+    setup = campaign.conditions.setup
+    found: dict[str, dict[str, int]] = {name: {} for name in planned}
+    for part in campaign.setups if setup is not None else ():
+        name = part if part in found else part.partition(".")[0]
+        if name in found:
+            found[name][part] = int(np.count_nonzero(setup == part))
+    return found
 
 
 def _only(campaign: Campaign, names: Sequence[str]) -> Campaign:

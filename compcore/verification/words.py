@@ -40,7 +40,7 @@ def verification_warnings(found: Verification) -> Iterator[str]:
             "what it says of these lines is no foretelling"
         )
     if found.missing:
-        yield f"not measured of the check plan: {listed(found.missing)}"
+        yield f"not measured of the check plan in one go: {listed(found.missing)}"
     other = [
         v.after.setup for v in found.lines if v.foretold is not None and v.foretold.agrees is False
     ]

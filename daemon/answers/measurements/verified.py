@@ -130,6 +130,7 @@ def verified(
         means.sure(campaign, [s.instrument.key for s in planned]),
         coverage,
         [s.name for s in planned],
+        {s.name: s.count * s.runs * (1 + s.both_ways) * s.u.shape[1] for s in planned},
     )
     try:
         found = verify(model, campaign, request)

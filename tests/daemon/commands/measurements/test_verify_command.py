@@ -309,6 +309,14 @@ def test_what_of_the_check_plan_was_not_measured_is_no_pass(shop, planned, tmp_p
     done, found = verified(shop, part, *words)
     assert (found["outcome"], done.status) == ("neither", 4)
     assert any(gone in w and "not measured" in w for w in found["warnings"])
+    # ended on its way, and gone on with: two zeros, and no pass, though every row is there
+    own = [i for i, r in enumerate(lines) if f",{gone}," in r]
+    cut = own[len(own) // 2]
+    parts = [r.replace(f",{gone},", f",{gone}.2,") if i >= cut else r for i, r in enumerate(lines)]
+    for rows in (parts, [r for r in parts if f",{gone}.2," not in r]):
+        done, found = verified(shop, written(tmp_path / "parts.csv", *rows), *words)
+        assert (found["outcome"], done.status) == ("neither", 4)
+        assert any(gone in w and "not measured" in w for w in found["warnings"])
 
 
 def test_no_line_is_left(shop):
