@@ -108,8 +108,9 @@ class AgentFollower:
         if found.number("instanceId") != self._instance:
             raise _RestartedError("the agent started again")
         following, last = found.number("nextSequence"), found.number("lastSequence")
-        # more than was asked for, or its count goes backwards
-        if following <= last or following < self._next:
+        # more than was asked for, its count goes backwards, or what it kept is overwritten unsaid
+        lost = found.number("firstSequence") > self._next
+        if following <= last or following < self._next or lost:
             await self._current(self._instance)
             return
         self._take(found, asked_at, following)

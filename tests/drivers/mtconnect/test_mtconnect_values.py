@@ -48,6 +48,19 @@ async def test_all_of_a_bufferful_is_one_answer_and_more_is_asked_anew(agent: Mi
         assert (await link.read(("x",)))["x"].value == 0.5
 
 
+async def test_what_was_overwritten_unsaid_is_asked_for(agent: MillAgent) -> None:
+    agent.silent = True
+    async with linked(agent) as link:
+        agent.say(Stemp="30")
+        for n in range(agent.size):
+            agent.say(Xact=n)
+        # the temperature is in none of those that it kept
+        agent.size = 1
+        agent.say(Xact=99)
+        found = await link.read(("x", "T"))
+        assert [found[name].value for name in ("x", "T")] == [99.0, 30.0]
+
+
 async def test_who_is_behind_asks_what_is_so_now(agent: MillAgent) -> None:
     agent.size = 2000
     async with linked(agent) as link:

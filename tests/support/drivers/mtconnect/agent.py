@@ -40,6 +40,8 @@ class MillAgent:
     ----------
     asked
         Targets, in the order they came.
+    silent
+        Whether it leaves out, without a word, what it does not keep any more.
     instead
         Answers in its place: the bytes, piece by piece; None: the agent itself answers.
     connections
@@ -52,6 +54,7 @@ class MillAgent:
         self.units: dict[str, str] = {}
         self.header = ""
         self.creation_digits = 6
+        self.silent = False
         self.clock = timedelta()
         self.asked: list[str] = []
         self.connections = 0
@@ -147,6 +150,7 @@ class MillAgent:
             if url.path == "/Mill/sample":
                 start, count = int(asked["from"][0]), int(asked["count"][0])
                 first = self.kept[0][0]
+                start = max(start, first) if self.silent else start
                 if not first <= start <= self.following or count > self.size:
                     status = "404 Not Found" if self.version.startswith("2") else "200 OK"
                     return http(self.refusal("OUT_OF_RANGE"), status)
