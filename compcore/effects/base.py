@@ -315,6 +315,10 @@ class Effect(BaseModel, ABC):
         """
         return None
 
+    def next_one(self) -> Effect | None:
+        """The next of its kind at the same place, where a machine may have several; else None."""
+        return None
+
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Self]:
         """Instances of this kind worth trying on a machine, physically plausible ones first."""

@@ -39,6 +39,8 @@ RIGID = (
 PLAIN = ("scale", "squareness", "rotary_location", "spindle_squareness")
 """The plain geometry that every machine has: constants of its axes."""
 
+Cause = tuple[str, tuple[tuple[str, str], ...]]
+"""Kind and place of an effect (`identity`)."""
 
 OF_A_LASER = ("dead_path", "air_refraction", "cosine")
 """What only a light beam does to its readings."""
@@ -79,7 +81,7 @@ class Candidate:
         return theta if self.through is None else self.through
 
     @cached_property
-    def cause(self) -> tuple[str, tuple[tuple[str, str], ...]]:
+    def cause(self) -> Cause:
         """What makes it the same cause as another, whatever the detail (`identity`)."""
         return identity(self.effect)
 
@@ -100,9 +102,9 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
     for cls in effect_kinds().values():
         if cls.kind in OF_A_LASER and not lasers:
             continue
-        for effect in cls.candidates(machine, coverage):
-            spec = effect.spec
-            if identity(effect) in present or spec in seen:
+        for usual in cls.candidates(machine, coverage):
+            effect = _not_yet(usual, present)
+            if effect is None or (spec := effect.spec) in seen:
                 continue
             if not coverage.duration and getattr(effect, "tau", None) is not None:
                 continue  # no clock, no lag
@@ -118,6 +120,14 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
             everywhere = acts_everywhere(effect, coverage)
             found.append(Candidate(effect, cost, choices, everywhere, expected))
     found += list(_refinements(model, campaign))
+    return found
+
+
+def _not_yet(effect: Effect, present: set[Cause]) -> Effect | None:
+    """An effect, or the next of its kind, that a model does not have; None where it has it."""
+    found: Effect | None = effect
+    while found is not None and identity(found) in present:
+        found = found.next_one()
     return found
 
 

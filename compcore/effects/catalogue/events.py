@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import Motion, NonlinearParameter, Parameter
@@ -140,6 +142,8 @@ class Drift(ShiftEffect):
 class Event(ShiftEffect):
     """Event: at one moment the machine stands elsewhere and stays there.
 
+    ``number`` tells several events of one direction apart: 2, 3, … up to 9, in no order of time.
+
     Formula
         ``d = step`` for t ≥ t0, before it 0; t0 in s on the campaign's clock. With several
         campaigns in one fit the moment is that of each one's own clock.
@@ -161,6 +165,7 @@ class Event(ShiftEffect):
 
     kind = "event"
     t0: FittedUnlessGiven = None
+    number: Annotated[int, Field(ge=2, le=9)] | None = None
 
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """The step."""
@@ -185,6 +190,11 @@ class Event(ShiftEffect):
         t0 = nonlinear["t0"] if self.t0 is None else self.t0
         after = (conditions.time >= t0).astype(np.float64)
         return (Motion(self.error_motion(), after[:, None]),)
+
+    def next_one(self) -> Event | None:
+        """Another event in the same direction, at a moment of its own."""
+        following = (self.number or 1) + 1
+        return self.model_copy(update={"number": following}) if following <= 9 else None
 
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Event]:
