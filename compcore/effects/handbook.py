@@ -38,6 +38,7 @@ KEY_WORDS = {
     "along": "direction of the carried part while the axis stands at 0: X, Y or Z",
     "gravity": "fit: the machine stands tilted; else along −Z",
     "t0": "moment in s; fitted where it is left out",
+    "number": "which of several, from 2 on; none for the first",
     "across": "X, Y or Z: along which its two drives are apart",
     "master": "where the master's scale is along that, all axes at zero, mm",
     "slave": "where the slave's scale is, mm",
