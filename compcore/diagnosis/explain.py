@@ -140,11 +140,19 @@ def _columns(rank: int) -> str:
     return said("one coefficient") if rank == 1 else said("{n} coefficients", n=rank)
 
 
+_RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
 def _chance(log_p: float) -> str:
+    """How unlikely, from its natural logarithm.
+
+    >>> print(_chance(-46.05))
+    chance: 1 in 10²⁰
+    """
     power = log_p / np.log(10.0)
     if power < -99:
         return said("chance: none")
-    return said("chance: 1 in 10^{power}", power=f"{-power:.0f}")
+    return said("chance: 1 in 10{power}", power=f"{-power:.0f}".translate(_RAISED))
 
 
 def _where(signature: F64, campaign: Campaign, diagnosis: Findings) -> str:

@@ -189,7 +189,7 @@ def _say_beginning(
     follows: bool,
 ) -> None:
     about = {"done": course.done, "of": course.total, "left_s": round(course.seconds_left, 1)}
-    count = f"{len(course.setups)} set-ups, {course.total} targets"
+    count = f"{len(course.setups)} set-up{'s' * (len(course.setups) != 1)}, {course.total} targets"
     left = minutes(course.seconds_left)
     if goes_on:
         words = f"goes on: {course.done} of {course.total} targets are done, about {left} left"

@@ -155,14 +155,14 @@ export class Calibration {
       const left = work.left > 2 ? t(", about {min} min left", {min: Math.ceil(work.left / 60)}) : "";
       if (work.of) parts.push(el("p", {}, t("{done} of {all} targets", {done: work.done, all: work.of}) + left));
       parts.push(el("p", {}, el("progress", {max: 1, value: work.of ? work.done / work.of : null, "aria-label": t("How far it is")})));
-      if (work.next && !work.question) parts.push(el("p", {}, work.next));
-      if (work.question) parts.push(el("div", {class: "question", role: "alert"}, el("p", {}, work.question),
+      if (work.next && !work.question) parts.push(el("p", {}, label(work.next)));
+      if (work.question) parts.push(el("div", {class: "question", role: "alert"}, el("p", {}, label(work.question)),
         el("p", {class: "tools"}, ...work.choices.map((choice, k) => el("button", {class: k ? null : "main", "data-choice": choice,
           onclick: () => this.#ask("answer", {answer: choice})}, CHOICES[choice])))));
       parts.push(el("p", {}, el("button", {class: "small", id: "stop", onclick: () => this.#ask("stop")}, t("Stop; it goes on later"))));
     }
     parts.push(el("h2", {class: work.ended}, {good: t("Done: {what}", {what}), bad: t("Not done: {what}", {what})}[work.ended] ?? t("What it says")));
-    const lines = el("pre", {class: "lines", tabindex: 0, "aria-label": t("What the step says")}, work.lines.join("\n"));
+    const lines = el("pre", {class: "lines", tabindex: 0, "aria-label": t("What the step says")}, work.lines.map(label).join("\n"));
     // what went well is read by whoever wants to; what comes next stands below
     parts.push(work.ended === "good" ? el("details", {}, el("summary", {}, t("What it said")), lines) : lines);
     this.work.dataset.ended = work.ended;

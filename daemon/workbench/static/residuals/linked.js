@@ -86,7 +86,7 @@ export class Linked {
       return t("{n} rows, rms {rms} {unit}, mean {mean}", {n, rms: number(rms), unit, mean: number(mean)});
     });
     const {most} = setups;
-    const more = setups.more ? t(" and {n} more set-ups", {n: setups.more}) : "";
+    const more = setups.more === 1 ? t(" and one more set-up") : setups.more ? t(" and {n} more set-ups", {n: setups.more}) : "";
     return t("Selected: {what} – in {where}", {what: parts.filter(Boolean).join("; "), where: most.join(", ") + more});
   }
 
