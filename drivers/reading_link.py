@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from abbe.drivers.link import Link, LinkError
+from abbe.drivers.scaled import ScaledNumber
 
 
 class ReadingLink(Link):
@@ -27,3 +28,28 @@ class ReadingLink(Link):
             raise LinkError(
                 f"link {self.name}: nothing written: {', '.join(values)}: {self.refusal}"
             ).leaving(untouched=values)
+
+
+def described(what: str, item: int | None, every: float, channel: ScaledNumber) -> str:
+    """A channel for people: what it is in the server, which number of it, how often, what unit.
+
+    Parameters
+    ----------
+    what
+        Its name in the server.
+    item
+        Which of several numbers, from 1; None where it is one.
+    every
+        s between two questions; 0: at every call.
+    channel
+        Its section.
+    """
+    parts = [what]
+    if item is not None:
+        parts.append(f"item {item}")
+    if every:
+        parts.append(f"every {every:g} s")
+    parts += channel.scaling
+    if channel.unit:
+        parts.append(f"in {channel.unit}")
+    return ", ".join(parts)

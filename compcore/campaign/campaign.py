@@ -35,6 +35,9 @@ class Kind(IntEnum):
     """Distance between two base points, mm."""
 
 
+PART = "."
+"""Between a set-up's name and the number of its zero: ``01_laser.2``. No plan has it in a name."""
+
 LENGTHS = (Kind.DISPLACEMENT, Kind.DISTANCE, Kind.BASE_DISTANCE)
 """The kinds of rows that are lengths, mm; the others are angles."""
 

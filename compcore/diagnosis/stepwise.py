@@ -18,7 +18,13 @@ from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutEr
 from abbe.compcore.diagnosis.soundness import apart, sound, worth
 from abbe.compcore.diagnosis.strays import Stray
 from abbe.compcore.diagnosis.thermometers import further_thermometers, warmth_together
-from abbe.compcore.diagnosis.uncatalogued.chosen import Grown, best_beside, best_instead, grown
+from abbe.compcore.diagnosis.uncatalogued.chosen import (
+    Grown,
+    best_beside,
+    best_instead,
+    grown,
+    of_positions_alone,
+)
 from abbe.compcore.diagnosis.verdict import Diagnosis, lacking
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.temperature.lengths import ThermalOffset
@@ -369,15 +375,18 @@ class _StepwiseCourse:
         """Describe what no cause explains, where that foretells left-out blocks surely better.
 
         Of all descriptions the one that foretells best: beside the causes; or over the whole volume
-        in place of them, where they foretell surely worse than it does by itself.
+        in place of the error motions that were added, where they foretell surely worse.
         """
         self._progress("describing what no cause explains")
         before = self._last.result
-        if self._added and not _described(before.model.effects):
-            bare = self.steps[0].result.model
-            instead = best_instead(before, bare, self._campaign, self.refused_now)
+        motions = [e for e in self._added if of_positions_alone(e, before.model.machine)]
+        if motions and not _described(before.model.effects):
+            less = before.model
+            for effect in motions:
+                less, _ = without_effect(less, effect.spec)
+            instead = best_instead(before, less, self._campaign, self.refused_now)
             if instead is not None:
-                self._replace(instead)
+                self._replace(motions, instead)
                 return True
         found = best_beside(before, self._campaign, diagnosis, self.refused_now)
         if found is None:
@@ -386,13 +395,12 @@ class _StepwiseCourse:
         self._make_together("described", "described", more, result, LeftOutErrors.of(result))
         return True
 
-    def _replace(self, effects: Sequence[Effect]) -> None:
-        """Describe, then take out what was added before."""
-        added = list(self._added)
+    def _replace(self, motions: Sequence[Effect], effects: Sequence[Effect]) -> None:
+        """Describe, then take out error motions that were added before."""
         more = grown(self._last.result.model, effects)
         result = fit(more[-1][0], self._campaign, near=True)
         self._make_together("described", "described", more, result, LeftOutErrors.of(result))
-        for effect in added:
+        for effect in motions:
             less, _ = without_effect(self._last.result.model, effect.spec)
             result = fit(less, self._campaign, near=True)
             self._make("removed", effect, result, LeftOutErrors.of(result))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from abbe.compcore.artefacts.decision_rule import Conformity
 from abbe.compcore.artefacts.measured_length import MeasuredLength
 from abbe.compcore.artefacts.permissible import PermissibleError
-from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.campaign.campaign import PART, Campaign
 from abbe.compcore.comparison.compare import Comparison, compare
 from abbe.compcore.errors import InputError, require_type
 from abbe.compcore.fitting.design.superposition import compensated, predicted_rows
@@ -219,7 +219,7 @@ def _parts(campaign: Campaign, planned: Sequence[str]) -> dict[str, dict[str, in
     setup = campaign.conditions.setup
     found: dict[str, dict[str, int]] = {name: {} for name in planned}
     for part in campaign.setups if setup is not None else ():
-        name = part if part in found else part.partition(".")[0]
+        name = part if part in found else part.partition(PART)[0]
         if name in found:
             found[name][part] = int(np.count_nonzero(setup == part))
     return found

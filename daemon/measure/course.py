@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 
+from abbe.compcore.campaign.campaign import PART
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.plan_file import PlannedWork
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.compcore.planning.visits import SetupVisits
-from abbe.daemon.measure.rows import PART, read_back
+from abbe.daemon.measure.rows import read_back
 
 _REMEMBERED = 8
 """Visits from which the present pace is told."""

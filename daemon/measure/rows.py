@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.campaign.campaign import PART, Kind
 from abbe.compcore.files.formats import CAMPAIGN
 from abbe.compcore.files.growing_campaign import BEGUN
 from abbe.compcore.machine.machine import Machine
@@ -19,8 +19,6 @@ from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.daemon.measure.events import unit_of_kind
 
-PART = "."
-"""Between a set-up's name and the number of its zero: ``01_laser.2``. No plan has it in a name."""
 _UNIT_VECTOR = ("ux", "uy", "uz")
 _TOOL = ("tool_x", "tool_y", "tool_z")
 

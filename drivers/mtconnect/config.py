@@ -23,6 +23,7 @@ from pydantic import AfterValidator, ConfigDict, Field
 
 from abbe.drivers.reconnect import ReconnectConfig
 from abbe.drivers.scaled import ScaledNumber
+from abbe.drivers.server_url import server_url
 
 _STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -35,17 +36,11 @@ _PRINTED = re.compile(r"[!-~]*")
 
 
 def _agent(url: str) -> str:
-    parts = urlsplit(url)
-    if parts.scheme != "http" or not parts.hostname:
-        raise ValueError(f"expected http://HOST:PORT or http://HOST:PORT/DEVICE, found {url!r}")
+    parts = server_url(url, "http", "http://HOST:PORT or http://HOST:PORT/DEVICE")
     if parts.username is not None or parts.query or parts.fragment:
         raise ValueError(f"no user, question or fragment in it: {url!r}")
     if not _PRINTED.fullmatch(url):
         raise ValueError(f"only printed ASCII characters (%20 for a blank), found {url!r}")
-    try:
-        _ = parts.port
-    except ValueError as error:
-        raise ValueError(f"{error}: {url!r}") from None
     return url
 
 

@@ -24,7 +24,7 @@ from abbe.drivers.mtconnect.config import MtconnectConfig
 from abbe.drivers.mtconnect.follow import AgentFollower
 from abbe.drivers.mtconnect.values import sample_of
 from abbe.drivers.pace import Pace
-from abbe.drivers.reading_link import ReadingLink
+from abbe.drivers.reading_link import ReadingLink, described
 from abbe.drivers.reconnect import Reconnector
 
 logger = logging.getLogger("abbe.drivers.mtconnect")
@@ -174,12 +174,4 @@ class MtconnectLink(ReadingLink):
 
     def _describe(self, name: str) -> str:
         channel = self._config.channels[name]
-        parts = [f"data item {channel.data}"]
-        if channel.item is not None:
-            parts.append(f"item {channel.item}")
-        if self._config.every:
-            parts.append(f"every {self._config.every:g} s")
-        parts += channel.scaling
-        if channel.unit:
-            parts.append(f"in {channel.unit}")
-        return ", ".join(parts)
+        return described(f"data item {channel.data}", channel.item, self._config.every, channel)

@@ -22,6 +22,7 @@ from pydantic import AfterValidator, ConfigDict, Field, model_validator
 from abbe.drivers.opcua.nodes import NodeName, node_name
 from abbe.drivers.reconnect import ReconnectConfig
 from abbe.drivers.scaled import ScaledNumber
+from abbe.drivers.server_url import server_url
 
 _STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -33,15 +34,9 @@ Stamp = Literal["server", "source", "none"]
 
 
 def _server(url: str) -> str:
-    parts = urlsplit(url)
-    if parts.scheme != "opc.tcp" or not parts.hostname:
-        raise ValueError(f"expected opc.tcp://HOST:PORT, found {url!r}")
+    parts = server_url(url, "opc.tcp", "opc.tcp://HOST:PORT")
     if parts.username is not None:
         raise ValueError("no user in it: user and password_file are keys of their own")
-    try:
-        _ = parts.port
-    except ValueError as error:
-        raise ValueError(f"{error}: {url!r}") from None
     return url
 
 

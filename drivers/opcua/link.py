@@ -28,7 +28,7 @@ from abbe.drivers.opcua.config import OpcuaConfig
 from abbe.drivers.opcua.session import OpcuaSession
 from abbe.drivers.opcua.values import of_state, sample_of
 from abbe.drivers.pace import Pace
-from abbe.drivers.reading_link import ReadingLink
+from abbe.drivers.reading_link import ReadingLink, described
 from abbe.drivers.reconnect import Reconnector
 
 logger = logging.getLogger("abbe.drivers.opcua")
@@ -275,12 +275,4 @@ class OpcuaLink(ReadingLink):
 
     def _describe(self, name: str) -> str:
         channel = self._config.channels[name]
-        parts = [f"node {channel.node}"]
-        if channel.item is not None:
-            parts.append(f"item {channel.item}")
-        if channel.every:
-            parts.append(f"every {channel.every:g} s")
-        parts += channel.scaling
-        if channel.unit:
-            parts.append(f"in {channel.unit}")
-        return ", ".join(parts)
+        return described(f"node {channel.node}", channel.item, channel.every, channel)

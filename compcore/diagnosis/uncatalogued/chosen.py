@@ -14,6 +14,7 @@ from abbe.compcore.diagnosis.uncatalogued.over_the_volume import smooth_errors
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.errors import FitError
 from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.machine.machine import Machine
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.revise import with_effect
 
@@ -76,10 +77,20 @@ def best_beside(
     return None if best is None else best[1:]
 
 
+def of_positions_alone(effect: Effect, machine: Machine) -> bool:
+    """Whether a machine's effect is a function of positions: not of warmth, time or direction."""
+    return (
+        effect.scope != "instrument"
+        and bool(effect.positions_used(machine))
+        and not effect.signals_needed()
+        and not effect.directions_used()
+    )
+
+
 def best_instead(
-    before: FitResult, bare: Model, campaign: Campaign, refused: Refused
+    before: FitResult, less: Model, campaign: Campaign, refused: Refused
 ) -> Sequence[Effect] | None:
-    """A smooth error over the volume that foretells better than all that was added to a model.
+    """A smooth error over the volume that foretells better than motions that were added.
 
     Error motions of single axes may imitate a machine that has no such axes, an arm of joints that
     is told X, Y and Z: all together they take more coefficients, and say worse what lies between.
@@ -87,9 +98,9 @@ def best_instead(
     Parameters
     ----------
     before
-        The fit of the model with all that was added.
-    bare
-        The model as it was given.
+        The fit of the model with them.
+    less
+        The model without them.
     campaign
         The rows.
     refused
@@ -97,11 +108,11 @@ def best_instead(
     """
     weight = before.thin.problem.weight
     best: tuple[float, Sequence[Effect]] | None = None
-    for effects in smooth_errors(bare.machine, campaign):
+    for effects in smooth_errors(less.machine, campaign):
         if any(map(refused, effects)):
             continue
         try:
-            alone = fit(grown(bare, effects)[-1][0], campaign, near=True)
+            alone = fit(grown(less, effects)[-1][0], campaign, near=True)
         except FitError:
             continue
         was, now = (LeftOutErrors.of(r, effects).left for r in (before, alone))

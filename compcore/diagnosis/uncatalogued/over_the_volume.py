@@ -50,9 +50,12 @@ def smooth_errors(machine: Machine, campaign: Campaign) -> Iterator[tuple[Effect
     along = campaign.conditions.u
     if len(axes) < 2 or along is None or not lengths.any():
         return
-    shown = np.abs(along[lengths]).max(axis=0) > _SEEN
-    channels = [d for d, seen in zip(_DIRECTIONS, shown, strict=True) if seen]
-    places = _places(campaign, axes, lengths)
+    shown = dict(zip(_DIRECTIONS, ((np.abs(along) > _SEEN) & lengths[:, None]).T, strict=True))
+    channels = [d for d, rows in shown.items() if rows.any()]
+    if not channels:
+        return
+    # each direction has coefficients of its own
+    places = min(_places(campaign, axes, shown[d]) for d in channels)
     for degree in _DEGREES:
         for least in (2, 1):  # axes in a product
             terms = list(_terms(machine, axes, degree, least))

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.comparison.compare import compare
 from abbe.compcore.diagnosis.stepwise import to_the_verdict
+from abbe.compcore.diagnosis.uncatalogued.chosen import of_positions_alone
+from abbe.compcore.effects.registry import make_effect
 from abbe.compcore.files.model_file import parse_model
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.model.model import Model
@@ -29,6 +31,10 @@ travel = [400.0, 900.0]
 travel = [-400.0, 400.0]
 [machine.axes.Z]
 travel = [50.0, 550.0]
+"""
+ROOM = """[machine.signals.room]
+unit = "degC"
+role = "ambient"
 """
 NOISE = 20.0  # µm
 PLACES, FITTED = 300, 200
@@ -141,6 +147,27 @@ def test_straight_axes_keep_their_names() -> None:
     assert "straightness" in kinds
     unseen = campaign(model, places[FITTED:], value[FITTED:])
     assert rms(compare(course.last.result.model, unseen).residual) * 1e3 < 1.1 * NOISE
+
+
+@pytest.mark.parametrize(
+    ("spec", "goes"),
+    [
+        ("straightness axis=X direction=Y", True),
+        ("cross_angular axis=X about=X by=Y", True),
+        ("backlash axis=X", False),
+        ("thermal_offset direction=Z signal=room", False),
+        ("scale_expansion axis=X signals=room", False),
+        ("event direction=X", False),
+        ("warm_up direction=X", False),
+        ("setup_frame setup=t", False),
+    ],
+)
+def test_a_polynomial_takes_the_place_of_positions_alone(spec: str, goes: bool) -> None:
+    """Not of warmth, time, direction, nor of how an instrument or a plate lay."""
+    machine = parse_model(TomlSource(VOLUME + ROOM)).machine
+    kind, *keys = spec.split()
+    effect = make_effect(kind, dict(key.split("=") for key in keys))
+    assert of_positions_alone(effect, machine) is goes
 
 
 @pytest.mark.parametrize("seed", range(4))
