@@ -20,6 +20,9 @@ CPU = 2.0
 """s of processor time that a bad input may cost."""
 MEMORY = 500_000_000
 """Bytes that the process may hold, Abbe itself included."""
+_ABBE = 200_000_000
+"""Bytes that Abbe itself is taken to hold: what the forked process shares with all other tests, as
+many as pytest has collected, is no case's doing."""
 _ADDRESSES = 700_000_000
 """Bytes of addresses beyond what the process had at the fork: a runaway ends in MemoryError."""
 _CLOCK = 60.0
@@ -93,6 +96,7 @@ def run(case: Case, folder: Path) -> Outcome:
         (work / name).write_bytes(OLD)
     sys.stdout.flush()
     sys.stderr.flush()
+    at_fork = _pages(1)
     child = os.fork()
     if not child:
         _child(case, folder, work)
@@ -103,7 +107,7 @@ def run(case: Case, folder: Path) -> Outcome:
         (folder / "out").read_text(encoding="utf-8", errors="replace"),
         (folder / "err").read_text(encoding="utf-8", errors="replace"),
         usage.ru_utime + usage.ru_stime,
-        usage.ru_maxrss * 1024,
+        max(0, usage.ru_maxrss * 1024 - at_fork) + _ABBE,
     )
 
 
@@ -133,7 +137,7 @@ def _child(case: Case, folder: Path, work: Path) -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
         signal.setitimer(signal.ITIMER_REAL, 0.0)  # what pytest-timeout set is not for this process
         resource.setrlimit(resource.RLIMIT_CPU, (int(5 * CPU), int(5 * CPU) + 1))
-        limit = _addresses() + _ADDRESSES
+        limit = _pages(0) + _ADDRESSES
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         os.chdir(work)
@@ -146,9 +150,9 @@ def _child(case: Case, folder: Path, work: Path) -> None:
         os._exit(code)
 
 
-def _addresses() -> int:
-    """Bytes of addresses that this process has."""
-    return int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+def _pages(column: int) -> int:
+    """Bytes that this process has: of addresses (0), in memory (1)."""
+    return int(Path("/proc/self/statm").read_text().split()[column]) * resource.getpagesize()
 
 
 def _status(case: Case) -> int:
