@@ -96,7 +96,6 @@ def run(case: Case, folder: Path) -> Outcome:
         (work / name).write_bytes(OLD)
     sys.stdout.flush()
     sys.stderr.flush()
-    at_fork = _pages(1)
     child = os.fork()
     if not child:
         _child(case, folder, work)
@@ -107,7 +106,7 @@ def run(case: Case, folder: Path) -> Outcome:
         (folder / "out").read_text(encoding="utf-8", errors="replace"),
         (folder / "err").read_text(encoding="utf-8", errors="replace"),
         usage.ru_utime + usage.ru_stime,
-        max(0, usage.ru_maxrss * 1024 - at_fork) + _ABBE,
+        max(0, usage.ru_maxrss * 1024 - _at_fork(folder)) + _ABBE,
     )
 
 
@@ -137,6 +136,7 @@ def _child(case: Case, folder: Path, work: Path) -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
         signal.setitimer(signal.ITIMER_REAL, 0.0)  # what pytest-timeout set is not for this process
         resource.setrlimit(resource.RLIMIT_CPU, (int(5 * CPU), int(5 * CPU) + 1))
+        (folder / "at_fork").write_text(str(_pages(1)), encoding="utf-8")
         limit = _pages(0) + _ADDRESSES
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -148,6 +148,11 @@ def _child(case: Case, folder: Path, work: Path) -> None:
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
+
+
+def _at_fork(folder: Path) -> int:
+    """Bytes that the forked process had in memory before the case; fewer than its parent has."""
+    return int((folder / "at_fork").read_text(encoding="utf-8"))
 
 
 def _pages(column: int) -> int:
