@@ -109,12 +109,17 @@ def _evidence(established: Established, diagnosis: Findings, campaign: Campaign)
     found = established.found
     unit, _, factor = diagnosis.unit
     shown = campaign.kind == (Kind.ROTATION if diagnosis.of_rotations else Kind.DISPLACEMENT)
-    signature = established.signature
+    # beside other causes its signature is also what these would be otherwise, where it does nothing
+    acts = np.abs(diagnosis.pool.found_columns(found)).max(axis=1) > 0.0
+    signature = np.where(acts, established.signature, 0.0)
     largest = float(np.abs(signature[shown]).max()) * factor if shown.any() else 0.0
     parts: list[str] = [
         said(
             "Of the {n} candidates tested it explains the residuals best: χ² falls by {fall} for "
-            "{coefficients} ({chance})",
+            "{coefficients} ({chance})"
+            if len(diagnosis.established) == 1
+            else "Beside the other causes found, of {n} candidates tested, it lets χ² fall by "
+            "{fall} for {coefficients} ({chance})",
             n=diagnosis.tests,
             fall=f"{found.evidence.f_drop:.0f}",
             coefficients=_columns(found.screened.rank),

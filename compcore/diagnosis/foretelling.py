@@ -33,6 +33,9 @@ ALIKE = 0.9
 _MOST = 40
 """Causes that are taken out together; as many as a course has steps."""
 
+_NO_BETTER = 1e-6
+"""Part of the left-out variance by which two causes that are one and the same may differ."""
+
 WORTH = 0.01
 """Least part of the left-out χ² that a further one removes; as of what is worth a cause."""
 
@@ -89,11 +92,15 @@ def _reading(
             if g.candidate.effect.scope != "instrument" and g.candidate.effect.signals_needed()
         ]
         gains = {
-            g.key: foretold(pool, beside, g, blocks, pool.joined(beside, [g]))
+            g.key: (foretold(pool, beside, g, blocks, pool.joined(beside, [g])), g.evidence.value)
             for g in (now, *alike)
             if g.established(basis.n) and g.evidence.value > now.evidence.value - INDISTINCT
         }
-        best = max(gains, key=gains.__getitem__, default=f.key)
+        # of those that foretell the same, as an offset and a tilt that no lever tells apart, the
+        # likelier one
+        most = max((foretells for foretells, _ in gains.values()), default=0.0)
+        same = [key for key, (foretells, _) in gains.items() if foretells > most - _NO_BETTER]
+        best = max(same, key=lambda key: gains[key][1], default=f.key)
         out = [next((g for g in alike if g.key == best), f) if g is f else g for g in out]
     return out
 

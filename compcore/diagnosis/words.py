@@ -7,9 +7,11 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from abbe.compcore.campaign.noise import NoiseFloor
+from abbe.compcore.campaign.suspicions import of_chi2
 from abbe.compcore.diagnosis.explain import changed, description, explanation, formula
 from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.diagnosis.next_measurement.measure_next import Advice
+from abbe.compcore.effects.catalogue.formula import Formula
 from abbe.compcore.sentences import Sentence, listed, said
 
 _SAID = {
@@ -66,6 +68,8 @@ def diagnosis_words(
     """
     floor = noise_of(diagnosis, noise)
     unit, _, factor = diagnosis.unit
+    for suspicion in too_good(diagnosis):
+        yield said("SUSPICIOUS: {what}", what=suspicion)
     yield said(
         "residuals: {rms} {unit} rms, {floor}; {noise}",
         rms=f"{diagnosis.rms * factor:.2f}",
@@ -90,6 +94,8 @@ def diagnosis_words(
     names = listed([e.found.candidate.effect.spec for e in diagnosis.established])
     if diagnosis.verdict == "complete" and diagnosis.whole.misfit:
         yield _more_than_noise(diagnosis)
+    elif diagnosis.verdict == "complete" and (parts := described(diagnosis)):
+        yield said("complete: {what}", what=described_words(parts).within())
     elif diagnosis.verdict == "missing":
         yield said("missing: {names}.", names=names)
     else:
@@ -97,7 +103,10 @@ def diagnosis_words(
     if diagnosis.verdict == "changed" and diagnosis.standing is not None:
         for line in changed(diagnosis.standing):
             yield f"   {line}"
-        yield f"   the new values: fit the model to this campaign: {fitting}"
+        if diagnosis.standing.suspicions:
+            yield f"   {MEND_FIRST}"
+        else:
+            yield f"   the new values: fit the model to this campaign: {fitting}"
         if names:
             yield f"missing besides: {names}."
     for i, established in enumerate(diagnosis.established, start=1):
@@ -115,6 +124,35 @@ def diagnosis_words(
         yield "what to measure next:"
         for a in advice:
             yield "  - " + advice_text(a)
+
+
+def too_good(diagnosis: Findings) -> Iterator[str]:
+    """Far less left than the rows' stated uncertainties say: said before anything else."""
+    whole = diagnosis.whole
+    if whole.chi2_per_dof < 1.0:
+        yield from of_chi2(whole.chi2_per_dof, whole.dof, stated=uncertainty_stated(diagnosis))
+
+
+MEND_FIRST = said(
+    "put that right first, and diagnose again: a model that is fitted to such a campaign takes the "
+    "mistake over"
+)
+"""Said in place of the command that fits where a sign or a unit is suspicious."""
+
+
+def described(diagnosis: Findings) -> list[str]:
+    """Of what the model describes the error by formulas: the directions, and the tilts' names."""
+    channels = [e.channel for e in diagnosis.whole.model.effects if isinstance(e, Formula)]
+    return list(dict.fromkeys(c[1:] if c.startswith("d") else c for c in channels))
+
+
+def described_words(parts: Sequence[str]) -> Sentence:
+    """That nothing more is missing, though formulas describe and explain nothing."""
+    return said(
+        "Nothing more is missing; part of the error ({parts}) is described by a formula, not "
+        "explained: that holds inside what was measured, and does not say why.",
+        parts=", ".join(parts),
+    )
 
 
 def _more_than_noise(diagnosis: Findings) -> Sentence:

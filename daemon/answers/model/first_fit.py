@@ -63,8 +63,9 @@ def fitted_version(
         repeats = noise_by_file(held.campaign, model.machine)
         seen: dict[str, Any] = {
             "holdout": campaign_records(held.campaign, beside.residual, repeats),
-            "holdout_rms": beside.lengths.rms * 1e3,
         }
+        if beside.lengths.n:
+            seen["holdout_rms"] = beside.lengths.rms * 1e3
         kept = replace(kept, fit={**kept.fit, **seen})
     save_model(kept, out)
     return kept, result.summary()

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from abbe.compcore.campaign.campaign import LENGTHS, Campaign
+from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
 from abbe.compcore.comparison.compare import compare
+from abbe.compcore.diagnosis.findings import measured_kinds
 from abbe.compcore.effects import RotaryLocation
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.errors import FitError
@@ -116,14 +117,17 @@ def revise(
     if unseen is not None:
         progress("campaigns that are not fitted")
         beside = [compare(r.model, unseen) for r in (before, after)]
-        errors = (beside[0].lengths.rms, beside[1].lengths.rms)
+        rotations = measured_kinds(before) == (Kind.ROTATION,)
+        parts = [c.rotations if rotations else c.lengths for c in beside]
+        errors = (parts[0].rms, parts[1].rms)
         repeats = noise_by_file(unseen, old.machine)
         first, last = (
-            {"holdout": campaign_records(unseen, c.residual, repeats), "holdout_rms": rms * 1e3}
-            for c, rms in zip(beside, errors, strict=True)
+            {"holdout": campaign_records(unseen, c.residual, repeats)}
+            | ({"holdout_rms": c.lengths.rms * 1e3} if c.lengths.n else {})
+            for c in beside
         )
         extra |= last
-        if _fitted_to(ancestor, campaign) and "holdout_rms" not in ancestor.fit:
+        if _fitted_to(ancestor, campaign) and "holdout" not in ancestor.fit:
             ancestor = replace(ancestor, fit={**ancestor.fit, **first})
     kept = recorded(after, ancestor, **record)
     written = replace(kept, fit={**kept.fit, **extra})
@@ -175,15 +179,16 @@ def unfitted(old: Model, new: Model, *, removed: str) -> Model:
 
 
 def as_json(revision: Revision, effect: Effect | None) -> dict[str, Any]:
-    """One object for ``add --json``; lengths in µm."""
-    floor = revision.noise.lengths
+    """One object for ``add --json``; µm, or µrad where there are rotations only (`unit`)."""
+    was, became, floor, rotations = _errors(revision)
+    factor = 1e6 if rotations else 1e3
     out: dict[str, Any] = {
-        "unit": "um",
-        "rms_before": finite(revision.before.rms(*LENGTHS), 1e3),
-        "rms_after": finite(revision.after.rms(*LENGTHS), 1e3),
-        "noise_floor": None if floor is None or floor.value is None else floor.value * 1e3,
-        "holdout_before": _um(revision.holdout_before),
-        "holdout_after": _um(revision.holdout_after),
+        "unit": "urad" if rotations else "um",
+        "rms_before": finite(was, factor),
+        "rms_after": finite(became, factor),
+        "noise_floor": None if floor is None else floor * factor,
+        "holdout_before": _in(revision.holdout_before, factor),
+        "holdout_after": _in(revision.holdout_after, factor),
         "holdout_shares": shares(revision.held_out),
         "chi2_per_dof_before": finite(revision.before.chi2_per_dof),
         "chi2_per_dof_after": finite(revision.after.chi2_per_dof),
@@ -215,17 +220,19 @@ def as_text(revision: Revision, effect: Effect | None) -> Iterator[str]:
             yield text
         if isinstance(effect, RotaryLocation):
             yield from average_line_words(revision.after.model)
-    floor = revision.noise.lengths
+    was, became, floor, rotations = _errors(revision)
+    unit, factor = ("µrad", 1e6) if rotations else ("µm", 1e3)
     at_best = (
-        said("; noise floor {floor} µm", floor=f"{floor.value * 1e3:.2f}")
-        if floor is not None and floor.value is not None
+        said("; noise floor {floor} {unit}", floor=f"{floor * factor:.2f}", unit=unit)
+        if floor is not None
         else ""
     )
     yield said(
-        "fitted campaigns: {one} → {two} µm rms{floor}; χ² per degree of freedom {before} → "
+        "fitted campaigns: {one} → {two} {unit} rms{floor}; χ² per degree of freedom {before} → "
         "{after}",
-        one=f"{revision.before.rms(*LENGTHS) * 1e3:.3f}",
-        two=f"{revision.after.rms(*LENGTHS) * 1e3:.3f}",
+        one=f"{was * factor:.3f}",
+        two=f"{became * factor:.3f}",
+        unit=unit,
         floor=at_best,
         before=f"{revision.before.chi2_per_dof:.3f}",
         after=f"{revision.after.chi2_per_dof:.3f}",
@@ -239,7 +246,10 @@ def as_text(revision: Revision, effect: Effect | None) -> Iterator[str]:
     if revision.held_out is not None:
         yield from revision.held_out.notes()
     yield said(
-        "held-out campaigns: {one} → {two} µm rms", one=f"{one * 1e3:.3f}", two=f"{two * 1e3:.3f}"
+        "held-out campaigns: {one} → {two} {unit} rms",
+        one=f"{one * factor:.3f}",
+        two=f"{two * factor:.3f}",
+        unit=unit,
     )
     if effect is not None and two > NOT_FALLEN * one:
         yield (
@@ -248,8 +258,18 @@ def as_text(revision: Revision, effect: Effect | None) -> Iterator[str]:
         )
 
 
-def _um(value: float | None) -> float | None:
-    return None if value is None else finite(value, 1e3)
+def _errors(revision: Revision) -> tuple[float, float, float | None, bool]:
+    """RMS before and after and the noise floor, mm or rad, and whether they are of rotations."""
+    kinds = measured_kinds(revision.before)
+    rotations = kinds == (Kind.ROTATION,)
+    lengths = revision.noise.lengths
+    level = None if lengths is None else lengths.value
+    floor = revision.noise.value("rotation") if rotations else level
+    return revision.before.rms(*kinds), revision.after.rms(*kinds), floor, rotations
+
+
+def _in(value: float | None, factor: float) -> float | None:
+    return None if value is None else finite(value, factor)
 
 
 def _parameters(result: FitResult, effect: Effect) -> Iterator[tuple[str, Value, str]]:

@@ -26,11 +26,15 @@ from abbe.compcore.diagnosis.shop_words import in_the_shop
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
 from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.compcore.diagnosis.words import (
+    MEND_FIRST,
     NO_UNCERTAINTY,
     advice_text,
     alone_words,
+    described,
+    described_words,
     noise_of,
     thinned_words,
+    too_good,
     uncertainty_stated,
 )
 from abbe.compcore.figures.figure import Figure
@@ -49,6 +53,10 @@ TITLES = {
 }
 
 
+DESCRIBED = said("Nothing more is missing; part of it is described, not explained")
+"""Title of a model that leaves noise because formulas describe the rest."""
+
+
 def page(
     diagnosis: Diagnosis,
     noise: NoiseFloor,
@@ -58,8 +66,9 @@ def page(
 ) -> Page:
     """The whole story on one page."""
     machine = diagnosis.whole.problem.model.machine
-    subtitle = f"{machine.name or 'Machine'}: {TITLES[diagnosis.verdict]}"
+    subtitle = f"{machine.name or 'Machine'}: {_title(diagnosis)}"
     out = Page(verdict_title(diagnosis), subtitle, head)
+    out.notes([f"SUSPICIOUS: {what}" for what in too_good(diagnosis)], warning=True)
     if diagnosis.verdict == "changed" and diagnosis.standing is not None:
         out.section("What has changed")
         out.notes(list(changed(diagnosis.standing)))
@@ -86,6 +95,13 @@ def verdict_title(diagnosis: Diagnosis) -> Sentence:
             return said("It has changed: {what}", what=what.within())
     if diagnosis.established:
         return said_in_the_shop(diagnosis, diagnosis.established[0])
+    return _title(diagnosis)
+
+
+def _title(diagnosis: Diagnosis) -> Sentence:
+    """The verdict's title; that nothing is missing is not said of what a formula describes."""
+    if diagnosis.verdict == "complete" and described(diagnosis):
+        return DESCRIBED
     return TITLES[diagnosis.verdict]
 
 
@@ -235,7 +251,9 @@ def _candidates(
 
 def _what_to_do(out: Page, diagnosis: Diagnosis, advice: Sequence[Advice], adding: Adding) -> None:
     out.section("What to do")
-    if diagnosis.verdict == "changed":
+    if diagnosis.standing is not None and diagnosis.standing.suspicions:
+        out.text(f"{MEND_FIRST[0].upper()}{MEND_FIRST[1:]}.")
+    elif diagnosis.verdict == "changed":
         out.text("Find out what happened to the machine. The model's new values:")
         out.notes([adding.fitting])
     if diagnosis.established:
@@ -250,6 +268,8 @@ def _what_to_do(out: Page, diagnosis: Diagnosis, advice: Sequence[Advice], addin
             "Look for the physics behind what is described above: what was switched, moved, heated "
             "or loaded in that rhythm? Record it as a signal and measure again."
         )
+    elif parts := described(diagnosis):
+        out.text(described_words(parts))
     elif diagnosis.verdict != "changed":
         out.text("Nothing. The model explains these measurements down to their noise.")
     if advice:
