@@ -113,17 +113,25 @@ def _evidence(established: Established, diagnosis: Findings, campaign: Campaign)
     acts = np.abs(diagnosis.pool.found_columns(found)).max(axis=1) > 0.0
     signature = np.where(acts, established.signature, 0.0)
     largest = float(np.abs(signature[shown]).max()) * factor if shown.any() else 0.0
+    fall, coefficients = f"{found.evidence.f_drop:.0f}", _columns(found.screened.rank)
+    chance = _chance(found.evidence.log_p)
     parts: list[str] = [
         said(
             "Of the {n} candidates tested it explains the residuals best: χ² falls by {fall} for "
-            "{coefficients} ({chance})"
-            if len(diagnosis.established) == 1
-            else "Beside the other causes found, of {n} candidates tested, it lets χ² fall by "
-            "{fall} for {coefficients} ({chance})",
+            "{coefficients} ({chance})",
             n=diagnosis.tests,
-            fall=f"{found.evidence.f_drop:.0f}",
-            coefficients=_columns(found.screened.rank),
-            chance=_chance(found.evidence.log_p),
+            fall=fall,
+            coefficients=coefficients,
+            chance=chance,
+        )
+        if len(diagnosis.established) == 1
+        else said(
+            "Beside the other causes found, of {n} candidates tested, it lets χ² fall by {fall} "
+            "for {coefficients} ({chance})",
+            n=diagnosis.tests,
+            fall=fall,
+            coefficients=coefficients,
+            chance=chance,
         )
     ]
     if largest > 0.0:
