@@ -27,6 +27,8 @@ SYSTEMATIC = ("E", "M", "B")
 """What a model foretells: of the scatter, in A and R, it says nothing."""
 _FELT = 1e-5
 """mm or rad below which a part of the covariance moves no figure that anybody reads."""
+_COMMON = 0.1
+"""Of a row's own uncertainty, all rows together, from which what is common is a way by itself."""
 _BY_CHANCE = 1e-3
 """Chance of so large a misfit from which on a line contradicts the model."""
 
@@ -95,9 +97,6 @@ def foretold_line(model: Model, comparison: Comparison, line: LineTest) -> Foret
     seen = common * weight[:, None]
     seen = seen - left @ (left.T @ seen)
     misfit = comparison.residual[rows] * weight
-    inner = np.eye(seen.shape[1]) + seen.T @ seen
-    shared = seen.T @ misfit
-    chi2 = float(misfit @ misfit - shared @ np.linalg.solve(inner, shared))
     freedom = len(rows) - left.shape[1]
     variance = (1.0 - (left**2).sum(axis=1) + (seen**2).sum(axis=1)) / weight**2
     stated = not comparison.uncertainty.open and model.covariance is not None
@@ -105,8 +104,34 @@ def foretold_line(model: Model, comparison: Comparison, line: LineTest) -> Foret
         figures,
         float(np.sqrt(np.mean(comparison.residual[rows] ** 2))),
         float(np.sqrt(np.mean(variance))),
-        chi2_beyond(chi2, freedom) if stated and freedom > 0 else None,
+        _chance(misfit, seen, freedom) if stated and freedom > 0 else None,
     )
+
+
+def _chance(misfit: F64, seen: F64, freedom: int) -> float:
+    """The probability of a misfit that is as great by chance.
+
+    What the uncertainties that are common to the line can make, and the rest of the rows, are
+    looked at each by itself: a wrong scale is one number, and would be lost among a hundred quiet
+    readings.
+
+    Parameters
+    ----------
+    misfit
+        In units of the rows' own standard uncertainty, what the placing leaves unknown taken out.
+    seen
+        What is common, a cause a column, likewise.
+    freedom
+        Of all rows.
+    """
+    ways, size, _ = svd(seen)
+    felt = size > _COMMON
+    along = ways[:, felt].T @ misfit
+    common = float(np.sum(along**2 / (1.0 + size[felt] ** 2)))
+    rest, left = float(misfit @ misfit - along @ along), freedom - int(felt.sum())
+    chances = [chi2_beyond(common, int(felt.sum()))] if felt.any() else []
+    chances += [chi2_beyond(rest, left)] if left > 0 else []
+    return min(1.0, len(chances) * min(chances))
 
 
 def _foretold(rows: Campaign, value: F64, parts: F64, model: Model) -> dict[str, ForetoldFigure]:

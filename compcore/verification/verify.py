@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from abbe.compcore.artefacts.decision_rule import Conformity
 from abbe.compcore.artefacts.measured_length import MeasuredLength
 from abbe.compcore.artefacts.permissible import PermissibleError
-from abbe.compcore.campaign.campaign import PART, Campaign
+from abbe.compcore.campaign.campaign import PART, Campaign, Kind
 from abbe.compcore.comparison.compare import Comparison, compare
 from abbe.compcore.errors import InputError, require_type
 from abbe.compcore.fitting.design.superposition import compensated, predicted_rows
@@ -116,6 +116,9 @@ class Verification:
         The factor k.
     fitted_before
         Set-ups measured before to whose readings the model was fitted.
+    left
+        Where both states are of the same readings, what all of them show but for their zeros: of
+        lengths and of angles, rms before, after, and a reading's standard uncertainty, mm or rad.
     """
 
     measured: bool
@@ -128,6 +131,7 @@ class Verification:
     missing: tuple[str, ...]
     coverage: float
     fitted_before: tuple[str, ...] = ()
+    left: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
     @property
     def outcome(self) -> Conformity | None:
@@ -206,7 +210,27 @@ def verify(model: Model, campaign: Campaign, request: VerificationRequest) -> Ve
         missing,
         k,
         _rows(fitted_lines(earlier, model, request.fitted)) if request.before else (),
+        {} if request.before else _left(comparison, campaign, model, measured=measured),
     )
+
+
+def _left(
+    comparison: Comparison, campaign: Campaign, model: Model, *, measured: bool
+) -> dict[str, tuple[float, float, float]]:
+    """As `Verification.left`: what all readings show without and with compensation."""
+    after = comparison.residual
+    if measured:
+        after = compare(replace(model, terms=(), covariance=None), campaign).measured
+    turned = comparison.problem.campaign.kind == Kind.ROTATION
+    found = {}
+    for unit, rows in (("mm", ~turned), ("rad", turned)):
+        if rows.any():
+            sd = float(np.median(comparison.problem.sd[rows]))
+            before, left = (
+                float(np.sqrt(np.mean(v[rows] ** 2))) for v in (comparison.measured, after)
+            )
+            found[unit] = (before, left, sd)
+    return found
 
 
 def _rows(fitted: Mapping[str, FittedPart]) -> tuple[str, ...]:

@@ -46,6 +46,9 @@ class CalibrationRequest:
         instrument needs; `feed` None: both as the program was made that is there.
     at
         Conditions that the tables are for.
+    tolerances, mpe
+        What is stated for the check, as `abbe verify` takes it; `tolerances` None: both as they
+        were stated last.
     """
 
     configuration: Configuration
@@ -61,6 +64,8 @@ class CalibrationRequest:
     feed: float | None = None
     stands: float | None = None
     at: tuple[str, ...] = ("reference",)
+    tolerances: tuple[str, ...] | None = None
+    mpe: str = ""
 
     @property
     def config(self) -> Path:
@@ -85,6 +90,19 @@ class CalibrationRequest:
         feed = _FEED if self.feed is None else self.feed
         stands = "" if self.stands is None else f"{self.stands:g}"
         return {"controller": self.controller, "feed": f"{feed:g}", "stands": stands}
+
+    def stated(self, recorded: Mapping[str, str] | None) -> dict[str, str]:
+        """What the check has to keep: tolerances, and the limit of lengths.
+
+        Parameters
+        ----------
+        recorded
+            What was stated for the one that is there; None: there is none.
+        """
+        if self.tolerances is None:
+            return dict(recorded or {})
+        both = {"tolerance": " ".join(self.tolerances), "mpe": self.mpe}
+        return {key: value for key, value in both.items() if value}
 
     @property
     def instruments(self) -> str:

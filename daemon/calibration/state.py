@@ -22,10 +22,11 @@ from abbe.compcore.files.text.bounded_text import read_bounded
 
 STATE_NAME = "calibration.json"
 _MOST_BYTES = 1_000_000
+_MOST_OUTCOME = 2000
 
 
 class StepRecord(BaseModel):
-    """A step that was done: when, the SHA-256 of what it was made from, and how."""
+    """A step that was done: when, the SHA-256 of what it was made from, how, and what came out."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -33,6 +34,7 @@ class StepRecord(BaseModel):
     made_from: dict[str, str]
     settings: dict[str, str] = {}
     note: Annotated[str, Field(max_length=1000)] = ""
+    outcome: Annotated[str, Field(max_length=_MOST_OUTCOME)] = ""
 
 
 class _StateDocument(BaseModel):
@@ -109,12 +111,18 @@ class CalibrationState:
             and record.made_from == _digests(made_from)
         )
 
+    def outcome(self, step: str) -> str:
+        """What came out of a step that was done; empty where it was not, or says nothing."""
+        record = self.steps.get(step)
+        return "" if record is None else record.outcome
+
     def note(
         self,
         step: str,
         made_from: Iterable[Path],
         note: str = "",
         settings: Mapping[str, str] | None = None,
+        outcome: str = "",
     ) -> None:
         """Record that a step is done.
 
@@ -125,8 +133,9 @@ class CalibrationState:
         """
         now = datetime.now(UTC).isoformat(timespec="seconds")
         self.steps[step] = StepRecord(
-            at=now, made_from=_digests(made_from), note=note, settings=dict(settings or {})
-        )
+            at=now, made_from=_digests(made_from), note=note, settings=dict(settings or {}),
+            outcome=outcome[:_MOST_OUTCOME],
+        )  # fmt: skip
         self._write()
 
     def ask_for(self, asked: Mapping[str, str]) -> None:

@@ -10,6 +10,8 @@ MODEL, PLAN, PROGRAM, CAMPAIGN = "start.toml", "plan.toml", "program.nc", "campa
 FITTED, CALIBRATED, TABLES, LIVE = "fitted.toml", "calibrated.toml", "tables", "live.toml"
 CHECK_PLAN, CHECK_PROGRAM, CHECK = "check.toml", "check.nc", "check.csv"
 CERTIFICATE = "certificate.html"
+NOT_VERIFIED = "live-not-verified.toml"
+"""In place of `LIVE` where no check has shown that the model holds."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,7 @@ class CalibrationStep:
     made_from, makes
         Files that it reads, by which it is known to be up to date, and that it writes.
     run
-        Does it.
+        Does it; what it returns is kept as the outcome.
     settings
         What else it is made by; with others it is done again.
     """
@@ -32,7 +34,7 @@ class CalibrationStep:
     title: str
     made_from: tuple[Path, ...]
     makes: tuple[Path, ...]
-    run: Callable[[], None]
+    run: Callable[[], str | None]
     settings: Mapping[str, str] = field(default_factory=dict)
 
 

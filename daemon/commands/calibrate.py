@@ -43,6 +43,14 @@ def calibrate(
         typer.Option(help="Conditions that the tables are for, as abbe table takes them.",
                      metavar="SIGNAL=VALUE"),
     ] = None,
+    tolerance: Annotated[
+        list[str] | None,
+        typer.Option(help="What the check has to keep, as abbe verify takes it; may be repeated.",
+                     metavar="FIGURE=SIZE"),
+    ] = None,
+    mpe: Annotated[
+        str, typer.Option(help="Limit of lengths, likewise.", metavar="A+L/K")
+    ] = "",
     upto: Annotated[
         str, typer.Option(help="Stop after this step; the same command goes on.", metavar="STEP")
     ] = "",
@@ -55,9 +63,12 @@ def calibrate(
 
     An example: abbe calibrate cmm.toml --time 4h --tool P=0,0,-150
     """
+    from abbe.compcore.artefacts.permissible import PermissibleError
     from abbe.compcore.errors import AbbeError, InputError
+    from abbe.daemon.arguments.measurements.tolerances import tolerances_of
     from abbe.daemon.calibration.request import CalibrationRequest, require_measured_with
     from abbe.daemon.commands.calibration.guide import calibrate as lead
+    from abbe.daemon.commands.calibration.guide import outcome_of
     from abbe.daemon.config import load_config
     from abbe.daemon.measure.person import somebody_there
 
@@ -65,9 +76,13 @@ def calibrate(
         raise AbbeError("nobody can be asked (no terminal): say --yes")
     configuration = load_config(config)
     require_measured_with(configuration)
+    tolerances_of(tolerance or [], configuration.model.machine)
+    if mpe:
+        PermissibleError.parse(mpe)
     request = CalibrationRequest(
         configuration, folder, time, check_time, tuple(tool or ()), controller, tables, yes,
         feed=feed, stands=stands, at=tuple(at or ("reference",)),
+        tolerances=tuple(tolerance or ()), mpe=mpe,
     )  # fmt: skip
 
     if controller and request.touches:
@@ -82,7 +97,8 @@ def calibrate(
         return yes or typer.confirm(question, default=True)
 
     if lead(request, typer.echo, ask, upto):
-        typer.echo(f"calibrated: {folder}")
+        outcome = outcome_of(request)
+        typer.echo(f"calibrated, {outcome}: {folder}")
         if not request.checked_by:
             typer.echo(
                 f"not verified: a {request.touches} shows no lines to judge; `abbe verify` does by "

@@ -13,6 +13,7 @@ from abbe.compcore.verification.foretold import ForetoldLine
 from abbe.compcore.verification.lengths import LengthsVerified
 from abbe.compcore.verification.line_test import BODY, FACE, LineTest
 from abbe.compcore.verification.tolerance import JudgedFigure
+from abbe.compcore.verification.verdict import check_verdict
 from abbe.compcore.verification.verify import Verification, VerifiedLine
 from abbe.daemon.answers.measurements import iso10360
 from abbe.daemon.answers.measurements.iso230 import display
@@ -22,7 +23,7 @@ WORDS = {
     Conformity.PASSES: "passes",
     Conformity.FAILS: "fails",
     Conformity.NEITHER: "neither is proven",
-    None: "no tolerance is stated: nothing is judged",
+    None: "no tolerance is stated",
 }
 STATUS = {Conformity.PASSES: 0, Conformity.FAILS: 3, Conformity.NEITHER: 4, None: 0}
 """Outcome → exit status."""
@@ -33,10 +34,14 @@ _ROUND_OFF = 1e-6
 
 
 def outcome_words(found: Verification) -> str:
-    """The outcome for people: one that rests on a state that was computed is called so."""
-    if found.outcome is None or found.measured:
-        return WORDS[found.outcome]
-    return f"{WORDS[found.outcome]}, as computed, not as measured"
+    """The outcome for people: one that rests on a state that was computed is called so.
+
+    Without a tolerance it is that of what was before and of what was foretold.
+    """
+    computed = "" if found.measured else ", as computed, not as measured"
+    if found.outcome is None:
+        return f"{WORDS[None]}; {check_verdict(found).text}{computed}"
+    return WORDS[found.outcome] + computed
 
 
 def scaled(value: float | None, factor: float) -> float | None:
@@ -48,7 +53,7 @@ def as_json(answer: VerificationAnswer) -> dict[str, Any]:
     """One object for ``--json``; what is not known is null."""
     found = answer.verification
     machine = answer.model.machine
-    outcome = found.outcome
+    outcome, verdict = found.outcome, check_verdict(found)
     left = found.comparison.lengths
     return {
         "machine": machine.name,
@@ -59,6 +64,7 @@ def as_json(answer: VerificationAnswer) -> dict[str, Any]:
         "campaigns": dict(answer.campaign.files),
         "campaigns_before": {} if answer.before is None else dict(answer.before.files),
         "outcome": None if outcome is None else outcome.value,
+        "verdict": {"outcome": verdict.outcome.value, "reasons": list(verdict.reasons)},
         "coverage_factor": found.coverage,
         "after": "measured" if found.measured else "computed",
         "before": "measured" if found.before_measured else "put back",

@@ -19,10 +19,13 @@ from abbe.daemon.answers.inputs import load
 from abbe.daemon.answers.model import expected_times as expected
 from abbe.daemon.answers.typed import Adding
 from abbe.daemon.commands.model.add import add
+from abbe.daemon.commands.model.fit import fit
 from abbe.daemon.progress import shown
 
 _MOST = 4
 """Causes that are added, one after the other."""
+_SURE = 2.0
+"""Standard uncertainties by which a cause's greatest value has to differ from 0."""
 
 
 def complete_model(
@@ -56,16 +59,44 @@ def complete_model(
             if not ask(f"add {spec}?"):
                 continue
             add(model, spec, [campaign], following, robust=bool(found.strays))
-            hidden = _hidden_wave(load_model(following), spec, measured.conditions)
+            added = load_model(following)
+            hidden = _hidden_wave(added, spec, measured.conditions) or _unsure(added, spec)
             if not hidden:
                 break
             following.unlink()
             say(f"{spec} is not added: {hidden}")
         else:
+            if found.strays:
+                model = _without_strays(model, campaign, out)
+                say("fitted once more without what stands alone")
             break
         model = following
     write_atomically(out, model.read_bytes())
     say(f"written: {out}, which is {model.name}")
+
+
+def _without_strays(model: Path, campaign: Path, out: Path) -> Path:
+    """A model to which nothing is added, fitted without the readings that stand alone."""
+    robust = out.with_name(f"{model.stem}-robust{model.suffix}")
+    fit(model, [campaign], out=robust, robust=True)
+    return robust
+
+
+def _unsure(model: Model, spec: str) -> str:
+    """Why an effect is not known well enough to correct by; or empty.
+
+    It may be established that something of the kind is there, and its values be anything all the
+    same: where others of the model can do nearly the same.
+    """
+    for term in (t for t in model.terms if t.effect.spec == spec):
+        linear = {p.name for p in term.effect.linear(model.machine)}
+        known = [v for name, v in term.values.items() if name in linear and v.sd]
+        if known and all(abs(v.value) < _SURE * (v.sd or 0.0) for v in known):
+            return (
+                f"none of its values is more than {_SURE:g} times its own uncertainty: what it "
+                "would correct is not known; measure what tells it from the rest"
+            )
+    return ""
 
 
 def _hidden_wave(model: Model, spec: str, conditions: Conditions) -> str:

@@ -8,6 +8,7 @@ from abbe.compcore.errors import AbbeError, InputError
 from abbe.daemon.calibration.request import CalibrationRequest
 from abbe.daemon.calibration.state import CalibrationState, make_folder, one_at_a_time
 from abbe.daemon.calibration.step import StepNow
+from abbe.daemon.commands.calibration.judging import NOTHING_CHECKED
 from abbe.daemon.commands.calibration.steps import Ask, steps_of
 
 
@@ -26,6 +27,12 @@ def steps_now(request: CalibrationRequest) -> list[StepNow]:
         record = state.steps[step.name] if done else None
         found.append(StepNow(step, record.at if record else "", record.note if record else ""))
     return found
+
+
+def outcome_of(request: CalibrationRequest) -> str:
+    """How the check of a calibration came out, in a word: ``verified``, ``not verified``."""
+    state = CalibrationState.read(request.folder, request.config)
+    return (state.outcome("verify") or NOTHING_CHECKED).partition(":")[0]
 
 
 def calibrate(
@@ -55,12 +62,13 @@ def calibrate(
 
 def _through(request: CalibrationRequest, say: Callable[[str], None], ask: Ask, upto: str) -> bool:
     state = CalibrationState.read(request.folder, request.config)
-    steps = list(steps_of(request, state, say, ask))
-    names = [step.name for step in steps]
+    names = [step.name for step in steps_of(request, state, say, ask)]
     if upto and upto not in names:
         raise InputError("no such step", field="upto", found=upto, expected=", ".join(names))
-    for number, step in enumerate(steps, start=1):
-        title = f"{number}/{len(steps)} {step.name}: {step.title}"
+    for number in range(1, len(names) + 1):
+        # anew: a step may hang on what came out of those before it
+        step = list(steps_of(request, state, say, ask))[number - 1]
+        title = f"{number}/{len(names)} {step.name}: {step.title}"
         if state.done(step.name, step.made_from, step.makes, step.settings):
             say(f"{title}: done {state.steps[step.name].at}")
         else:
@@ -72,14 +80,14 @@ def _through(request: CalibrationRequest, say: Callable[[str], None], ask: Ask, 
             if lacking:
                 raise AbbeError(f"{step.name} needs {lacking[0]}, which is not there")
             try:
-                step.run()
+                outcome = step.run() or ""
             except BaseException:
                 say(
                     f"{step.name} is not done; the steps before it are, and what it has written "
                     "stays: the same command goes on here"
                 )
                 raise
-            state.note(step.name, step.made_from, request.by, step.settings)
+            state.note(step.name, step.made_from, request.by, step.settings, outcome)
         if step.name == upto:
             return False
     return True

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from abbe.daemon.calibration.live_configuration import write_live_configuration
+from abbe.compcore.verification.verdict import CheckOutcome
+from abbe.daemon.calibration.live_configuration import kept_model, write_live_configuration
 from abbe.daemon.calibration.request import CalibrationRequest
 from abbe.daemon.calibration.state import CalibrationState
 from abbe.daemon.calibration.step import (
@@ -18,6 +19,7 @@ from abbe.daemon.calibration.step import (
     FITTED,
     LIVE,
     MODEL,
+    NOT_VERIFIED,
     PLAN,
     PROGRAM,
     TABLES,
@@ -25,6 +27,7 @@ from abbe.daemon.calibration.step import (
 )
 from abbe.daemon.commands.calibration.acting_tables import require_acting
 from abbe.daemon.commands.calibration.diagnosing import complete_model
+from abbe.daemon.commands.calibration.judging import NOTHING_CHECKED, judge_check, live_words
 
 Ask = Callable[[str], bool]
 """Asks a person yes or no."""
@@ -36,9 +39,12 @@ def steps_of(
     """The steps of a calibration in their order."""
     yield from _measured(request, state)
     yield from _modelled(request, say, ask)
-    yield from _applied(request)
+    if request.tables:
+        yield from _applied(request)
     if request.checked_by:
-        yield from _verified(request, state)
+        yield from _verified(request, state, say)
+    if not request.tables:
+        yield _live(request, state, say)
 
 
 def _measured(request: CalibrationRequest, state: CalibrationState) -> Iterator[CalibrationStep]:
@@ -141,23 +147,20 @@ def _applied(request: CalibrationRequest) -> Iterator[CalibrationStep]:
 
         upload(request.config, tables, yes=request.yes)
 
-    def live() -> None:
-        write_live_configuration(request.config, calibrated, request.file(LIVE))
-
-    if not request.tables:
-        makes = (request.file(LIVE),)
-        yield CalibrationStep("live", "the configuration of abbe run", (calibrated,), makes, live)
-        return
     yield CalibrationStep("table", "tables for the controller", (calibrated,), (record,), made)
     if request.uploads:
         yield CalibrationStep("upload", "tables uploaded", (record,), (), uploaded)
 
 
-def _verified(request: CalibrationRequest, state: CalibrationState) -> Iterator[CalibrationStep]:
+def _verified(
+    request: CalibrationRequest, state: CalibrationState, say: Callable[[str], None]
+) -> Iterator[CalibrationStep]:
     file = request.file
     calibrated, campaign = file(CALIBRATED), file(CAMPAIGN)
     plan_file, check, page = file(CHECK_PLAN), file(CHECK), file(CERTIFICATE)
     active = calibrated if request.uploads else None
+    record = state.steps.get("verify")
+    stated = request.stated(None if record is None else record.settings)
 
     def planned() -> None:
         from abbe.daemon.commands.measurements.verify import verify
@@ -176,20 +179,34 @@ def _verified(request: CalibrationRequest, state: CalibrationState) -> Iterator[
 
     yield CalibrationStep("check", "these lines measured", (plan_file,), (check,), measured)
 
-    def judged() -> None:
-        import typer
+    def judged() -> str:
+        return judge_check(request, active, stated, say)
 
-        from abbe.daemon.commands.measurements.verify import verify
+    judged_from = (calibrated, plan_file, check)
+    yield CalibrationStep("verify", "the certificate", judged_from, (page,), judged, stated)
 
-        try:
-            verify(
-                calibrated, [check], check=plan_file, active=active, fitted=[campaign], report=page
-            )
-        except typer.Exit as ended:
-            if ended.exit_code not in (0, None):
-                raise
 
-    yield CalibrationStep("verify", "the certificate", (calibrated, check), (page,), judged)
+def _live(
+    request: CalibrationRequest, state: CalibrationState, say: Callable[[str], None]
+) -> CalibrationStep:
+    calibrated = request.file(CALIBRATED)
+    outcome = state.outcome("verify") if request.checked_by else ""
+    verified = outcome.startswith(CheckOutcome.VERIFIED.value)
+    out = request.file(LIVE if verified else NOT_VERIFIED)
+
+    def live() -> str:
+        said = outcome or NOTHING_CHECKED
+        model = write_live_configuration(request.config, calibrated, out, live_words(said))
+        say(f"written: {out}, which starts {model.name}; {said}")
+        return said
+
+    checked = (request.file(CHECK),) if request.checked_by else ()
+    made_from = (calibrated, *checked)
+    makes = (out, *kept_model(calibrated, request.folder))
+    settings = {"check": outcome[:200]} if checked else {}
+    return CalibrationStep(
+        "live", "the configuration of abbe run", made_from, makes, live, settings
+    )
 
 
 def _measure(request: CalibrationRequest, plan_file: Path, out: Path, active: Path | None) -> None:

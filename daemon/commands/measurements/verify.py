@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -32,7 +33,12 @@ from abbe.daemon.arguments.options import ActiveModel, AsJson, Force, Report
 if TYPE_CHECKING:
     from abbe.compcore.planning.plan import SurveyPlan
     from abbe.compcore.planning.targets import SurveyTask
-    from abbe.daemon.answers.measurements.verified_files import FittedCampaigns, NamedModel
+    from abbe.daemon.answers.measurements.verified import VerificationAnswer
+    from abbe.daemon.answers.measurements.verified_files import (
+        FittedCampaigns,
+        NamedModel,
+        VerifiedFiles,
+    )
     from abbe.daemon.outputs import Say
 
 
@@ -139,24 +145,8 @@ def verify(
         _tell_plan(made, named, known, out, report, say, as_json=as_json)
         return
 
-    from abbe.compcore.artefacts.permissible import PermissibleError
-    from abbe.daemon.answers.measurements.verified import verified
-    from abbe.daemon.arguments.measurements.tolerances import tolerances_of
-
     means = StatedMeans(instrument, scale_sd, temperature_sd, expansion, expansion_sd, misalignment)
-    done = verified(
-        named,
-        known,
-        files,
-        tolerances_of(tolerance or [], named.model.machine),
-        None if mpe is None else PermissibleError.parse(mpe),
-        means,
-        coverage,
-    )
-    if report is not None:
-        from abbe.daemon.report.measurements.certificate import certificate
-
-        certificate(done).write(report)
+    done = judge(named, known, files, tolerance or [], mpe, report, means=means, coverage=coverage)
     if as_json:
         say(json.dumps(answer.as_json(done), ensure_ascii=False))
     else:
@@ -165,6 +155,49 @@ def verify(
         if report is not None:
             say(f"written: {report}")
     raise typer.Exit(answer.STATUS[done.verification.outcome])
+
+
+def judge(
+    named: NamedModel,
+    known: FittedCampaigns,
+    files: VerifiedFiles,
+    tolerance: Sequence[str],
+    mpe: str | None,
+    report: Path | None,
+    *,
+    means: StatedMeans | None = None,
+    coverage: float = 2.0,
+) -> VerificationAnswer:
+    """Judge what was measured, as the command does, and write the certificate.
+
+    Parameters
+    ----------
+    tolerance, mpe
+        As they are typed.
+
+    Raises
+    ------
+    InputError
+        As `verified`, and for what is stated and cannot be read.
+    """
+    from abbe.compcore.artefacts.permissible import PermissibleError
+    from abbe.daemon.answers.measurements.verified import verified
+    from abbe.daemon.arguments.measurements.tolerances import tolerances_of
+
+    done = verified(
+        named,
+        known,
+        files,
+        tolerances_of(tolerance, named.model.machine),
+        None if mpe is None else PermissibleError.parse(mpe),
+        means or StatedMeans(),
+        coverage,
+    )
+    if report is not None:
+        from abbe.daemon.report.measurements.certificate import certificate
+
+        certificate(done).write(report)
+    return done
 
 
 def _planned(

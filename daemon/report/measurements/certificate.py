@@ -9,6 +9,7 @@ from abbe.compcore.campaign.measuring_conditions import of_files
 from abbe.compcore.figures.figure import COLOURS, Figure, Trace, figure
 from abbe.compcore.verification.budget import CAUSES, FIGURES, combined
 from abbe.compcore.verification.lengths import LengthsVerified
+from abbe.compcore.verification.verdict import check_verdict
 from abbe.compcore.verification.verify import Verification, VerifiedLine
 from abbe.daemon.answers.measurements.iso230 import MEANINGS, display
 from abbe.daemon.answers.measurements.iso10360 import where
@@ -68,7 +69,7 @@ def _head(answer: VerificationAnswer) -> PageHead:
 def _key(found: Verification) -> Iterator[tuple[str, str, str]]:
     yield (
         "outcome" if found.measured else "outcome, computed",
-        (WORDS[found.outcome] if found.outcome else "not judged"),
+        WORDS[found.outcome] if found.outcome else check_verdict(found).outcome.value,
         "",
     )
     outcomes = [f.outcome for f in found.figures]

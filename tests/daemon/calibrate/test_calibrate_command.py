@@ -5,6 +5,7 @@ import shutil
 
 import pytest
 
+from abbe.compcore.errors import InputError
 from abbe.daemon.calibration.request import CalibrationRequest
 from abbe.daemon.commands.calibration.guide import steps_now
 from abbe.daemon.config import load_config
@@ -137,17 +138,30 @@ def test_a_model_without_effects_begins_with_those_of_its_structure(config):
     assert "[[effects]]" in (config.parent / "c" / "start.toml").read_text("utf-8")
 
 
-def test_the_live_configuration_is_the_one_there_is_with_the_calibrated_model(config):
+def test_the_live_configuration_is_the_one_there_is_with_a_model_of_its_own(config):
     from abbe.daemon.calibration.live_configuration import write_live_configuration
 
     folder = config.parent / "c"
     folder.mkdir()
     shutil.copy(MODEL, folder / "calibrated.toml")
-    write_live_configuration(config, folder / "calibrated.toml", folder / "live.toml")
+    kept = write_live_configuration(
+        config, folder / "calibrated.toml", folder / "live.toml", ["VERIFIED. By", "a\nb"]
+    )
     made = load_config(folder / "live.toml")
-    assert made.model_path.resolve() == (folder / "calibrated.toml").resolve()
-    same = config.read_text("utf-8").replace('"model.toml"', '"calibrated.toml"')
-    assert (folder / "live.toml").read_text("utf-8") == same
+    assert made.model_path.resolve() == kept.resolve()
+    assert kept.read_bytes() == MODEL.read_bytes()
+    same = config.read_text("utf-8").replace('"model.toml"', f'"{kept.name}"')
+    assert (folder / "live.toml").read_text("utf-8") == "# VERIFIED. By\n# a\n# b\n" + same
+    # a later round with another model changes neither what that starts nor its file
+    text = MODEL.read_text("utf-8").replace("Bridge CMM", "Other CMM")
+    (folder / "calibrated.toml").write_text(text, encoding="utf-8")
+    later = write_live_configuration(config, folder / "calibrated.toml", folder / "next.toml")
+    assert later != kept
+    assert load_config(folder / "live.toml").model.machine.name == made.model.machine.name
+    # nor is one that somebody changed taken for what was calibrated
+    later.write_text(text + "\n# mine\n", encoding="utf-8")
+    with pytest.raises(InputError, match="was changed since it was written"):
+        write_live_configuration(config, folder / "calibrated.toml", folder / "next.toml")
 
 
 def test_nobody_to_ask_and_nothing_to_measure_with(config):

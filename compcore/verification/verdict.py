@@ -1,0 +1,121 @@
+"""What a check says where no tolerance is stated: better than before, not proven, or worse."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+
+from abbe.compcore.artefacts.decision_rule import Conformity
+from abbe.compcore.units import display, with_uncertainty
+from abbe.compcore.verification.fitted import FittedPart
+from abbe.compcore.verification.verify import Verification, VerifiedLine
+
+_FIGURE = "E"
+"""What is compared: it wants no repeated runs, and holds systematic errors and play."""
+_MORE = 1.05
+"""What all readings together have to grow by, beyond a reading's uncertainty, to be worse."""
+
+
+class CheckOutcome(Enum):
+    """How a check of a calibration came out."""
+
+    VERIFIED = "verified"
+    OPEN = "not verified"
+    WORSE = "worse"
+
+
+@dataclass(frozen=True)
+class CheckVerdict:
+    """How a check came out, and why.
+
+    Attributes
+    ----------
+    outcome
+        ``WORSE``: a line is worse after than before by more than its uncertainty, or a tolerance is
+        surely not kept. ``OPEN``: nothing of the kind, but something lacks. Else ``VERIFIED``.
+    reasons
+        In sentences, the gravest first; of ``VERIFIED`` what the lines have become.
+    """
+
+    outcome: CheckOutcome
+    reasons: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        """One line for people."""
+        return f"{self.outcome.value}: {'; '.join(self.reasons)}"
+
+
+def check_verdict(found: Verification) -> CheckVerdict:
+    """Judge a check by what was before it, by what the model foretold, by what is stated."""
+    worse = [_words(v, found.coverage) for v in found.lines if _is_worse(v, found.coverage)]
+    worse += _all_worse(found)
+    if found.outcome is Conformity.FAILS:
+        worse.append("a stated tolerance is not kept")
+    if worse:
+        return CheckVerdict(CheckOutcome.WORSE, tuple(worse))
+    if lacking := tuple(_lacking(found)):
+        return CheckVerdict(CheckOutcome.OPEN, lacking)
+    return CheckVerdict(CheckOutcome.VERIFIED, tuple(_greatest(found)))
+
+
+def _is_worse(line: VerifiedLine, coverage: float) -> bool:
+    before = None if line.before is None else line.before.value(_FIGURE)
+    after, sd = line.after.value(_FIGURE), line.after.sd(_FIGURE)
+    if before is None or after is None or sd is None:
+        return False
+    return after > before + coverage * sd
+
+
+def _all_worse(found: Verification) -> Iterator[str]:
+    """What all readings together are worse by, also those that are of no line."""
+    for unit, (before, after, sd) in found.left.items():
+        if after > _MORE * before and after**2 > before**2 + sd**2:
+            _, factor = display(unit)
+            yield (
+                f"all readings: {before * factor:.3g} before, {after * factor:.3g} "
+                f"{display(unit)[0]} rms after"
+            )
+
+
+def _lacking(found: Verification) -> Iterator[str]:
+    """What keeps a check that is not worse from proving anything."""
+    if found.missing:
+        yield f"not measured in one go: {', '.join(found.missing)}"
+    fitted = [v.after.setup for v in found.lines if v.fitted is FittedPart.ROWS]
+    if fitted:
+        yield f"the model was fitted to these very readings: {', '.join(fitted)}"
+    against = [v.after.setup for v in found.lines if v.foretold and v.foretold.agrees is False]
+    if against:
+        yield f"the model does not foretell {', '.join(against)} within both uncertainties"
+    known = [v for v in found.lines if v.foretold and v.foretold.agrees is not None]
+    if not known:
+        yield "nothing says how sure the model's word of these lines is"
+    if found.outcome is Conformity.NEITHER:
+        yield "a stated tolerance is neither kept nor broken for sure"
+
+
+def _greatest(found: Verification) -> Iterator[str]:
+    """The greatest E of lengths and of angles, before and after."""
+    for rotary in (False, True):
+        alike = [v for v in found.lines if v.after.rotary is rotary and v.before is not None]
+        seen = [v for v in alike if v.after.value(_FIGURE) is not None]
+        if seen:
+            yield _words(max(seen, key=lambda v: v.after.value(_FIGURE) or 0.0), found.coverage)
+
+
+def _words(line: VerifiedLine, coverage: float) -> str:
+    """``02_laser X: E 52.0 ± 1.6 before, 9.0 ± 1.6 µm after``."""
+    factor, unit = (1e6, "µrad") if line.after.rotary else (1e3, "µm")
+
+    def shown(value: float | None, sd: float | None) -> str:
+        if value is None or sd is None:
+            return "–"
+        return with_uncertainty(value * factor, coverage * sd * factor)
+
+    after = shown(line.after.value(_FIGURE), line.after.sd(_FIGURE))
+    before = "–"
+    if line.before is not None:
+        before = shown(line.before.value(_FIGURE), line.before.sd(_FIGURE))
+    return f"{line.after.name} {line.after.setup}: E {before} before, {after} {unit} after"

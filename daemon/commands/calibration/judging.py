@@ -1,0 +1,82 @@
+"""The check of a calibration judged: the certificate, and whether anything may go on from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+
+from abbe.compcore.errors import AbbeError
+from abbe.compcore.files.model_file import load_model
+from abbe.compcore.verification.verdict import CheckOutcome, check_verdict
+from abbe.daemon.answers.measurements import verify as answer
+from abbe.daemon.answers.measurements.verified_files import (
+    NamedModel,
+    VerifiedFiles,
+    fitted_campaigns,
+)
+from abbe.daemon.answers.typed import uploading
+from abbe.daemon.calibration.request import CalibrationRequest
+from abbe.daemon.calibration.step import (
+    CALIBRATED,
+    CAMPAIGN,
+    CERTIFICATE,
+    CHECK,
+    CHECK_PLAN,
+    TABLES,
+)
+from abbe.daemon.commands.measurements.verify import judge
+
+NOTHING_CHECKED = f"{CheckOutcome.OPEN.value}: no line was measured that was not fitted"
+
+
+def judge_check(
+    request: CalibrationRequest,
+    active: Path | None,
+    stated: Mapping[str, str],
+    say: Callable[[str], None],
+) -> str:
+    """Write the certificate and say how the check came out.
+
+    Parameters
+    ----------
+    active
+        The model whose tables acted while the check was measured; None: none did.
+    stated
+        Tolerances and lengths' limit, as `CalibrationRequest.stated` has them.
+
+    Raises
+    ------
+    AbbeError
+        Where the machine is worse after than before, or a stated tolerance is surely not kept.
+    """
+    calibrated, page = request.file(CALIBRATED), request.file(CERTIFICATE)
+    campaign, plan = request.file(CAMPAIGN), request.file(CHECK_PLAN)
+    named = NamedModel(load_model(calibrated), calibrated, request.config)
+    tables = request.file(TABLES) if active is not None else None
+    files = VerifiedFiles(
+        (request.file(CHECK),), active=active, check=plan, tables=tables, fitted=(campaign,)
+    )
+    known = fitted_campaigns(named, files.fitted)
+    done = judge(
+        named, known, files, stated.get("tolerance", "").split(), stated.get("mpe") or None, page
+    )
+    for line in answer.as_text(done):
+        say(line)
+    say(f"written: {page}")
+    verdict = check_verdict(done.verification)
+    if verdict.outcome is CheckOutcome.WORSE:
+        back = (
+            f"; the tables act: {uploading(request.config)} --rollback takes them back"
+            if active is not None
+            else "; nothing is written for abbe run"
+        )
+        raise AbbeError(f"the check does not pass: {'; '.join(verdict.reasons)}{back}")
+    return verdict.text
+
+
+def live_words(outcome: str) -> tuple[str, ...]:
+    """What a configuration for `abbe run` says at its top of the check of its model."""
+    title = outcome.partition(":")[0].upper()
+    now = datetime.now(UTC).isoformat(timespec="minutes")
+    return (f"{title}. Written by abbe calibrate, {now}.", outcome)
