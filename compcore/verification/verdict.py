@@ -17,7 +17,7 @@ _MORE = 1.05
 """What all readings together have to grow by, beyond a reading's uncertainty, to be worse."""
 
 
-class CheckOutcome(Enum):
+class VerdictOutcome(Enum):
     """How a check of a calibration came out."""
 
     VERIFIED = "verified"
@@ -38,7 +38,7 @@ class CheckVerdict:
         In sentences, the gravest first; of ``VERIFIED`` what the lines have become.
     """
 
-    outcome: CheckOutcome
+    outcome: VerdictOutcome
     reasons: tuple[str, ...]
 
     @property
@@ -54,10 +54,10 @@ def check_verdict(found: Verification) -> CheckVerdict:
     if found.outcome is Conformity.FAILS:
         worse.append("a stated tolerance is not kept")
     if worse:
-        return CheckVerdict(CheckOutcome.WORSE, tuple(worse))
+        return CheckVerdict(VerdictOutcome.WORSE, tuple(worse))
     if lacking := tuple(_lacking(found)):
-        return CheckVerdict(CheckOutcome.OPEN, lacking)
-    return CheckVerdict(CheckOutcome.VERIFIED, tuple(_greatest(found)))
+        return CheckVerdict(VerdictOutcome.OPEN, lacking)
+    return CheckVerdict(VerdictOutcome.VERIFIED, tuple(_greatest(found)))
 
 
 def _is_worse(line: VerifiedLine, coverage: float) -> bool:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from abbe.compcore.errors import AbbeError
 from abbe.compcore.files.model_file import load_model
-from abbe.compcore.verification.verdict import CheckOutcome, check_verdict
+from abbe.compcore.verification.verdict import VerdictOutcome, check_verdict
 from abbe.daemon.answers.measurements import verify as answer
 from abbe.daemon.answers.measurements.verified_files import (
     NamedModel,
@@ -27,7 +27,7 @@ from abbe.daemon.calibration.step import (
 )
 from abbe.daemon.commands.measurements.verify import judge
 
-NOTHING_CHECKED = f"{CheckOutcome.OPEN.value}: no line was measured that was not fitted"
+NOTHING_CHECKED = f"{VerdictOutcome.OPEN.value}: no line was measured that was not fitted"
 
 
 def judge_check(
@@ -65,7 +65,7 @@ def judge_check(
         say(line)
     say(f"written: {page}")
     verdict = check_verdict(done.verification)
-    if verdict.outcome is CheckOutcome.WORSE:
+    if verdict.outcome is VerdictOutcome.WORSE:
         back = (
             f"; the tables act: {uploading(request.config)} --rollback takes them back"
             if active is not None

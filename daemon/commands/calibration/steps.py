@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from abbe.compcore.verification.verdict import CheckOutcome
+from abbe.compcore.verification.verdict import VerdictOutcome
 from abbe.daemon.calibration.live_configuration import kept_model, write_live_configuration
 from abbe.daemon.calibration.request import CalibrationRequest
 from abbe.daemon.calibration.state import CalibrationState
@@ -191,7 +191,7 @@ def _live(
 ) -> CalibrationStep:
     calibrated = request.file(CALIBRATED)
     outcome = state.outcome("verify") if request.checked_by else ""
-    verified = outcome.startswith(CheckOutcome.VERIFIED.value)
+    verified = outcome.startswith(VerdictOutcome.VERIFIED.value)
     out = request.file(LIVE if verified else NOT_VERIFIED)
 
     def live() -> str:
