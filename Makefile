@@ -9,6 +9,7 @@ MACHINE := qemu-system-x86 mmdebstrap e2fsprogs dpkg-dev
 PROMETHEUS := $(VENV)/unpacked/usr/bin/prometheus
 MOSQUITTO := $(VENV)/unpacked/usr/sbin/mosquitto
 NODE_OPCUA := $(VENV)/opcua/node_modules/.package-lock.json
+SPARKPLUG := $(VENV)/sparkplug/node_modules/.package-lock.json
 BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis_command diagnosis check_points plan validation
 SOURCES := compcore drivers daemon tests benchmarks examples
 
@@ -94,7 +95,7 @@ $(VENV)/.bench: pyproject.toml | $(BIN)/python
 	@touch $@ $(VENV)/.dev $(VENV)/.runtime
 
 # Unrelated clients and a browser for the integration tests: Debian packages.
-$(VENV)/.debian: Makefile | $(BIN)/python $(PROMETHEUS) $(MOSQUITTO) $(NODE_OPCUA)
+$(VENV)/.debian: Makefile | $(BIN)/python $(PROMETHEUS) $(MOSQUITTO) $(NODE_OPCUA) $(SPARKPLUG)
 	@$(call install_debian,$(DEBIAN))
 	@touch $@
 
@@ -117,3 +118,8 @@ $(MOSQUITTO):
 $(NODE_OPCUA): tests/support/drivers/opcua/package.json | $(BIN)/python
 	@echo "Installing node-opcua for the tests …"; mkdir -p $(VENV)/opcua && cp $< $(VENV)/opcua/ && \
 	npm install --prefix $(VENV)/opcua --no-audit --no-fund --no-package-lock --silent && touch $@
+
+# A decoder of Sparkplug B that is not Abbe's.
+$(SPARKPLUG): tests/support/daemon/sparkplug/package.json | $(BIN)/python
+	@echo "Installing sparkplug-payload for the tests …"; mkdir -p $(VENV)/sparkplug && cp $< $(VENV)/sparkplug/ && \
+	npm install --prefix $(VENV)/sparkplug --no-audit --no-fund --no-package-lock --ignore-scripts --silent && touch $@

@@ -65,7 +65,7 @@ def _published(configuration: Configuration) -> dict[str, Any]:
     if mqtt is None:
         return {}
     section = mqtt.section
-    return {"published": {"to": section.url, "below": mqtt.topic, "every_s": section.every}}
+    return {"published": {"to": section.url, "below": mqtt.below, "every_s": section.every}}
 
 
 def _turns(configuration: Configuration) -> dict[str, Any]:

@@ -15,8 +15,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from abbe.daemon.mqtt.messages import Message, of_event, of_status
-from abbe.daemon.mqtt.publisher import Publisher
+from abbe.daemon.mqtt.connection import BrokerConnection
 from abbe.daemon.mqtt.spool import Spool
 from abbe.daemon.side_process.child import step_back, streams
 
@@ -43,8 +42,7 @@ class Forwarder:
 
     def __init__(self, writer: asyncio.StreamWriter) -> None:
         self._writer = writer
-        self.spool: Spool | None = None
-        self.publisher: Publisher | None = None
+        self.connection: BrokerConnection | None = None
         self._dropped = 0
 
     def say(self, level: int, text: str) -> None:
@@ -53,21 +51,13 @@ class Forwarder:
 
     def take(self, said: dict[str, Any]) -> None:
         """Take one line of the run's."""
-        if self.publisher is None or self.spool is None:
+        if self.connection is None:
             return
         self._dropped += said.get("dropped", 0)
         if "event" in said:
-            self.publisher.put(of_event(said["event"]))
+            self.connection.put_event(said["event"])
         if "status" in said:
-            for message in of_status(said["status"]):
-                self.publisher.put(self._with_figures(message))
-
-    def _with_figures(self, message: Message) -> Message:
-        if message.topic != "health" or self.spool is None or self.publisher is None:
-            return message
-        lost = self.spool.lost + self._dropped
-        mqtt = {"lost": lost, "refused": self.publisher.refused}
-        return message._replace(body={**message.body, "mqtt": mqtt})
+            self.connection.put_status(said["status"], self._dropped)
 
     async def beat(self) -> None:
         """Say now and then that all is well."""
@@ -94,8 +84,8 @@ async def run(descriptor: int) -> None:
             return
         spool = Spool(Path(task["buffer"]), task["max_bytes"], lambda text: outgoing.say(30, text))
         stack.callback(spool.close)
-        publisher = Publisher(task, spool, task["about"], outgoing.say)
-        outgoing.spool, outgoing.publisher = spool, publisher
+        publisher = _format(task["format"])(task, spool, task["about"], outgoing.say)
+        outgoing.connection = publisher
         publishing = asyncio.create_task(publisher.run())
         await asyncio.wait({taking, publishing}, return_when=asyncio.FIRST_COMPLETED)
         if not publishing.done():
@@ -106,6 +96,17 @@ async def run(descriptor: int) -> None:
         await asyncio.wait({publishing}, timeout=_LAST)
         if publishing.done() and not publishing.cancelled():
             publishing.result()
+
+
+def _format(name: str) -> type[BrokerConnection]:
+    """What speaks to the broker; of the other format not even the packages are loaded."""
+    if name == "sparkplug":
+        from abbe.daemon.mqtt.sparkplug.node import SparkplugNode
+
+        return SparkplugNode
+    from abbe.daemon.mqtt.publisher import Publisher
+
+    return Publisher
 
 
 async def _take(reader: asyncio.StreamReader, outgoing: Forwarder) -> None:

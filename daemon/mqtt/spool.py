@@ -74,6 +74,8 @@ class Spool:
 
     Attributes
     ----------
+    last_id
+        Of the message that was taken last.
     lost
         Messages that were given up.
     """
@@ -85,14 +87,15 @@ class Spool:
         self._bytes = 0
         self._memory: deque[Waiting] = deque()
         self._sent: set[tuple[str, int]] = set()
-        self._ids = itertools.count(1)
+        self._connections = 0
+        self.last_id = 0
         self.series = f"{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}-{os.urandom(4).hex()}"
         self.lost = 0
         self._said = ""
 
     def add(self, message: Message) -> Waiting | None:
         """Take a message; None: it is longer than any may be, and lost."""
-        number = next(self._ids)
+        number = self.last_id = self.last_id + 1
         body = {"series": self.series, "id": number, **message.body}
         # ASCII: no text of anybody's makes it anything but JSON
         data = json.dumps(body, allow_nan=False).encode("ascii")
@@ -106,6 +109,20 @@ class Spool:
             self._memory.popleft()
             self._lose(1, "the disk takes nothing, and too much waits for the broker")
         return made
+
+    def next_connection(self) -> int:
+        """The number of the next connection, from 0, over restarts where the disk takes it."""
+        db = self._opened()
+        number = self._connections
+        if db is not None:
+            try:
+                (kept,) = db.execute("PRAGMA user_version").fetchone()
+                number = max(number, kept)
+                db.execute(f"PRAGMA user_version = {(number + 1) % (1 << 30)}")
+            except sqlite3.Error as error:
+                self._failed(error)
+        self._connections = number + 1
+        return number
 
     def oldest(self, count: int) -> list[Waiting]:
         """The first that wait, in order."""

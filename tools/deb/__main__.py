@@ -37,7 +37,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--python", type=Path, default=Path("/usr/bin/python3"), metavar="FILE")
     parser.add_argument("--version", default="", help="default: that of pyproject.toml")
     parser.add_argument(
-        "--extras", default="can,http,mqtt,opcua", help="optional parts, with commas between"
+        "--extras",
+        default="can,http,mqtt,opcua,sparkplug",
+        help="optional parts, with commas between",
     )
     parser.add_argument("--compression", default="zstd", help="as dpkg-deb -Z takes it")
     given = parser.parse_args(arguments)

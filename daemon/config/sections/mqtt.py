@@ -22,11 +22,15 @@ from abbe.daemon.config.sections.section import Seconds, Section
 from abbe.drivers import resources
 
 Version = Literal["5", "3.1.1"]
+Format = Literal["json", "sparkplug"]
 
 MACHINE = "{machine}"
 """Stands in a topic for the machine's name."""
-NEEDED = "aiomqtt"
-"""Package that only this section needs."""
+NEEDED: dict[Format, tuple[tuple[str, str, str], ...]] = {
+    "json": (("aiomqtt", "aiomqtt", "mqtt"),),
+    "sparkplug": (("aiomqtt", "aiomqtt", "mqtt"), ("google.protobuf", "protobuf", "sparkplug")),
+}
+"""Format → modules that only this section needs, their packages, and the extras that have them."""
 _LEVEL = re.compile(r"[^+#\x00-\x1f\x7f-\x9f\ud800-\udfff]+")
 _PORTS = {"mqtt": 1883, "mqtts": 8883}
 
@@ -42,6 +46,18 @@ def _url(text: str) -> str:
             "not a broker", found=text, expected='"mqtts://HOST:PORT" or "mqtt://HOST:PORT"'
         )
     return text
+
+
+def _id(text: str) -> str:
+    """A name of Sparkplug's: one level of a topic."""
+    if not _LEVEL.fullmatch(text) or "/" in text:
+        raise InputError(
+            "not one level of a topic", found=text, expected="a name without + # and /"
+        )
+    return text
+
+
+_Id = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_id)]
 
 
 def _topic(text: str) -> str:
@@ -66,6 +82,16 @@ class MqttSection(Section):
         f"abbe/{MACHINE}"
     )
     """Begins every topic; ``{machine}`` is the machine's name."""
+    format: Format = "json"
+    """What is said how: plain JSON, or Sparkplug B."""
+    group: _Id | None = None
+    """Sparkplug's group, e.g. the plant."""
+    node: _Id = f"abbe-{MACHINE}"
+    """Sparkplug's edge node: this run; no other of the group may have the same name."""
+    device: _Id = MACHINE
+    """Sparkplug's device: the machine."""
+    primary_host: _Id | None = None
+    """Sparkplug's host without which nothing is sent; default: whoever listens."""
     every: Annotated[float, Field(ge=0.5, le=3600.0)] = 5.0
     """s from one state that is published to the next; a change of the status word does not wait."""
     client_id: Annotated[str, Field(min_length=1, max_length=100)] | None = None
@@ -103,6 +129,14 @@ class MqttSection(Section):
             raise ValueError("ca, certificate and key are of mqtts://")
         if self.reconnect_max < self.reconnect_min:
             raise ValueError("reconnect_max is below reconnect_min")
+        given = self.model_fields_set
+        if self.format == "sparkplug":
+            if self.group is None:
+                raise ValueError("sparkplug needs group")
+            if "topic" in given:
+                raise ValueError("topic is of json; sparkplug has group, node and device")
+        elif wrong := sorted(given & {"group", "node", "device", "primary_host"}):
+            raise ValueError(f"{wrong[0]} is of format = 'sparkplug'")
         return self
 
     @property
@@ -123,6 +157,8 @@ class MqttSetup:
         The broker.
     topic
         Begins every topic.
+    node, device
+        Sparkplug's names of the run and of the machine.
     client_id
         As the broker knows this run.
     buffer
@@ -135,9 +171,18 @@ class MqttSetup:
     host: str
     port: int
     topic: str
+    node: str
+    device: str
     client_id: str
     buffer: Path
     files: dict[str, Path]
+
+    @property
+    def below(self) -> str:
+        """What all of its topics have in common, for people."""
+        if self.section.format == "sparkplug":
+            return f"{self.section.group} (Sparkplug: {self.node}, {self.device})"
+        return self.topic
 
     @property
     def resource(self) -> str:
@@ -151,7 +196,12 @@ class MqttSetup:
             "host": self.host,
             "port": self.port,
             "tls": section.tls,
+            "format": section.format,
             "topic": self.topic,
+            "group": section.group,
+            "node": self.node,
+            "device": self.device,
+            "primary_host": section.primary_host,
             "client_id": self.client_id,
             "user": section.user,
             "version": section.version,
@@ -183,8 +233,11 @@ def mqtt_setup(source: TomlSource, path: Path, section: MqttSection, machine: st
     InputError
         For a package or a file that is missing, and for a password that anybody could listen in on.
     """
-    if importlib.util.find_spec(NEEDED) is None:
-        raise source.error(f"MQTT needs {NEEDED}", ("mqtt",), expected="pip install 'abbe[mqtt]'")
+    for module, package, extra in NEEDED[section.format]:
+        if not _is_installed(module):
+            raise source.error(
+                f"MQTT needs {package}", ("mqtt",), expected=f"pip install 'abbe[{extra}]'"
+            )
     folder = path.parent.absolute()
     files = {}
     for key in ("password_file", "ca", "certificate", "key"):
@@ -208,10 +261,19 @@ def mqtt_setup(source: TomlSource, path: Path, section: MqttSection, machine: st
         host,
         port,
         section.topic.replace(MACHINE, level),
+        section.node.replace(MACHINE, level),
+        section.device.replace(MACHINE, level),
         section.client_id or f"abbe-{level}"[:100],
         data_folder(path).absolute() / section.buffer,
         files,
     )
+
+
+def _is_installed(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except ModuleNotFoundError:  # the package that it lies in
+        return False
 
 
 def as_level(name: str) -> str:
