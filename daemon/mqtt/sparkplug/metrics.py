@@ -18,7 +18,7 @@ _LONGEST = 10_000
 Value = float | int | bool | str | None
 
 
-class Reading(NamedTuple):
+class MetricReading(NamedTuple):
     """One metric's value at one moment.
 
     Attributes
@@ -55,89 +55,89 @@ def moment(text: str) -> int:
     return round(1000.0 * datetime.fromisoformat(text).timestamp())
 
 
-def of_node(status: Mapping[str, Any], lost: int) -> Iterator[Reading]:
+def of_node(status: Mapping[str, Any], lost: int) -> Iterator[MetricReading]:
     """What the correction's own computer says: the cycle, the links, what was lost."""
     at = moment(status["at"])
     cycle = status["cycle"]
-    yield Reading("Abbe/Version", STRING, status["abbe"], at)
-    yield Reading("Abbe/Host", STRING, _text(status["owner"]["host"]), at)
-    yield Reading("Cycle/Alive", BOOLEAN, status["alive"], at)
-    yield Reading("Cycle/Median", DOUBLE, cycle["median_ms"], at, unit="ms")
-    yield Reading("Cycle/P99", DOUBLE, cycle["p99_ms"], at, unit="ms")
-    yield Reading("Cycle/Missed", INT64, cycle["missed"], at)
+    yield MetricReading("Abbe/Version", STRING, status["abbe"], at)
+    yield MetricReading("Abbe/Host", STRING, _text(status["owner"]["host"]), at)
+    yield MetricReading("Cycle/Alive", BOOLEAN, status["alive"], at)
+    yield MetricReading("Cycle/Median", DOUBLE, cycle["median_ms"], at, unit="ms")
+    yield MetricReading("Cycle/P99", DOUBLE, cycle["p99_ms"], at, unit="ms")
+    yield MetricReading("Cycle/Missed", INT64, cycle["missed"], at)
     for level in ("warning", "error"):
         count = status["event_counts"].get(level, 0)
-        yield Reading(f"Events/Counted/{level}", INT64, count, at)
-    yield Reading("Publishing/Lost", INT64, lost, at)
+        yield MetricReading(f"Events/Counted/{level}", INT64, count, at)
+    yield MetricReading("Publishing/Lost", INT64, lost, at)
     for name, link in sorted(status["links"].items()):
         below = f"Links/{_text(name)}"
-        yield Reading(f"{below}/State", STRING, link["state"], at)
-        yield Reading(f"{below}/Requests Failed", INT64, link["failures"], at)
-        yield Reading(f"{below}/Reconnects", INT64, link["reconnects"], at)
+        yield MetricReading(f"{below}/State", STRING, link["state"], at)
+        yield MetricReading(f"{below}/Requests Failed", INT64, link["failures"], at)
+        yield MetricReading(f"{below}/Reconnects", INT64, link["reconnects"], at)
 
 
-def of_event(event: Mapping[str, Any], number: int) -> Iterator[Reading]:
+def of_event(event: Mapping[str, Any], number: int) -> Iterator[MetricReading]:
     """One event of the journal; together its metrics are one moment's."""
     at = moment(event["at"])
-    yield Reading("Events/Text", STRING, _text(event["text"]), at)
-    yield Reading("Events/Level", STRING, _text(event["level"]), at)
-    yield Reading("Events/Part", STRING, _text(event["part"]), at)
-    yield Reading("Events/Number", INT64, number, at)
+    yield MetricReading("Events/Text", STRING, _text(event["text"]), at)
+    yield MetricReading("Events/Level", STRING, _text(event["level"]), at)
+    yield MetricReading("Events/Part", STRING, _text(event["part"]), at)
+    yield MetricReading("Events/Number", INT64, number, at)
 
 
-def no_event(at: int) -> Iterator[Reading]:
+def no_event(at: int) -> Iterator[MetricReading]:
     """The metrics of events before there was any: a birth names them all."""
     for name, datatype in (("Text", STRING), ("Level", STRING), ("Part", STRING)):
-        yield Reading(f"Events/{name}", datatype, None, at)
-    yield Reading("Events/Number", INT64, None, at)
+        yield MetricReading(f"Events/{name}", datatype, None, at)
+    yield MetricReading("Events/Number", INT64, None, at)
 
 
-def of_device(status: Mapping[str, Any]) -> Iterator[Reading]:
+def of_device(status: Mapping[str, Any]) -> Iterator[MetricReading]:
     """What is said of the machine: state, axes, signals, check points, switches, tool."""
     at = moment(status["at"])
-    yield Reading("State/Text", STRING, _text(status["state"]), at)
+    yield MetricReading("State/Text", STRING, _text(status["state"]), at)
     for name, key in (
         ("In Full", "in_full"),
         ("Computed In Full", "computed_in_full"),
         ("Writes", "writes"),
         ("Ending", "ending"),
     ):
-        yield Reading(f"State/{name}", BOOLEAN, status[key], at)
-    yield Reading("State/Status Word", INT64, status["status_word"]["word"], at)
+        yield MetricReading(f"State/{name}", BOOLEAN, status[key], at)
+    yield MetricReading("State/Status Word", INT64, status["status_word"]["word"], at)
     faults = (f"{what}: {why}" for what, why in sorted(status["faults"].items()))
-    yield Reading("State/Faults", STRING, _text("; ".join(faults)), at)
-    yield Reading("State/Outside Measured", STRING, _text("; ".join(status["beyond"])), at)
+    yield MetricReading("State/Faults", STRING, _text("; ".join(faults)), at)
+    yield MetricReading("State/Outside Measured", STRING, _text("; ".join(status["beyond"])), at)
     for name, axis in sorted(status["axes"].items()):
         yield from _of_axis(f"Axes/{_text(name)}", axis, at)
     for name, signal in sorted(status["signals"].items()):
         quality, then = _aged(signal["value"], signal["stale"], signal["age_s"], at)
         unit = signal["unit"]
-        yield Reading(f"Signals/{_text(name)}", DOUBLE, signal["value"], then, quality, unit)
+        yield MetricReading(f"Signals/{_text(name)}", DOUBLE, signal["value"], then, quality, unit)
     if (checks := status.get("checks")) is not None:
-        yield Reading("Checks/Verdict", STRING, checks["verdict"], at)
-        yield Reading("Checks/Counted", INT64, checks["checks"], at)
-        yield Reading("Checks/Words", STRING, _text(" ".join(checks["words"])), at)
+        yield MetricReading("Checks/Verdict", STRING, checks["verdict"], at)
+        yield MetricReading("Checks/Counted", INT64, checks["checks"], at)
+        yield MetricReading("Checks/Words", STRING, _text(" ".join(checks["words"])), at)
     for name, switch in sorted(status["switches"].items()):
-        yield Reading(f"Compensations/{_text(name)}", STRING, switch, at)
+        yield MetricReading(f"Compensations/{_text(name)}", STRING, switch, at)
     for name, value in zip("XYZ", status["tool_mm"], strict=True):
-        yield Reading(f"Tool/{name}", DOUBLE, value, at, unit="mm")
+        yield MetricReading(f"Tool/{name}", DOUBLE, value, at, unit="mm")
 
 
-def _of_axis(below: str, axis: Mapping[str, Any], at: int) -> Iterator[Reading]:
+def _of_axis(below: str, axis: Mapping[str, Any], at: int) -> Iterator[MetricReading]:
     quality, then = _aged(axis["indicated"], axis["stale"], axis["age_s"], at)
     unit = axis["unit"]
-    yield Reading(f"{below}/Indicated", DOUBLE, axis["indicated"], then, quality, unit)
+    yield MetricReading(f"{below}/Indicated", DOUBLE, axis["indicated"], then, quality, unit)
     if axis["guard"] is None:
         return
     # a position that is not to be believed has no corrected one; what is held is a correction still
     fair = GOOD if axis["corrected"] is not None else BAD
-    yield Reading(f"{below}/Corrected", DOUBLE, axis["corrected"], then, fair, unit)
+    yield MetricReading(f"{below}/Corrected", DOUBLE, axis["corrected"], then, fair, unit)
     unit = axis["correction_unit"]
     fair = GOOD if axis["correction"] is not None else BAD
-    yield Reading(f"{below}/Correction", DOUBLE, axis["correction"], at, fair, unit)
-    yield Reading(f"{below}/Uncertainty", DOUBLE, axis["uncertainty"], at, unit=unit)
-    yield Reading(f"{below}/Guard", STRING, axis["guard"], at)
-    yield Reading(f"{below}/Written", BOOLEAN, axis["written"], at)
+    yield MetricReading(f"{below}/Correction", DOUBLE, axis["correction"], at, fair, unit)
+    yield MetricReading(f"{below}/Uncertainty", DOUBLE, axis["uncertainty"], at, unit=unit)
+    yield MetricReading(f"{below}/Guard", STRING, axis["guard"], at)
+    yield MetricReading(f"{below}/Written", BOOLEAN, axis["written"], at)
 
 
 def lives(status: Mapping[str, Any]) -> bool:

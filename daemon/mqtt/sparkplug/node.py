@@ -20,7 +20,7 @@ import aiomqtt
 from abbe.daemon.mqtt.connection import BrokerConnection
 from abbe.daemon.mqtt.messages import Message
 from abbe.daemon.mqtt.sparkplug.metrics import (
-    Reading,
+    MetricReading,
     moment,
     no_event,
     of_device,
@@ -57,7 +57,7 @@ class SparkplugNode(BrokerConnection):
         say: Callable[[int, str], None],
     ) -> None:
         super().__init__(task, spool, about, say)
-        self._now: dict[str, dict[str, Reading]] = {_NODE: {}, _DEVICE: {}}
+        self._now: dict[str, dict[str, MetricReading]] = {_NODE: {}, _DEVICE: {}}
         self._known = asyncio.Event()
         self._aliases: dict[str, int] = {}
         self._reborn = True
@@ -83,10 +83,10 @@ class SparkplugNode(BrokerConnection):
             self._now[_NODE] |= {reading.name: reading for reading in readings}
         self._wait_for_broker(_NODE, readings)
 
-    def _events(self) -> dict[str, Reading]:
+    def _events(self) -> dict[str, MetricReading]:
         return {n: r for n, r in self._now[_NODE].items() if n.startswith("Events/")}
 
-    def _put(self, kind: str, readings: Iterable[Reading]) -> None:
+    def _put(self, kind: str, readings: Iterable[MetricReading]) -> None:
         before = self._now[kind]
         now = self._now[kind] = {reading.name: reading for reading in readings}
         if now.keys() != before.keys():
@@ -99,7 +99,7 @@ class SparkplugNode(BrokerConnection):
         if news:
             self._wait_for_broker(kind, news)
 
-    def _wait_for_broker(self, kind: str, readings: Iterable[Reading]) -> None:
+    def _wait_for_broker(self, kind: str, readings: Iterable[MetricReading]) -> None:
         self._spool.add(Message(kind, {"readings": [list(r) for r in readings]}, retain=False))
         self._news.set()
 
@@ -201,7 +201,7 @@ class SparkplugNode(BrokerConnection):
 
     async def _send_one(self, client: aiomqtt.Client, message: Waiting) -> None:
         historical = message.series != self._spool.series or message.id <= self._before
-        readings = [Reading(*given) for given in json.loads(message.body)["readings"]]
+        readings = [MetricReading(*given) for given in json.loads(message.body)["readings"]]
         known = [reading for reading in readings if reading.name in self._aliases]
         if known:
             said = data(known, self._aliases, self._next(), _milliseconds(), historical=historical)

@@ -14,7 +14,7 @@ from abbe.daemon.mqtt.sparkplug.metrics import (
     INT64,
     REBIRTH,
     STRING,
-    Reading,
+    MetricReading,
 )
 from abbe.daemon.mqtt.sparkplug.schema import Payload
 
@@ -30,7 +30,9 @@ _LONGEST = 100_000
 """Bytes of a command."""
 
 
-def birth(readings: Iterable[Reading], aliases: Mapping[str, int], seq: int, now: int) -> bytes:
+def birth(
+    readings: Iterable[MetricReading], aliases: Mapping[str, int], seq: int, now: int
+) -> bytes:
     """A birth of a device: each metric with its name, its alias and its type.
 
     Parameters
@@ -48,7 +50,7 @@ def birth(readings: Iterable[Reading], aliases: Mapping[str, int], seq: int, now
 
 
 def node_birth(
-    readings: Iterable[Reading], aliases: Mapping[str, int], connection: int, now: int
+    readings: Iterable[MetricReading], aliases: Mapping[str, int], connection: int, now: int
 ) -> bytes:
     """The birth of the node: number 0, with the connection's number and the way to ask for another.
 
@@ -60,21 +62,26 @@ def node_birth(
         ``bdSeq``, that of the connection's last will.
     """
     payload = _birth(readings, aliases, 0, now)
-    _put(payload.metrics.add(name=BD_SEQ), Reading(BD_SEQ, INT64, connection, now))
+    _put(payload.metrics.add(name=BD_SEQ), MetricReading(BD_SEQ, INT64, connection, now))
     # it is asked for by its name: a command may come before a birth was heard
-    _put(payload.metrics.add(name=REBIRTH), Reading(REBIRTH, BOOLEAN, False, now))
+    _put(payload.metrics.add(name=REBIRTH), MetricReading(REBIRTH, BOOLEAN, False, now))
     return payload.SerializeToString()  # type: ignore[no-any-return]
 
 
 def node_death(connection: int, now: int) -> bytes:
     """The death of the node: without a number of its own, since the broker says it."""
     payload = Payload(timestamp=now)
-    _put(payload.metrics.add(name=BD_SEQ), Reading(BD_SEQ, INT64, connection, now))
+    _put(payload.metrics.add(name=BD_SEQ), MetricReading(BD_SEQ, INT64, connection, now))
     return payload.SerializeToString()  # type: ignore[no-any-return]
 
 
 def data(
-    readings: Iterable[Reading], aliases: Mapping[str, int], seq: int, now: int, *, historical: bool
+    readings: Iterable[MetricReading],
+    aliases: Mapping[str, int],
+    seq: int,
+    now: int,
+    *,
+    historical: bool,
 ) -> bytes:
     """Readings by their aliases; those that no birth has named are left out.
 
@@ -112,7 +119,9 @@ def asks_for_rebirth(command: bytes) -> bool:
     return any(m.name == REBIRTH and m.boolean_value for m in payload.metrics)
 
 
-def _birth(readings: Iterable[Reading], aliases: Mapping[str, int], seq: int, now: int) -> Any:
+def _birth(
+    readings: Iterable[MetricReading], aliases: Mapping[str, int], seq: int, now: int
+) -> Any:
     payload = Payload(timestamp=now, seq=seq)
     for reading in readings:
         metric = payload.metrics.add(name=reading.name, alias=aliases[reading.name])
@@ -123,7 +132,7 @@ def _birth(readings: Iterable[Reading], aliases: Mapping[str, int], seq: int, no
     return payload
 
 
-def _put(metric: Any, reading: Reading) -> None:
+def _put(metric: Any, reading: MetricReading) -> None:
     """A reading's value, moment, type and quality."""
     metric.timestamp = reading.at
     metric.datatype = reading.datatype

@@ -180,7 +180,7 @@ async def test_nothing_is_lost_though_no_broker_acknowledges_data(tmp_path: Path
     with mosquitto(tmp_path) as broker:
         async with Gate(broker).standing() as gate:
             gate.open = False
-            publishing = Publishing(tmp_path, gate.port)
+            publishing = Publishing(tmp_path, gate.port, timeout=5.0)
 
             def put(count: int) -> None:
                 nonlocal sent
@@ -268,7 +268,6 @@ async def test_a_rebirth_is_asked_for(tmp_path: Path) -> None:
     assert second.values["Axes/X/Indicated"] == 1.5
     strangers = [text for _, text in publishing.said if "is not heard" in text]
     assert len(strangers) == 1
-    assert publishing.node.connections == 1
 
 
 async def test_the_primary_host_is_waited_for(tmp_path: Path) -> None:
