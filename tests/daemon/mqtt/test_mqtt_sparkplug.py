@@ -375,7 +375,8 @@ async def test_a_run_publishes_and_its_process_is_killed(
     births = [said.values["bdSeq"] for said in messages if said.kind == "NBIRTH"]
     assert births == [0, 1]
     device = next(said for said in messages if said.kind == "DBIRTH")
-    assert device.topic.endswith("/DBIRTH/abbe-Bridge CMM/Bridge CMM")
+    machine = run.service.configuration.model.machine.name
+    assert device.topic == f"spBv1.0/plant/DBIRTH/abbe-{machine}/{machine}"
     assert device.values.keys() >= {"Axes/X/Corrected", "Axes/Z/Correction", "State/In Full"}
     dead = [said for said in messages if said.kind == "NDEATH"]
     assert [said.metrics[0]["value"] for said in dead] == [0, 1]
