@@ -71,6 +71,7 @@ DRIVERS: tuple[Rooms, ...] = (
     ),
 )
 COMPCORE: tuple[Rooms, ...] = (
+    (("virtual_cmm", "how sure a part is measured"),),
     (
         ("planning", "what to measure"),
         ("verification", "lines that were not fitted"),

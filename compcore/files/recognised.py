@@ -52,6 +52,7 @@ MODEL = _kind(
 CONFIG = _kind("a configuration", "config", "run check upload demo verify")
 POINTS = _kind("a list of points with the correction on and off", "points", "identify-convention")
 MAP = _kind("a compensation map", "map", "import-map identify-convention import-campaign")
+PART = _kind("a part program", "part", "uncertainty")
 GRID = _kind("a spatial grid of errors", "grid", "import-grid table upload", "grid-csv")
 TABLE = _kind("a compensation table", "table", "import-grid table upload", "csv")
 RTL = _kind("a Renishaw laser measurement", "rtl", "import-campaign", "rtl")
@@ -67,6 +68,7 @@ _FORMATS = {
     "abbe-config/": CONFIG,
     "abbe-points/": POINTS,
     "abbe-grid/": GRID,
+    "abbe-part/": PART,
     "abbe-table/": TABLE,
 }
 _FORMAT = re.compile(r"^(?:\"?#\s*)?format\s*=\s*\"{1,2}([a-z-]+/)", re.MULTILINE)

@@ -88,6 +88,22 @@ def uncertainty(
     return PredictionUncertainty(moved, turned, tuple(beyond))
 
 
+def extrapolated(model: Model, conditions: Conditions) -> tuple[F64, tuple[OutsideMeasured, ...]]:
+    """How much the predicted error changes since the nearest condition that was measured.
+
+    Returns
+    -------
+    change
+        Shape (n, 3), mm: half the width of a rectangular distribution; 0 inside.
+    beyond
+        What lies outside.
+    """
+    nearest, beyond = _nearest(model, conditions)
+    if not beyond:
+        return np.zeros((conditions.n, 3)), ()
+    return model.predict(conditions).translation - model.predict(nearest).translation, tuple(beyond)
+
+
 def _nearest(model: Model, conditions: Conditions) -> tuple[Conditions, list[OutsideMeasured]]:
     """The nearest conditions that were measured, and what had to be moved to get there."""
     beyond: list[OutsideMeasured] = []

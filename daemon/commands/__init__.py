@@ -26,6 +26,7 @@ SECTIONS = {
         "measurements.program",
         "measurements.measure",
         "measurements.verify",
+        "measurements.uncertainty",
         "measurements.import_campaign",
         "measurements.check_point",
     ),

@@ -1,0 +1,1 @@
+"""The virtual CMM: what a part program would find on a machine whose errors are known so well."""

@@ -1,0 +1,1 @@
+"""One way of spreading work: over processes of this computer, or a Dask scheduler's workers."""
