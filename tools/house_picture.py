@@ -33,6 +33,7 @@ DAEMON: tuple[Rooms, ...] = (
         ("table_watch", "tables made anew"),
         ("checks", "still true?"),
         ("records", "what was"),
+        ("spreading", "work, to many"),
     ),
     (
         ("control", "by a person"),

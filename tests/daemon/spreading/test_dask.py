@@ -163,7 +163,11 @@ def test_tls_takes_its_three_files(tmp_path: Path) -> None:
     assert not SchedulerAddress("tcp://127.0.0.1:8786").exposed
 
 
-@pytest.mark.parametrize("body", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n" * 9, b"\xff" * 4096])
+@pytest.mark.parametrize(
+    "body",
+    [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n" * 9, b"\xff" * 4096],
+    ids=["silent", "http", "garbage"],
+)
 def test_a_foreign_server_is_said_in_one_sentence(
     body: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
