@@ -152,7 +152,13 @@ def read_part(path: str | Path, machine: Machine) -> PartProgram:
 
 
 def parse_part(text: str, machine: Machine, file: str | None = None) -> PartProgram:
-    """As `read_part`, from the file's text."""
+    """As `read_part`, from the file's text.
+
+    Raises
+    ------
+    InputError
+        As `read_part`.
+    """
     text = text.replace("\r\n", "\n")
     if text.lstrip().startswith(("#", "feature")) and _is_table(text):
         head, features, line_of = csv_document(text, file)
