@@ -54,7 +54,7 @@ def spread(
         When the engine is lost; says how much is done and how to go on.
     """
     kept = None if place.keep is None else KeptAnswers(place.keep)
-    course = _Course(tasks, kept)
+    course = _AnswerCourse(tasks, kept)
     try:
         with _shown(title, len(tasks)) as advance:
             for answer in course.answers(place.engine):
@@ -71,7 +71,7 @@ def spread(
             kept.close()
 
 
-class _Course:
+class _AnswerCourse:
     """What of some tasks is answered."""
 
     def __init__(self, tasks: Sequence[Lazily], kept: KeptAnswers | None) -> None:
