@@ -2,27 +2,24 @@
 
 ``python -m benchmarks.diagnosis`` runs all scenarios and writes the section of docs/validation.md;
 ``--keep FILE`` writes every outcome to a file as it comes, and runs only what is not in it;
-``--only NAME`` runs one cause, ``--quick`` a few, and writes nothing.
+``--only NAME`` runs one cause, ``--quick`` a few, and writes nothing. ``--workers N`` processes
+here, or ``--scheduler tcp://…`` a Dask scheduler's workers, with the project on their path.
 """
 
 from __future__ import annotations
 
 import argparse
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
+from abbe.daemon.arguments.spread.options import spread_place
+from abbe.daemon.spreading.spread import spread
 from benchmarks.alternatives import black_box, sparse
 from benchmarks.hidden.judging import outcome, table
-from benchmarks.hidden.judging.trial import Learner, run
+from benchmarks.hidden.judging.spread_trials import LEARNERS, trial_tasks
 from benchmarks.hidden.scenario import MULTIPLES, Scenario, scenarios
 from benchmarks.measuring.report import write_section
 
 VALIDATION = Path(__file__).parents[1] / "docs" / "validation.md"
-LEARNERS: dict[str, Learner] = {
-    "process": black_box.gaussian_process,
-    "boosting": black_box.boosting,
-    "lasso": sparse.lasso,
-}
 SETTINGS = f"{black_box.SETTINGS} {sparse.SETTINGS}"
 
 
@@ -33,21 +30,22 @@ def main() -> None:
     parser.add_argument("--only", default=None)
     parser.add_argument("--empty", type=int, default=None)
     parser.add_argument("--sizes", type=int, nargs="*", default=list(MULTIPLES))
-    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--workers", type=int, default=None)
+    parser.add_argument("--scheduler", default=None)
     parser.add_argument("--without-others", action="store_true")
     parser.add_argument("--keep", type=Path, default=None)
     options = parser.parse_args()
     chosen = _chosen(options)
     done = {o.scenario: o for o in outcome.read(options.keep)} if options.keep else {}
-    with ProcessPoolExecutor(options.workers) as pool:
-        learners = {} if options.without_others else LEARNERS
-        runs = [pool.submit(run, s, learners) for s in chosen if s not in done]
-        for ended in as_completed(runs):
-            found = ended.result()
-            done[found.scenario] = found
-            if options.keep:
-                outcome.write(options.keep, done.values())
-            print(table.line(found), flush=True)
+    left = [s for s in chosen if s not in done]
+    tasks = trial_tasks(left, [] if options.without_others else list(LEARNERS))
+    place = spread_place(options.workers, options.scheduler, (None, None, None), None, len(tasks))
+    for _, body in spread(tasks, place, "trials"):
+        found = outcome.of_line(body.decode())
+        done[found.scenario] = found
+        if options.keep:
+            outcome.write(options.keep, done.values())
+        print(table.line(found), flush=True)
     outcomes = [done[s] for s in chosen]
     print(table.summary(outcomes))
     if len(outcomes) == len(list(scenarios())):

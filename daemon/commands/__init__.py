@@ -59,6 +59,7 @@ SECTIONS = {
         "maps.import_grid",
         "maps.identify_convention",
     ),
+    "Many machines": ("fleet",),
 }
 """Title → the commands' modules, in the order in which ``abbe --help`` lists them."""
 NAMES = tuple(name for names in SECTIONS.values() for name in names)

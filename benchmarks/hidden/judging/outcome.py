@@ -59,25 +59,30 @@ class Outcome:
         return self.rms["abbe"] / self.rms["before"]
 
 
+def of_line(line: str) -> Outcome:
+    """The outcome of a line of JSON."""
+    data = json.loads(line)
+    scenario = data.pop("scenario")
+    scenario["causes"] = tuple(scenario["causes"])
+    rms = {k: math.nan if v is None else v for k, v in data.pop("rms").items()}
+    for name in ("named", "leading"):
+        data[name] = tuple(data[name])
+    return Outcome(Scenario(**scenario), rms=rms, **data)
+
+
+def as_line(outcome: Outcome) -> str:
+    """An outcome as a line of JSON, without its end."""
+    data = asdict(outcome)
+    data["rms"] = {k: None if math.isnan(v) else v for k, v in data["rms"].items()}
+    return json.dumps(data, ensure_ascii=False)
+
+
 def read(path: Path) -> list[Outcome]:
     """The outcomes in a file, one JSON object a line; none where there is no file."""
-    found = []
-    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
-        data = json.loads(line)
-        scenario = data.pop("scenario")
-        scenario["causes"] = tuple(scenario["causes"])
-        rms = {k: math.nan if v is None else v for k, v in data.pop("rms").items()}
-        for name in ("named", "leading"):
-            data[name] = tuple(data[name])
-        found.append(Outcome(Scenario(**scenario), rms=rms, **data))
-    return found
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else ()
+    return [of_line(line) for line in lines]
 
 
 def write(path: Path, outcomes: Iterable[Outcome]) -> None:
     """Put outcomes into a file, in place of what it held."""
-    lines = []
-    for outcome in outcomes:
-        data = asdict(outcome)
-        data["rms"] = {k: None if math.isnan(v) else v for k, v in data["rms"].items()}
-        lines.append(json.dumps(data, ensure_ascii=False) + "\n")
-    write_atomically(path, "".join(lines))
+    write_atomically(path, "".join(as_line(outcome) + "\n" for outcome in outcomes))

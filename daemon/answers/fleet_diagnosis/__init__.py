@@ -1,0 +1,1 @@
+"""What ``abbe fleet diagnose`` answers: every campaign of many machines, diagnosed anew."""
