@@ -171,8 +171,8 @@ def section(
         "## Work spread over workers",
         f"{machine()}. One and two workers in processes of their own, after they have started, "
         "while each of them is busy: tasks per second with two over those with one; 1.00 of linear "
-        "is twice as many. A task is a block of 250 virtual measurements of a part of 32 points on a "
-        "fitted machine of 222 parameters, or the diagnosis of a simulated campaign with hidden "
+        "is twice as many. A task is a block of 250 virtual measurements of a part of 32 points on "
+        "a fitted machine of 222 parameters, or the diagnosis of a simulated campaign with hidden "
         "causes. The ratio of the wall clock holds for a quiet machine only; processor seconds a "
         "task, which two workers must not raise, for a busy one as well. Load while this was "
         f"measured: {load:.1f} on {os.cpu_count()} cores"
@@ -193,8 +193,8 @@ def section(
         f"Where each machine brings a hundred campaigns a year, a store grows by "
         f"{diagnosis[2] * count / 1e9:.1f} GB of campaigns and {diagnosis[1] * count / 1e9:.2f} GB "
         "of diagnoses a year, apart from the history of runs. A part program with 100,000 draws "
-        f"takes {400 * draws:.0f} processor seconds, {400 * draws / PROCESSORS:.0f} s of {PROCESSORS} "
-        "workers.",
+        f"takes {400 * draws:.0f} processor seconds, {400 * draws / PROCESSORS:.0f} s of "
+        f"{PROCESSORS} workers.",
     ]
     return "\n\n".join(paragraphs)
 
