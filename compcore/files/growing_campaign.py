@@ -74,7 +74,7 @@ class GrowingCampaign:
         """
         if path.exists() and path.stat().st_size:
             raise InputError("is there already", file=path, expected="a new name")
-        write_atomically(path, _top(head, columns))
+        write_atomically(path, top_of(head, columns))
         return cls(path, dict(head), columns, [])
 
     @classmethod
@@ -128,14 +128,14 @@ class GrowingCampaign:
         if torn:
             whole = len(text.encode("utf-8")) - len(torn.encode("utf-8"))
             os.truncate(path, whole)
-        if rows:
+        if rows and begun.get("readings") is None:
             read_campaign(path, machine)  # whatever is wrong in it is said before it grows
         return cls(path, head, columns, rows)
 
     def cut(self, rows: int) -> None:
         """Take the last rows away, those of a target that was not read to its end."""
         kept = self.rows[: len(self.rows) - rows]
-        text = _top(self._head, self._columns) + "".join(self._line(row) for row in kept)
+        text = top_of(self._head, self._columns) + "".join(self._line(row) for row in kept)
         self._renew(text)
         self.rows = kept
 
@@ -151,9 +151,9 @@ class GrowingCampaign:
         if setup in setups:
             return
         head = self._head | {"setups": setups | {setup: {"free": list(free)}}}
-        old = len(_top(self._head, self._columns).encode("utf-8"))
+        old = len(top_of(self._head, self._columns).encode("utf-8"))
         rows = os.pread(self._file, self._size - old, old).decode("utf-8")
-        self._renew(_top(head, self._columns) + rows)
+        self._renew(top_of(head, self._columns) + rows)
         self._head = head
 
     def append(self, rows: Sequence[Row]) -> None:
@@ -195,8 +195,8 @@ class GrowingCampaign:
         return ",".join(as_cell(row.get(name)) for name in self._columns) + "\n"
 
 
-def _top(head: Mapping[str, Any], columns: Sequence[str]) -> str:
-    """Head and header line."""
+def top_of(head: Mapping[str, Any], columns: Sequence[str]) -> str:
+    """Head and header line of a campaign file."""
     text = tomli_w.dumps(dict(head)).rstrip("\n")
     out = io.StringIO()
     for line in text.split("\n"):

@@ -114,7 +114,7 @@ def read_plan(path: str | Path, machine: Machine) -> PlannedWork:
     Raises
     ------
     InputError
-        Naming file, line and field: for what is no plan, for a plan of another structure, unknown
+        Naming file, line and field: for what is no plan, for a plan of another machine, unknown
         instruments, axes and tools, targets outside the travels and ways through a keep-out box.
     """
     source = TomlSource.read(path)
@@ -128,6 +128,13 @@ def read_plan(path: str | Path, machine: Machine) -> PlannedWork:
             ("structure",),
             found=found.structure,
             expected=str(machine.structure),
+        )
+    if found.machine and machine.name and found.machine != machine.name:
+        raise source.error(
+            "a plan for another machine",
+            ("machine",),
+            found=found.machine,
+            expected=f"{machine.name}, as its model is called",
         )
     for i, b in enumerate(found.keep_out):
         if not all(low < high for low, high in zip(b.low, b.high, strict=True)):

@@ -12,6 +12,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.files.growing_campaign import GrowingCampaign
 from abbe.compcore.files.plan_file import PlannedWork, read_plan
 from abbe.compcore.files.text.toml_source import TomlSource
+from abbe.compcore.files.visited_targets import IN_A_FILE, READINGS
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.daemon.config import Configuration, load_config
 from abbe.daemon.config.channels import split
@@ -83,6 +84,7 @@ def begun(
         "configuration_sha256": digest(_of_meaning(TomlSource.read(config).data)),
         **({"setups": ", ".join(s.name for s in setups)} if names else {}),
         **({} if artefact is None else artefact.origin),
+        **({} if all(i.section.linked for i in instruments.values()) else {READINGS: IN_A_FILE}),
         **stated_compensation(configuration, out, active),
     }
     with ExitStack() as held:
@@ -158,8 +160,11 @@ def _instruments(
     links = configuration.make_links(instruments=True)
     made: dict[str, Instrument] = {}
     for name, section in configuration.file.instrument.items():
-        link, channel = split(section.sources[0])
-        instrument = Instrument(name, section, links[link].info(channel).unit)
+        unit = ""
+        if section.linked:
+            link, channel = split(section.sources[0])
+            unit = links[link].info(channel).unit
+        instrument = Instrument(name, section, unit)
         made |= dict.fromkeys(section.measures or (name,), instrument)
     found = {}
     for setup in setups:

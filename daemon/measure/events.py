@@ -21,7 +21,8 @@ class MeasureEvent:
     ----------
     kind
         ``began``, ``resumed``, ``set up``, ``row``, ``next``, ``repeated``, ``missed``,
-        ``unsteady``, ``lost``, ``back``, ``new zero``, ``disk``, ``paused``, ``done``, ``ended``.
+        ``unsteady``, ``lost``, ``back``, ``new zero``, ``doubt``, ``disk``, ``paused``, ``done``,
+        ``note``, ``ended``.
     text
         For people, one line.
     about

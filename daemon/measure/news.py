@@ -85,11 +85,17 @@ class MeasureNews:
         """Tell that a target's rows are on the disk."""
         unit, _ = unit_of_kind(setup.kind)
         form = "{:.5f} ± {:.5f}" if unit == "mm" else "{:+.2f} ± {:.2f}"
-        found = ", ".join(form.format(row["value"], row["sd"]) for row in rows)
+        found = ", ".join(
+            "its reading is in the instrument's file"
+            if row["value"] is None
+            else f"{form.format(row['value'], row['sd'])}"
+            for row in rows[: 1 if rows[0]["value"] is None else None]
+        )
+        unit = "" if rows[0]["value"] is None else f" {unit}"
         again = " again" if repeated else ""
         self.event(
             "repeated" if repeated else "row",
-            f"{part_name(setup.name, part)} target {visit + 1}{again}: {found} {unit}",
+            f"{part_name(setup.name, part)} target {visit + 1}{again}: {found}{unit}",
             setup=setup.name,
             visit=visit + 1,
             rows=list(rows),

@@ -86,7 +86,7 @@ def rows_of(
     place
         Axis → where it stood, as the file holds it, in mm or rad.
     values
-        Errors or distances, mm or rad.
+        Errors or distances, mm or rad; NaN: not known yet.
     time
         s since the campaign's start.
     sds
@@ -111,7 +111,7 @@ def rows_of(
         else:
             u = setup.u[target][k] / np.linalg.norm(setup.u[target][k])
             row |= {name: round(float(x), 10) for name, x in zip(_UNIT_VECTOR, u, strict=True)}
-        row["value"] = round(value * scale, digits)
+        row["value"] = None if math.isnan(value) else round(value * scale, digits)
         row["sd"] = round(sds[k] * scale, digits) or 10.0**-digits
         made.append(row)
     return made

@@ -100,6 +100,13 @@ def import_campaign(
     model: Annotated[
         Path | None, typer.Option(help="Model file: checks that every axis has its position.")
     ] = None,
+    visits: Annotated[
+        Path | None,
+        typer.Option(
+            help='iso230-2, rtl: targets that abbe measure followed (reads = "file"), with which '
+            "the file's readings are matched; --setup says which of its set-ups."
+        ),
+    ] = None,
     force: Force = False,
 ) -> None:
     """Import runs, an rtl, a ball bar test, a map, lengths, plates, rotary tests, logs, stars."""
@@ -114,7 +121,7 @@ def import_campaign(
     from abbe.daemon.arguments.measurements.foreign_placing import foreign_placing
     from abbe.daemon.outputs import CAMPAIGN, check_outputs
 
-    say = check_outputs([file, model], [(output, CAMPAIGN)], force=force)
+    say = check_outputs([file, model, visits], [(output, CAMPAIGN)], force=force)
     machine = None if model is None else load_model(model).machine
     rotation = (component or axis or "X")[0] in "ABC"
     placing = foreign_placing(at, tool, setup, sd, signal or [], sign, rotation=rotation)
@@ -133,7 +140,15 @@ def import_campaign(
         structure=structure,
         measured=measured or [],
     )
-    campaign = read_foreign(layout, file, placing, machine, options)
+    campaign = read_foreign(layout, file, placing, None if visits else machine, options)
+    if visits is not None:
+        from abbe.compcore.files.importers.lines.matched import write_matched
+        from abbe.compcore.files.visited_targets import VisitedTargets
+
+        followed = VisitedTargets.read(visits, setup)
+        count = write_matched(campaign, followed, output, str(campaign.metadata[0]["notes"]))
+        say(f"{count} readings of {file} matched with set-up {followed.setup} → {output}")
+        return
     write_campaign(campaign, output)
     suspected = of_values(campaign, without_zeros(campaign))
     for suspicion in (*suspected, *of_unknown_thermometers(campaign)):

@@ -19,13 +19,16 @@ class InstrumentSection(Section):
     source: (
         ChannelName
         | Annotated[tuple[ChannelName, ...], Field(strict=False, min_length=1, max_length=6)]
-    )
+        | None
+    ) = None
     """Channel of its reading; several where a set-up reads several directions, in the plan's order.
+    None where it writes a file of its own.
     """
-    reads: Literal["length", "error", "distance"]
+    reads: Literal["length", "error", "distance", "file"]
     """``length``: how far the point has come along the measured direction, from any zero (a laser).
     ``error``: actual − indicated as it stands (straightness, angles, levels, indicators, ball bars,
-    R-tests). ``distance``: the distance from the base point (a tracker)."""
+    R-tests). ``distance``: the distance from the base point (a tracker). ``file``: it cannot be
+    linked; the machine is followed, and its readings are matched afterwards."""
     measures: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] | None = None
     """The plan's instruments that it stands for; default: the one of its name."""
     sign: Literal[1, -1] = 1
@@ -40,18 +43,34 @@ class InstrumentSection(Section):
     """s after which a reading is too old."""
     jump: Positive = 200.0
     """µm or µrad by which two targets' values may differ; more is a new zero."""
+    slip: Positive = 20.0
+    """µm or µrad by which what a repeated target differs by may change from one target to the next;
+    more is a count that was lost."""
     sd: Positive | None = None
     """Standard uncertainty of a reading, µm or µrad; default what the plan counts on."""
 
     @property
     def sources(self) -> tuple[str, ...]:
         """The channels, one for each direction that is read."""
-        return (self.source,) if isinstance(self.source, str) else tuple(self.source)
+        return (self.source,) if isinstance(self.source, str) else tuple(self.source or ())
+
+    @property
+    def linked(self) -> bool:
+        """Whether it is read while the machine is followed."""
+        return self.reads != "file"
 
     @property
     def loses_zero(self) -> bool:
         """Whether its zero is another one after it was interrupted."""
         return self.reads == "length" if self.incremental is None else self.incremental
+
+    @model_validator(mode="after")
+    def _source_where_linked(self) -> InstrumentSection:
+        if self.linked and self.source is None:
+            raise ValueError('no source: the channel of its reading, or reads = "file"')
+        if not self.linked and (self.source is not None or self.beam is not None):
+            raise ValueError('reads = "file" has neither source nor beam')
+        return self
 
     @model_validator(mode="after")
     def _length_is_incremental(self) -> InstrumentSection:

@@ -43,6 +43,10 @@ class SteadyReading:
         scatter = self.spreads[component] / math.sqrt(self.count)
         return math.hypot(stated, scatter, self.drifts[component] / math.sqrt(12.0))
 
+    def sds(self, stated: float) -> list[float]:
+        """The same of every direction."""
+        return [self.sd(k, stated) for k in range(len(self.values))]
+
 
 @dataclass(slots=True)
 class Averaging:

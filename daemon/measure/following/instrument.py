@@ -37,7 +37,7 @@ class Instrument:
     section
         Its section.
     unit
-        Of its channels.
+        Of its channels; empty where it has none.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Instrument:
         self.name = name
         self.section = section
         self.angle = unit in ANGLES
-        self._factor = section.sign * (ANGLES[unit] if self.angle else LENGTHS[unit])
+        self._factor = section.sign * (ANGLES[unit] if self.angle else LENGTHS[unit or "mm"])
         self._sources = tuple(split(source) for source in section.sources)
         self._beam = None if section.beam is None else split(section.beam)
         self.channels = (*self._sources, *([] if self._beam is None else [self._beam]))
@@ -117,7 +117,7 @@ class Instrument:
         self._there = True
         samples = [batch[link][name] for link, name in self._sources]
         self.values = tuple(self._factor * s.value for s in samples)
-        self.time = min(s.time for s in samples)
+        self.time = min((s.time for s in samples), default=now)
 
     def _interrupted(self) -> None:
         self.interruptions += 1
@@ -133,6 +133,8 @@ class Instrument:
         """
         wrong = ""
         components = setup.u.shape[1]
+        if not self.section.linked:
+            return
         if len(self._sources) != components:
             wrong = f"it has {len(self._sources)} channels, and {components} directions are read"
         elif self.angle != (setup.kind == Kind.ROTATION):
@@ -162,13 +164,20 @@ class Instrument:
 
         Of lengths but for the zero of the set-up; of errors the readings themselves.
         """
-        if self.section.reads == "error":
-            return self.values
+        nominal = self.nominal(setup, positions)
+        return tuple(v - w for v, w in zip(self.values, nominal, strict=True))
+
+    def nominal(self, setup: PlannedSetup, positions: Mapping[str, float]) -> tuple[float, ...]:
+        """What it would read of a perfect machine at a place, mm or rad, by direction.
+
+        Of lengths but for the zero of the set-up; of errors nothing.
+        """
+        if self.section.reads in ("error", "file"):
+            return (0.0,) * len(self._sources)
         if setup.kind == Kind.DISTANCE:
-            return tuple(v - nominal_distance(setup, positions) for v in self.values)
+            return (nominal_distance(setup, positions),) * len(self._sources)
         u = setup.u[0] / np.linalg.norm(setup.u[0], axis=1)[:, None]
-        along = u @ _point(setup, positions)
-        return tuple(v - float(w) for v, w in zip(self.values, along, strict=True))
+        return tuple(float(w) for w in u @ _point(setup, positions))
 
 
 def nominal_distance(setup: PlannedSetup, positions: Mapping[str, float]) -> float:

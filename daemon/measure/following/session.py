@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 
 from abbe.compcore.campaign.campaign import Kind
@@ -261,13 +262,20 @@ class Measurement:
             self._news.event("missed", f"stands at the edge of what counts as a target: "
                         f"{place_words(place)}")  # fmt: skip
             return
-        values = self._zero.less(instrument, read.reading.values)
-        if setup.kind == Kind.DISTANCE:
-            values = [v + nominal_distance(setup, place) for v in values]
         target = int(course.here.order[visit])
         stated = float(setup.sd[target])
         if instrument.section.sd is not None:
             stated = instrument.section.sd * (1e-6 if instrument.angle else 1e-3)
+        nominal = instrument.nominal(setup, place)
+        values = self._zero.less(instrument, read.reading.values, nominal, visit)
+        if values is None:
+            return
+        sds = read.reading.sds(stated)
+        if not instrument.section.linked:  # its file says, afterwards
+            values = [math.nan] * setup.u.shape[1]
+            sds = [stated] * len(values)
+        if setup.kind == Kind.DISTANCE:
+            values = [v + nominal_distance(setup, place) for v in values]
         repeated = course.here.taken(visit)
         left_out = course.here.take(visit)
         for i in left_out:
@@ -276,7 +284,7 @@ class Measurement:
         rows = rows_of(
             setup, part, target, place, values,
             {a: seen.directions[a] for a in axes}, self._clock + seen.time,
-            [read.reading.sd(k, stated) for k in range(len(values))],
+            sds,
             {name: seen.signals[name].value for name in self._view.signal_names},
         )  # fmt: skip
         course.took(seen.time)

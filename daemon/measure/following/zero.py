@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from abbe.compcore.campaign.campaign import Kind
 from abbe.daemon.measure.course import MeasureCourse
+from abbe.daemon.measure.following.doubtful import (
+    RepeatedTargets,
+    SameReadings,
+    not_followed,
+    other_unit,
+    size_words,
+)
 from abbe.daemon.measure.following.instrument import Instrument
 from abbe.daemon.measure.news import MeasureNews
 
@@ -15,7 +25,7 @@ class InstrumentZero:
     course
         How far the measurement is; its parts are counted here.
     news
-        Is told of readings that have jumped.
+        Is told of readings that have jumped, and of those that cannot be this machine's.
 
     Attributes
     ----------
@@ -23,48 +33,109 @@ class InstrumentZero:
         Whether the next reading counts from another zero.
     """
 
+    renew: bool
+
     def __init__(self, course: MeasureCourse, news: MeasureNews) -> None:
         self._course = course
         self._news = news
-        self._zero: tuple[float, ...] = ()
-        self._before: tuple[float, ...] = ()
-        self.renew = False
+        self._repeated = RepeatedTargets()
+        self._same = SameReadings()
+        self.forget()
 
     def forget(self) -> None:
         """Turn to another set-up."""
-        self._zero = self._before = ()
+        self._zero: tuple[float, ...] = ()
+        self._before: tuple[float, ...] = ()
+        self._nominal: tuple[float, ...] = ()
+        self._first = False
         self.renew = False
+        self._repeated.forget()
+        self._same.forget()
 
-    def less(self, instrument: Instrument, values: tuple[float, ...]) -> list[float]:
-        """Readings less the zero, which is looked at first."""
-        self._look_for_jump(instrument, values)
-        if self.renew:
-            self.renew = False
+    def less(
+        self,
+        instrument: Instrument,
+        values: tuple[float, ...],
+        nominal: tuple[float, ...],
+        visit: int,
+    ) -> list[float] | None:
+        """What was read at a target less the zero, which is looked at first.
+
+        Parameters
+        ----------
+        values
+            Readings less `nominal`, mm or rad.
+        nominal
+            What a perfect machine would show there, but for the zero.
+        visit
+            Of the present set-up.
+
+        Returns
+        -------
+        None where the reading cannot be this machine's: that is said, and it is not kept.
+        """
+        problem = self._problem(instrument, values, nominal, visit)
+        self._before, self._nominal = values, nominal
+        if problem:
+            self._news.event("doubt", f"{instrument.name} {problem}; this target is not kept")
             self._zero = ()
-        self._before = values
-        if not self._zero:
+            return None
+        self._first = self.renew or not self._zero
+        if self._first:
             self._begin_part(instrument, values)
+        here = self._course.here
+        self._repeated.add(int(here.order[visit]), int(here.sense[visit]), values)
+        if self._same.add(values) and instrument.section.reads == "error":
+            self._news.event(
+                "note",
+                f"{instrument.name} has read the very same at {self._same.count} targets in a row: "
+                "does it still measure?",
+            )
         return [v - z for v, z in zip(values, self._zero, strict=True)]
 
-    def _look_for_jump(self, instrument: Instrument, values: tuple[float, ...]) -> None:
-        """A reading that has jumped counts from another zero, whoever reset it."""
-        if not (self._zero and self._before and instrument.section.loses_zero) or self.renew:
-            return
-        scale = 1e6 if instrument.angle else 1e3
-        way = max(abs(v - b) for v, b in zip(values, self._before, strict=True)) * scale
-        if way > instrument.section.jump:
-            unit = "µrad" if instrument.angle else "µm"
-            self.renew = True
-            self._news.event(
-                "new zero",
-                f"{instrument.name} has jumped by {way:.0f} {unit}: it was reset; what follows "
-                "is a set-up of its own",
-            )
+    def _problem(
+        self,
+        instrument: Instrument,
+        values: tuple[float, ...],
+        nominal: tuple[float, ...],
+        visit: int,
+    ) -> str:
+        """Why a reading cannot be this machine's; else empty. Another zero is noticed here."""
+        setup, section = self._course.setup, instrument.section
+        if setup.kind == Kind.DISTANCE:
+            return other_unit(values, nominal)
+        if self.renew or not self._before or "zero" not in setup.free:
+            return ""
+        unit = 1e-6 if instrument.angle else 1e-3
+        way = [v - b for v, b in zip(values, self._before, strict=True)]
+        if max(abs(w) for w in way) > section.jump * unit:
+            if section.reads == "length" and (self._first or not self._zero):
+                # the one before has begun to count there; two resets in a row are none
+                moved = [n - b for n, b in zip(nominal, self._nominal, strict=True)]
+                return not_followed(way, moved)
+            by = "reset" if section.loses_zero else "touched"
+            self._another(instrument, f"has jumped by {_most(way, instrument)}: it was {by}")
+            return ""
+        here = self._course.here
+        slip = self._repeated.change(int(here.order[visit]), int(here.sense[visit]), values)
+        if slip > section.slip * unit:
+            words = size_words(slip, angle=instrument.angle)
+            self._another(instrument, f"has slipped by {words}, as targets read before tell")
+        return ""
+
+    def _another(self, instrument: Instrument, why: str) -> None:
+        self.renew = True
+        words = f"{instrument.name} {why}; what follows is a set-up of its own"
+        self._news.event("new zero", words)
 
     def _begin_part(self, instrument: Instrument, values: tuple[float, ...]) -> None:
-        course = self._course
-        counts = instrument.section.reads == "length"
-        goes_on = course.parts[course.current] and not instrument.section.loses_zero
-        if not goes_on:
+        course, section = self._course, instrument.section
+        if self.renew or section.loses_zero or not course.parts[course.current]:
             course.parts[course.current] += 1
-        self._zero = values if counts else (0.0,) * len(values)
+        self.renew = False
+        self._repeated.forget()
+        self._zero = values if section.reads == "length" else (0.0,) * len(values)
+
+
+def _most(way: Sequence[float], instrument: Instrument) -> str:
+    return size_words(max(abs(w) for w in way), angle=instrument.angle)

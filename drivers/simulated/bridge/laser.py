@@ -72,6 +72,8 @@ class SimulatedLaser:
     seed: int = 0
     optics: Optics = field(default_factory=Optics)
     beam: bool = True
+    factor: float = 1.0
+    """What its counts are multiplied by: a turned sign, another unit; 0: it is frozen."""
     now: Callable[[], float] = time.monotonic
     _zero: Array | None = None
     _start: Array | None = None
@@ -115,7 +117,14 @@ class SimulatedLaser:
         absolute = self.optics.reads == "distance"
         noise = [self._random.gauss(0.0, self.optics.noise) for _ in range(len(seen))]
         shown = (seen if absolute else seen - self._zero) + np.array(noise)
-        return [float(x) for x in shown]
+        return [float(x) * self.factor for x in shown]
+
+    def slip(self, by: float) -> None:
+        """Lose counts without a word, mm (rotations: µrad)."""
+        if self._zero is None:
+            self.reading()
+        if self._zero is not None:
+            self._zero = self._zero - by
 
     def _seen(self, latch: Latch) -> Array:
         machine, optics = self.plant.machine, self.optics

@@ -1,0 +1,129 @@
+"""Readings that are doubtful: of another sign or unit, frozen, slipped between two targets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+_FACTORS = {
+    -1.0: "the sign is turned (sign = -1, or 1)",
+    0.0: "it stands still",
+    1000.0: "it reads µm that are taken for mm",
+    0.001: "it reads m that are taken for mm",
+    25.4: "it reads mm that are taken for inches",
+    1.0 / 25.4: "it reads inches that are taken for mm",
+    2.0: "it counts every way twice",
+    0.5: "it counts half of every way",
+}
+"""What a reading moves by, over what the machine does, where it is not set right."""
+_NEAR = 0.02
+"""Part by which a factor may be off."""
+_SHORT = 0.5
+"""Part of a nominal distance by which one may be off, mm or m mixed up are not."""
+_IN_A_ROW = 6
+"""Targets at which the very same is read."""
+
+
+def not_followed(way: Sequence[float], moved: Sequence[float]) -> str:
+    """That a reading does not follow the machine, and what may be wrong.
+
+    Parameters
+    ----------
+    way
+        What the reading, less what a perfect machine shows, has changed by since the last target,
+        mm; each direction.
+    moved
+        What a perfect machine shows has changed by.
+    """
+    k = max(range(len(way)), key=lambda i: abs(way[i]))
+    read = way[k] + moved[k]
+    words = f"has moved by {read:+.4f} mm, the machine along it by {moved[k]:+.4f} mm"
+    if moved[k]:
+        for factor, why in _FACTORS.items():
+            if abs(read / moved[k] - factor) <= _NEAR * max(abs(factor), _NEAR):
+                return f"{words}: {why}"
+    return f"{words}: is it set up along this line, and read in its own unit?"
+
+
+def other_unit(values: Sequence[float], nominal: Sequence[float]) -> str:
+    """That distances cannot be those of the plan, in words; else empty.
+
+    Parameters
+    ----------
+    values
+        Distances less the nominal ones, mm.
+    nominal
+        From where the plan has the instrument stand.
+    """
+    for value, far in zip(values, nominal, strict=True):
+        if abs(value) > _SHORT * max(far, 1.0):
+            return (
+                f"reads {value + far:.3f} mm, where it stands {far:.0f} mm away by the plan: is it "
+                "read in its own unit, and does it stand there?"
+            )
+    return ""
+
+
+def size_words(size: float, *, angle: bool) -> str:
+    """A size (mm or rad) for people: ``54 µm``."""
+    return f"{size * (1e6 if angle else 1e3):.3g} {'µrad' if angle else 'µm'}"
+
+
+class RepeatedTargets:
+    """Targets of one zero that are read more than once: what each visit differs by from another.
+
+    From one target to the next this changes by little, whatever the machine's error: by play that
+    is not the same everywhere, by drift of seconds, by scatter. A lost count changes it at once.
+    """
+
+    def __init__(self) -> None:
+        self._seen: dict[tuple[int, int], tuple[float, ...]] = {}
+        self._last: tuple[bool, tuple[float, ...]] | None = None
+
+    def forget(self) -> None:
+        """Begin anew, with another zero."""
+        self._seen.clear()
+        self._last = None
+
+    def change(self, target: int, sense: int, values: Sequence[float]) -> float:
+        """By how much more, or less, a visit differs from an earlier one than the last visit did.
+
+        0 where one of the two was no repetition, mm or rad; `sense` as `SetupVisits` has it.
+        """
+        found = self._difference(target, sense, values)
+        if found is None or self._last is None or found[0] is not self._last[0]:
+            return 0.0
+        return max(abs(a - b) for a, b in zip(found[1], self._last[1], strict=True))
+
+    def add(self, target: int, sense: int, values: Sequence[float]) -> None:
+        """Take a visit in."""
+        self._last = self._difference(target, sense, values)
+        self._seen[target, sense] = tuple(values)
+
+    def _difference(
+        self, target: int, sense: int, values: Sequence[float]
+    ) -> tuple[bool, tuple[float, ...]] | None:
+        """Whether it was met from the other side before, and what this visit differs by."""
+        same = self._seen.get((target, sense))
+        before = same or self._seen.get((target, -sense))
+        if before is None:
+            return None
+        return same is None, tuple(v - b for v, b in zip(values, before, strict=True))
+
+
+class SameReadings:
+    """Counts targets in a row at which an instrument has read the very same, to the last digit."""
+
+    def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew."""
+        self.count = 0
+        self._values: tuple[float, ...] = ()
+
+    def add(self, values: Sequence[float]) -> bool:
+        """Take a target in; whether they have just become suspiciously many."""
+        now = tuple(values)
+        self.count = self.count + 1 if now == self._values else 1
+        self._values = now
+        return self.count == _IN_A_ROW

@@ -1,0 +1,72 @@
+"""Readings that cannot be this machine's: what is said of them, and what is not."""
+
+from __future__ import annotations
+
+import pytest
+
+from abbe.daemon.measure.following.doubtful import (
+    RepeatedTargets,
+    SameReadings,
+    not_followed,
+    other_unit,
+)
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (-1.0, "the sign is turned"),
+        (0.0, "it stands still"),
+        (1e3, "µm that are taken for mm"),
+        (1e-3, "m that are taken for mm"),
+        (25.4, "mm that are taken for inches"),
+        (1.0 / 25.4, "inches that are taken for mm"),
+        (2.0, "counts every way twice"),
+        (0.5, "counts half"),
+        (0.3, "is it set up along this line"),
+        (1.01, "is it set up along this line"),
+    ],
+)
+def test_what_is_wrong_is_told_by_how_it_moves(factor: float, words: str) -> None:
+    for moved in (50.0, -50.0):
+        read = factor * moved + 0.004
+        said = not_followed([read - moved], [moved])
+        assert words in said
+        assert f"by {read:+.4f} mm" in said
+
+
+def test_a_distance_in_another_unit() -> None:
+    assert other_unit([0.8, -12.0], [600.0, 700.0]) == ""  # the plan's place is approximate
+    for read in (0.6, 600e3, 600.0 / 25.4):
+        assert "in its own unit" in other_unit([read - 600.0], [600.0])
+
+
+def visits(runs: int, targets: int) -> list[tuple[int, int]]:
+    there = [(t, 1) for t in range(targets)]
+    return [*there, *((t, -1) for t in reversed(range(targets)))] * runs
+
+
+def changes(slips: dict[int, float], *, play: float = 0.03, drift: float = 0.0002) -> list[float]:
+    """Largest changes of a line there and back twice, an error at each target, mm; `slips` at."""
+    repeated, lost, found = RepeatedTargets(), 0.0, []
+    for k, (t, sense) in enumerate(visits(2, 8)):
+        lost += slips.get(k, 0.0)
+        value = (0.1 * t - 0.02 * t * t + play * (sense < 0) + drift * k + lost,)
+        found.append(repeated.change(t, sense, value))
+        repeated.add(t, sense, value)
+    return found
+
+
+def test_a_lost_count_shows_at_once_where_targets_are_read_again() -> None:
+    assert max(changes({})) < 0.001
+    for at in (12, 18, 25):
+        found = changes({at: 0.05})
+        assert found[at] == pytest.approx(0.05, abs=0.001)
+        assert max(found[:at]) < 0.001
+
+
+def test_the_very_same_in_a_row_is_noticed_once() -> None:
+    same = SameReadings()
+    assert [same.add((0.1,)) for _ in range(8)].index(True) == 5
+    assert not any(same.add((0.1,)) for _ in range(8))
+    assert not any(same.add((0.1 * k,)) for k in range(20))
