@@ -87,6 +87,18 @@ def test_what_is_wrong_is_named(written, old, new, says):
     assert "plan.toml, line" in str(refused.value)
 
 
+def test_a_plan_for_a_machine_of_the_same_structure_and_another_name_is_refused(written):
+    text = written.read_text("utf-8")
+    own = f'machine = "{AIM.machine.name}"'
+    assert own in text
+    written.write_text(text.replace(own, 'machine = "the one beside it"'), "utf-8")
+    with pytest.raises(InputError, match="another machine") as refused:
+        read_plan(written, AIM.machine)
+    assert refused.value.field == "machine"
+    written.write_text(text.replace(own, 'machine = ""'), "utf-8")
+    assert read_plan(written, AIM.machine).setups
+
+
 def test_a_name_twice_is_refused(written):
     text = written.read_text("utf-8")
     names = [line for line in text.splitlines() if line.startswith("name = ")]
