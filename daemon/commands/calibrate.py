@@ -98,7 +98,7 @@ def calibrate(
 
     if lead(request, typer.echo, ask, upto):
         outcome = outcome_of(request)
-        typer.echo(f"calibrated, {outcome}: {folder}")
+        typer.echo(f"calibrated: {folder}; {outcome}")
         if not request.checked_by:
             typer.echo(
                 f"not verified: a {request.touches} shows no lines to judge; `abbe verify` does by "

@@ -190,4 +190,4 @@ def test_a_certificate_that_cannot_be_written_and_then_can(place: Place) -> None
     page = (folder / "certificate.html").read_text("utf-8")
     assert page.lower().startswith("<!doctype html>")
     assert page.rstrip().endswith("</html>")
-    assert "calibrated:" in done.out
+    assert f"calibrated: {folder}; verified" in done.out

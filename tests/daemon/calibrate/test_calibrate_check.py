@@ -141,7 +141,7 @@ def test_a_check_of_which_a_part_is_missing_gives_a_configuration_that_says_so(
     text = (folder / "live-not-verified.toml").read_text("utf-8")
     assert text.startswith("# NOT VERIFIED. ")
     assert "not measured in one go" in text.splitlines()[1]
-    assert "calibrated, not verified" in done.out
+    assert f"calibrated: {folder}; not verified" in done.out
 
 
 @pytest.mark.parametrize(("size", "status"), [("1um", 1), ("500um", 0)])
