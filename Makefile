@@ -10,7 +10,7 @@ PROMETHEUS := $(VENV)/unpacked/usr/bin/prometheus
 MOSQUITTO := $(VENV)/unpacked/usr/sbin/mosquitto
 NODE_OPCUA := $(VENV)/opcua/node_modules/.package-lock.json
 SPARKPLUG := $(VENV)/sparkplug/node_modules/.package-lock.json
-BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis_command diagnosis check_points plan validation
+BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis_command diagnosis check_points plan validation spreading
 SOURCES := compcore drivers daemon tests benchmarks examples
 
 .DEFAULT_GOAL := help

@@ -1,4 +1,4 @@
-"""How much two workers do in the time of one: ``python -m benchmarks.spreading``, some 3 minutes.
+"""How much two workers do in the time of one: ``python -m benchmarks.spreading``, some 7 minutes.
 
 Blocks of virtual measurements and diagnoses of simulated campaigns, by processes here and by a real
 Dask scheduler's workers, one and two of them in processes of their own, after they have started.

@@ -8,7 +8,8 @@ packages that declare too little.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,10 @@ class Reads:
         """Whether anything but positions and directions was accessed."""
         return bool(self.signals or self.lags or self.others)
 
+    def noted(self) -> tuple[set[str], ...]:
+        """The sets of names, which grow as conditions are read; lags are not among them."""
+        return self.positions, self.directions, self.signals, self.others
+
 
 class _Noting(Mapping[str, F64]):
     """A mapping that notes which of its keys are looked up."""
@@ -56,9 +61,10 @@ class _Noting(Mapping[str, F64]):
         self._noted.add(key)
         return value
 
-    def unnoted(self, key: str) -> F64:
-        """A value looked up without a note."""
-        return self._values[key]
+    @property
+    def unnoted(self) -> Mapping[str, F64]:
+        """The values, of which no look-up is noted."""
+        return self._values
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._values)
@@ -72,9 +78,26 @@ class _Noting(Mapping[str, F64]):
 
 @dataclass(frozen=True, eq=False)
 class _Watched(Conditions):
-    """Conditions that note what is read of them; a lagged signal is the signal itself."""
+    """Conditions that note what is read of them; a lagged signal is the signal itself.
+
+    To copy is not to read: amended, displaced and picked conditions note what is read of *them*.
+    """
 
     reads: Reads = field(default_factory=Reads)
+
+    @classmethod
+    def noting(cls, conditions: Conditions, reads: Reads) -> _Watched:
+        """The same conditions, watched."""
+        own = _columns(conditions)
+        for name, noted in zip(("positions", "directions", "signals"), reads.noted(), strict=False):
+            own[name] = _Noting(own[name], noted)
+        return cls(**own, reads=reads)
+
+    def __post_init__(self) -> None:
+        before = [(noted, set(noted)) for noted in self.reads.noted()]
+        super().__post_init__()
+        for noted, names in before:  # to check columns is not to read them
+            noted &= names
 
     def __getattribute__(self, name: str) -> object:
         if name in ("time", "tool", "spindle_angle"):
@@ -83,24 +106,44 @@ class _Watched(Conditions):
 
     def lag(self, name: str, tau: float) -> F64:
         self.reads.lags.add((name, tau))
-        signals = self.signals
         # the signal itself is not noted: only what stays behind it counts
-        return signals.unnoted(name) if isinstance(signals, _Noting) else signals[name]
+        return _unnoted(self.signals)[name]
+
+    def straightened(self, name: str, bend: float, about: float, *, now: float = 0.0) -> Conditions:
+        return self._watching(self._bare().straightened(name, bend, about, now=now))
+
+    def _with_reading(self, name: str, amended: Callable[[F64], F64]) -> Conditions:
+        return self._watching(self._bare()._with_reading(name, amended))
+
+    def rows(self, index: slice | NDArray[np.int64] | NDArray[np.bool_]) -> Conditions:
+        return self._watching(self._bare().rows(index))
+
+    def moved(self, offset: Mapping[str, F64]) -> Conditions:
+        return self._watching(self._bare().moved(offset))
+
+    def _watching(self, conditions: Conditions) -> Conditions:
+        return _Watched.noting(conditions, self.reads)
+
+    def _bare(self) -> Conditions:
+        return Conditions(**_columns(self))
+
+
+def _columns(conditions: Conditions) -> dict[str, Any]:
+    """What conditions are made of, field by field, without a note."""
+    found = {}
+    for one in fields(Conditions):
+        if one.init:
+            value = object.__getattribute__(conditions, one.name)
+            found[one.name] = _unnoted(value) if isinstance(value, _Noting) else value
+    return found
+
+
+def _unnoted(values: Mapping[str, F64]) -> Mapping[str, F64]:
+    return values.unnoted if isinstance(values, _Noting) else values
 
 
 def reads_of(evaluate: Callable[[Conditions], object], conditions: Conditions) -> Reads:
     """The inputs that `evaluate` accesses of some conditions; a lag is the signal itself."""
     reads = Reads()
-    watched = _Watched(
-        positions=_Noting(conditions.positions, reads.positions),
-        directions=_Noting(conditions.directions, reads.directions),
-        tool=conditions.tool,
-        time=conditions.time,
-        signals=_Noting(conditions.signals, reads.signals),
-        spindle_angle=conditions.spindle_angle,
-        reads=reads,
-    )
-    for noted in (reads.positions, reads.directions, reads.signals, reads.lags, reads.others):
-        noted.clear()
-    evaluate(watched)
+    evaluate(_Watched.noting(conditions, reads))
     return reads

@@ -93,8 +93,7 @@ class UnsureMachine:
         self._bare = replace(
             model, terms=tuple(t for t in model.terms if not _amends(t)), covariance=None
         )
-        # what corrects readings copies all of them: it would seem to need the clock
-        self._needs = RequiredInputs.of(self._bare)
+        self._needs = RequiredInputs.of(model)
         require_stated(model, program, self._needs)
         self.middle = self._conditions()
         change, self.beyond = extrapolated(self.applied, self.middle)

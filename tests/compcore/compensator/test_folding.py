@@ -18,7 +18,7 @@ from abbe.compcore.compensator.rotation import about, apply, product, solved, tr
 from abbe.compcore.effects import ErrorMotion
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import rotation_about
-from abbe.compcore.model.reads import reads_of
+from abbe.compcore.model.reads import Reads, reads_of
 from tests.support.compcore.machines import machine
 from tests.support.compcore.random_models import random_machine
 
@@ -141,8 +141,38 @@ def test_what_an_effect_reads_is_noted() -> None:
     assert reads_of(lambda at: at.time, conditions).others == {"time"}
     assert reads_of(lambda at: at.tool, conditions).others == {"tool"}
     assert not reads_of(lambda at: at.position("X"), conditions).slow
-    # displaced conditions are noted as well, if more than need be
-    assert "Z" in reads_of(lambda at: at.moved({"X": n}).position("Z"), conditions).positions
+
+
+@pytest.mark.parametrize(
+    "copy",
+    [
+        lambda at, n: at.moved({"X": n}),
+        lambda at, n: at.with_offset("b", 1.0).with_gain("b", 2.0, 20.0),
+        lambda at, n: at.straightened("b", 1e-4, 20.0).straightened("b", 1e-4, 20.0, now=1e-4),
+        lambda at, n: at.rows(np.array([0, 2])).moved({"X": n[:2]}),
+    ],
+    ids=["displaced", "amended", "straightened", "picked"],
+)
+def test_of_copied_conditions_is_noted_what_is_read_of_the_copy(copy) -> None:
+    n = np.ones(3)
+    conditions = Conditions({"X": n, "Z": n}, directions={"X": n}, signals={"a": n, "b": n, "c": n})
+
+    def looks(at: Conditions) -> None:
+        here = copy(at, n)
+        here.position("Z")
+        here.mean_signal(("a", "b"))
+        here.lag("b", 60.0)
+
+    assert reads_of(looks, conditions) == Reads({"Z"}, set(), {"a", "b"}, {("b", 60.0)}, set())
+    assert reads_of(lambda at: copy(at, n), conditions) == Reads()
+    assert reads_of(lambda at: copy(at, n).time, conditions).others == {"time"}
+    assert reads_of(lambda at: copy(at, n).direction("X"), conditions).directions == {"X"}
+    seen: list[Conditions] = []
+    reads_of(lambda at: seen.append(copy(at, n)), conditions)
+    there = copy(conditions, n)
+    for name in ("a", "b"):
+        np.testing.assert_array_equal(seen[0].signals[name], there.signals[name])
+    np.testing.assert_array_equal(seen[0].position("X"), there.position("X"))
 
 
 @given(

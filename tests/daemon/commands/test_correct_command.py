@@ -167,6 +167,22 @@ def test_signals_directions_and_what_is_not_fitted(warm):
     ]
 
 
+def test_a_thermometer_that_reads_wrong_needs_nothing_more(warm):
+    """Its amendment copies the conditions: neither the time nor anything else is read thereby."""
+    model = load_model(warm)
+    steady = tuple(t for t in model.terms if t.effect.kind == "scale_expansion")[:1]
+    given = (*POINT, "T_x=25")
+    answers = []
+    for kind, value in (("sensor_offset", 1.0), ("sensor_gain", 0.25), ("sensor_bend", 4e-4)):
+        wrong = fitted(model.machine, kind, {"signal": "T_x"}, value)
+        save_model(Model(model.machine, (*steady, wrong)), warm)
+        found = answered(warm, *given)
+        assert "warnings" not in found
+        answers.append(found["corrected"]["X"])
+    true = [4.0, 5.0 / 1.25, (np.sqrt(1.0 + 4.0 * 4e-4 * 5.0) - 1.0) / (2.0 * 4e-4)]
+    np.testing.assert_allclose(answers, [200.0 + 200.0 * 10e-6 * t for t in true], atol=2e-7)
+
+
 def test_an_unknown_direction_is_said(warm):
     done = abbe("correct", warm, *POINT, "T_x=22", "T_slow=21")
     assert "Z's approach direction is not given (Z_dir=1 or -1)" in done.err
