@@ -8,6 +8,7 @@ DEBIAN := mbpoll socat chromium fonts-dejavu-core linuxcnc-uspace systemd libfak
 MACHINE := qemu-system-x86 mmdebstrap e2fsprogs dpkg-dev
 PROMETHEUS := $(VENV)/unpacked/usr/bin/prometheus
 MOSQUITTO := $(VENV)/unpacked/usr/sbin/mosquitto
+POSTGRESQL := $(VENV)/unpacked/postgresql
 NODE_OPCUA := $(VENV)/opcua/node_modules/.package-lock.json
 SPARKPLUG := $(VENV)/sparkplug/node_modules/.package-lock.json
 BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis_command diagnosis check_points plan validation spreading
@@ -95,7 +96,7 @@ $(VENV)/.bench: pyproject.toml | $(BIN)/python
 	@touch $@ $(VENV)/.dev $(VENV)/.runtime
 
 # Unrelated clients and a browser for the integration tests: Debian packages.
-$(VENV)/.debian: Makefile | $(BIN)/python $(PROMETHEUS) $(MOSQUITTO) $(NODE_OPCUA) $(SPARKPLUG)
+$(VENV)/.debian: Makefile | $(BIN)/python $(PROMETHEUS) $(MOSQUITTO) $(POSTGRESQL) $(NODE_OPCUA) $(SPARKPLUG)
 	@$(call install_debian,$(DEBIAN))
 	@touch $@
 
@@ -113,6 +114,18 @@ $(MOSQUITTO):
 	for package in $$needed; do rm -f "$$package"_*.deb; done; \
 	apt-get download -qq $$needed 2>/dev/null || { $$run apt-get update -qq && apt-get download -qq $$needed 2>/dev/null; }; \
 	for package in $$needed; do dpkg-deb --fsys-tarfile "$$package"_*.deb | tar -xm ./usr && rm "$$package"_*.deb || exit 1; done
+
+# A database server, of the version that Debian has; what its just-in-time compiler stands on is left out.
+$(POSTGRESQL):
+	@echo "Unpacking PostgreSQL for the tests …"; mkdir -p $(VENV)/unpacked; cd $(VENV)/unpacked; \
+	run=; [ "$$(id -u)" = 0 ] || run=sudo; \
+	apt-cache depends postgresql 2>/dev/null | grep -q Depends || $$run apt-get update -qq; \
+	server=$$(apt-cache depends postgresql | grep -o 'postgresql-[0-9]*$$' | head -1); \
+	needed="$$server postgresql-client-$${server##*-} $$(apt-cache depends $$server | sed -n 's/^ *Depends: \(lib[a-z].*\)/\1/p' | grep -v 'llvm\|libc6\|gcc\|stdc++\|systemd')"; \
+	for package in $$needed; do rm -f "$$package"_*.deb; done; \
+	apt-get download -qq $$needed 2>/dev/null || { $$run apt-get update -qq && apt-get download -qq $$needed 2>/dev/null; }; \
+	for package in $$needed; do dpkg-deb --fsys-tarfile "$$package"_*.deb | tar -xm ./usr ./lib 2>/dev/null; rm "$$package"_*.deb || exit 1; done; \
+	ln -s usr/lib/postgresql/$${server##*-} postgresql
 
 # An OPC UA server that is not Abbe's.
 $(NODE_OPCUA): tests/support/drivers/opcua/package.json | $(BIN)/python

@@ -23,7 +23,8 @@ _GRACE = 5.0
 
 @asynccontextmanager
 async def beside(service: ControlledService, *, supervised: bool) -> AsyncIterator[None]:
-    """Doors for those who ask, an eye on the files and on how sure the correction is, HTTP, MQTT.
+    """Doors for those who ask, an eye on the files and on how sure the correction is, HTTP, MQTT,
+    the plant's store.
 
     Parameters
     ----------
@@ -52,6 +53,7 @@ async def beside(service: ControlledService, *, supervised: bool) -> AsyncIterat
             asyncio.create_task(service.uncertainty.run()),
             asyncio.create_task(_show(service, controls)),
             asyncio.create_task(_publish(service, controls)),
+            asyncio.create_task(_store(service, controls)),
         }
         try:
             yield
@@ -102,3 +104,13 @@ async def _publish(service: ObservedService, controls: Controls) -> None:
         from abbe.daemon.mqtt.supervisor import MqttProcess
 
         await MqttProcess(service, controls, setup).run()
+
+
+async def _store(service: ObservedService, controls: Controls) -> None:
+    """Keep the process that uploads running, where the configuration names a plant's store."""
+    setup = service.configuration.fleet
+    if setup is not None:
+        # nothing of it is there for those who do not ask for it
+        from abbe.daemon.fleet.supervisor import StoreProcess
+
+        await StoreProcess(service, controls, setup).run()

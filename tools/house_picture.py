@@ -34,6 +34,7 @@ DAEMON: tuple[Rooms, ...] = (
         ("checks", "still true?"),
         ("records", "what was"),
         ("spreading", "work, to many"),
+        ("fleet", "a plant's store"),
     ),
     (
         ("control", "by a person"),
@@ -76,6 +77,7 @@ COMPCORE: tuple[Rooms, ...] = (
     (
         ("planning", "what to measure"),
         ("verification", "lines that were not fitted"),
+        ("fleet", "machines of a type"),
         ("monitoring", "is the model still true?"),
     ),
     (

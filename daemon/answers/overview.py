@@ -61,11 +61,18 @@ def overview(configuration: Configuration) -> dict[str, Any]:
 
 def _published(configuration: Configuration) -> dict[str, Any]:
     """Where the run is published; nothing where it is not."""
-    mqtt = configuration.mqtt
-    if mqtt is None:
-        return {}
-    section = mqtt.section
-    return {"published": {"to": section.url, "below": mqtt.below, "every_s": section.every}}
+    found: dict[str, Any] = {}
+    if (mqtt := configuration.mqtt) is not None:
+        section = mqtt.section
+        found["published"] = {"to": section.url, "below": mqtt.below, "every_s": section.every}
+    if (fleet := configuration.fleet) is not None:
+        found["uploaded"] = {
+            "to": fleet.section.url,
+            "site": fleet.section.site,
+            "machine": fleet.machine,
+            "every_s": fleet.section.every,
+        }
+    return found
 
 
 def _turns(configuration: Configuration) -> dict[str, Any]:

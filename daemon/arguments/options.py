@@ -21,6 +21,11 @@ VersionsReport = Annotated[
     ),
 ]
 
+WorkbenchPort = Annotated[
+    int, typer.Option(help="Port on 127.0.0.1; 0: any that is free.", max=65_535, min=0)
+]
+OpenBrowser = Annotated[bool, typer.Option("--browser/--no-browser", help="Open the browser.")]
+
 ConfigFile = Annotated[Path, typer.Argument(help="Configuration file.", metavar="CONFIG.toml")]
 ModelFile = Annotated[Path, typer.Argument(help="Model file.", metavar="MODEL.toml")]
 CampaignFiles = Annotated[list[Path], typer.Argument(help="Campaigns.", metavar="CAMPAIGN.csv")]

@@ -64,6 +64,13 @@ def check(
         to = found["published"]
         words = f"Published: every {to['every_s']:g} s to {to['to']}, below {to['below']}."
         console.print(words, markup=False, highlight=False)
+    if "uploaded" in found:
+        to = found["uploaded"]
+        words = (
+            f"Uploaded: every {to['every_s']:g} s to {to['to']}, as {to['machine']} of site "
+            f"{to['site']}."
+        )
+        console.print(words, markup=False, highlight=False)
     for note in found["notes"]:
         console.print(f"[yellow]Note:[/yellow] {escape(note)}.", highlight=False)
     console.print("[green]The configuration is in order.[/green]", highlight=False)

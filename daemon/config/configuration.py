@@ -10,6 +10,7 @@ from abbe.compcore.model.model import Model
 from abbe.daemon.config.folders import data_folder
 from abbe.daemon.config.instruments import only_for_instruments
 from abbe.daemon.config.sections.config_file import ConfigFile
+from abbe.daemon.config.sections.fleet import FleetSetup
 from abbe.daemon.config.sections.http import HttpSetup
 from abbe.daemon.config.sections.mqtt import MqttSetup
 from abbe.daemon.config.sections.upload import UploadSetup
@@ -48,6 +49,8 @@ class Configuration:
         Where a run can be looked at over HTTP; None: nowhere.
     mqtt
         The broker that a run publishes to; None: nowhere.
+    fleet
+        The plant's store that records are uploaded to; None: nowhere.
     """
 
     path: Path
@@ -58,6 +61,7 @@ class Configuration:
     upload: UploadSetup | None = None
     http: HttpSetup | None = None
     mqtt: MqttSetup | None = None
+    fleet: FleetSetup | None = None
 
     @property
     def model_path(self) -> Path:

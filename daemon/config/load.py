@@ -15,6 +15,7 @@ from abbe.daemon.config.checks import check
 from abbe.daemon.config.configuration import Configuration, LinkSetup
 from abbe.daemon.config.files import check_files
 from abbe.daemon.config.sections.config_file import ConfigFile
+from abbe.daemon.config.sections.fleet import fleet_setup
 from abbe.daemon.config.sections.http import http_setup
 from abbe.daemon.config.sections.mqtt import mqtt_setup
 from abbe.daemon.config.sections.upload import upload_setup
@@ -51,7 +52,11 @@ def load_config(path: str | Path) -> Configuration:
     mqtt = None
     if file.mqtt is not None:
         mqtt = mqtt_setup(source, Path(path), file.mqtt, model.machine.name)
-    configuration = Configuration(Path(path), file, model, links, limits, upload, http, mqtt)
+    fleet = None
+    if file.fleet is not None:
+        kept, name = file.records is not None, model.machine.name
+        fleet = fleet_setup(source, Path(path), file.fleet, name, records=kept)
+    configuration = Configuration(Path(path), file, model, links, limits, upload, http, mqtt, fleet)
     made = {name: _made(source, name, setup) for name, setup in links.items()}
     check(source, configuration, made)
     check_files(source, configuration)

@@ -54,6 +54,19 @@ CREATE TABLE events (
 );
 CREATE INDEX events_by_time ON events (time);
 """
+_MARKS = """
+CREATE TABLE identity (id TEXT NOT NULL);
+CREATE TABLE touched (minute INTEGER PRIMARY KEY, mark INTEGER NOT NULL);
+CREATE UNIQUE INDEX touched_by_mark ON touched (mark);
+INSERT INTO identity VALUES (lower(hex(randomblob(16))));
+INSERT INTO touched SELECT minute, row_number() OVER (ORDER BY minute) FROM (
+    SELECT DISTINCT CAST(floor(time / 60) * 60 AS INTEGER) AS minute FROM full
+    UNION SELECT CAST(time AS INTEGER) FROM minutes UNION SELECT CAST(time AS INTEGER) FROM hours);
+"""
+"""Which file it is, and which minutes were written to in which order: what is uploaded goes by it.
+
+Files of earlier versions of Abbe get them when they are written the next time.
+"""
 CACHE = 512
 """KiB of the file that its writer keeps in memory."""
 _APPLICATION = 0x41626265
@@ -92,6 +105,14 @@ def open_to_write(path: Path) -> sqlite3.Connection:
                     connection.execute(statement)
                 connection.execute(f"PRAGMA application_id = {_APPLICATION}")
                 connection.execute(f"PRAGMA user_version = {VERSION}")
+        (marked,) = connection.execute(
+            "SELECT count(*) FROM sqlite_schema WHERE name = 'touched'"
+        ).fetchone()
+        if not marked:
+            with connection:
+                connection.execute("BEGIN IMMEDIATE")
+                for statement in _MARKS.split(";\n"):
+                    connection.execute(statement)
     except BaseException:
         connection.close()
         raise

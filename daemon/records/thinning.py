@@ -51,6 +51,7 @@ def thin(
         oldest = now - retention.hour_days * _DAY
         connection.execute("DELETE FROM hours WHERE time < ?", (oldest,))
         connection.execute("DELETE FROM events WHERE time < ?", (oldest,))
+        connection.execute("DELETE FROM touched WHERE minute < ?", (oldest,))
     if path is not None:
         _shrink(connection, retention.max_bytes)
 
@@ -86,6 +87,17 @@ def _coarsen(connection: sqlite3.Connection, to: str, span: float, before: float
                 (end,),
             )
             connection.execute(f"DELETE FROM {source} WHERE time < ?", (end,))
+            if to == "hours":
+                _hours_touched(connection, end)
+
+
+def _hours_touched(connection: sqlite3.Connection, before: float) -> None:
+    """Of minutes that are no longer told apart, only the hour was touched."""
+    old = "SELECT minute - minute % 3600 AS hour, mark FROM touched WHERE minute < ?"
+    hours = connection.execute(f"SELECT hour, max(mark) FROM ({old}) GROUP BY hour", (before,))
+    found = hours.fetchall()
+    connection.execute("DELETE FROM touched WHERE minute < ?", (before,))
+    connection.executemany("INSERT INTO touched VALUES (?, ?)", found)
 
 
 def _shrink(connection: sqlite3.Connection, most: int) -> None:

@@ -153,6 +153,7 @@ class RecordWriter:
             connection.execute("BEGIN IMMEDIATE")
             for item in (*self._owed, *items):
                 self._one(connection, item)
+            _touch(connection, items)
         self._owed = []
         if self._problem:
             self._problem = ""
@@ -264,6 +265,22 @@ class RecordWriter:
             with contextlib.suppress(sqlite3.Error):
                 self._connection.close()
             self._connection = None
+
+
+def _touch(connection: sqlite3.Connection, items: Sequence[_Item]) -> None:
+    """Note which minutes were written to, by a number that grows, whatever the clock does."""
+    minutes = {
+        int(at // 60.0) * 60
+        for item in items
+        if not isinstance(item, RunRow | EventRow)
+        for _, _, at, _ in item
+    }
+    for minute in sorted(minutes):
+        connection.execute(
+            "INSERT INTO touched SELECT ?, coalesce(max(mark), 0) + 1 FROM touched WHERE true "
+            "ON CONFLICT (minute) DO UPDATE SET mark = excluded.mark",
+            (minute,),
+        )
 
 
 def _inode(path: Path) -> int:

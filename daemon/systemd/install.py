@@ -149,11 +149,12 @@ def plan(
         files[_under(root, _SYSUSERS)] = sysusers(user)
     links = configuration.make_links()
     resources = [resource for link in links.values() for resource in link.owns]
-    file, http, mqtt = configuration.file, configuration.http, configuration.mqtt
-    resources += [] if mqtt is None else [mqtt.resource]
+    file, http = configuration.file, configuration.http
+    reached = [one for one in (configuration.mqtt, configuration.fleet) if one is not None]
+    resources += [one.resource for one in reached]
     needs = replace(
         Needs.of_resources(resources, _written_folders(configuration)),
-        beside=http is not None or mqtt is not None,
+        beside=http is not None or bool(reached),
         clients=() if http is None else http.networks,
     )
     longest_end = file.guard.hold + file.guard.ramp

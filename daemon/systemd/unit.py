@@ -139,7 +139,8 @@ class Needs:
         Networks that may ask over HTTP, with ``localhost`` for this computer; empty: the network is
         not listened to.
     beside
-        Whether there are processes beside the correction (HTTP, MQTT), which step back behind it.
+        Whether there are processes beside the correction (HTTP, MQTT, the plant's store), which
+        step back behind it.
     """
 
     addresses: tuple[str, ...] = ()
@@ -265,7 +266,7 @@ def drop_in(needs: Needs, period: float = 0.0, longest_end: float = 0.0) -> str:
         lines.append(f"IPAddressAllow={' '.join((*needs.addresses, *needs.clients))}")
     if needs.beside:
         lines += [
-            "# processes beside the correction (HTTP, MQTT) step back behind it (nice)",
+            "# processes beside the correction (HTTP, MQTT, a store) step back behind it (nice)",
             "SystemCallFilter=setpriority",
         ]
     lines += [f"DeviceAllow={_quoted(device)} rw" for device in needs.devices]

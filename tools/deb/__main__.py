@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--version", default="", help="default: that of pyproject.toml")
     parser.add_argument(
         "--extras",
-        default="can,http,mqtt,opcua,sparkplug",
+        default="can,fleet,http,mqtt,opcua,sparkplug",
         help="optional parts, with commas between",
     )
     parser.add_argument("--compression", default="zstd", help="as dpkg-deb -Z takes it")

@@ -9,9 +9,7 @@ import typer
 
 from abbe.daemon.arguments.bounded import within
 from abbe.daemon.arguments.lists import ListOptions
-from abbe.daemon.arguments.options import HoldoutFiles
-
-_HIGHEST = 65_535
+from abbe.daemon.arguments.options import HoldoutFiles, OpenBrowser, WorkbenchPort
 
 
 def register(app: typer.Typer) -> None:
@@ -55,9 +53,7 @@ def open_workbench(
             metavar="FOLDER",
         ),
     ] = None,
-    port: Annotated[
-        int, typer.Option(help="Port on 127.0.0.1; 0: any that is free.", max=_HIGHEST, min=0)
-    ] = 0,
+    port: WorkbenchPort = 0,
     session: Annotated[
         float,
         typer.Option(
@@ -66,9 +62,7 @@ def open_workbench(
             metavar="HOURS",
         ),
     ] = 12.0,
-    browser: Annotated[
-        bool, typer.Option("--browser/--no-browser", help="Open the browser.")
-    ] = True,
+    browser: OpenBrowser = True,
 ) -> None:
     """See a run live; compare, learn what is missing, try it, add it, watch, upload, calibrate.
 

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from abbe.daemon.config.sections.check_points import ChecksSection
+from abbe.daemon.config.sections.fleet import FleetSection
 from abbe.daemon.config.sections.guard import GuardSection
 from abbe.daemon.config.sections.http import HttpSection
 from abbe.daemon.config.sections.measure import InstrumentSection, MeasureSection
@@ -104,4 +105,5 @@ class ConfigFile(Section):
     control: ControlSection | None = None
     http: HttpSection | None = None
     mqtt: MqttSection | None = None
+    fleet: FleetSection | None = None
     upload: UploadSection | None = None

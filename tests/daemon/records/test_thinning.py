@@ -74,7 +74,7 @@ def test_thinning_loses_no_extreme_and_no_count(
     connection = sqlite3.connect(":memory:", isolation_level=None)
     from abbe.daemon.records import schema
 
-    for statement in schema._TABLES.split(";\n"):
+    for statement in (schema._TABLES + schema._MARKS).split(";\n"):
         connection.execute(statement)
     by_time = {float(t): v for t, v in values}
     fill(connection, list(by_time.items()))

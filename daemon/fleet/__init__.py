@@ -1,0 +1,1 @@
+"""The plant's store: PostgreSQL that every machine's records are uploaded to, and asked of."""
