@@ -14,8 +14,9 @@ from starlette.middleware.gzip import GZipMiddleware
 from starlette.responses import Response
 
 from abbe.compcore.errors import AbbeError, InputError
-from abbe.daemon.workbench.asked import AskedOfWorkbench, Nothing
+from abbe.daemon.workbench.asked import AskedByPerson, AskedOfWorkbench, Nothing, who_asks
 from abbe.daemon.workbench.calibration.routes import calibration_routes
+from abbe.daemon.workbench.campaigns.routes import campaign_routes
 from abbe.daemon.workbench.page_files import page_files
 from abbe.daemon.workbench.residuals.brush import Brush
 from abbe.daemon.workbench.session import Workbench
@@ -29,7 +30,7 @@ _SMALL = 2000
 Spec = Annotated[str, Field(min_length=1, max_length=2000)]
 
 
-class AddedCause(AskedOfWorkbench):
+class AddedCause(AskedByPerson):
     """A cause to be added."""
 
     spec: Spec
@@ -42,10 +43,17 @@ class TriedCause(AskedOfWorkbench):
     values: dict[str, float] | None = Field(default=None, max_length=1000)
 
 
-class OtherVersion(AskedOfWorkbench):
+class OtherVersion(AskedByPerson):
     """A version to go back to, by its place in the list."""
 
     version: int
+
+
+class NotedVersion(AskedByPerson):
+    """What a person notes of a version."""
+
+    version: int
+    text: Annotated[str, Field(min_length=1, max_length=4000)]
 
 
 def application(views: WorkbenchViews, end: Callable[[], None]) -> FastAPI:
@@ -69,6 +77,7 @@ def application(views: WorkbenchViews, end: Callable[[], None]) -> FastAPI:
     if views.bench is not None:
         _look(app, views.bench)
         _change(app, views.bench)
+        app.include_router(campaign_routes(views.bench))
     if views.desk is not None:
         desk = views.desk
         app.include_router(table_routes(lambda: desk, "/api/tables"))
@@ -127,6 +136,11 @@ def _look(app: FastAPI, bench: Workbench) -> None:
         """The versions and their errors."""
         return bench.watched()
 
+    @app.get("/api/beside")
+    def besides(left: int, right: int) -> Response:
+        """Two versions side by side."""
+        return _known(bench.beside(left, right))
+
     @app.post("/api/try")
     def tried(cause: TriedCause) -> dict[str, Any]:
         """What a cause would leave; changes nothing."""
@@ -147,21 +161,27 @@ def _change(app: FastAPI, bench: Workbench) -> None:
         return bench.state()
 
     @app.post("/api/fit")
-    def fit(_: Nothing) -> dict[str, Any]:
+    def fit(wanted: AskedByPerson, request: Request) -> dict[str, Any]:
         """Fit the present version as it is."""
-        bench.fit()
+        bench.fit(who_asks(wanted.by, request))
         return bench.state()
 
     @app.post("/api/add")
-    def add(cause: AddedCause) -> dict[str, Any]:
+    def add(cause: AddedCause, request: Request) -> dict[str, Any]:
         """Add a cause and refit."""
-        bench.add(cause.spec)
+        bench.add(cause.spec, who_asks(cause.by, request))
         return bench.state()
 
     @app.post("/api/back")
-    def back(other: OtherVersion) -> dict[str, Any]:
+    def back(other: OtherVersion, request: Request) -> dict[str, Any]:
         """Look at another version."""
-        bench.go_back(other.version)
+        bench.go_back(other.version, who_asks(other.by, request))
+        return bench.state()
+
+    @app.post("/api/note")
+    def note(noted: NotedVersion, request: Request) -> dict[str, Any]:
+        """Keep what a person notes of a version."""
+        bench.note(noted.text, noted.version, who_asks(noted.by, request))
         return bench.state()
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
 
+from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.comparison.compare import Comparison
 from abbe.compcore.comparison.tabulate import ResidualGroup
 from abbe.compcore.comparison.words import fitted_note
@@ -59,7 +61,13 @@ def _tables(comparison: Comparison) -> Iterator[dict[str, Any]]:
         if not part.n:
             continue
         worst: list[list[Cell]] = [
-            [campaign.file_of(p.row), int(p.line), p.setup, p.residual * factor, p.sd * factor]
+            [
+                PurePath(campaign.file_of(p.row)).name,
+                int(p.line),
+                p.setup,
+                p.residual * factor,
+                p.sd * factor,
+            ]
             for p in part.worst
         ]
         yield {
@@ -77,6 +85,11 @@ def _tables(comparison: Comparison) -> Iterator[dict[str, Any]]:
                 "cells": in_words([[where_of(g), g.n, g.rms, g.max, g.mean] for g in groups], 3),
                 "select": [_selected(g, k, groups) for g in groups],
             }
+
+
+def _file(campaign: Campaign, row: int) -> str:
+    """Which file a row is of; where that lies stands on no page."""
+    return PurePath(campaign.file_of(row)).name
 
 
 def _selected(group: ResidualGroup, part: int, groups: Sequence[ResidualGroup]) -> dict[str, Any]:

@@ -8,6 +8,7 @@ it changes something, was sent by a page of this very server.
 
 from __future__ import annotations
 
+import asyncio
 import secrets
 import time
 from collections.abc import Callable, Mapping
@@ -18,9 +19,14 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from abbe.daemon.workbench.address import ENTRANCE, address_of, new_key
+from abbe.daemon.workbench.asked import BROWSER
 
 LONGEST = 65_536
 """Bytes of a request's body that are read."""
+BODY_WITHIN = 20.0
+"""s for a request's body to be there, once somebody began to send it."""
+STREAMED = {"/api/campaigns": "text/csv"}
+"""Path → what it takes: its route bounds what is sent."""
 SESSION = 12.0
 """h without anything that a person did after which a session is over."""
 _MOST = 64
@@ -75,6 +81,8 @@ class WorkbenchDoor:
         self._cookie = f"abbe-{port}"
         self._lasts = 3600.0 * session
         self._sessions: dict[str, float] = {}
+        self._numbers: dict[str, int] = {}
+        self._entered = 0
         self._port, self._invite = port, invite
         self._key = key
         if not key:
@@ -108,7 +116,16 @@ class WorkbenchDoor:
         if refused is not None:
             await refused(scope, receive, with_headers)
             return
-        body = await _body(receive)
+        scope = {**scope, BROWSER: self._numbers.get(session, 0)}
+        if scope["method"] == "POST" and scope["path"] in STREAMED:
+            await self._app(scope, receive, with_headers)
+            return
+        try:
+            async with asyncio.timeout(BODY_WITHIN):
+                body = await _body(receive)
+        except TimeoutError:
+            await _no(408, "the request did not come in time")(scope, receive, with_headers)
+            return
         if body is None:
             await _no(413, f"no more than {LONGEST} bytes")(scope, receive, with_headers)
             return
@@ -141,7 +158,8 @@ class WorkbenchDoor:
         if scope["method"] == "POST":
             own = f"http://{host[0]}"
             kind = headers.get("content-type", [""])[0].partition(";")[0].strip().lower()
-            if headers.get("origin") != [own] or kind != "application/json":
+            wanted = STREAMED.get(scope["path"], "application/json")
+            if headers.get("origin") != [own] or kind != wanted:
                 return _no(403, "only pages of this workbench change anything")
         if scope["method"] == "POST" or scope["path"] == "/":
             # a person did this: a page looks with GET by itself
@@ -160,6 +178,9 @@ class WorkbenchDoor:
         while len(self._sessions) >= _MOST:
             del self._sessions[min(self._sessions, key=lambda s: self._sessions[s])]
         self._sessions[secret] = time.monotonic() + self._lasts
+        self._entered += 1
+        self._numbers = {s: n for s, n in self._numbers.items() if s in self._sessions}
+        self._numbers[secret] = self._entered
         entered = RedirectResponse("/", 303)
         entered.set_cookie(self._cookie, secret, httponly=True, samesite="strict", path="/")
         return entered
@@ -189,7 +210,8 @@ class WorkbenchDoor:
 
 
 def _no(status: int, why: str, headers: Mapping[str, str] | None = None) -> Response:
-    return PlainTextResponse(f"{why}\n", status, headers)
+    # what was sent along is not read, or not to its end
+    return PlainTextResponse(f"{why}\n", status, {**(headers or {}), "connection": "close"})
 
 
 async def _body(receive: Receive) -> bytes | None:

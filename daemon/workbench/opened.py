@@ -19,14 +19,17 @@ class WhatToOpen:
     config
         The configuration of the run that is seen live; None: whichever runs.
     model
-        The model that campaigns are laid beside; None: there are none.
+        The model that campaigns are laid beside; None: there is none.
     uploads
         Whether the configuration names a controller that takes tables.
+    near
+        Folders in which campaigns may lie that nobody named.
     """
 
     config: Path | None
     model: Path | None
     uploads: bool = False
+    near: tuple[Path, ...] = ()
 
 
 def what_to_open(
@@ -52,19 +55,13 @@ def what_to_open(
             config, model = file, None
             uploads = "upload" in source.data
             named = source.data.get("model")
-            if campaigns:
-                if not isinstance(named, str):
-                    raise source.error("names no model", ("model",), found=named)
+            if isinstance(named, str):
                 model = file.parent / named
-        elif not campaigns:
-            raise InputError(
-                "a model alone has nothing that it is laid beside",
-                file=file,
-                expected="campaigns after it, or the configuration of a run in its place",
-            )
-    if model is None and (holdout or versions is not None):
+            elif campaigns:
+                raise source.error("names no model", ("model",), found=named)
+    if (holdout and not campaigns) or (model is None and versions is not None):
         raise InputError(
-            "needs campaigns to be laid beside a model",
+            "needs campaigns to be laid beside a model" if holdout else "needs a model",
             field="--holdout" if holdout else "--versions",
             expected="abbe open MODEL.toml CAMPAIGN.csv",
         )
@@ -75,4 +72,5 @@ def what_to_open(
                 field=option,
                 expected=f"the configuration of a run: abbe open CONFIG.toml {option} FOLDER",
             )
-    return WhatToOpen(config, model, uploads)
+    near = [path for path in (calibration, None if file is None else file.parent) if path]
+    return WhatToOpen(config, model, uploads, tuple(near))

@@ -59,6 +59,15 @@ class WorkbenchTask:
         """Whether it is under way."""
         return not self._over
 
+    @property
+    def stage(self) -> str:
+        """What it is at."""
+        return self._stage
+
+    def wait(self) -> None:
+        """Until it is over."""
+        self._thread.join()
+
     def as_json(self) -> dict[str, Any]:
         """What a page shows of it; `left` in s."""
         return {

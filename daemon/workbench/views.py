@@ -19,7 +19,7 @@ class WorkbenchViews:
     live
         The run that is looked at.
     bench
-        The session with its campaigns; None: there are none.
+        The session with its model and campaigns; None: there is no model.
     desk
         The tables and their controller; None: there are none.
     guide
@@ -46,9 +46,10 @@ class WorkbenchViews:
     @property
     def first(self) -> str:
         """The one that is shown first."""
-        if self.desk is not None and self.desk.folder is not None and self.bench is None:
+        laid = self.bench is not None and not self.bench.empty
+        if self.desk is not None and self.desk.folder is not None and not laid:
             return "tables"
-        if self.guide is not None and self.bench is None:
+        if self.guide is not None and not laid:
             return "calibrate"
         return self.live.first
 

@@ -71,6 +71,7 @@ def open_workbench(
     from abbe.daemon.progress import shown
 
     with shown("reading"):
+        from abbe.compcore.errors import AbbeError
         from abbe.daemon.commands.calibration import step_child
         from abbe.daemon.commands.calibration.guide import steps_now
         from abbe.daemon.workbench.address import listening
@@ -86,9 +87,15 @@ def open_workbench(
         bench = None
         if found.model is not None:
             at_once = found.config is None
-            bench = Workbench(
-                found.model, campaigns or [], holdout or [], versions, at_once=at_once
-            )
+            try:
+                bench = Workbench(
+                    found.model, campaigns or [], holdout or [], versions,
+                    near=found.near, at_once=at_once,
+                )  # fmt: skip
+            except AbbeError:
+                # a run is looked at also where its model cannot be read: the live view says so
+                if found.config is None or campaigns or versions is not None:
+                    raise
         live = LiveView(found.config, first=bench is None or found.config is not None)
         desk = None
         if found.config is not None and (tables is not None or found.uploads):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,7 @@ def rows_json(campaign: Campaign, machine: Machine, rows: Index) -> dict[str, An
         "part": (~np.isin(campaign.kind[rows], LENGTHS)).astype(int).tolist(),
         "units": list(_UNITS),
         "line": campaign.line[rows].tolist(),
-        "files": [campaign.file_of(int(rows[i])) for i in first],
+        "files": [PurePath(campaign.file_of(int(rows[i]))).name for i in first],
         "file": file.reshape(-1).tolist(),
         "setups": names,
         "setup": setup.tolist(),

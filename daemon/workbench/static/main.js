@@ -1,20 +1,24 @@
 // The frame: what is known of the machine, what is under way, and the views.
 import {label, offerLanguages, t, translatePage} from "./shared/language.js";
-import {el, keepingTyped, replace} from "./shared/dom.js";
+import {el, keepingTyped, moment, replace} from "./shared/dom.js";
 import {back, get, Lost, Outside, post, Refusal, why} from "./shared/server.js";
 import {Calibration} from "./calibration/calibrate.js";
+import {campaignsPanel, noCampaign, sendAll} from "./model/campaigns.js";
 import {compareView} from "./model/compare.js";
 import {adviceView, learnView} from "./model/learn.js";
 import {Live} from "./live/live.js";
-import {moment, reportOf} from "./report/paper.js";
+import {reportOf} from "./report/paper.js";
 import {Tables} from "./tables/tables.js";
 import {watchView} from "./model/watch.js";
+import {askWho, who} from "./shared/who.js";
 
 let TABS = ["live", "compare", "learn", "watch", "tables", "calibrate"];
 /** Views that follow by themselves what they show. */
 const OWN = {live: () => new Live(() => header().catch(() => {})), tables: () => new Tables(),
   calibrate: () => new Calibration()};
-const CHANGES = ["/api/add", "/api/fit", "/api/back"];
+const CHANGES = ["/api/add", "/api/fit", "/api/back", "/api/note", "/api/campaigns/use"];
+/** Where a change is seen; elsewhere what is shown stays. */
+const LEADS = {"/api/add": "watch", "/api/fit": "watch", "/api/campaigns/use": "compare"};
 const QUICK = 250, CALM = 1500; // ms between two looks at the server
 const $ = (id) => document.getElementById(id);
 const view = $("view");
@@ -54,10 +58,15 @@ async function refresh() {
     view.dataset.tab = tab;
     return;
   }
-  const found = await get(`/api/${tab}`);
+  const found = state.empty && tab !== "watch" ? null : await get(`/api/${tab}`);
   if (turn !== drawing) return;
   let parts;
-  if (found === null) {
+  if (state.empty && found === null) {
+    // what is chosen in it stays
+    if (view.dataset.tab === tab && view.dataset.key === "empty") return;
+    parts = noCampaign(act, trouble);
+    view.dataset.key = "empty";
+  } else if (found === null) {
     if (tab !== "watch" && !state?.task && !state?.error) await ask(`/api/${tab}`);
     // a server that was started anew finds it once more: what is shown of the same files stays
     if (view.dataset.tab === tab && view.dataset.about === about) return;
@@ -67,7 +76,7 @@ async function refresh() {
     // what is chosen and opened in it stays
     if (view.dataset.tab === "compare" && view.dataset.key === key) return;
     view.dataset.key = key;
-    parts = compareView(found, () => show("learn").catch(missed));
+    parts = [...compareView(found, () => show("learn").catch(missed)), campaignsPanel(act, trouble)];
   } else if (tab === "learn") {
     const key = JSON.stringify([about, found.title, found.rms]);
     if (view.dataset.tab === "learn" && view.dataset.key === key) {
@@ -78,9 +87,14 @@ async function refresh() {
     view.dataset.key = key;
     parts = learnView(found, state, act);
   }
-  else parts = watchView(found, state, act, () => show("learn").catch(missed));
+  else {
+    const key = JSON.stringify([about, found, state.task]);
+    if (view.dataset.tab === "watch" && view.dataset.key === key) return;
+    view.dataset.key = key;
+    parts = watchView(found, state, act, () => show("learn").catch(missed), trouble);
+  }
   keepingTyped(view, () => replace(view, ...parts));
-  view.dataset.tab = found === null ? "" : tab;
+  view.dataset.tab = found === null && !state.empty ? "" : tab;
   view.dataset.about = about;
 }
 
@@ -98,23 +112,24 @@ async function ask(path, body) {
   }
 }
 
-/** Change something, and watch what becomes of it. */
+/** Change something, and watch what becomes of it; whether the server does it. */
 async function act(path, body) {
   mine = true;
-  if (!await ask(path, body)) {
+  if (!await ask(path, {...body, by: who()})) {
     mine = Boolean(unsure);
-    return;
+    return false;
   }
   try {
     await look();
-    if (path !== "/api/back") await show("watch");
+    if (LEADS[path]) await show(LEADS[path]);
   } catch (error) {
     missed(error);
   }
+  return true;
 }
 
 function trouble(text) {
-  const words = [text, told].filter(Boolean).join(" ");
+  const words = [label(text), told].filter(Boolean).join(" ");
   $("trouble").textContent = words;
   $("trouble").hidden = !words;
 }
@@ -165,6 +180,7 @@ function begin() {
   // a view may have been clicked before it was known which there are
   if (!state.views.includes(tab)) tab = state.first;
   for (const name of TABS) if (!state.views.includes(name)) $(`tab-${name}`).remove();
+  if (state.views.length === 1) $("who").remove();
   TABS = state.views;
   for (const t of TABS) {
     $(`tab-${t}`).setAttribute("aria-selected", String(t === tab));
@@ -257,6 +273,14 @@ for (const kind of ["pointerdown", "keydown"])
     here = Date.now();
     post("/api/here").catch(() => {});
   });
+// a file that is dropped is a campaign, or nothing: never a page that the browser goes to
+addEventListener("dragover", (event) => event.preventDefault());
+addEventListener("drop", (event) => {
+  event.preventDefault();
+  const files = [...event.dataTransfer?.files ?? []];
+  if (files.length && TABS.includes("compare")) sendAll(files, act, trouble).catch(missed);
+});
+askWho($("who"));
 translatePage();
 offerLanguages($("language"));
 watchOver();

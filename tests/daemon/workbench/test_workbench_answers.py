@@ -187,7 +187,9 @@ def test_versions_are_new_files_beside_what_is_there(campaign: Path, tmp_path: P
     assert "Z stands" in answer(bench.compared)["title"]
     bench.fit()
     idle(bench)
-    assert sorted(p.name for p in folder.iterdir()) == [f"model-{k}.toml" for k in (2, 3, 4, 5)]
+    assert sorted(p.name for p in folder.glob("*.toml")) == [
+        f"model-{k}.toml" for k in (2, 3, 4, 5)
+    ]
     # another session finds what this one left
     bench.close()
     again = idle(Workbench(MODEL, [campaign], [], folder))
@@ -204,7 +206,7 @@ def test_a_failed_fit_leaves_no_file(campaign: Path, tmp_path: Path) -> None:
     while bench.state()["task"] is not None:
         pause.wait(0.02)
     assert "nothing to fit" in bench.state()["error"]
-    assert list((tmp_path / "versions").iterdir()) == []
+    assert list((tmp_path / "versions").glob("*.toml")) == []
 
 
 def test_one_thing_at_a_time(campaign: Path, tmp_path: Path) -> None:
@@ -240,15 +242,20 @@ def test_the_head_names_machine_and_files(learned: Workbench, campaign: Path) ->
 def test_what_is_opened_is_told_from_the_files(campaign: Path, tmp_path: Path) -> None:
     config = tmp_path / "config.toml"
     config.write_text('format = "abbe-config/1"\nmodel = "m/model.toml"\n')
+    model, near = tmp_path / "m" / "model.toml", (tmp_path,)
     assert what_to_open(None, []) == WhatToOpen(None, None)
-    assert what_to_open(config, []) == WhatToOpen(config, None)
-    assert what_to_open(config, [campaign]) == WhatToOpen(config, tmp_path / "m" / "model.toml")
-    assert what_to_open(MODEL, [campaign]) == WhatToOpen(None, MODEL)
-    with pytest.raises(InputError, match="a model alone"):
-        what_to_open(MODEL, [])
+    # campaigns may come later: dropped, or measured meanwhile
+    assert what_to_open(config, []) == WhatToOpen(config, model, near=near)
+    assert what_to_open(config, [campaign]) == WhatToOpen(config, model, near=near)
+    assert what_to_open(MODEL, [campaign]) == WhatToOpen(None, MODEL, near=(MODEL.parent,))
+    assert what_to_open(MODEL, []) == WhatToOpen(None, MODEL, near=(MODEL.parent,))
+    config.write_text('format = "abbe-config/1"\n')
+    assert what_to_open(config, []) == WhatToOpen(config, None, near=near)
+    with pytest.raises(InputError, match="names no model"):
+        what_to_open(config, [campaign])
     with pytest.raises(InputError, match="needs campaigns"):
         what_to_open(config, [], [campaign])
-    with pytest.raises(InputError, match="needs campaigns"):
+    with pytest.raises(InputError, match="needs a model"):
         what_to_open(None, [], [], tmp_path)
     with pytest.raises(InputError):
         what_to_open(tmp_path / "missing.toml", [])

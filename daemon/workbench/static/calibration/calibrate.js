@@ -2,6 +2,7 @@
 import {label, say, t} from "../shared/language.js";
 import {el, keepingTyped} from "../shared/dom.js";
 import {get, Lost, onBack, Outside, post, Refusal, why} from "../shared/server.js";
+import {who} from "../shared/who.js";
 import {Controller} from "../tables/controller.js";
 
 const QUICK = 400, CALM = 3000; // ms between two looks
@@ -109,7 +110,7 @@ export class Calibration {
       const input = el("input", {id: `start-${name}`, autocomplete: "off", spellcheck: "false", ...more});
       return [input, el("p", {class: "field"}, el("label", {for: `start-${name}`}, words), input)];
     };
-    const [by, byRow] = field("by", t("Who does it, for the record"), {maxlength: 150, value: this.by});
+    const [by, byRow] = field("by", t("Who does it, for the record"), {maxlength: 150, value: this.by || who()});
     const [secret, secretRow] = field("token", t("Token of the role operate"), {type: "password"});
     const go = (event) => {
       event.preventDefault();

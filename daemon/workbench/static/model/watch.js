@@ -1,8 +1,10 @@
 // Watch: every version of the model with its error; back to any of them.
 import {label, say, t} from "../shared/language.js";
 import {draw, el, table} from "../shared/dom.js";
+import {besideSection} from "./beside.js";
+import {journalSection} from "./journal.js";
 
-export function watchView(found, state, act, next) {
+export function watchView(found, state, act, next, trouble) {
   const button = (i) => {
     const version = found.go_back[i];
     if (i === found.current) return el("strong", {}, t("at present"));
@@ -33,5 +35,7 @@ export function watchView(found, state, act, next) {
       el("p", {class: "note"}, state.writes
         ? t("Each version is a model file in {folder}; none is ever written over.", {folder: state.folder})
         : t("No folder for versions was stated (--versions FOLDER): nothing is written."))),
+    ...(state.empty || found.versions.length < 2 ? [] : [besideSection(found.versions, found.versions.find((v) => v.current)?.number, trouble)]),
+    journalSection(found, act),
   ];
 }

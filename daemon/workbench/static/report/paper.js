@@ -1,17 +1,12 @@
 // A view as paper has it: a copy without controls, its pictures as images, under a head that says what it rests on.
 import {label, t} from "../shared/language.js";
-import {el} from "../shared/dom.js";
+import {el, moment} from "../shared/dom.js";
 import {drawnFiner} from "../shared/space.js";
 import {onPaper} from "../shared/theme.js";
 
 const FINER = 2.5; // dots of a picture for each of the screen's
 const SHORT = 12; // letters of a SHA-256 that tell files apart
-const CONTROLS = "button, form, input, datalist, progress, script, .tip, .how, .waiting, [hidden]";
-
-/** A moment as people write it. */
-export function moment(text) {
-  return /^\d{4}-\d\d-\d\dT/.test(text) ? text.slice(0, 16).replace("T", " ") : text;
-}
+const CONTROLS = "button, form, input, select, textarea, datalist, progress, script, .tip, .how, .waiting, [hidden]";
 
 /** What a report holds: `view` as it is shown now, with `head` as the server has it. */
 export async function reportOf(view, name, head, version) {

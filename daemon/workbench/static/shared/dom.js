@@ -70,9 +70,14 @@ export function number(value, digits = 3) {
   return `${mantissa.includes(".") ? mantissa.replace(/\.?0+$/, "") : mantissa}·10${raised}`.replace("-", "−");
 }
 
+/** A moment as people write it. */
+export function moment(text) {
+  return /^\d{4}-\d\d-\d\dT/.test(text) ? text.slice(0, 16).replace("T", " ") : text;
+}
+
 /** Have `redraw` make something anew; what a person typed into fields stays, and where one types. */
 export function keepingTyped(place, redraw) {
-  const fields = () => [...place.querySelectorAll("input[id]")].filter((f) => !["password", "range"].includes(f.type));
+  const fields = () => [...place.querySelectorAll("input[id], textarea[id]")].filter((f) => !["password", "range", "file"].includes(f.type));
   const typed = new Map(fields().filter((f) => f.value !== f.defaultValue).map((f) => [f.id, f.value]));
   const {activeElement} = document;
   const at = place.contains(activeElement) ? activeElement.id : "";

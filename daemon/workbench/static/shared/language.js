@@ -59,10 +59,11 @@ export function stateOf(text) {
   return `${axes ?? ""}${label(what)}`;
 }
 
-/** Put what stands in the page's HTML into the language; `data-t` marks it, `data-t-label` its label. */
+/** Put what stands in the page's HTML into the language; `data-t` marks it, `data-t-label` its label, `data-t-hint` what stands in an empty field. */
 export function translatePage() {
   for (const node of document.querySelectorAll("[data-t]")) node.textContent = t(node.textContent);
   for (const node of document.querySelectorAll("[data-t-label]")) node.setAttribute("aria-label", t(node.getAttribute("aria-label")));
+  for (const node of document.querySelectorAll("[data-t-hint]")) node.placeholder = t(node.placeholder);
 }
 
 /** Fill a list with the languages; choosing one shows the page anew. */

@@ -2,6 +2,7 @@
 import {say, t} from "../shared/language.js";
 import {el, keepingTyped} from "../shared/dom.js";
 import {get, onBack, post, why} from "../shared/server.js";
+import {who} from "../shared/who.js";
 
 const QUICK = 250, CALM = 2000; // ms between two looks at what is under way
 
@@ -108,7 +109,7 @@ export class Controller {
     };
     const [machine, machineRow] = field("machine", t("Type the name of the machine: {name}", {name: upload.type}));
     const [secret, secretRow] = field("token", t("Token of the role operate"), {type: "password"});
-    const [by, byRow] = field("by", t("Who uploads, for the journal"), {maxlength: 200});
+    const [by, byRow] = field("by", t("Who uploads, for the journal"), {maxlength: 200, value: who()});
     const [note, noteRow] = field("note", t("Remark for the journal"), {maxlength: 200});
     const go = (event) => {
       event.preventDefault();

@@ -11,11 +11,15 @@ from abbe.daemon.report.model.history import error_title, versions_of, warnings_
 from abbe.daemon.report.page import in_words, plain
 from abbe.daemon.report.versions import change, number_of
 from abbe.daemon.workbench.sentences import sentences_in
-from abbe.daemon.workbench.versions import ModelVersion
+from abbe.daemon.workbench.versions.folder import ModelVersion
+from abbe.daemon.workbench.versions.journal import Entry
 
 
 def watched(
-    versions: Sequence[ModelVersion], current: ModelVersion, said: Sequence[str]
+    versions: Sequence[ModelVersion],
+    current: ModelVersion,
+    said: Sequence[str],
+    journal: Sequence[Entry] = (),
 ) -> dict[str, Any]:
     """One object for the page.
 
@@ -27,6 +31,8 @@ def watched(
         The one that is looked at.
     said
         What the last addition said of itself.
+    journal
+        What was done and noted, the newest first.
     """
     listed = list(_listed(versions))
     records = [record for _, record in listed]
@@ -51,6 +57,11 @@ def watched(
                     "File"],
         "cells": in_words(rows, 3),
         "go_back": [None if v is None else versions.index(v) for v, _ in listed],
+        "versions": [
+            {"number": k, "name": v.path.name, "current": v is current}
+            for k, v in enumerate(versions)
+        ],
+        "journal": list(journal),
         "current": next((k for k, (v, _) in enumerate(listed) if v is current), None),
         "courses": [
             {"figure": course_figure(course, courses), "caption": course.caption}

@@ -1,0 +1,1 @@
+"""Campaigns of a workbench: to choose from, sent by a browser, laid beside the model."""
