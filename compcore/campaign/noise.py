@@ -11,7 +11,7 @@ be larger. A few gross errors (a bumped mirror) are set aside and named.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,6 +23,8 @@ from abbe.compcore.campaign.repeats import repeat_groups
 from abbe.compcore.distributions import chi2_limit, f_limit
 from abbe.compcore.errors import require_type
 from abbe.compcore.machine.machine import Machine, OfMachine, machine_of
+from abbe.compcore.sentences import joined, said
+from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -41,6 +43,11 @@ KINDS: Mapping[str, tuple[Kind, ...]] = {
     "displacement": (Kind.DISPLACEMENT,),
     "rotation": (Kind.ROTATION,),
     "distance": (Kind.DISTANCE, Kind.BASE_DISTANCE),
+}
+_NAMES = {
+    "displacement": said("displacement"),
+    "rotation": said("rotation"),
+    "distance": said("distance"),
 }
 _DISPLAY = {"displacement": ("µm", 1e3), "rotation": ("µrad", 1e6), "distance": ("µm", 1e3)}
 
@@ -84,19 +91,32 @@ class NoiseLevel:
 
     def __str__(self) -> str:
         unit, scale = _DISPLAY[self.kind]
+        kind, why = _NAMES[self.kind], self.reason
         if self.value is None or self.interval is None:
-            text = f"{self.kind}: cannot be known: {self.reason}"
-            if self.at_most is not None:
-                text += f"; at most {self.at_most * scale:.3g} {unit}"
-            return text
-        low, high = (limit * scale for limit in self.interval)
-        text = (
-            f"{self.kind}: {self.value * scale:.3g} {unit} "
-            f"(95 %: {low:.3g} to {high:.3g}; {self.degrees_of_freedom:.0f} degrees of freedom)"
-        )
+            if self.at_most is None:
+                return said("{kind}: cannot be known: {reason}", kind=kind, reason=why)
+            most = f"{in_digits(self.at_most * scale)} {unit}"
+            return said(
+                "{kind}: cannot be known: {reason}; at most {most}",
+                kind=kind,
+                reason=why,
+                most=most,
+            )
+        low, high = (in_digits(limit * scale) for limit in self.interval)
+        parts = [
+            said(
+                "{kind}: {value} (95 %: {low} to {high}; {n} degrees of freedom)",
+                kind=kind,
+                value=f"{in_digits(self.value * scale)} {unit}",
+                low=low,
+                high=high,
+                n=f"{self.degrees_of_freedom:.0f}",
+            )
+        ]
         if self.ratio is not None:
-            text += f", {self.ratio:.2f} of what is stated"
-        return f"{text}; {self.reason}" if self.reason else text
+            ratio = f"{self.ratio:.2f}"
+            parts = [said("{noise}, {ratio} of what is stated", noise=parts[0], ratio=ratio)]
+        return joined([*parts, why]) if why else parts[0]
 
 
 @dataclass(frozen=True)
@@ -116,7 +136,12 @@ class NoiseFloor:
         return None if level is None else level.value
 
     def __str__(self) -> str:
-        return "\n".join(f"noise floor, {level}" for level in self.levels.values())
+        return "\n".join(self.words())
+
+    def words(self) -> Iterator[str]:
+        """One sentence for each kind."""
+        for level in self.levels.values():
+            yield said("noise floor, {level}", level=str(level))
 
 
 def noise_floor(campaign: Campaign, machine: Machine | OfMachine | None = None) -> NoiseFloor:
@@ -142,16 +167,16 @@ def _level(
     name: str, campaign: Campaign, rows: NDArray[np.bool_], groups: I64, bound: float | None
 ) -> NoiseLevel:
     if not (groups >= 0).any():
-        reason = "nothing was measured twice in the same set-up, position and direction"
-        return NoiseLevel(name, reason=reason, at_most=bound)
+        never = said("nothing was measured twice in the same set-up, position and direction")
+        return NoiseLevel(name, reason=never, at_most=bound)
     time = campaign.conditions.time
     near = triples(groups, time, 1)
     drift_free = near.count > 0
     if not drift_free:
         near = pairs(groups, time)
     if not near.count:
-        reason = "the repeats lie too far apart in time: they hold drift besides the noise"
-        return NoiseLevel(name, reason=reason, at_most=bound)
+        late = said("the repeats lie too far apart in time: they hold drift besides the noise")
+        return NoiseLevel(name, reason=late, at_most=bound)
     stated = bool(np.isfinite(campaign.sd[rows]).all())
     unit = campaign.sd if stated else np.ones(campaign.n)
     scaled = np.where(rows, campaign.value / np.where(rows, unit, 1.0), 0.0)
@@ -162,21 +187,24 @@ def _level(
     freedom = near.degrees_of_freedom
     variance = float(np.mean(residual**2))
     typical = float(np.sqrt(np.mean(unit[rows] ** 2)))
-    refused = ""
-    reason = "" if drift_free else "from pairs: what drifts between the two counts as noise"
+    refused: str = ""
+    paired = said("from pairs: what drifts between the two counts as noise")
+    reason: str = "" if drift_free else paired
     if variance == 0.0:
-        refused = "the repeats agree exactly: the resolution hides the noise"
+        refused = said("the repeats agree exactly: the resolution hides the noise")
     elif not np.ptp(time[near.middle]) and near.count > 1:
-        reason = "the rows have no times: uneven drift counts as noise"
+        reason = said("the rows have no times: uneven drift counts as noise")
     elif drift_free:
         share = _drift_left(groups, time, scaled, variance, freedom)
         if share > GREATEST_SHARE:
             upper = float(np.sqrt(variance)) * typical
             bound = upper if bound is None else min(upper, bound)
-            refused = "the machine drifts too unevenly between the repeats"
+            refused = said("the machine drifts too unevenly between the repeats")
         elif share > 0.0:
             variance *= 1.0 - share
-            reason = f"{share:.0%} of the variance was uneven drift and is taken off"
+            reason = said(
+                "{share} of the variance was uneven drift and is taken off", share=f"{share:.0%}"
+            )
     if refused:
         return NoiseLevel(name, at_most=bound, set_aside=set_aside, reason=refused)
     deviation = float(np.sqrt(variance)) * typical

@@ -40,7 +40,7 @@ def compared(comparison: Comparison) -> tuple[dict[str, Any], ManyResiduals | No
         "suspicions": list(comparison.suspicions),
         "fitted": fitted_note(fitted) if fitted else "",
         "unfitted": bool(problem.model.terms) and not any(t.fitted for t in problem.model.terms),
-        "notes": str(comparison.noise).splitlines(),
+        "notes": list(comparison.noise.words()),
         "key": [list(figure) for figure in key_figures(comparison)],
         "rows": rows_json(campaign, machine, rows),
         "values": values_json(campaign, rows, comparison.residual),

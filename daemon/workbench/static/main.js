@@ -197,7 +197,7 @@ async function header() {
   $("version").textContent = state.version;
   const facts = $("facts");
   facts.querySelector("dl").replaceChildren(...head.facts.map(([name, text]) =>
-    el("div", {}, el("dt", {}, label(name)), el("dd", {class: text ? null : "unstated"}, moment(text) || t("not stated")))));
+    el("div", {}, el("dt", {}, label(name)), el("dd", {class: text ? null : "unstated"}, label(moment(text)) || t("not stated")))));
   facts.querySelector("table").replaceChildren(el("tbody", {}, ...head.files.map(([part, file, sha]) =>
     el("tr", {}, el("td", {}, label(part)), el("td", {}, file),
       el("td", {}, el("code", {class: "sha"}, sha || "–"))))));

@@ -38,14 +38,14 @@ function headOf(head, name, version) {
     version ? el("p", {}, version) : null,
     el("dl", {}, ...[...head.facts, [t("Report made"), head.made]].map(([key, text]) =>
       el("div", {}, el("dt", {}, label(key)),
-        el("dd", {class: text ? null : "unstated"}, moment(text) || t("not stated"))))),
+        el("dd", {class: text ? null : "unstated"}, label(moment(text)) || t("not stated"))))),
     el("table", {}, el("tbody", {}, ...head.files.map(([part, file, sha]) => el("tr", {},
       el("td", {}, label(part)), el("td", {}, file), el("td", {}, el("code", {class: "sha"}, sha || "–")))))));
 }
 
 /** What stands on every sheet of paper: a sheet that lies alone says what it is of. */
 function sheetFoot(head, name) {
-  const facts = head.facts.map(([key, text]) => `${label(key)}: ${moment(text) || t("not stated")}`);
+  const facts = head.facts.map(([key, text]) => `${label(key)}: ${label(moment(text)) || t("not stated")}`);
   const files = head.files.map(([part, file, sha]) => `${label(part)}: ${file} (${sha.slice(0, SHORT) || "–"})`);
   return el("div", {class: "sheet-foot"}, el("p", {}, [`${head.machine}: ${name}`, ...facts, ...files].join(" · ")));
 }

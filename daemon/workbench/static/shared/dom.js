@@ -25,7 +25,7 @@ export function table(title, columns, cells, last = null) {
     ...row.map((text, k) => el("td", {class: side(k) ?? (text?.length > LONG ? "long" : null)}, text)),
     last ? el("td", {}, last(i)) : null));
   // what is wider than the window is scrolled with keys, too
-  const words = title || columns.filter(Boolean).join(", ");
+  const words = title || columns.filter(Boolean).map(label).join(", ");
   return el("div", {class: "wide", tabindex: 0, role: "group", "aria-label": words}, el("table", {},
     title ? el("caption", {}, title) : null,
     el("thead", {}, el("tr", {}, ...head, last ? el("td", {}) : null)),

@@ -50,7 +50,7 @@ export function say(text) {
   const [template, values] = passing[text] ?? sentences.get(text) ?? [];
   if (code === "en" || template === undefined) return text;
   const own = templates[template] ?? (/\p{L}/u.test(template.replace(/\{\w+\}/g, "")) ? null : template);
-  return own === null ? text : own.replace(/\{(\w+)\}/g, (all, name) => (name in values ? say(values[name]) : all));
+  return own === null ? text : own.replace(/\{(\w+)\}/g, (all, name) => (name in values ? (values[name] === text ? text : say(values[name])) : all));
 }
 
 /** The state of a correction: with the axes that it is of, where it is some. */

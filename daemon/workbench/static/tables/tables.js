@@ -22,7 +22,7 @@ export class Tables {
     } catch (error) {
       if (error instanceof Lost || error instanceof Outside) return; // the frame says so
       if (!(error instanceof Refusal)) throw error;
-      this.node.replaceChildren(el("p", {class: "warning", role: "alert"}, error.message));
+      this.node.replaceChildren(el("p", {class: "warning", role: "alert"}, label(error.message)));
       return;
     }
     const {tables} = this.found;
