@@ -179,13 +179,29 @@ def _where(signature: F64, campaign: Campaign, diagnosis: Findings) -> str:
     return ", ".join(str(names[i]) for i in order if share[i] > 0.0)
 
 
+_KEYS = {
+    "axis": said("axis"),
+    "about": said("about"),
+    "direction": said("direction"),
+    "signal": said("signal"),
+    "signals": said("signals"),
+    "setup": said("setup"),
+}
+"""Where-keys in words that languages find."""
+
+
+def _listed(value: object) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
 def headline(effect: Effect) -> str:
     """The first sentence of an effect's page, with the place."""
     first = _of_page(_first_sentence(type(effect)))
-    where = ", ".join(
-        f"{key} {', '.join(map(str, value)) if isinstance(value, list) else value}"
+    parts = [
+        said("{key} {value}", key=_KEYS.get(key, key), value=_listed(value))
         for key, value in effect.where().items()
-    )
+    ]
+    where = joined(parts, ", ") if len(parts) > 1 else next(iter(parts), "")
     return said("{what} ({where})", what=first, where=where) if where else first
 
 

@@ -13,6 +13,8 @@ from playwright.sync_api import Page, expect
 from abbe.compcore.campaign.measuring_conditions import STATED
 from abbe.compcore.diagnosis.explain import page_sentences
 from abbe.compcore.diagnosis.shop_words import templates
+from abbe.compcore.effects import make_effect
+from tests.support.compcore.catalogue import ROWS
 from tests.support.daemon.browser import assert_quiet, chromium, visit
 from tests.support.daemon.some_setups import some_setups
 from tests.support.daemon.workbench import opened
@@ -93,6 +95,20 @@ def test_a_language_has_every_word_and_no_other(path: Path) -> None:
     for english, own in (words | labels).items():
         assert own.strip(), english
         assert sorted(re.findall(r"{\w+}", own)) == sorted(re.findall(r"{\w+}", english))
+
+
+@pytest.mark.parametrize("path", LANGUAGES, ids=lambda path: path.stem)
+def test_a_language_has_what_every_parameter_is(path: Path) -> None:
+    patterns = [as_pattern(english) for english in words_of(path)[1]]
+    described = set()
+    for row in ROWS:
+        effect = make_effect(row.kind, row.keys)
+        for p in (*effect.linear(row.machine), *effect.nonlinear(row.machine)):
+            # what is only a name of the field, as E_CC, A1, is the same everywhere
+            if re.search(r"\b[a-z]{3}", p.description):
+                described.add(p.description)
+    assert len(described) > 60
+    assert [d for d in sorted(described) if not any(p.fullmatch(d) for p in patterns)] == []
 
 
 def test_what_is_text_of_a_script_is_translated() -> None:

@@ -14,7 +14,7 @@ export function besideSection(versions, current, trouble) {
     return [list, el("label", {for: id}, words, " "), " "];
   };
   const [left, ...leftWords] = choose("beside-left", t("Left"), versions[0].number);
-  const [right, ...rightWords] = choose("beside-right", t("Right"), current ?? versions.at(-1).number);
+  const [right, ...rightWords] = choose("beside-right", t("Right"), current || versions.at(-1).number);
   const look = async () => {
     place.replaceChildren(el("p", {class: "waiting"}, t("Being worked out …")));
     try {

@@ -1,5 +1,5 @@
 // Learn: which cause is missing; any cause tried by hand before it is added.
-import {say, t} from "../shared/language.js";
+import {label, say, t} from "../shared/language.js";
 import {draw, el, table} from "../shared/dom.js";
 import {tryOut} from "./what_if.js";
 
@@ -57,7 +57,7 @@ function causeCard(cause, k, add, attempt) {
     cause.instrument ? el("p", {class: "warning"},
       t("It belongs to the instrument: it never goes into the machine's compensation.")) : null,
     el("p", {}, say(cause.explanation)),
-    table("", [t("parameter"), t("fitted"), t("plausible"), t("what it is")], cause.parameters),
+    table("", [t("parameter"), t("fitted"), t("plausible"), t("what it is")], cause.parameters.map((row) => row.map((text, k) => (k === 3 ? label(text) : text.replace(/(^|[ (])-(?=\d)/g, "$1−"))))),
     place,
     el("p", {class: "note"}, t("Each dot is a row: what the cause would add, and what is left without it. Means on the dashed line: it explains them.")),
     cause.aliases.length ? table(t("What this campaign cannot tell from it"),

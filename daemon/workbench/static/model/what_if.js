@@ -107,6 +107,7 @@ function latest(wanted, work) {
 
 class Slider {
   constructor(s, moved) {
+    s = {...s, what: label(s.what)};
     this.s = s;
     const low = s.by_ratio ? Math.log(s.low) : s.low, high = s.by_ratio ? Math.log(s.high) : s.high;
     this.toStep = (v) => STEPS * ((s.by_ratio ? Math.log(v) : v) - low) / (high - low || 1);
