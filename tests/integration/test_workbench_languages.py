@@ -48,6 +48,8 @@ def used() -> set[str]:
         found |= set(re.findall(r"data-t>([^<]+)<", page))
         for tag in re.findall(r"<[^>]*data-t-label[^>]*>", page):
             found |= set(re.findall(r'aria-label="([^"]+)"', tag))
+        for tag in re.findall(r"<[^>]*data-t-hint[^>]*>", page):
+            found |= set(re.findall(r'placeholder="([^"]+)"', tag))
     return found
 
 
