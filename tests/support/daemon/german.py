@@ -22,14 +22,17 @@ SEEN = """() => {
 }"""
 """Every text and label of a page; codes, commands, hashes and names of files' makers left out."""
 
-_WORDS = """the of and is are not with which from to by it its this that these those what where when
-    has have had been be being for as than then there each no any only every either both more most
-    can cannot could should would may might must does did done measured measure measurement error
-    errors axis axes residual residuals row rows value values file files table tables machine
-    model campaign date time left right held out fitted noise floor largest worst first at or
-    if nothing something somebody who whose written begun ended begins ends asked asks yet still again
-    read reads wrote uncertainty correction corrections corrected indicated temperature temperatures length lengths
-    angle angles constant offset growth slope shape"""
+_WORDS = """
+    the of and is are not with which from to by it its this that these those what where when
+    has have had been be being for as than then there each no any only every either both more
+    most can cannot could should would may might must does did done measured measure
+    measurement error errors axis axes residual residuals row rows value values file files
+    table tables machine model campaign date time left right held out fitted noise floor
+    largest worst first at or if nothing something somebody who whose written begun ended
+    begins ends asked asks yet still again read reads wrote uncertainty correction corrections
+    corrected indicated temperature temperatures length lengths angle angles constant offset
+    growth slope shape
+    """
 ENGLISH = frozenset(re.findall(r"\w+", _WORDS))
 """Words that no German sentence has."""
 _SPEC = re.compile(r"\b\w+(?: \w+=[^\s;]+)+")
