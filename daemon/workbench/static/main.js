@@ -146,7 +146,7 @@ async function look() {
   $("task").hidden = now.task === null;
   if (now.task) {
     const left = now.task.left > 2 ? t(", about {s} s left", {s: Math.ceil(now.task.left)}) : "";
-    $("task-words").textContent = `${now.task.what}: ${now.task.stage}${left}`;
+    $("task-words").textContent = `${label(now.task.what)}: ${label(now.task.stage)}${left}`;
     $("task-bar").value = now.task.done;
   }
   const over = before?.task && !now.task;
