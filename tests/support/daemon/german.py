@@ -35,8 +35,8 @@ _WORDS = """
     """
 ENGLISH = frozenset(re.findall(r"\w+", _WORDS))
 """Words that no German sentence has."""
-_SPEC = re.compile(r"\b\w+(?: \w+=[^\s;]+)+")
-"""A cause as it is typed."""
+_SPEC = re.compile(r"\b\w+(?: \w+=[^\s;]+)+|\b(?:Form|misst) [\w:]+")
+"""A cause as it is typed, and its keys' values."""
 _NAME = re.compile(r"\S*[_=/.\\]\S*|--[\w-]+|\b[A-Z]{2,}\b")
 """A name of a file, a set-up, a signal, an option; letters that stand for something."""
 
