@@ -128,12 +128,17 @@ def warnings_of(versions: Sequence[Mapping[str, Any]]) -> list[str]:
     fitted = [k for k, r in enumerate(versions, start=1) if number_of(r, "rms") is not None]
     if fitted and fitted[-1] < len(versions):
         notes.append(
-            f"The newest version was not refitted; the errors are those of version {fitted[-1]}."
+            said(
+                "The newest version was not refitted; the errors are those of version {n}.",
+                n=fitted[-1],
+            )
         )
     if any("rms" in r for r in versions) and not any("holdout_rms" in r for r in versions):
         notes.append(
-            "No version was laid beside measurements that were not fitted: whether the model "
-            "predicts the machine is not known. Give abbe add a --holdout campaign."
+            said(
+                "No version was laid beside measurements that were not fitted: whether the model "
+                "predicts the machine is not known. Give abbe add a --holdout campaign."
+            )
         )
     for key, name in (("campaigns", "fitted"), ("holdout", "held-out")):
         reported = [_digests(r, key) for r in versions if key in r]

@@ -30,8 +30,7 @@ _WORDS = """
     table tables machine model campaign date time left right held out fitted noise floor
     largest worst first at or if nothing something somebody who whose written begun ended
     begins ends asked asks yet still again read reads wrote uncertainty correction corrections
-    corrected indicated temperature temperatures length lengths angle angles constant offset
-    growth slope shape
+    corrected indicated temperature temperatures length lengths angles growth
     """
 ENGLISH = frozenset(re.findall(r"\w+", _WORDS))
 """Words that no German sentence has."""
