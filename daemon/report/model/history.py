@@ -124,7 +124,7 @@ def _picture(page: Page, versions: Sequence[Mapping[str, Any]]) -> None:
 
 def warnings_of(versions: Sequence[Mapping[str, Any]]) -> list[str]:
     """What the errors of the versions do not say."""
-    notes = []
+    notes: list[str] = []
     fitted = [k for k, r in enumerate(versions, start=1) if number_of(r, "rms") is not None]
     if fitted and fitted[-1] < len(versions):
         notes.append(
