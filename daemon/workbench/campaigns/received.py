@@ -154,4 +154,6 @@ def _too_large() -> HTTPException:
         413,
         f"larger than {LARGEST // 1_000_000} MB: name it where the workbench is started, "
         "abbe open MODEL.toml CAMPAIGN.csv",
+        # what still comes is not read
+        {"connection": "close"},
     )
