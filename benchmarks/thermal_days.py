@@ -1,7 +1,8 @@
 """Thermal days of an independent simulator: how well are later days foretold, and by what names?
 
 ``python -m benchmarks.thermal_days`` runs all and writes the section of docs/validation.md;
-``--keep FILE`` writes every outcome to a file as it comes, and runs only what is not in it;
+``--keep FILE`` writes every outcome to a file as it comes, and runs only what is not in it (of
+what was kept ``--without-others`` the black boxes alone);
 ``--only WORDS`` runs the scenarios whose name holds the words, ``--seeds N``, ``--empty N`` so
 many, and ``--without-others`` leaves the black boxes out; these write nothing. ``--write`` runs
 nothing and writes the section from what is kept.
@@ -17,7 +18,7 @@ from pathlib import Path
 from benchmarks.measuring.report import write_section
 from benchmarks.thermal import outcome, table
 from benchmarks.thermal.scenario import Run, runs
-from benchmarks.thermal.trial import run
+from benchmarks.thermal.trial import run, with_others
 
 VALIDATION = Path(__file__).parents[1] / "docs" / "validation.md"
 
@@ -44,9 +45,15 @@ def main() -> None:
     def key(r: Run) -> tuple[str, int]:
         return r.scenario.name, r.seed
 
+    def lacks(r: Run) -> bool:
+        return r.scenario.warms and "process" not in done[key(r)].rms
+
     with ProcessPoolExecutor(options.workers) as pool:
         work = partial(run, others=not options.without_others)
         going = [pool.submit(work, r) for r in chosen if key(r) not in done]
+        if not options.without_others:
+            again = [r for r in chosen if key(r) in done and lacks(r)]
+            going += [pool.submit(with_others, r, done[key(r)]) for r in again]
         for ended in as_completed(going):
             found = ended.result()
             done[found.scenario, found.seed] = found

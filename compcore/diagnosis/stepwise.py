@@ -13,11 +13,17 @@ from dataclasses import dataclass, replace
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.diagnosis.findings import measured_kinds
 from abbe.compcore.diagnosis.foretelling import OF_THE_CLOCK, WORTH
+from abbe.compcore.diagnosis.regression import regression
 from abbe.compcore.diagnosis.screening.candidates import RIGID
 from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
 from abbe.compcore.diagnosis.soundness import apart, sound, worth
 from abbe.compcore.diagnosis.strays import Stray
-from abbe.compcore.diagnosis.thermometers import further_thermometers, warmth_together
+from abbe.compcore.diagnosis.thermometers import (
+    further_thermometers,
+    jointly,
+    of_temperatures,
+    warmth_together,
+)
 from abbe.compcore.diagnosis.uncatalogued.chosen import (
     Grown,
     best_beside,
@@ -25,6 +31,7 @@ from abbe.compcore.diagnosis.uncatalogued.chosen import (
     grown,
     of_positions_alone,
 )
+from abbe.compcore.diagnosis.uncatalogued.descriptions import LEAST
 from abbe.compcore.diagnosis.verdict import Diagnosis, lacking
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.temperature.lengths import ThermalOffset
@@ -159,6 +166,7 @@ def to_the_verdict(
             or course.sharpen(diagnosis)
             or course.complete_motions(diagnosis)
             or course.prune()
+            or course.regress(diagnosis)
             or course.describe(diagnosis)
         ):
             break
@@ -187,6 +195,7 @@ class _StepwiseCourse:
         self.steps: list[Step] = []
         self._added: list[Effect] = []
         self._strays: list[Stray] = []
+        self._regressed = -1
         result = fit(model, campaign)
         self._make("began", None, result, LeftOutErrors.of(result))
 
@@ -288,11 +297,43 @@ class _StepwiseCourse:
                 return True
         return False
 
-    def _add_together(self, effects: Sequence[Effect]) -> bool:
+    def regress(self, diagnosis: Diagnosis) -> bool:
+        """Take the thermometers by which a linear regression foretells surely better.
+
+        Beside what is there, or in place of the warmth that was found.
+        """
+        self._progress("thermometers together")
+        effects = jointly(diagnosis)
+        if effects and self._add_together(effects, 1.0 - LEAST):
+            return True
+        before = self._last.result
+        warm = [e for e in self._added if of_temperatures(e, before.model.machine)]
+        if not warm or self._regressed == len(self.steps) or _described(self._added):
+            return False
+        self._regressed = len(self.steps)
+        less = before.model
+        for effect in warm:
+            less, _ = without_effect(less, effect.spec)
+        instead = regression(fit(less, self._campaign, near=True))
+        if not instead:
+            return False
+        more = grown(less, instead)
+        found = self._better(more[-1][0], [one for _, one in more], 1.0 - LEAST)
+        if found is None:
+            return False
+        for effect in warm:
+            fewer, _ = without_effect(self._last.result.model, effect.spec)
+            result = fit(fewer, self._campaign, near=True)
+            self._make("removed", effect, result, LeftOutErrors.of(result))
+            self._added.remove(effect)
+        self._make_together("added together", "added", more, *found)
+        return True
+
+    def _add_together(self, effects: Sequence[Effect], falls: float = _FALLS) -> bool:
         """Add several effects if with all of them left-out blocks are predicted better."""
         self._progress(f"adding {len(effects)} effects together")
         more = grown(self._last.result.model, effects)
-        found = self._better(more[-1][0], [one for _, one in more], _FALLS)
+        found = self._better(more[-1][0], [one for _, one in more], falls)
         if found is None:
             return False
         self._make_together("added together", "added", more, *found)

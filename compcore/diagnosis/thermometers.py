@@ -5,22 +5,31 @@ needs. *Which* thermometers follow the bodies that move it best is a question of
 beside it belong to the same cause, and are taken for what they foretell of left-out blocks alone.
 Where several read nearly the same, their differences may say what none of them does; so besides
 each by itself, all of them together are asked.
+
+Where no cause is left, whatever a linear regression on thermometers foretells surely is taken
+before anything is described (`jointly`). Where they are collinear it takes the fewest that differ:
+one after the other, each the one that those before it tell least of.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.findings import Findings
-from abbe.compcore.diagnosis.screening.left_out.crossvalidation import folds, gain
-from abbe.compcore.diagnosis.screening.projection.basis import Basis
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import LeftOut, folds, gain
+from abbe.compcore.diagnosis.screening.pool import WeighedCandidate
+from abbe.compcore.diagnosis.screening.projection.basis import SEEN, Basis
+from abbe.compcore.diagnosis.uncatalogued.descriptions import LEAST as OF_A_DESCRIPTION
+from abbe.compcore.diagnosis.uncatalogued.descriptions import surely
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.signals import LaggedEffect
 from abbe.compcore.machine.machine import Machine
 
+F64 = NDArray[np.float64]
 Rows = Sequence[NDArray[np.int64]]
 
 LEAST = 0.02
@@ -99,6 +108,121 @@ def warmth_together(diagnosis: Findings) -> list[list[Effect]]:
             found.append((better, effects))
     found.sort(key=lambda pair: -pair[0])
     return [effects for _, effects in found]
+
+
+@dataclass(frozen=True, eq=False)
+class _Together:
+    """Thermometers of one place, or of several, beside a model.
+
+    Attributes
+    ----------
+    effects, columns
+        The effects, and their columns, (n, k).
+    left
+        What the model with them leaves of blocks that are left out.
+    """
+
+    effects: list[Effect]
+    columns: F64
+    left: LeftOut
+
+
+def jointly(diagnosis: Findings) -> list[Effect]:
+    """The thermometers with which a linear regression foretells left-out blocks surely better.
+
+    Nobody is to end worse than with a spreadsheet's regression on everything that was recorded. So
+    as much is asked as of a description, and no evidence: it may be that so few rows are
+    independent that no thermometer is established by itself, and days foretell each other all the
+    same. Asked are as many thermometers of a place as foretell most, those first that differ most;
+    and those that a description of what is left is made of.
+
+    Returns
+    -------
+    The effects of one place, or of all places together, to be added together; empty where nothing
+    is foretold surely better, or only by values that no machine has.
+    """
+    basis, pool = diagnosis.basis, diagnosis.pool
+    rows = folds(diagnosis.result.problem.campaign.conditions)
+    before = pool.left_out(basis, rows)
+    places: dict[tuple[str, str], list[WeighedCandidate]] = {}
+    for f in diagnosis.ranked:
+        effect = f.candidate.effect
+        as_read = f.candidate.nonlinear_count == 0 and len(effect.signals_needed()) == 1
+        if as_read and of_temperatures(effect, pool.machine):
+            places.setdefault(place(effect), []).append(f)
+    groups = [
+        [f for f in found if f.candidate.effect.signals_needed()[0] in read]
+        for structure in diagnosis.structure
+        if (read := set(structure.depends_on)) <= set(pool.machine.signals)
+        for where, found in places.items()
+        if where == _offset(str(structure.pattern.error_motion)[1:])
+    ]
+    each = [t for found in groups if (t := _beside(diagnosis, found, rows)) is not None]
+    most = [_foretelling_most(diagnosis, found, rows) for found in places.values()]
+    better = [t for t in most if t is not None and t.left.chi2 < before.chi2]
+    each += better
+    if len(better) > 1:
+        columns = np.hstack([t.columns for t in better])
+        if _believable(diagnosis, effects := [e for t in better for e in t.effects], columns):
+            each.append(_Together(effects, columns, LeftOut.of(basis.extended(columns), rows)))
+    each.sort(key=lambda t: t.left.chi2)
+    one = np.ones(len(before.residual))
+    for t in each:
+        if gain(before, t.left) > OF_A_DESCRIPTION and surely(before, t.left, one):
+            return t.effects
+    return []
+
+
+def _offset(direction: str) -> tuple[str, str]:
+    """The place of shifts in a direction."""
+    return "thermal_offset", str([("direction", direction)])
+
+
+def _beside(diagnosis: Findings, found: Sequence[WeighedCandidate], rows: Rows) -> _Together | None:
+    """Effects beside a model; None where there are none, or values that cannot be."""
+    if not found:
+        return None
+    columns = np.hstack([diagnosis.pool.found_columns(f) for f in found])
+    effects = [f.candidate.effect for f in found]
+    if columns.shape[1] != len(found) or not _believable(diagnosis, effects, columns):
+        return None
+    left = LeftOut.of(diagnosis.basis.extended(columns), rows)
+    return _Together(effects, columns, left)
+
+
+def _foretelling_most(
+    diagnosis: Findings, found: Sequence[WeighedCandidate], rows: Rows
+) -> _Together | None:
+    """Of the thermometers of one place as many as foretell most, those that differ most first."""
+    basis = diagnosis.basis
+    columns = np.hstack([diagnosis.pool.found_columns(f) for f in found])
+    if columns.shape[1] != len(found):
+        return None
+    left = basis.project(columns)
+    whole = np.linalg.norm(columns, axis=0)
+    order: list[int] = []
+    best: _Together | None = None
+    while len(order) < len(found):
+        size = np.linalg.norm(left, axis=0)
+        most = int(np.argmax(np.where(size > SEEN * whole, size, 0.0)))
+        if most in order or size[most] <= SEEN * whole[most]:
+            break
+        order.append(most)
+        direction = left[:, most] / size[most]
+        left = left - np.outer(direction, direction @ left)
+        beside = _beside(diagnosis, [found[i] for i in order], rows)
+        if beside is not None and (best is None or beside.left.chi2 < best.left.chi2):
+            best = beside
+    return best
+
+
+def _believable(diagnosis: Findings, effects: Sequence[Effect], columns: F64) -> bool:
+    """Whether the values that effects of one parameter each would have beside a model can be."""
+    basis, machine = diagnosis.basis, diagnosis.pool.machine
+    projected = basis.project(columns)
+    values = np.linalg.lstsq(projected, basis.residual, rcond=SEEN)[0]
+    ranges = np.array([effect.linear(machine)[0].plausible for effect in effects])
+    return bool(np.all((ranges[:, 0] <= values) & (values <= ranges[:, 1])))
 
 
 def _tried(

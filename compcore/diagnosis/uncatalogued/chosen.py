@@ -66,7 +66,7 @@ def best_beside(
         except FitError:
             continue
         added = [one for _, one in more]
-        along = added[0].positions_used(before.model.machine) if len(added) == 1 else ()
+        along = judged_along(added, before.model.machine)
         was = LeftOutErrors.of(before, added, along=along)
         now = LeftOutErrors.of(result, added, along=along)
         if was.falls_to(now, result, bound=False) > 1.0 - LEAST:
@@ -75,6 +75,16 @@ def best_beside(
         if surely(was.left, now.left, weight) and (best is None or left < best[0]):
             best = left, more, result
     return None if best is None else best[1:]
+
+
+def judged_along(added: Sequence[Effect], machine: Machine) -> Sequence[str]:
+    """The axes of whose passes each may be left out to judge what was added.
+
+    What follows a temperature or a load says the same on neighbouring passes, whether it holds or
+    not: another day has to say it again.
+    """
+    one = added[0]
+    return one.positions_used(machine) if len(added) == 1 and not one.signals_needed() else ()
 
 
 def of_positions_alone(effect: Effect, machine: Machine) -> bool:
