@@ -21,7 +21,7 @@ PLAY = 0.75
 
 def machine(folder: Path, number: int, play: float, date: str = "2026-09-01") -> Path:
     """A machine measured along X, back and forth, with some play."""
-    rng = np.random.default_rng(300 + number)
+    rng = np.random.default_rng(100 + number)
     made = folder / f"mill-{number}"
     made.mkdir(parents=True, exist_ok=True)
     (made / "machine.toml").write_text(MODEL, "utf-8")
