@@ -32,6 +32,8 @@ _RIDGE = 1e-9
 _ROUNDING = 1e-10
 """Part of a signature's square below which what is left of it is rounding."""
 _APART = 14.0
+_TELLS = 1.0
+"""χ² that a measurement must add to what tells two causes apart: a standard deviation of it."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,8 @@ def advise(
             Advice(proposal.what, spec, apart, now, 0.0)
             for proposal, apart in zip(proposals, separated, strict=True)
         ]
-    if any(a.separation > a.separation_now for a in advice):
+    advice = [a for a in advice if a.separation > a.separation_now + _TELLS]
+    if advice:
         effort = {p.what: p.effort for p in proposals}
         advice.sort(
             key=lambda a: -(min(a.separation, 10 * _APART) - a.separation_now) / effort[a.what]

@@ -19,6 +19,7 @@ from abbe.compcore.diagnosis.screening.evidence import CONVINCING, INDISTINCT, l
 from abbe.compcore.diagnosis.screening.pool import SIGNIFICANT, Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.projection.basis import Basis, orthonormal
 from abbe.compcore.diagnosis.screening.suddenness import stepping
+from abbe.compcore.effects import OverhangSag
 
 F64 = NDArray[np.float64]
 
@@ -26,6 +27,21 @@ _PAIRS_OF = 40
 _MOST = 4
 _ROUNDS = 3
 _CLEARLY = 4.0
+_SHIFTS = {
+    "positioning": "angular",
+    "straightness": "angular",
+    "rotary_radial": "rotary_tilt",
+    "rotary_axial": "rotary_tilt",
+}
+"""Shifts of an axis, and the turn of it that says the same to a tool of one length."""
+
+_NO_LEVER = 2.0
+"""Evidence that a turn must have before the shift that it would be without a lever, as of a
+reversal angle before a backlash."""
+
+_LEVEL = "X"
+"""The axis that is horizontal on every machine (ISO 841): along it nothing sags."""
+
 LEADERS = 6
 """Candidates whose non-linear parameters are refined before one of them is taken."""
 
@@ -123,7 +139,7 @@ def _forward(pool: Pool, basis: Basis, start: Sequence[WeighedCandidate]) -> lis
     current = pool.joined(basis, out)
     for _ in range(_MOST):
         first = pool.ranked(current, taken(pool, out))
-        leaders = [pool.refined(current, f) for f in first[:LEADERS]]
+        leaders = [pool.refined(current, f) for f in _leading(first)]
         leader = _established(_simplest(pool, current, leaders), leaders, basis.n)
         if leader is None:
             break
@@ -145,6 +161,12 @@ def _established(
     least = first.evidence.value - INDISTINCT
     alike = [f for f in leaders if f.evidence.value > least and f.established(n)]
     return max(alike, key=lambda f: f.evidence.value, default=None)
+
+
+def _leading(ranked: Sequence[WeighedCandidate]) -> list[WeighedCandidate]:
+    """The strongest candidates, and the shifts that turns among them are without a lever."""
+    first = list(ranked[:LEADERS])
+    return first + [f for f in ranked[LEADERS:] if any(_shift_of(f, g) for g in first)]
 
 
 def _cause(found: WeighedCandidate) -> tuple[str, tuple[tuple[str, str], ...]]:
@@ -195,12 +217,15 @@ def _settled(
             beside = pool.joined(basis, rest)
             ranked = pool.ranked(beside, taken(pool, rest))
             (now,) = pool.weighed(beside, [f])
-            leaders = [pool.refined(beside, r) for r in [now, *ranked[:LEADERS]]]
+            leaders = [pool.refined(beside, r) for r in [now, *_leading(ranked)]]
             best = _simplest(pool, beside, leaders) or now
             if not best.established(basis.n):
                 out, changed = rest, True
             elif best.key != f.key and _worse(beside, now, best):
                 out, changed = [best if g.key == f.key else g for g in out], True
+            elif shifts := [g for g in leaders if _shift_of(g, now)]:
+                shift = max(shifts, key=lambda g: g.evidence.value)
+                out, changed = [shift if g.key == f.key else g for g in out], True
             elif best.key == f.key:
                 out = [best if g.key == f.key else g for g in out]
         if not changed:
@@ -219,6 +244,8 @@ def _simplest(
     if not leaders:
         return None
     best = max(leaders, key=lambda f: f.evidence.value)
+    if shifts := [f for f in leaders if _shift_of(f, best)]:
+        best = max(shifts, key=lambda f: f.evidence.value)
     if best.candidate.everywhere:
         # of the instrument, and nothing was measured without it: a machine's cause that says the
         # same leads
@@ -244,6 +271,16 @@ def _simplest(
     )
 
 
+def _shift_of(found: WeighedCandidate, best: WeighedCandidate) -> bool:
+    """Whether one is the shift of an axis that a turn of it is where no lever differs."""
+    shift, turn = found.candidate.effect, best.candidate.effect
+    return (
+        _SHIFTS.get(shift.kind) == turn.kind
+        and getattr(shift, "axis", None) == getattr(turn, "axis", "")
+        and found.evidence.value > best.evidence.value - _NO_LEVER
+    )
+
+
 def _special_case(
     pool: Pool, basis: Basis, plain: WeighedCandidate, wide: WeighedCandidate
 ) -> bool:
@@ -259,6 +296,12 @@ def _special_case(
     one, other = plain.candidate.effect, wide.candidate.effect
     if other.kind not in RIGID or one.kind in RIGID or further <= 0:
         return False
+    if one.kind == "cross_angular":
+        return False  # that an axis turns by where another stands is rarer than its own error
+    if isinstance(one, OverhangSag) and (
+        getattr(other, "direction", None) != one.direction or one.direction == _LEVEL
+    ):
+        return False  # nobody saw it sag, but a turn or a bow that a sag would make too
     if plain.screened.rank > 1 and not plain.candidate.nonlinear_count:
         return False
     if not set(one.signals_needed()) <= set(other.signals_needed()):

@@ -58,7 +58,8 @@ def best_beside(
     weight = before.thin.problem.weight
     best: tuple[float, Grown, FitResult] | None = None
     for effects in descriptions(diagnosis):
-        if any(e in before.model.effects or refused(e) for e in effects):
+        effects = tuple(e for e in effects if e not in before.model.effects)
+        if not effects or any(map(refused, effects)):
             continue
         more = grown(before.model, effects)
         try:
@@ -83,8 +84,10 @@ def judged_along(added: Sequence[Effect], machine: Machine) -> Sequence[str]:
     What follows a temperature or a load says the same on neighbouring passes, whether it holds or
     not: another day has to say it again.
     """
-    one = added[0]
-    return one.positions_used(machine) if len(added) == 1 and not one.signals_needed() else ()
+    used = {tuple(e.positions_used(machine)) for e in added}
+    if len(used) > 1 or any(e.signals_needed() for e in added):
+        return ()
+    return used.pop()
 
 
 def of_positions_alone(effect: Effect, machine: Machine) -> bool:

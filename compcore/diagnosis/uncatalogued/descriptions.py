@@ -8,7 +8,7 @@ alike the rows are that no cause explains.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from abbe.compcore.effects.catalogue.formula import Formula
 from abbe.compcore.effects.catalogue.linear.linear_axes import Positioning
 from abbe.compcore.effects.catalogue.linear.reversal import Backlash
 from abbe.compcore.effects.catalogue.rotary.motions import RotaryPositioning
+from abbe.compcore.effects.shapes import CUBIC
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.revise import identity
 
@@ -31,6 +32,9 @@ F64 = NDArray[np.float64]
 
 LEAST = 0.1
 """Part of the left-out χ² that a description must remove: it is chosen among many."""
+
+_TARGETS = 200
+"""Coefficients of a table of each direction, at the most, as of any shape."""
 
 _CHANCE = 0.05
 """Chance of so large a mean fall over the blocks by their scatter alone: Student's t, one side."""
@@ -57,12 +61,33 @@ def descriptions(diagnosis: Findings) -> Iterator[tuple[Effect, ...]]:
                     yield (effect,)
                     for detail in finer(effect, distinct, extent):
                         yield (effect.model_copy(update=detail),)
+            if len(own) > 1:
+                yield from _each_direction(model, own, distinct)
     for structure in diagnosis.structure:
         # what goes with time says nothing of another day
         if "t" not in structure.depends_on and (spec := formula(structure)) is not None:
             channel, terms = spec.removeprefix("formula channel=").split(" terms=", 1)
             yield (Formula.model_validate({"channel": channel, "terms": terms}),)
     yield from smooth_errors(model.machine, campaign)
+
+
+def _each_direction(
+    model: Model, own: Sequence[Effect], distinct: int
+) -> Iterator[tuple[Effect, ...]]:
+    """What a table of each direction says (ISO 230-2): a mean curve, and play over the travel.
+
+    Each alone may foretell nothing where the two ways differ otherwise at every target.
+    """
+    mean, play = (_known(model, effect)[0] for effect in own)
+    orders = [CUBIC + 1]
+    while orders[-1] < min(distinct, _TARGETS):
+        orders.append(min(2 * orders[-1], distinct, _TARGETS))
+    for order in orders:
+        shape = {"shape": f"spline:{order}"}
+        if isinstance(mean, RotaryPositioning):
+            yield (mean, play.model_copy(update=shape))
+        else:
+            yield (mean.model_copy(update=shape), play.model_copy(update=shape))
 
 
 def _known(model: Model, plain: Effect) -> list[Effect]:

@@ -98,3 +98,42 @@ def test_lengths_and_rotations_count_by_their_uncertainties(better: str) -> None
     assert surely(before, after, 1.0 / sd)
     worse = LeftOut(sd / np.tile(by, 8), blocks, (0,) * 8)
     assert not surely(before, worse, 1.0 / sd)
+
+
+SLIDE = """format = "abbe-model/1"
+[machine]
+name = "slide"
+structure = "w b Z t"
+[machine.axes.Z]
+travel = [-2.0, 7.0]
+"""
+
+AT = np.array([-1.5, 0.5, 2.5, 4.5, 6.5])
+UP = np.array([-18.0, 24.0, 9.0, -8.0, -13.0])
+DOWN = np.array([2.0, 1.0, -12.0, 7.0, 15.0])
+
+
+def lines(cycles: int, seed: int, differs: bool) -> Campaign:
+    """A short axis by ISO 230-2, five targets, µm; the two ways differ otherwise at each."""
+    rng = np.random.default_rng(seed)
+    text = '# format = "abbe-campaign/1"\nsetup,kind,Z,Z_dir,ux,uy,uz,value\n'
+    for _ in range(cycles):
+        for way, errs in ((1, UP), (-1, DOWN)):
+            for i in range(5)[::way]:
+                value = differs * errs[i] + rng.normal(0.0, 3.0)
+                text += f"s,displacement,{AT[i]},{way},0,0,1,{value:.3f}\n"
+    return trial.as_campaign(text, parse_model(TomlSource(SLIDE)))
+
+
+def test_two_ways_that_differ_otherwise_at_every_target() -> None:
+    """A table of each direction foretells them; a curve alone, or a play alone, hardly does."""
+    bare = parse_model(TomlSource(SLIDE))
+    check = lines(2, 12, differs=True)
+    found = to_the_verdict(bare, lines(3, 21, differs=True)).last.result.model
+    assert {e.spec for e in found.effects} == {
+        "positioning axis=Z shape=spline:5",
+        "backlash axis=Z shape=spline:5",
+    }
+    assert left(bare, check) / 1e3 > 12.0
+    assert left(found, check) / 1e3 < 4.5
+    assert not to_the_verdict(bare, lines(3, 13, differs=False)).last.result.model.effects
