@@ -136,20 +136,20 @@ def misplaced(error: InputError, words: Sequence[str]) -> FileKind | None:
         return None
     stated = [_LAYOUTS.get(word.removeprefix("--as=")) for word in words]
     layout = next((name for name in stated if name), None) if command == "import-campaign" else None
-    reader = layout or _reader_of(error)
+    reader = layout or _reader_of(error, kind)
     if kind.reader == reader or (reader is None and command in kind.commands):
         return None
     return kind
 
 
-def _reader_of(error: InputError) -> str | None:
+def _reader_of(error: InputError, kind: FileKind) -> str | None:
     """Which reader refused a file, as far as its message tells."""
     if error.field == "format":
         expected = error.expected or ""
         return next((k.reader for f, k in _FORMATS.items() if f in expected), None)
     problem = error.problem
     if problem.startswith("not valid TOML"):
-        return None if _commented(error) else "model"
+        return None if _commented(error) or kind.reader == "part" else "model"
     for beginning, reader in (
         ("no axis yet", "map"),
         ("no targets", "rtl"),

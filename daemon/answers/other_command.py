@@ -188,7 +188,12 @@ def _rtest(typed: _Typed) -> str:
     return _command("iso10791", model, typed.file)
 
 
+def _part(typed: _Typed) -> str:
+    return _command("uncertainty", typed.model or "MODEL.toml", typed.file)
+
+
 _READERS: dict[str, Callable[[_Typed], str]] = {
+    "part": _part,
     "campaign": _campaign,
     "model": _model,
     "config": _config,
