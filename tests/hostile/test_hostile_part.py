@@ -1,4 +1,4 @@
-"""Bad part programs for ``abbe uncertainty``: one line, no page written, bounded time and memory."""
+"""Bad part programs for ``abbe uncertainty``: one line, no page, bounded time and memory."""
 
 from __future__ import annotations
 
