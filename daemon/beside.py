@@ -24,7 +24,7 @@ _GRACE = 5.0
 @asynccontextmanager
 async def beside(service: ControlledService, *, supervised: bool) -> AsyncIterator[None]:
     """Doors for those who ask, an eye on the files and on how sure the correction is, HTTP, MQTT,
-    the plant's store.
+    OPC UA, the plant's store.
 
     Parameters
     ----------
@@ -53,6 +53,7 @@ async def beside(service: ControlledService, *, supervised: bool) -> AsyncIterat
             asyncio.create_task(service.uncertainty.run()),
             asyncio.create_task(_show(service, controls)),
             asyncio.create_task(_publish(service, controls)),
+            asyncio.create_task(_serve_opcua(service, controls)),
             asyncio.create_task(_store(service, controls)),
         }
         try:
@@ -101,9 +102,20 @@ async def _publish(service: ObservedService, controls: Controls) -> None:
     setup = service.configuration.mqtt
     if setup is not None:
         # nothing of it is there for those who do not ask for it
-        from abbe.daemon.mqtt.supervisor import MqttProcess
+        from abbe.daemon.side_process.told import ToldProcess
 
-        await MqttProcess(service, controls, setup).run()
+        module, every = "abbe.daemon.mqtt.process", setup.section.every
+        await ToldProcess("mqtt", module, service, controls, setup.task(), every).run()
+
+
+async def _serve_opcua(service: ObservedService, controls: Controls) -> None:
+    """Keep the OPC UA server running, where the configuration wants one."""
+    setup = service.configuration.opcua_server
+    if setup is not None:
+        from abbe.daemon.side_process.told import ToldProcess
+
+        module, every = "abbe.daemon.opcua_server.process", setup.section.every
+        await ToldProcess("opcua_server", module, service, controls, setup.task(), every).run()
 
 
 async def _store(service: ObservedService, controls: Controls) -> None:

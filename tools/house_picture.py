@@ -41,15 +41,16 @@ DAEMON: tuple[Rooms, ...] = (
         ("status", "what it says"),
         ("http", "over a network"),
         ("mqtt", "to a broker"),
+        ("opcua_server", "for SCADA"),
         ("side_process", "beside a run"),
         ("systemd", "as a service"),
-        ("calibration", "its steps, its state"),
     ),
     (
         ("pipeline", "read, correct, write"),
         ("guard", "what may go out"),
         ("config", "loaded, checked"),
         ("ownership", "one at a time"),
+        ("calibration", "its steps, its state"),
     ),
 )
 DRIVERS: tuple[Rooms, ...] = (

@@ -13,6 +13,7 @@ from abbe.daemon.config.sections.config_file import ConfigFile
 from abbe.daemon.config.sections.fleet import FleetSetup
 from abbe.daemon.config.sections.http import HttpSetup
 from abbe.daemon.config.sections.mqtt import MqttSetup
+from abbe.daemon.config.sections.opcua_server import OpcuaServerSetup
 from abbe.daemon.config.sections.upload import UploadSetup
 from abbe.daemon.guard import GuardLimits
 from abbe.drivers.link import Link, LinkConfig
@@ -49,6 +50,8 @@ class Configuration:
         Where a run can be looked at over HTTP; None: nowhere.
     mqtt
         The broker that a run publishes to; None: nowhere.
+    opcua_server
+        Where a run is offered by OPC UA; None: nowhere.
     fleet
         The plant's store that records are uploaded to; None: nowhere.
     """
@@ -61,6 +64,7 @@ class Configuration:
     upload: UploadSetup | None = None
     http: HttpSetup | None = None
     mqtt: MqttSetup | None = None
+    opcua_server: OpcuaServerSetup | None = None
     fleet: FleetSetup | None = None
 
     @property

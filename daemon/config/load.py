@@ -18,6 +18,7 @@ from abbe.daemon.config.sections.config_file import ConfigFile
 from abbe.daemon.config.sections.fleet import fleet_setup
 from abbe.daemon.config.sections.http import http_setup
 from abbe.daemon.config.sections.mqtt import mqtt_setup
+from abbe.daemon.config.sections.opcua_server import opcua_server_setup
 from abbe.daemon.config.sections.upload import upload_setup
 from abbe.daemon.guard import GuardLimits
 from abbe.drivers.link import Link, LinkConfigError, link_class
@@ -52,11 +53,16 @@ def load_config(path: str | Path) -> Configuration:
     mqtt = None
     if file.mqtt is not None:
         mqtt = mqtt_setup(source, Path(path), file.mqtt, model.machine.name)
+    opcua = None
+    if file.opcua_server is not None:
+        opcua = opcua_server_setup(source, Path(path), file.opcua_server)
     fleet = None
     if file.fleet is not None:
         kept, name = file.records is not None, model.machine.name
         fleet = fleet_setup(source, Path(path), file.fleet, name, records=kept)
-    configuration = Configuration(Path(path), file, model, links, limits, upload, http, mqtt, fleet)
+    configuration = Configuration(
+        Path(path), file, model, links, limits, upload, http, mqtt, opcua, fleet
+    )
     made = {name: _made(source, name, setup) for name, setup in links.items()}
     check(source, configuration, made)
     check_files(source, configuration)

@@ -6,7 +6,6 @@ import asyncio
 import logging
 import random
 import ssl
-import stat
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -16,6 +15,7 @@ from typing import Any
 import aiomqtt
 
 from abbe.daemon.mqtt.spool import Spool
+from abbe.daemon.side_process.secret import password
 
 _KEEPALIVE = 30
 """s without a word after which the broker is asked whether it is there."""
@@ -149,23 +149,6 @@ class BrokerConnection(ABC):
         if why not in self._said and len(self._said) < _REASONS and not self._ending.is_set():
             self._said.add(why)
             self._say(logging.WARNING, f"{why}; what is to be published waits")
-
-
-def password(path: Path) -> str:
-    """The first line of a file that nobody else may read.
-
-    Raises
-    ------
-    ValueError
-        When others may read it, or it is no text.
-    OSError
-        When it cannot be read.
-    """
-    with path.open("rb") as file:
-        if stat.S_IMODE(path.stat().st_mode) & 0o077:
-            raise ValueError(f"{path}: others may read this password; chmod 600 {path}")
-        line = file.readline(4096)
-    return line.decode("utf-8").rstrip("\r\n")
 
 
 def _tls(task: Mapping[str, Any]) -> ssl.SSLContext:

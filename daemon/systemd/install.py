@@ -20,6 +20,8 @@ from abbe.compcore.files.grid_file import grid_files
 from abbe.compcore.files.text.atomic import write_together
 from abbe.daemon.config import Configuration
 from abbe.daemon.config.folders import CONFIGURATIONS
+from abbe.daemon.config.sections.http import HttpSetup
+from abbe.daemon.config.sections.opcua_server import OpcuaServerSetup
 from abbe.daemon.systemd.unit import (
     DROP_IN_NAME,
     MADE,
@@ -149,13 +151,13 @@ def plan(
         files[_under(root, _SYSUSERS)] = sysusers(user)
     links = configuration.make_links()
     resources = [resource for link in links.values() for resource in link.owns]
-    file, http = configuration.file, configuration.http
+    file, http, opcua = configuration.file, configuration.http, configuration.opcua_server
     reached = [one for one in (configuration.mqtt, configuration.fleet) if one is not None]
     resources += [one.resource for one in reached]
     needs = replace(
         Needs.of_resources(resources, _written_folders(configuration)),
-        beside=http is not None or bool(reached),
-        clients=() if http is None else http.networks,
+        beside=any(part is not None for part in (http, opcua, *reached)),
+        clients=_may_ask(http, opcua),
     )
     longest_end = file.guard.hold + file.guard.ramp
     files[units / f"abbe@{machine}.service.d" / DROP_IN_NAME] = drop_in(
@@ -284,6 +286,12 @@ def _written_folders(configuration: Configuration) -> list[Path]:
     if upload is not None:
         names += [Path(upload.section.journal).parent, Path(upload.section.backups)]
     return [folder for folder in names if folder and folder.is_absolute()]
+
+
+def _may_ask(http: HttpSetup | None, opcua: OpcuaServerSetup | None) -> tuple[str, ...]:
+    """Networks that can reach what listens; empty: nothing listens."""
+    found = [name for setup in (http, opcua) if setup is not None for name in setup.networks]
+    return ("any",) if "any" in found else tuple(dict.fromkeys(found))
 
 
 def _of_http(configuration: Configuration) -> list[Path]:

@@ -11,7 +11,7 @@ _CODES = {
     "degC": "CEL", "degF": "FAH", "K": "KEL",
     "rpm": "RPM", "1/min": "RPM", "mm/s": "C16", "mm/min": "H81", "N": "NEW", "Nm": "NU",
     "kg": "KGM", "%": "P1", "Pa": "PAL", "hPa": "A97", "kPa": "KPA", "bar": "BAR", "V": "VLT",
-    "A": "AMP", "s": "SEC",
+    "A": "AMP", "s": "SEC", "ms": "C26",
 }  # fmt: skip
 
 
@@ -25,6 +25,11 @@ def number_of(code: str) -> int:
 
 
 _BY_NUMBER = {number_of(code): unit for unit, code in reversed(_CODES.items())}
+
+
+def number_for(unit: str) -> int | None:
+    """The number of a unit in Abbe's spelling; None: it has none."""
+    return number_of(_CODES[unit]) if unit in _CODES else None
 
 
 def stated(number: int, namespace: str, name: str) -> str:

@@ -4,7 +4,7 @@
 ASCII devices and a tape reader on pseudo-terminals. ``can``: encoders and thermometers on CAN.
 ``controller``: a control with a memory for compensation tables, over Modbus, a serial line or CAN.
 ``ipp``: the measuring machine behind an I++ DME server. ``bench``: the machine
-with a laser beside it.
+with a laser beside it. ``fleet``: many machines of one type.
 
 What serves prints one line of JSON on standard output when it listens, then serves until SIGTERM,
 SIGINT, or (``--die-with-stdin``) until its standard input ends.

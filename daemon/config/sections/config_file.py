@@ -15,6 +15,7 @@ from abbe.daemon.config.sections.guard import GuardSection
 from abbe.daemon.config.sections.http import HttpSection
 from abbe.daemon.config.sections.measure import InstrumentSection, MeasureSection
 from abbe.daemon.config.sections.mqtt import MqttSection
+from abbe.daemon.config.sections.opcua_server import OpcuaServerSection
 from abbe.daemon.config.sections.output import OutputSection
 from abbe.daemon.config.sections.probing import ProbingSection
 from abbe.daemon.config.sections.readings import (
@@ -105,5 +106,6 @@ class ConfigFile(Section):
     control: ControlSection | None = None
     http: HttpSection | None = None
     mqtt: MqttSection | None = None
+    opcua_server: OpcuaServerSection | None = None
     fleet: FleetSection | None = None
     upload: UploadSection | None = None

@@ -49,7 +49,8 @@ def split_address(text: str) -> tuple[str, int]:
     return str(address), number
 
 
-def _address(text: str) -> str:
+def listening_address(text: str) -> str:
+    """Refuse what is not an address and a port, as `split_address` does."""
     split_address(text)
     return text
 
@@ -64,6 +65,10 @@ def _network(text: str) -> str:
     return text
 
 
+Networks = Annotated[tuple[Annotated[str, AfterValidator(_network)], ...], Field(strict=False)]
+"""Networks by their addresses, ``192.168.0.0/24``."""
+
+
 class HttpSection(Section):
     """Where a run can be looked at over HTTP; without this section nowhere."""
 
@@ -71,7 +76,7 @@ class HttpSection(Section):
     """Unix socket, relative to the configuration (of a service: to its state folder); for the user
     who runs the correction, its group, and root."""
     listen: Annotated[
-        tuple[Annotated[str, AfterValidator(_address)], ...], Field(strict=False)
+        tuple[Annotated[str, AfterValidator(listening_address)], ...], Field(strict=False)
     ] = ()
     """Addresses and ports of the network besides: ``["127.0.0.1:8470"]``; each needs a token."""
     tokens: Annotated[str, Field(min_length=1)] = "http-tokens.toml"
@@ -80,9 +85,7 @@ class HttpSection(Section):
     """Certificate chain (PEM), relative to the configuration: TLS on `listen`."""
     key: str | None = None
     """Its private key (PEM), likewise."""
-    clients: Annotated[
-        tuple[Annotated[str, AfterValidator(_network)], ...], Field(strict=False)
-    ] = ()
+    clients: Networks = ()
     """Networks that may connect to `listen`, ``["192.168.0.0/24"]``; default: all."""
 
 

@@ -5,6 +5,7 @@ OWN_FILE = {
     "can": "devices on CAN",
     "controller": "a control with a memory for compensation tables",
     "bench": "the bridge CMM over Modbus with a laser beside it",
+    "fleet": "many bridge CMMs over Modbus, one of which may have changed",
     "ipp": "the bridge CMM over I++ DME",
 }
 """Commands with a file of their own, so that what others import does not slow them down; what each

@@ -1,4 +1,4 @@
-"""Publishing as the run sees it: statuses and events handed over, and never waited for."""
+"""A process that is told what a run says: statuses and events handed over, and never waited for."""
 
 from __future__ import annotations
 
@@ -15,13 +15,10 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from abbe.daemon.config.sections.mqtt import MqttSetup
 from abbe.daemon.control.controls import Controls
 from abbe.daemon.pipeline.record import CycleRecord
 from abbe.daemon.side_process.parent import SideProcess
 from abbe.daemon.status.status_source import ObservedService
-
-logger = logging.getLogger("abbe.mqtt")
 
 _SOONEST = 0.2
 """s between two statuses, however often the status word changes."""
@@ -37,34 +34,49 @@ _A_MINUTE = 20
 """Sentences of the process's that go into the journal."""
 
 
-class MqttProcess:
-    """Keeps the process that publishes running while `run` runs.
+class ToldProcess:
+    """Keeps a process that is told everything running while `run` runs.
 
     Parameters
     ----------
+    name
+        As the journal calls it; its own events are not told to it.
+    module
+        That is run.
     service
         What runs.
     controls
         Make the status.
-    setup
-        The broker.
+    task
+        What the process has to know, as JSON takes it.
+    every
+        s from one status to the next; a change of the status word does not wait.
     """
 
-    def __init__(self, service: ObservedService, controls: Controls, setup: MqttSetup) -> None:
-        self._service, self._controls, self._setup = service, controls, setup
-        self._events = _JournalEvents()
+    def __init__(
+        self,
+        name: str,
+        module: str,
+        service: ObservedService,
+        controls: Controls,
+        task: dict[str, Any],
+        every: float,
+    ) -> None:
+        self._name, self._module, self._every = name, module, every
+        self._service, self._controls, self._task = service, controls, task
+        self._events = _JournalEvents(f"abbe.{name}")
 
     async def run(self) -> None:
-        """Until cancelled; whatever happens to process and broker, the correction goes on."""
+        """Until cancelled; whatever happens to the process, the correction goes on."""
         journal = logging.getLogger("abbe")
         self._events.begin()
         journal.addHandler(self._events)
         try:
-            await SideProcess("mqtt", "abbe.daemon.mqtt.process", self._talk, _LONGEST).run()
+            await SideProcess(self._name, self._module, self._talk, _LONGEST).run()
         finally:
             journal.removeHandler(self._events)
 
-    def _talk(self) -> _PublishingTalk:
+    def _talk(self) -> _TellingTalk:
         service = self._service
         about = {
             "abbe": service.identity.version,
@@ -72,17 +84,16 @@ class MqttProcess:
             "host": socket.gethostname(),
             "pid": os.getpid(),
         }
-        task = {**self._setup.task(), "about": about}
-        return _PublishingTalk(
-            service, self._controls, self._events, task, self._setup.section.every
-        )
+        task = {**self._task, "about": about}
+        return _TellingTalk(self._name, service, self._controls, self._events, task, self._every)
 
 
 class _JournalEvents(logging.Handler):
     """The journal's events, until somebody takes them; its own are none."""
 
-    def __init__(self) -> None:
+    def __init__(self, own: str) -> None:
         super().__init__(logging.INFO)
+        self._own = own
         self._loop: asyncio.AbstractEventLoop | None = None
         self._waiting: deque[dict[str, Any]] = deque()
         self.news = asyncio.Event()
@@ -94,7 +105,7 @@ class _JournalEvents(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Take one event, of any thread."""
-        if record.name.startswith("abbe.mqtt") or self._loop is None:
+        if record.name.startswith(self._own) or self._loop is None:
             return
         try:
             text = record.getMessage()
@@ -133,17 +144,19 @@ class _ProcessLine(BaseModel):
     text: str = ""
 
 
-class _PublishingTalk:
+class _TellingTalk:
     """One connection to the process."""
 
     def __init__(
         self,
+        name: str,
         service: ObservedService,
         controls: Controls,
         events: _JournalEvents,
         task: dict[str, Any],
         every: float,
     ) -> None:
+        self._name, self._logger = name, logging.getLogger(f"abbe.{name}")
         self._service, self._controls, self._events = service, controls, events
         self._task, self._every = task, every
         self._word = -1
@@ -177,7 +190,7 @@ class _PublishingTalk:
         try:
             said = _ProcessLine.model_validate_json(line)
         except ValidationError:
-            raise ValueError("not a line of the process that publishes") from None
+            raise ValueError("not a line of such a process") from None
         now = self.last_message_at = time.monotonic()
         if not said.text:
             return
@@ -186,7 +199,7 @@ class _PublishingTalk:
         self._said += 1
         if self._said <= _A_MINUTE:
             text = "".join(c if c.isprintable() else " " for c in said.text)
-            logger.log(said.level or logging.INFO, "mqtt: %s", text)
+            self._logger.log(said.level or logging.INFO, "%s: %s", self._name, text)
 
     def _on_cycle(self, record: CycleRecord) -> None:
         """The end of a cycle: it may be time for a status, and is when the status word changes."""
@@ -207,7 +220,7 @@ class _PublishingTalk:
                 status = self._controls.status_now().model_dump_json().encode()
             except Exception as error:
                 if not self._failed:
-                    logger.exception("mqtt: a status cannot be published: %s", error)
+                    self._logger.exception("%s: no status can be made: %s", self._name, error)
                 self._failed = True
             else:
                 # it is JSON already: it is put into the line as it is
