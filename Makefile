@@ -15,7 +15,7 @@ BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis_co
 SOURCES := compcore drivers daemon tests benchmarks examples
 
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-calibrate test lint types fast bench torment soak deb test-systemd test-calibration docs clean
+.PHONY: help demo demo-calibrate demo-fleet test lint types fast bench torment soak deb test-systemd test-calibration docs clean
 
 define install_debian
 missing=; for package in $(1); do \
@@ -34,6 +34,9 @@ demo-calibrate: $(VENV)/.dev ## The simulated machine calibrated, from plan to c
 
 demo: $(VENV)/.runtime ## See a coordinate measuring machine become ten times more accurate
 	@$(BIN)/abbe demo
+
+demo-fleet: $(VENV)/.fleet $(POSTGRESQL) $(MOSQUITTO) $(PROMETHEUS) ## See a small plant: three machines, one of which begins to drift (docs/fleet.md)
+	@$(BIN)/python -m tools.demo_fleet $(if $(STAY),--seconds $(STAY))
 
 test: $(VENV)/.dev $(VENV)/.debian lint types ## Run all checks and tests
 	$(BIN)/pytest -n 3 --dist loadgroup
@@ -89,6 +92,10 @@ $(VENV)/.runtime: pyproject.toml | $(BIN)/python
 
 $(VENV)/.dev: pyproject.toml | $(BIN)/python
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@ $(VENV)/.runtime
+
+$(VENV)/.fleet: pyproject.toml | $(BIN)/python
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[fleet,http,mqtt]'
 	@touch $@ $(VENV)/.runtime
 
 $(VENV)/.bench: pyproject.toml | $(BIN)/python
