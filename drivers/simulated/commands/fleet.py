@@ -18,7 +18,7 @@ from typing import Any
 
 from abbe.drivers.simulated.bridge.checks import WhatHappens
 from abbe.drivers.simulated.bridge.happened import Happened
-from abbe.drivers.simulated.fleet.device import FleetMachine
+from abbe.drivers.simulated.fleet.device import SimulatedFleetMachine
 from abbe.drivers.simulated.fleet.past import past_checks, stands
 from abbe.drivers.simulated.modbus.server import SimulatedServer
 from abbe.drivers.simulated.remote_control import announce, serve_orders
@@ -64,7 +64,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 async def _serve(options: argparse.Namespace) -> None:
-    machines: list[FleetMachine] = []
+    machines: list[SimulatedFleetMachine] = []
     async with contextlib.AsyncExitStack() as stack:
         facts: list[dict[str, Any]] = []
         for number in range(1, options.machines + 1):
@@ -72,7 +72,7 @@ async def _serve(options: argparse.Namespace) -> None:
             what: WhatHappens = "crash" if changed else "nothing"
             past = past_checks(options.seed, number, what, time.time())
             happened = Happened(squareness=CRASH) if changed else Happened()
-            machine = FleetMachine(options.seed, number, happened, stands(past))
+            machine = SimulatedFleetMachine(options.seed, number, happened, stands(past))
             server = SimulatedServer(machine, UNIT)
             wanted = options.port + number - 1 if options.port else 0
             port = await server.start_tcp(options.host, wanted)

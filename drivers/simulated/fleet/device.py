@@ -35,7 +35,7 @@ _WARMS = 0.6
 _DAY = 86_400.0
 
 
-class FleetMachine:
+class SimulatedFleetMachine:
     """One machine.
 
     Parameters

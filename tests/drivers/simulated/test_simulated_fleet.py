@@ -16,7 +16,7 @@ from abbe.compcore.files.campaign_file import read_campaign
 from abbe.daemon.demo.prepare import START
 from abbe.drivers.simulated.bridge.checks import SPHERES
 from abbe.drivers.simulated.bridge.happened import Happened
-from abbe.drivers.simulated.fleet.device import PER_SPHERE, SPHERES_AT, FleetMachine
+from abbe.drivers.simulated.fleet.device import PER_SPHERE, SPHERES_AT, SimulatedFleetMachine
 from abbe.drivers.simulated.fleet.past import SINCE, SOUND, past_checks, stands
 from tests.support.daemon.live_run import read_holding
 
@@ -24,7 +24,7 @@ CRASH = 10e-6
 NOON = 1.8e9
 
 
-def found(machine: FleetMachine, name: str) -> tuple[int, np.ndarray]:
+def found(machine: SimulatedFleetMachine, name: str) -> tuple[int, np.ndarray]:
     at = SPHERES_AT + PER_SPHERE * list(SPHERES).index(name)
     words = machine.read("input", at, PER_SPHERE, NOON)
     return words[0], np.array(struct.unpack(">3f", struct.pack(">6H", *words[2:8])))
@@ -33,8 +33,8 @@ def found(machine: FleetMachine, name: str) -> tuple[int, np.ndarray]:
 def test_a_crash_turns_x_on_y_where_the_spheres_are() -> None:
     """By so much more in Y as X is further out, and nowhere else."""
     there = SPHERES
-    sound = FleetMachine(1, 1, Happened(), there)
-    crashed = FleetMachine(1, 1, Happened(squareness=CRASH), there)
+    sound = SimulatedFleetMachine(1, 1, Happened(), there)
+    crashed = SimulatedFleetMachine(1, 1, Happened(squareness=CRASH), there)
     sums = {name: np.zeros(3) for name in SPHERES}
     for k in range(400):
         for machine, sign in ((sound, 1.0), (crashed, -1.0)):
@@ -102,7 +102,7 @@ def test_a_machine_that_there_is_not() -> None:
 
 
 def test_it_moves_within_its_travels() -> None:
-    machine = FleetMachine(1, 7, Happened(), SPHERES)
+    machine = SimulatedFleetMachine(1, 7, Happened(), SPHERES)
     began = time.time()
     for k in range(200):
         words = machine.read("input", 0, 6, began + k)
