@@ -21,9 +21,9 @@ F64 = NDArray[np.float64]
 
 LIKELY = 0.5
 """Chance above which a machine is said to have the cause."""
-ENOUGH = 6.0
-"""Evidence, after the price of all causes tried, from which on one is named: noise alone says as
-much in one fleet of twenty at most."""
+ENOUGH = 12.0
+"""Evidence, after the price of all causes tried, from which on one is named: by the union bound
+noise alone says as much in one fleet of four hundred at most (exp(−6))."""
 _FEWEST = 2
 _MOST = 8
 """Common causes that are looked for one after the other."""
@@ -40,7 +40,7 @@ class CommonCause:
     effect
         It.
     evidence
-        In 2·ln(likelihood), after the price of having looked for it among all others; 6 is enough.
+        In 2·ln(likelihood), after the price of having looked for it among all others; `ENOUGH` is.
     machines
         Names of those that were asked: their models lack it, and their campaigns could show it.
     chances
@@ -92,7 +92,7 @@ class CommonCause:
             shown, factor = display(unit)
             scatter = f"machines scatter by {spread * factor:.2g}"
             yield f"  {name} = {mean * factor:.3g} {shown}, {scatter}"
-        yield f"  evidence {self.evidence:.0f} (6 is enough)"
+        yield f"  evidence {self.evidence:.0f} ({ENOUGH:g} is enough)"
         if self.confusable:
             yield f"  could also be: {'; '.join(self.confusable)}"
 
