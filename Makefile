@@ -11,7 +11,7 @@ MOSQUITTO := $(VENV)/unpacked/usr/sbin/mosquitto
 POSTGRESQL := $(VENV)/unpacked/postgresql
 NODE_OPCUA := $(VENV)/opcua/node_modules/.package-lock.json
 SPARKPLUG := $(VENV)/sparkplug/node_modules/.package-lock.json
-BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis_command diagnosis check_points plan validation spreading
+BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis_command diagnosis check_points plan validation fleet spreading
 SOURCES := compcore drivers daemon tests benchmarks examples
 
 .DEFAULT_GOAL := help
