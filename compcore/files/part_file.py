@@ -50,6 +50,7 @@ _Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
 _Sd = Annotated[float, Field(allow_inf_nan=False, ge=0.0, le=1e4)]
 _Vector = tuple[_Number, _Number, _Number]
 _Name = Annotated[str, Field(min_length=1, max_length=60, pattern=r"^[^\x00-\x1f\"\\,]+$")]
+_Size = Annotated[float, Field(ge=1e-3, le=1e5)]
 _MOST = 500
 
 
@@ -104,14 +105,14 @@ class FeatureSection(_PartSection):
     normals: Annotated[tuple[_Vector, ...], Field(max_length=MOST_POINTS)] = ()
     at: _Vector | None = None
     axis: _Vector = (0.0, 0.0, 1.0)
-    diameter: Annotated[float, Field(gt=0.0, le=1e5)] | None = None
+    diameter: _Size | None = None
     inside: bool = False
     count: Annotated[int, Field(ge=1, le=MOST_POINTS)] | None = None
     start: _Number = 0.0
-    span: Annotated[float, Field(gt=0.0, le=360.0)] = 360.0
-    length: Annotated[float, Field(gt=0.0, le=1e5)] | None = None
+    span: Annotated[float, Field(ge=1.0, le=360.0)] = 360.0
+    length: _Size | None = None
     levels: Annotated[int, Field(ge=2, le=100)] = 2
-    size: tuple[_Number, _Number] | None = None
+    size: tuple[_Size, _Size] | None = None
     grid: tuple[Annotated[int, Field(ge=1, le=100)], Annotated[int, Field(ge=1, le=100)]] = (3, 3)
 
 
@@ -205,7 +206,11 @@ def _program(found: _PartDocument, machine: Machine) -> PartProgram:
         try:
             own = _feature(section, next(iter(styli)), PlacedPattern(origin, turn))
         except InputError as error:
-            raise error.at(field=f"features[{i}]") from None
+            key = "" if error.field is None else f".{error.field}"
+            raise InputError(
+                error.problem, field=f"features[{i}]{key}", found=error.found,
+                expected=error.expected,
+            ) from None  # fmt: skip
         features.append(own)
     if (count := sum(len(f.points) for f in features)) > MOST_POINTS:
         raise InputError("too many points", field="features", found=count,

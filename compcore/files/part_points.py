@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import csv
-from typing import Any
+import math
+from typing import Any, get_args
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.formats import PART
+from abbe.compcore.virtual_cmm.features import ElementKind
 
 COLUMNS = ("feature", "kind", "x", "y", "z", "nx", "ny", "nz")
 
@@ -65,6 +67,11 @@ def csv_document(text: str, file: str | None) -> tuple[str, list[dict[str, Any]]
     for number, line in rows[1:]:
         cells = dict(zip(names, _cells(line, number, len(names), file), strict=True))
         name = cells["feature"]
+        if cells["kind"] not in get_args(ElementKind):
+            raise InputError(
+                "no such kind of feature", file=file, line=number, field="kind",
+                found=cells["kind"], expected="one of " + ", ".join(get_args(ElementKind)),
+            )  # fmt: skip
         if name not in features:
             lines[len(features)] = number
             features[name] = {
@@ -79,7 +86,13 @@ def csv_document(text: str, file: str | None) -> tuple[str, list[dict[str, Any]]
                     found=cells.get(key), expected=mine[key],
                 )  # fmt: skip
         mine["points"].append([_number(cells, key, number, file) for key in ("x", "y", "z")])
-        mine["normals"].append([_number(cells, key, number, file) for key in ("nx", "ny", "nz")])
+        normal = [_number(cells, key, number, file) for key in ("nx", "ny", "nz")]
+        if not any(normal):
+            raise InputError(
+                "not a direction", file=file, line=number, field="nx, ny, nz", found="0, 0, 0",
+                expected="the direction out of the material",
+            )  # fmt: skip
+        mine["normals"].append(normal)
     return "\n".join(head), list(features.values()), lines
 
 
@@ -98,9 +111,12 @@ def _cells(line: str, number: int, wanted: int, file: str | None) -> list[str]:
 
 def _number(cells: dict[str, str], key: str, line: int, file: str | None) -> float:
     try:
-        return float(cells[key])
+        number = float(cells[key])
     except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
         raise InputError(
             "not a number", file=file, line=line, field=key, found=cells[key],
             expected="a number, mm; directions without unit",
-        ) from None  # fmt: skip
+        )  # fmt: skip
+    return number

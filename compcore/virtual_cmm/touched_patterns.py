@@ -74,7 +74,8 @@ def from_points(
     kind = named.kind
     size = np.linalg.norm(normals, axis=1)
     if (size < 1e-9).any():
-        raise InputError("not a direction", field="normals", found=normals[int(size.argmin())])
+        zero = normals[int(size.argmin())].tolist()
+        raise InputError("not a direction", field="normals", found=zero, expected="not all zero")
     normals = normals / size[:, None]
     middle = points.mean(axis=0)
     own = points - middle

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from abbe.compcore.errors import InputError
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.part_file import read_part
 from abbe.compcore.linalg import threads_for
@@ -77,7 +78,12 @@ def require_possible(model: Path, part: Path) -> VirtualMeasurement:
         Naming the file.
     """
     loaded = load_model(model)
-    return VirtualMeasurement(loaded, read_part(part, loaded.machine))
+    program = read_part(part, loaded.machine)
+    try:
+        return VirtualMeasurement(loaded, program)
+    except InputError as error:
+        of_the_model = error.field in (None, "covariance")
+        raise error.at(file=model if of_the_model else part) from None
 
 
 def evaluate(
