@@ -1,0 +1,6 @@
+"""Step by step from a machine and a campaign to a model."""
+
+from abbe.compcore.diagnosis.stepwise.step import Course, Step
+from abbe.compcore.diagnosis.stepwise.to_the_verdict import to_the_verdict
+
+__all__ = ["Course", "Step", "to_the_verdict"]

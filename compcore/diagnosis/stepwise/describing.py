@@ -1,0 +1,51 @@
+"""What no cause explains, described: beside the causes, or in place of error motions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
+from abbe.compcore.diagnosis.stepwise.growing_model import GrowingModel, described
+from abbe.compcore.diagnosis.uncatalogued.chosen import (
+    best_beside,
+    best_instead,
+    grown,
+    of_positions_alone,
+)
+from abbe.compcore.diagnosis.verdict import Diagnosis
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.fitting.fit import fit
+from abbe.compcore.model.revise import without_effect
+
+
+def describe(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
+    """Describe what no cause explains, where that foretells left-out blocks surely better.
+
+    Of all descriptions the one that foretells best: beside the causes; or over the whole volume
+    in place of the error motions that were added, where they foretell surely worse.
+    """
+    growing.progress("describing what no cause explains")
+    before = growing.last.result
+    motions = [e for e in growing.added if of_positions_alone(e, before.model.machine)]
+    if motions and not described(before.model.effects):
+        less = before.model
+        for effect in motions:
+            less, _ = without_effect(less, effect.spec)
+        instead = best_instead(before, less, growing.campaign, growing.refused_now)
+        if instead is not None:
+            _replace(growing, motions, instead)
+            return True
+    found = best_beside(before, growing.campaign, diagnosis, growing.refused_now)
+    if found is None:
+        return False
+    more, result = found
+    growing.make_together("described", "described", more, result, LeftOutErrors.of(result))
+    return True
+
+
+def _replace(growing: GrowingModel, motions: Sequence[Effect], effects: Sequence[Effect]) -> None:
+    """Describe, then take out error motions that were added before."""
+    more = grown(growing.last.result.model, effects)
+    result = fit(more[-1][0], growing.campaign, near=True)
+    growing.make_together("described", "described", more, result, LeftOutErrors.of(result))
+    growing.take_out(motions)

@@ -1,0 +1,200 @@
+"""A model that grows: an effect is taken only if left-out blocks are predicted better with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
+from abbe.compcore.diagnosis.soundness import apart, sound
+from abbe.compcore.diagnosis.stepwise.step import Step
+from abbe.compcore.diagnosis.strays import Stray
+from abbe.compcore.diagnosis.uncatalogued.chosen import Grown, grown
+from abbe.compcore.diagnosis.verdict import Diagnosis, lacking
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.errors import FitError
+from abbe.compcore.fitting.design.begun import begun
+from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.model.model import Model
+from abbe.compcore.model.revise import with_effect, without_effect
+
+Progress = Callable[[str], None]
+
+FALLS = 0.998
+"""Part of the left-out χ² below which an addition's or a lag's has fallen."""
+
+
+class GrowingModel:
+    """The model as far as it is, and how it came there.
+
+    Attributes
+    ----------
+    campaign
+        The measurements, without those that were set aside.
+    progress
+        Called with a few words at the start of each stage.
+    steps
+        Every change so far; the first is the model as it was given, fitted.
+    added
+        The effects that were added and are still there.
+    refused
+        Effect → after how many steps it was refused.
+    regressed
+        After how many steps a regression on all thermometers was last asked; −1: never.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        campaign: Campaign,
+        on_step: Callable[[Step], None],
+        progress: Progress,
+    ) -> None:
+        self.campaign = campaign
+        self._on_step, self.progress = on_step, progress
+        self.refused: dict[Effect, int] = {}
+        self.steps: list[Step] = []
+        self.added: list[Effect] = []
+        self._strays: list[Stray] = []
+        self.regressed = -1
+        result = fit(model, campaign)
+        self.make("began", None, result, LeftOutErrors.of(result))
+
+    @property
+    def last(self) -> Step:
+        """The model as it is now."""
+        return self.steps[-1]
+
+    def make(
+        self, action: str, effect: Effect | None, result: FitResult, out: LeftOutErrors
+    ) -> None:
+        """Make a step, and tell of it."""
+        self.steps.append(Step(action, effect, result, out))
+        self._on_step(self.last)
+
+    def diagnosed(self) -> Diagnosis:
+        """What the model lacks as it is now; readings that stand alone count no more."""
+        found = lacking(self.last.result, progress=self.progress)
+        if found.strays:
+            self._strays += found.strays
+            self.campaign = found.whole.problem.campaign
+            out = LeftOutErrors.of(found.whole)
+            self.steps.append(Step("set aside", None, found.whole, out, found.strays))
+            self._on_step(self.last)
+        return replace(found, strays=tuple(self._strays))
+
+    def refused_now(self, effect: Effect) -> bool:
+        """Whether an effect was refused beside the model as it is now; beside another it may do."""
+        return self.refused.get(effect) == len(self.steps)
+
+    def add_all(self, effects: Sequence[Effect]) -> bool:
+        """Add those with which left-out blocks are predicted better, however they are ordered.
+
+        Each by itself; and those that one by one predict nothing together, as they were found: of
+        two thermometers that read nearly the same the difference may say what neither says.
+        """
+        before = len(self.steps)
+        left = list(effects)
+        while left:
+            waiting = [e for e in left if not self.add(e)]
+            if len(waiting) == len(left):
+                while len(waiting) > 1 and not self.add_together(waiting):
+                    del waiting[-1]
+                break
+            left = waiting
+        return len(self.steps) > before
+
+    def add(self, effect: Effect, *, falls: float = FALLS) -> bool:
+        """Add an effect if left-out blocks are predicted better with it, χ² falling to a part."""
+        if self.refused_now(effect):
+            return False
+        self.progress(f"adding {effect.kind}")
+        before = self.last.result.model
+        more, added = with_effect(before, effect.kind, effect.where())
+        if not self._try("added", added, more, falls):
+            self.refused[effect] = len(self.steps)
+            return False
+        self.adopt(more, added)
+        return True
+
+    def add_together(self, effects: Sequence[Effect], falls: float = FALLS) -> bool:
+        """Add several effects if with all of them left-out blocks are predicted better."""
+        self.progress(f"adding {len(effects)} effects together")
+        more = grown(self.last.result.model, effects)
+        found = self.better(more[-1][0], [one for _, one in more], falls)
+        if found is None:
+            return False
+        self.make_together("added together", "added", more, *found)
+        return True
+
+    def make_together(
+        self, before: str, last: str, more: Grown, result: FitResult, out: LeftOutErrors
+    ) -> None:
+        """Steps of effects that belong together: the first ones fitted as they come, then all."""
+        for model, one in more[:-1]:
+            partly = fit(model, self.campaign, near=True)
+            self.make(before, one, partly, LeftOutErrors.of(partly))
+        self.make(last, more[-1][1], result, out)
+        for model, one in more:
+            self.adopt(model, one)
+
+    def adopt(self, model: Model, added: Effect) -> None:
+        """Count an effect among those that were added."""
+        kept = set(model.effects)
+        self.added = [e for e in self.added if e in kept] + [added]
+
+    def take_out(self, effects: Sequence[Effect]) -> None:
+        """Take out effects that were added, each a step, whatever left-out blocks say of it."""
+        for effect in effects:
+            less, _ = without_effect(self.last.result.model, effect.spec)
+            result = fit(less, self.campaign, near=True)
+            self.make("removed", effect, result, LeftOutErrors.of(result))
+            self.added.remove(effect)
+
+    def prune(self) -> bool:
+        """Take out what was added and is superfluous by now.
+
+        A formula names no cause: beside one none goes for saying the same.
+        """
+        if described(self.added):
+            return False
+        before = len(self.added)
+        for effect in list(self.added):
+            self.progress(f"without {effect.kind}")
+            less, _ = without_effect(self.last.result.model, effect.spec)
+            if self._try("removed", effect, less, 1.0):
+                self.added.remove(effect)
+        return len(self.added) < before
+
+    def _try(self, action: str, effect: Effect, model: Model, falls: float) -> bool:
+        found = self.better(model, (effect,), falls)
+        if found is not None:
+            self.make(action, effect, *found)
+        return found is not None
+
+    def better(
+        self, model: Model, changed: Sequence[Effect], falls: float
+    ) -> tuple[FitResult, LeftOutErrors] | None:
+        """A model's fit, and how it predicts, if left-out χ² falls to a part; else None."""
+        try:
+            result = fit(model, self.campaign, near=True)
+        except FitError:
+            return None
+        bound = all(e.scope == "instrument" for e in changed)
+        before = LeftOutErrors.of(self.last.result, changed)
+        after = LeftOutErrors.of(result, changed)
+        if before.falls_to(after, result, bound=bound) > falls:
+            return None
+        if not all(apart(result.model, e) for e in changed):
+            return None
+        if not all(b.plausible for b in begun(result.problem, result.theta)):
+            return None  # a body that began where none can have been is no body
+        if not all(sound(result.model, e) for e in changed):
+            return None
+        return result, LeftOutErrors.of(result)
+
+
+def described(effects: Sequence[Effect]) -> bool:
+    """Whether there is a formula among effects: it names no cause."""
+    return any(e.kind == "formula" for e in effects)

@@ -1,0 +1,75 @@
+"""The steps from a model to the verdict of its diagnosis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.diagnosis.findings import measured_kinds
+from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
+from abbe.compcore.diagnosis.strays import Stray
+from abbe.compcore.diagnosis.verdict import Diagnosis
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.fitting.fit import FitResult
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One change of the model.
+
+    Attributes
+    ----------
+    action
+        ``began``, ``added``, ``added together`` (with the next, as neither predicts anything
+        alone), ``lagged`` (its signals stand behind a lag now), ``second body`` (behind the same
+        signal), ``began elsewhere`` (than in equilibrium with its signal), ``described`` (by what
+        explains nothing), ``removed``, ``set aside`` (readings that stand alone).
+    effect
+        The effect that was added, changed or taken out; None for the beginning and for readings.
+    result
+        The fit with it.
+    held_out
+        How left-out blocks are predicted.
+    strays
+        The readings that were set aside.
+    """
+
+    action: str
+    effect: Effect | None
+    result: FitResult
+    held_out: LeftOutErrors
+    strays: tuple[Stray, ...] = ()
+
+    @property
+    def kinds(self) -> tuple[Kind, ...]:
+        """What its error is stated in: lengths, or rotations where there is nothing else."""
+        return measured_kinds(self.result)
+
+    @property
+    def of_rotations(self) -> bool:
+        """Whether its error is stated as rotations."""
+        return self.kinds == (Kind.ROTATION,)
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """All steps from a model to the verdict.
+
+    Attributes
+    ----------
+    steps
+        The first is the model as it was given, fitted.
+    refused
+        Effects that a diagnosis proposed and that predict left-out blocks no better.
+    diagnosis
+        Of the last model.
+    """
+
+    steps: tuple[Step, ...]
+    refused: tuple[Effect, ...]
+    diagnosis: Diagnosis
+
+    @property
+    def last(self) -> Step:
+        """The model that was reached."""
+        return self.steps[-1]

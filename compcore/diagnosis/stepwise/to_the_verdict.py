@@ -1,0 +1,137 @@
+"""From a machine and a campaign to a model: diagnose, add, look again, until the verdict.
+
+Every step is one effect more, fitted together with all others, and is kept only if blocks of the
+campaign that are left out of the fit (set-ups, stretches of time, places) are predicted better with
+it. At the end each effect that was added is tried without: what later ones made superfluous goes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.diagnosis.foretelling import OF_THE_CLOCK, WORTH
+from abbe.compcore.diagnosis.screening.candidates import RIGID
+from abbe.compcore.diagnosis.stepwise.describing import describe
+from abbe.compcore.diagnosis.stepwise.growing_model import GrowingModel, Progress
+from abbe.compcore.diagnosis.stepwise.step import Course, Step
+from abbe.compcore.diagnosis.stepwise.warmth import (
+    MOST_TRIED,
+    bodies,
+    detail,
+    lag,
+    regress,
+    sharpen,
+)
+from abbe.compcore.diagnosis.verdict import Diagnosis
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.model.model import Model
+
+MOST_STEPS = 40
+"""A model that needs more effects is looked at by its user first."""
+
+ALONG_AN_AXIS = ("cyclic", "local_defect")
+"""Causes that are a function of one linear axis's position, as an error motion of any detail is."""
+
+
+def to_the_verdict(
+    model: Model,
+    campaign: Campaign,
+    *,
+    on_step: Callable[[Step], None] = lambda _: None,
+    progress: Progress = lambda _: None,
+) -> Course:
+    """Add what the diagnosis establishes until it establishes nothing more.
+
+    Parameters
+    ----------
+    model
+        Where to begin; it may have no effects at all.
+    campaign
+        The measurements.
+    on_step
+        Called with every step as soon as it is made.
+    progress
+        Called with a few words at the start of each stage.
+
+    Raises
+    ------
+    FitError
+        As `diagnose`.
+    """
+    growing = GrowingModel(model, campaign, on_step, progress)
+    diagnosis = growing.diagnosed()
+    while len(growing.steps) < MOST_STEPS:
+        found = [e.found.candidate.effect for e in diagnosis.established]
+        new = _motions_first([e for e in found if not growing.refused_now(e)])
+        read = [e for e in new if e.kind not in OF_THE_CLOCK]
+        clock = [e for e in new if read and e.kind in OF_THE_CLOCK]
+        if new and not read and bodies(growing):
+            diagnosis = growing.diagnosed()
+            continue
+        if (
+            growing.add_all(read or new)
+            or _add_another(growing, diagnosis)
+            # what reads a signal was taken by none of the blocks: what reads the clock is no worse
+            or growing.add_all(clock)
+        ):
+            lag(growing)
+        elif not (
+            detail(growing, diagnosis)
+            or sharpen(growing, diagnosis)
+            or _complete_motions(growing, diagnosis)
+            or growing.prune()
+            or regress(growing, diagnosis)
+            or describe(growing, diagnosis)
+        ):
+            break
+        diagnosis = growing.diagnosed()
+    else:
+        if growing.prune():
+            diagnosis = growing.diagnosed()
+    kept = set(growing.steps[-1].result.model.effects)
+    refused = tuple(e for e in growing.refused if e not in kept)
+    return Course(tuple(growing.steps), refused, diagnosis)
+
+
+def _add_another(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
+    """Add what was ranked behind the causes that stood, and of which none was taken.
+
+    Causes that were chosen together may imitate a plainer one that none of them is.
+    """
+    if not diagnosis.established:
+        return False
+    n = diagnosis.basis.n
+    behind = [f.candidate.effect for f in diagnosis.ranked if f.established(n)]
+    others = [e for e in behind if e.scope != "instrument" and e.kind not in OF_THE_CLOCK]
+    return any(growing.add(effect) for effect in others[:MOST_TRIED])
+
+
+def _complete_motions(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
+    """Add another error motion of an axis of which some are added and more is left.
+
+    Every axis has all of its motions. Where some of them are established and structure is
+    left, another one comes before any description of it: if the data speak for it at all, and
+    left-out blocks are predicted better by what is worth a cause.
+    """
+    if diagnosis.verdict != "unexplained":
+        return False
+    known = {getattr(e, "axis", "") for e in growing.added if e.kind in RIGID}
+    for found in diagnosis.ranked[:MOST_TRIED]:
+        effect = found.candidate.effect
+        rest = effect.kind in RIGID and getattr(effect, "axis", None) in known
+        if rest and found.evidence.value > 0.0 and growing.add(effect, falls=1.0 - WORTH):
+            return True
+    return False
+
+
+def _motions_first(effects: Sequence[Effect]) -> list[Effect]:
+    """Effects without waves and dents along an axis whose error motion is yet to be added.
+
+    What they show may be only what the motion's first shape is too coarse for, so its detail is
+    asked first.
+    """
+    moving = {getattr(e, "axis", None) for e in effects if e.kind in RIGID}
+    return [
+        e for e in effects if e.kind not in ALONG_AN_AXIS or getattr(e, "axis", "") not in moving
+    ]
