@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import LENGTHS, Kind
-from abbe.compcore.diagnosis.aliases import Alias
 from abbe.compcore.diagnosis.changed import Standing
+from abbe.compcore.diagnosis.judging.aliases import Alias
 from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.projection.basis import Basis

@@ -7,7 +7,6 @@ clearly more: a wrong cause is worse than none. What the catalogue cannot explai
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,24 +18,19 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
 from abbe.compcore.campaign.thinning import thinned
 from abbe.compcore.diagnosis.advice import Advice, advise
-from abbe.compcore.diagnosis.aliases import aliases
 from abbe.compcore.diagnosis.changed import Standing, standing
 from abbe.compcore.diagnosis.explain import headline, parameter
 from abbe.compcore.diagnosis.findings import Established, Findings, Verdict, measured_kinds
-from abbe.compcore.diagnosis.foretelling import ALIKE, foretelling, foretold, predicting
+from abbe.compcore.diagnosis.judging.competition import compete, standing_beside
+from abbe.compcore.diagnosis.judging.established import established_cause, on_all_rows
+from abbe.compcore.diagnosis.judging.foretelling import foretelling
 from abbe.compcore.diagnosis.pictures import diagnosis_figures
 from abbe.compcore.diagnosis.screening.acting_through import acting_through
-from abbe.compcore.diagnosis.screening.all_rows import measured
-from abbe.compcore.diagnosis.screening.candidates import RIGID, Candidate, candidates
-from abbe.compcore.diagnosis.screening.evidence import CONVINCING
+from abbe.compcore.diagnosis.screening.candidates import Candidate, candidates
 from abbe.compcore.diagnosis.screening.frames import Frames
 from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks
-from abbe.compcore.diagnosis.screening.left_out.crossvalidation import LeftOut, gain
-from abbe.compcore.diagnosis.screening.left_out.independence import independent_share
-from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
+from abbe.compcore.diagnosis.screening.pool import Pool
 from abbe.compcore.diagnosis.screening.projection.basis import Basis
-from abbe.compcore.diagnosis.screening.search import joint_value, search
-from abbe.compcore.diagnosis.screening.tried import Tried
 from abbe.compcore.diagnosis.strays import Stray, strays
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import Patterns, ResidualPattern
 from abbe.compcore.diagnosis.words import diagnosis_words
@@ -52,20 +46,8 @@ from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
 
-_SAME = 2.0
-"""Difference in χ² that is none."""
-
-_COINCIDENCE = 8.0
-"""What each further cause costs beside one description that says the same: a coincidence."""
-_ALL_BUT = 0.999
-"""Part of what the best description explains above which a cause is not its rival, but nearly all
-of it: what is left is a thirtieth in size."""
-
 _ROUNDS = 5
 """How often readings that stand alone are looked for: a gross one hides others."""
-
-BEYOND_DOUBT = 40.0
-"""Least evidence of a cause that is found beside structure which no cause explains."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -235,9 +217,9 @@ def _diagnosed(
     progress("looking for structure that is in no catalogue")
     patterns = Patterns(result.problem, result.theta, frames)
     found = {f.key for f in chosen}
-    chosen, unexplained = _compete(pool, basis, chosen, patterns, blocks)
+    chosen, unexplained = compete(pool, basis, chosen, patterns, blocks)
     if any(f.key not in found for f in chosen):
-        chosen = _standing_beside(pool, basis, chosen, unexplained, blocks)
+        chosen = standing_beside(pool, basis, chosen, unexplained, blocks)
         unexplained = unexplained if chosen else patterns.established(basis)
     if not chosen and basis.share < 1.0:
         # no cause stands, so what is left is described as it is
@@ -251,7 +233,7 @@ def _diagnosed(
     variance = after.chi2 / after.dof
     part = result.problem.n / whole.problem.n
     established = tuple(
-        _established(pool, basis, background, result, f, chosen, blocks, variance, part)
+        established_cause(pool, basis, background, result, f, chosen, blocks, variance, part)
         for f in chosen
     )
     # what predicts best what was left out is offered first; the machine's before an instrument's
@@ -261,7 +243,7 @@ def _diagnosed(
     )
     if whole is not result and established:
         progress("what was found, on all rows")
-        established, left = _on_all_rows(whole, result, established, pool.tried)
+        established, left = on_all_rows(whole, result, established, pool.tried)
         variance = variance if unexplained else left
     holds = None
     if given is not None:
@@ -293,189 +275,3 @@ def _verdict(
     if established:
         return "missing"
     return "unexplained" if unexplained else "complete"
-
-
-def _compete(
-    pool: Pool,
-    basis: Basis,
-    chosen: Sequence[WeighedCandidate],
-    patterns: Patterns,
-    blocks: Blocks,
-) -> tuple[list[WeighedCandidate], list[ResidualPattern]]:
-    """Causes from the catalogue against descriptions of structure: who explains what.
-
-    Returns the causes that stand, and the structure that no cause explains.
-    """
-    strong = patterns.established(basis)
-    chosen = list(chosen)
-    if not strong:
-        return chosen, []
-    after = pool.joined(basis, chosen)
-    by_causes = (
-        joint_value(basis, after, chosen) - _COINCIDENCE * (len(chosen) - 1) if chosen else 0.0
-    )
-    left = patterns.established(after) if chosen else strong
-    # a description costs `EMPIRICAL` more: where it says more all the same, no cause is named,
-    # unless the causes predict better what was left out
-    foretell = bool(chosen) and _foretell(pool, basis, after, chosen, strong[0], blocks)
-    better = strong[0].evidence.value > by_causes and not foretell
-    # a function of one position is an error motion of its axis, however plainly it can be described
-    rigid = bool(chosen) and all(f.candidate.effect.kind in RIGID for f in chosen)
-    # one cause that explains as much as the description says it too, with what else belongs to it
-    covers = len(chosen) == 1 and basis.chi2 - after.chi2 > strong[0].drop - _SAME
-    if not left and (rigid or covers or not better):
-        return chosen, []
-    # what one cause leaves of a description is described after it, where that is little of it
-    if left and len(chosen) == 1 and basis.chi2 - after.chi2 > _ALL_BUT * strong[0].drop:
-        return chosen, left
-    # something is left whatever the catalogue offers
-    more_said = by_causes > strong[0].evidence.value + CONVINCING
-    if left and chosen and not better and (more_said or foretell):
-        # the causes say more than any one description; but a cause further down the list may
-        # only be imitating what is left, and is kept only if it stands beside the description
-        kept = _beside(pool, basis, chosen, left, patterns)
-        if len(kept) == len(chosen):
-            return kept, left
-        # what the others explained is unexplained again
-        return kept, patterns.established(pool.joined(basis, kept)) if kept else strong
-    extended = basis
-    described: list[ResidualPattern] = []
-    for s in strong[:1]:
-        extended = extended.extended(patterns.with_lower_orders(s))
-        described.append(s)
-    more, _ = search(pool, extended)
-    # an instrument's cause is fitted to the very rows that show it: beside structure that is only
-    # described it takes up what the description leaves there
-    more = [
-        f
-        for f in more
-        if f.evidence.value > BEYOND_DOUBT and f.candidate.effect.scope != "instrument"
-    ]
-    if more:
-        both = pool.joined(extended, more)
-        more = [] if patterns.established(both) else more
-    return more, described + [s for s in strong[1:] if s not in described]
-
-
-def _foretell(
-    pool: Pool,
-    basis: Basis,
-    after: Basis,
-    chosen: Sequence[WeighedCandidate],
-    described: ResidualPattern,
-    blocks: Blocks,
-) -> bool:
-    """Whether causes predict blocks that were left out better than a description does."""
-    rows = blocks.for_effects([f.candidate.effect for f in chosen])
-    before = pool.left_out(basis, rows)
-    bound = all(f.candidate.effect.scope == "instrument" for f in chosen)
-    by_causes = gain(before, pool.left_out(after, rows), bound=bound)
-    return by_causes > gain(before, LeftOut.of(basis.extended(described.columns), rows))
-
-
-def _beside(
-    pool: Pool,
-    basis: Basis,
-    chosen: Sequence[WeighedCandidate],
-    left: Sequence[ResidualPattern],
-    patterns: Patterns,
-) -> list[WeighedCandidate]:
-    """Those causes that stay established once the structure that is left is described."""
-    described = basis
-    for s in left:
-        described = described.extended(patterns.with_lower_orders(s))
-    kept: list[WeighedCandidate] = []
-    for f in chosen:
-        (again,) = pool.weighed(described, [f])
-        if not again.established(basis.n):
-            continue
-        kept.append(f)
-        described = pool.joined(described, [f])
-    return kept
-
-
-def _standing_beside(
-    pool: Pool,
-    basis: Basis,
-    chosen: Sequence[WeighedCandidate],
-    described: Sequence[ResidualPattern],
-    blocks: Blocks,
-) -> list[WeighedCandidate]:
-    """Those causes found beside a description that stand as any other has to.
-
-    With as many rows as are independent, and by predicting blocks that were left out.
-    """
-    beside = basis
-    for s in described:
-        beside = beside.extended(s.columns)
-    share = independent_share(pool.joined(beside, chosen).residual, blocks.conditions)
-    if share < ALIKE:
-        beside = replace(beside, share=min(share, basis.share))
-        again = pool.weighed(beside, chosen)
-        chosen = [f for f in again if f.established(basis.n) and f.evidence.value > BEYOND_DOUBT]
-    return predicting(pool, beside, chosen, blocks)
-
-
-def _on_all_rows(
-    whole: FitResult, result: FitResult, established: Sequence[Established], tried: Tried
-) -> tuple[tuple[Established, ...], float]:
-    """Causes with what all rows say of them; those that all rows do not establish are left out.
-
-    Also χ² per degree of freedom with all of them.
-    """
-    kept = list(established)
-    while kept:
-        seen, left = measured(whole, [e.found for e in kept], tried)
-        standing = [m.found.established(whole.problem.n) for m in seen]
-        if all(standing):
-            grown = whole.rms(*measured_kinds(whole)) / result.rms(*measured_kinds(whole))
-            described = [
-                replace(e, found=m.found, estimates=m.estimates, rms_after=e.rms_after * grown)
-                for e, m in zip(kept, seen, strict=True)
-            ]
-            return tuple(described), left
-        kept = [e for e, stands in zip(kept, standing, strict=True) if stands]
-    return (), whole.chi2 / whole.dof
-
-
-def _rms_of(result: FitResult, weighted: F64) -> float:
-    """RMS of weighted residuals in mm, or in rad where a campaign has rotations only."""
-    used = result.problem.weight > 0.0
-    rows = np.isin(result.problem.campaign.kind, measured_kinds(result)) & used
-    left = weighted[rows] / result.problem.weight[rows]
-    return float(np.sqrt(np.mean(left**2))) if rows.any() else math.nan
-
-
-def _established(
-    pool: Pool,
-    basis: Basis,
-    background: Basis,
-    result: FitResult,
-    found: WeighedCandidate,
-    chosen: Sequence[WeighedCandidate],
-    blocks: Blocks,
-    variance: float,
-    share: float,
-) -> Established:
-    """Everything that is to be said of one established cause, beside the others.
-
-    `share` is the part of the campaign's rows that were looked at.
-    """
-    others = pool.joined(background, (f for f in chosen if f.key != found.key))
-    (beside,) = pool.weighed(others, [found])
-    columns = pool.found_columns(found)
-    projected = others.project(columns)
-    coefficients = np.linalg.lstsq(projected, others.residual, rcond=1e-10)[0]
-    signature = projected @ coefficients / result.problem.weight
-    # what adding it alone leaves: descriptions of other structure are not added with it
-    after = pool.joined(basis, [found]).residual
-    rival = pool.ranked(others, frozenset(g.key for g in chosen))
-    return Established(
-        beside,
-        pool.estimates(others, found, variance),
-        _rms_of(result, after),
-        foretold(pool, others, found, blocks, pool.joined(background, chosen)),
-        tuple(aliases(pool, others, found, rival, variance * share)),
-        np.asarray(signature),
-        np.asarray(others.residual / result.problem.weight),
-    )

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from abbe.compcore.diagnosis import Diagnosis
-from abbe.compcore.diagnosis.aliases import CERTAINLY_APART
+from abbe.compcore.diagnosis.judging.aliases import CERTAINLY_APART
 from abbe.compcore.diagnosis.screening.pool import WeighedCandidate
 from abbe.compcore.effects import make_effect
 from abbe.compcore.effects.base import Effect

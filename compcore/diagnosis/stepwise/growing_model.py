@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.diagnosis.judging.soundness import apart, sound
 from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
-from abbe.compcore.diagnosis.soundness import apart, sound
 from abbe.compcore.diagnosis.stepwise.step import Step
 from abbe.compcore.diagnosis.strays import Stray
 from abbe.compcore.diagnosis.uncatalogued.chosen import Grown, grown

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from abbe.compcore.diagnosis.judging.soundness import worth
 from abbe.compcore.diagnosis.regression import regression
-from abbe.compcore.diagnosis.soundness import worth
 from abbe.compcore.diagnosis.stepwise.growing_model import FALLS, GrowingModel, described
 from abbe.compcore.diagnosis.thermometers import (
     further_thermometers,

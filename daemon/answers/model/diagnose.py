@@ -9,9 +9,9 @@ from typing import Any
 from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.campaign.suspicions import of_signals, of_values
 from abbe.compcore.comparison.compare import Comparison
-from abbe.compcore.diagnosis.aliases import Alias
 from abbe.compcore.diagnosis.explain import description, explanation, formula
 from abbe.compcore.diagnosis.findings import Established
+from abbe.compcore.diagnosis.judging.aliases import Alias
 from abbe.compcore.diagnosis.next_measurement.measure_next import Advice
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
 from abbe.compcore.diagnosis.verdict import Diagnosis

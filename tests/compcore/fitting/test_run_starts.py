@@ -14,7 +14,7 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.join import join_campaigns
 from abbe.compcore.comparison.compare import compare
 from abbe.compcore.diagnosis import diagnose
-from abbe.compcore.diagnosis.soundness import worth
+from abbe.compcore.diagnosis.judging.soundness import worth
 from abbe.compcore.files.model_file import format_model, parse_model
 from abbe.compcore.files.model_toml.packed_covariance import pack_symmetric
 from abbe.compcore.files.text.toml_source import TomlSource
