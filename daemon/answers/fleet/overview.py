@@ -150,21 +150,24 @@ def _stale(machine: FleetMachine) -> Iterator[str]:
 
 
 def _drift(machine: FleetMachine) -> str:
+    """What changed, in the check points' own words, and the one that is nearest to its limit."""
     checks = machine.status.get("checks") or {}
-    words = [str(w) for w in checks.get("words", ())]
+    changed = checks.get("verdict") == "changed"
+    said = [str(w).rstrip(".") for w in checks.get("words", ())[:1] if changed]
     surprises = [
         (name, s)
         for name, s in dict(checks.get("series", {})).items()
         if s.get("surprise") is not None
     ]
     if not surprises:
-        return words[0] if words and checks.get("verdict") == "changed" else ""
+        return "; ".join(said)
     name, worst = max(surprises, key=lambda pair: float(pair[1].get("full", 0.0)))
     unit = {"um": "µm", "urad": "µrad"}.get(worst.get("unit", ""), "")
     sure = worst.get("uncertainty")
     about = f" ± {float(sure):.1f}" if sure is not None else ""
     full = 100.0 * float(worst.get("full", 0.0))
-    return f"{float(worst['surprise']):+.1f}{about} {unit} at {name} ({full:.0f} % of its limit)"
+    read = f"{float(worst['surprise']):+.1f}{about} {unit} at {name} ({full:.0f} % of its limit)"
+    return "; ".join([*said, read])
 
 
 def duration(seconds: float) -> str:

@@ -154,7 +154,7 @@ def test_the_commands_as_they_are_typed(server: PostgreSQL, tmp_path: Path) -> N
         {
             "state": "full correction", "in_full": True, "alive": True, "faults": {},
             "checks": {
-                "verdict": "changed", "words": ["It has changed."],
+                "verdict": "changed", "words": ["Changed in Y, grows with X.", "next"],
                 "series": {"ball X": ball},
             },
         }
@@ -164,7 +164,8 @@ def test_the_commands_as_they_are_typed(server: PostgreSQL, tmp_path: Path) -> N
     found = json.loads(typed("--store", asked, "--json"))["machines"]
     assert [m["machine"] for m in found] == ["Mill 7"]
     assert found[0]["health"] == "attention"
-    assert found[0]["drift"] == "+8.1 ± 2.0 µm at ball X (140 % of its limit)"
+    said = "Changed in Y, grows with X; +8.1 ± 2.0 µm at ball X (140 % of its limit)"
+    assert found[0]["drift"] == said
     assert found[0]["model"]["stale"][0] == "the machine has changed"
     page = tmp_path / "fleet.html"
     assert "Mill 7" in typed("--store", asked, "--report", str(page))
