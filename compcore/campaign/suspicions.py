@@ -8,14 +8,14 @@ named.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.machine.machine import Machine
-from abbe.compcore.machine.plausible import BODIES, perhaps_fahrenheit
+from abbe.compcore.machine.plausible import BODIES, like_fahrenheit, perhaps_fahrenheit
 from abbe.compcore.sentences import said
 
 F64 = NDArray[np.float64]
@@ -99,14 +99,24 @@ def without_zeros(campaign: Campaign) -> F64:
     return np.asarray(out - mean[index])
 
 
-def of_signals(campaign: Campaign, machine: Machine) -> Iterator[str]:
-    """Thermometers that seem to read °F."""
+def of_signals(
+    campaign: Campaign, machine: Machine, measured: Mapping[str, tuple[float, float]]
+) -> Iterator[str]:
+    """Thermometers that seem to read °F.
+
+    `measured`: where each ranged, °C, in the campaigns that the model was fitted to; a heated bed
+    that went there from what can only be °C is not asked about again.
+    """
     for name, values in campaign.conditions.signals.items():
         signal = machine.signals.get(name)
         known = values[np.isfinite(values)]
         if signal is None or signal.unit != "degC" or signal.role not in BODIES or not len(known):
             continue
-        yield from perhaps_fahrenheit(name, float(np.median(known)), signal.role)
+        middle = float(np.median(known))
+        low, high = measured.get(name, (math.nan, math.nan))
+        celsius = not (like_fahrenheit(low) and like_fahrenheit(high))
+        if not (celsius and low <= middle <= high):
+            yield from perhaps_fahrenheit(name, middle, signal.role)
 
 
 def of_unknown_thermometers(campaign: Campaign) -> Iterator[str]:

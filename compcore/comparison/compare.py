@@ -112,7 +112,7 @@ class Comparison(Shown):
         stated = not self.uncertainty.open
         found = [
             *of_values(campaign, self.measured),
-            *of_signals(campaign, self.problem.model.machine),
+            *of_signals(campaign, self.problem.model.machine, self.problem.model.measured_signals),
             *of_ratio(campaign, self.measured, self.measured - self.residual, weight),
         ]
         for part, what, _, _ in self._parts():

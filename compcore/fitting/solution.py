@@ -112,7 +112,9 @@ class Solution:
             return np.asarray(self.eliminator.project(values * small) * sd)
 
         measured = seen(campaign.value)
-        found = [*of_values(campaign, measured), *of_signals(campaign, problem.model.machine)]
+        known = problem.model.measured_signals
+        found = [*of_values(campaign, measured)]
+        found += of_signals(campaign, problem.model.machine, known)
         if problem.model.fit:
             before = problem.layout.of_model(problem.model, campaign)
             predicted = seen(problem.predicted(before))

@@ -84,7 +84,7 @@ def _as_given(diagnosis: Diagnosis, given: Comparison) -> dict[str, Any]:
         # a model that was never fitted need not agree
         [
             *of_values(problem.campaign, given.measured),
-            *of_signals(problem.campaign, problem.model.machine),
+            *of_signals(problem.campaign, problem.model.machine, problem.model.measured_signals),
         ]
         if diagnosis.standing is None
         else [*diagnosis.standing.suspicions, *given.suspicions]
