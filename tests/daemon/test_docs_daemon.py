@@ -23,6 +23,7 @@ PAGES = {
     "RecordsSection": (ROOT / "docs" / "records.md").read_text("utf-8"),
     "MqttSection": (ROOT / "docs" / "mqtt.md").read_text("utf-8"),
     "FleetSection": (ROOT / "docs" / "fleet-store.md").read_text("utf-8"),
+    "OpcuaServerSection": (ROOT / "docs" / "opcua-server.md").read_text("utf-8"),
     "HttpSection": (ROOT / "docs" / "status.md").read_text("utf-8"),
     "InstrumentSection": (ROOT / "docs" / "measure.md").read_text("utf-8"),
     "ProbingSection": (ROOT / "docs" / "measure.md").read_text("utf-8"),

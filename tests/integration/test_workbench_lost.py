@@ -153,7 +153,8 @@ def test_compare_what_if_and_add_go_on_where_they_were(browser: Browser, tmp_pat
         expect(page.locator("#trouble")).to_be_hidden()
         page.locator("tr.current", has_text=spec).wait_for()
         expect(page.locator("#task")).to_be_hidden()
-        assert [p.name for p in versions.iterdir()] == ["model-2.toml"]
+        assert [p.name for p in versions.glob("*.toml")] == ["model-2.toml"]
+        assert (versions / "workbench.jsonl").read_text("utf-8").count('"made"') == 1
         # in the middle of a refit: that is said; the version before is there
         page.click("#tab-watch")
         page.locator("#fit").click()

@@ -49,5 +49,6 @@ def test_of_a_machine_that_is_corrected(tmp_path: Path) -> None:
     model = EXAMPLES / "bridge-cmm" / "model.toml"
     warm = [f"{name}=21.5" for name in ("T_x1", "T_x2", "T_y1", "T_y2", "T_z1", "T_z2", "T_amb")]
     readable("correct", model, "X=100", "Y=200", "Z=-150", *warm)
-    readable("table", model, "--controller", "linuxcnc", "-o", tmp_path / "tables")
-    readable("plan", model, "--time", "20min", "-o", tmp_path / "plan.toml")
+    readable("table", model, "--controller", "linuxcnc", "--at", "reference",
+             "-o", tmp_path / "tables")  # fmt: skip
+    readable("plan", model)
