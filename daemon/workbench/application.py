@@ -99,7 +99,9 @@ def _frame(app: FastAPI, views: WorkbenchViews, end: Callable[[], None]) -> None
     @app.get("/api/head")
     def head() -> dict[str, Any]:
         """Machine, date, files with their SHA-256."""
-        return live.head() if bench is None else bench.head()
+        run = live.head()
+        of_the_run = bench is None or (bench.empty and bool(run["files"]))
+        return run if of_the_run or bench is None else bench.head()
 
     @app.post("/api/here")
     def here(_: Nothing) -> dict[str, str]:
