@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from abbe.daemon.arguments.spread.options import spread_place
+from abbe.daemon.arguments.spread.options import SpreadOptions
 from abbe.daemon.spreading.spread import spread
 from benchmarks.alternatives import black_box, sparse
 from benchmarks.hidden.judging import outcome, table
@@ -39,7 +39,7 @@ def main() -> None:
     done = {o.scenario: o for o in outcome.read(options.keep)} if options.keep else {}
     left = [s for s in chosen if s not in done]
     tasks = trial_tasks(left, [] if options.without_others else list(LEARNERS))
-    place = spread_place(options.workers, options.scheduler, (None, None, None), None, len(tasks))
+    place = SpreadOptions(options.workers, options.scheduler).place(len(tasks))
     for _, body in spread(tasks, place, "trials"):
         found = outcome.of_line(body.decode())
         done[found.scenario] = found

@@ -8,11 +8,12 @@ keeps what each campaign tells, and makes only what is not there.
 from __future__ import annotations
 
 import argparse
+import json
 import pickle
 import tempfile
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,9 @@ from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.fleet.common_cause import ALIKE as ALIKE_EVIDENCE
 from abbe.compcore.fleet.common_cause import ENOUGH, CommonCause, ranked_causes
 from abbe.compcore.fleet.told import CampaignTold, diagnosed
-from abbe.compcore.linalg import threads_for
+from abbe.daemon.spreading.process_pool import ProcessPool
+from abbe.daemon.spreading.spread import SpreadPlace, spread
+from abbe.daemon.spreading.spread_work import SpreadTask
 from benchmarks.hidden.campaigns.campaign import draw
 from benchmarks.hidden.campaigns.measuring import NOISE
 from benchmarks.hidden.judging.trial import as_campaign
@@ -74,20 +77,24 @@ def every(empty: int = EMPTY) -> Iterator[Campaigned]:
 
 def tell(asked: Campaigned) -> CampaignTold:
     """Measure a machine, diagnose it alone; what that tells of all causes."""
-    with threads_for(0):
-        stage = Usual(draw(asked.seed, KIND), asked.seed)
-        hidden = []
-        if asked.cause:
-            like = Usual(draw(TYPE, KIND), TYPE)
-            cause = like.causes()[asked.cause]
-            seen = like.simulate([(cause, cause.size)]).hidden
-            size = cause.size * asked.multiple * NOISE / float(np.abs(seen).max())
-            own = np.random.default_rng(asked.seed).normal(1.0, ALIKE)
-            hidden = [(cause, size * float(own))]
-        model = parse_model(TomlSource(stage.model_text()))
-        campaign = as_campaign(stage.simulate(hidden).text, model)
-        found = diagnosed(str(asked.seed), None, diagnose(model, campaign))
-        return found.without_findings()
+    stage = Usual(draw(asked.seed, KIND), asked.seed)
+    hidden = []
+    if asked.cause:
+        like = Usual(draw(TYPE, KIND), TYPE)
+        cause = like.causes()[asked.cause]
+        seen = like.simulate([(cause, cause.size)]).hidden
+        size = cause.size * asked.multiple * NOISE / float(np.abs(seen).max())
+        own = np.random.default_rng(asked.seed).normal(1.0, ALIKE)
+        hidden = [(cause, size * float(own))]
+    model = parse_model(TomlSource(stage.model_text()))
+    campaign = as_campaign(stage.simulate(hidden).text, model)
+    found = diagnosed(str(asked.seed), None, diagnose(model, campaign))
+    return found.without_findings()
+
+
+def told(_: Mapping[str, bytes], argument: str) -> bytes:
+    """What a campaign tells, pickled; what a worker does."""
+    return pickle.dumps(tell(Campaigned(**json.loads(argument))))
 
 
 def kept(folder: Path, workers: int, empty: int) -> dict[Campaigned, CampaignTold]:
@@ -96,14 +103,16 @@ def kept(folder: Path, workers: int, empty: int) -> dict[Campaigned, CampaignTol
     asked = list(every(empty))
     # some of each first, so that what was broken off is of use
     order = sorted(asked, key=lambda c: c.seed % 10)
-    with ProcessPoolExecutor(workers) as pool:
-        missing = [c for c in order if not (folder / c.file).exists()]
-        runs = {pool.submit(tell, c): c for c in missing}
-        for ended in as_completed(runs):
-            file = folder / runs[ended].file
-            file.with_suffix(".part").write_bytes(pickle.dumps(ended.result()))
-            file.with_suffix(".part").rename(file)
-            print(file.name, flush=True)
+    missing = [c for c in order if not (folder / c.file).exists()]
+    tasks = [
+        partial(SpreadTask, "benchmarks.fleet:told", json.dumps(asdict(c)), {}, c.file)
+        for c in missing
+    ]
+    for number, body in spread(tasks, SpreadPlace(ProcessPool(workers)), "campaigns"):
+        file = folder / missing[number].file
+        file.with_suffix(".part").write_bytes(body)
+        file.with_suffix(".part").rename(file)
+        print(file.name, flush=True)
     return {c: pickle.loads((folder / c.file).read_bytes()) for c in asked}
 
 

@@ -11,14 +11,14 @@ nothing and writes the section from what is kept.
 from __future__ import annotations
 
 import argparse
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from functools import partial
 from pathlib import Path
 
+from abbe.daemon.spreading.process_pool import ProcessPool
+from abbe.daemon.spreading.spread import SpreadPlace, spread
 from benchmarks.measuring.report import write_section
 from benchmarks.thermal import outcome, table
 from benchmarks.thermal.scenario import Run, runs
-from benchmarks.thermal.trial import run, with_others
+from benchmarks.thermal.spread_days import day_tasks
 
 VALIDATION = Path(__file__).parents[1] / "docs" / "validation.md"
 
@@ -48,23 +48,23 @@ def main() -> None:
     def lacks(r: Run) -> bool:
         return r.scenario.warms and "process" not in done[key(r)].rms
 
-    with ProcessPoolExecutor(options.workers) as pool:
-        work = partial(run, others=not options.without_others)
-        going = [pool.submit(work, r) for r in chosen if key(r) not in done]
-        if not options.without_others:
-            again = [r for r in chosen if key(r) in done and lacks(r)]
-            going += [pool.submit(with_others, r, done[key(r)]) for r in again]
-        for ended in as_completed(going):
-            found = ended.result()
-            done[found.scenario, found.seed] = found
-            if options.keep:
-                outcome.write(options.keep, done.values())
-            print(table.line(found), flush=True)
+    others = not options.without_others
+    asked: list[tuple[Run, outcome.Outcome | None]]
+    asked = [(r, None) for r in chosen if key(r) not in done]
+    if others:
+        asked += [(r, done[key(r)]) for r in chosen if key(r) in done and lacks(r)]
+    tasks = day_tasks(asked, others=others)
+    for _, body in spread(tasks, SpreadPlace(ProcessPool(options.workers)), "days"):
+        found = outcome.of_line(body.decode())
+        done[found.scenario, found.seed] = found
+        if options.keep:
+            outcome.write(options.keep, done.values())
+        print(table.line(found), flush=True)
     outcomes = [done[key(r)] for r in chosen]
     print(table.summary(outcomes))
     print(table.table(outcomes))
     whole = {key(r) for r in runs()}
-    if set(done) >= whole and not options.without_others and {key(r) for r in chosen} == whole:
+    if set(done) >= whole and others and {key(r) for r in chosen} == whole:
         write_section("thermal-days", table.section(outcomes), page=VALIDATION)
 
 

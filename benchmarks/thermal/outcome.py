@@ -43,19 +43,26 @@ class Outcome:
     seconds: float
 
 
+def of_line(line: str) -> Outcome:
+    """The outcome of a line of JSON."""
+    kept = json.loads(line)
+    for key in ("named", "false", "wanted"):
+        kept[key] = tuple(kept[key])
+    return Outcome(**kept)
+
+
+def as_line(outcome: Outcome) -> str:
+    """An outcome as a line of JSON, without its end."""
+    return json.dumps(asdict(outcome))
+
+
 def read(path: Path) -> list[Outcome]:
     """Outcomes of a file; none where there is no file."""
     if not path.exists():
         return []
-    found = []
-    for line in path.read_text(encoding="utf-8").splitlines():
-        kept = json.loads(line)
-        for key in ("named", "false", "wanted"):
-            kept[key] = tuple(kept[key])
-        found.append(Outcome(**kept))
-    return found
+    return [of_line(line) for line in path.read_text(encoding="utf-8").splitlines()]
 
 
 def write(path: Path, outcomes: Iterable[Outcome]) -> None:
     """Write outcomes to a file, one a line."""
-    write_atomically(path, "".join(json.dumps(asdict(o)) + "\n" for o in outcomes))
+    write_atomically(path, "".join(as_line(o) + "\n" for o in outcomes))

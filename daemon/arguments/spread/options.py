@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -42,52 +43,64 @@ Keep = Annotated[
 ]
 
 
-def spread_place(
-    workers: int | None,
-    scheduler: str | None,
-    tls: tuple[Path | None, Path | None, Path | None],
-    keep: Path | None,
-    tasks: int,
-) -> SpreadPlace:
-    """Where the work of a command goes.
+@dataclass(frozen=True)
+class SpreadOptions:
+    """Where the work of a command shall go.
 
-    Parameters
+    Attributes
     ----------
-    tls
-        Authority, certificate and key.
-    tasks
-        How many there are; more processes than that are not started.
-
-    Raises
-    ------
-    InputError
-        For options that do not go together.
+    workers
+        Processes of this computer; None: one for each processor.
+    scheduler
+        Address of a Dask scheduler; None: this computer.
+    tls_ca, tls_cert, tls_key
+        PEM files of the authority, of this side's certificate and of its key.
+    keep
+        File of answers.
     """
-    from abbe.compcore.errors import InputError
-    from abbe.daemon.spreading.engine import Engine, InThisProcess
-    from abbe.daemon.spreading.spread import SpreadPlace
 
-    if scheduler is not None:
-        from abbe.daemon.spreading.dask_cluster import DaskCluster, SchedulerAddress
+    workers: Workers = None
+    scheduler: Scheduler = None
+    tls_ca: TlsAuthority = None
+    tls_cert: TlsCertificate = None
+    tls_key: TlsKey = None
+    keep: Keep = None
 
-        if workers is not None:
-            raise InputError(
-                "workers elsewhere or processes here", field="--workers", found=workers,
-                expected="--scheduler or --workers",
-            )  # fmt: skip
-        address = SchedulerAddress(scheduler, *tls)
-        if address.exposed:
-            typer.echo(
-                f"abbe: note: {scheduler} is not encrypted: whoever is on that network can read "
-                "and change what is computed (docs/dask.md: tls://)",
-                err=True,
-            )
-        return SpreadPlace(DaskCluster(address), keep or WORK_FILE, lasting=keep is not None)
-    for option, given in zip(("--tls-ca", "--tls-cert", "--tls-key"), tls, strict=True):
-        if given is not None:
-            raise InputError(f"{option} belongs to --scheduler tls://…", field=option)
-    from abbe.daemon.spreading.process_pool import ProcessPool, processors
+    def place(self, tasks: int) -> SpreadPlace:
+        """Where so many tasks go; more processes than tasks are not started.
 
-    count = min(workers or processors(), tasks)
-    engine: Engine = ProcessPool(count) if count > 1 else InThisProcess()
-    return SpreadPlace(engine, keep)
+        Raises
+        ------
+        InputError
+            For options that do not go together.
+        """
+        from abbe.compcore.errors import InputError
+        from abbe.daemon.spreading.engine import Engine, InThisProcess
+        from abbe.daemon.spreading.spread import SpreadPlace
+
+        tls = (self.tls_ca, self.tls_cert, self.tls_key)
+        if self.scheduler is not None:
+            from abbe.daemon.spreading.dask_cluster import DaskCluster, SchedulerAddress
+
+            if self.workers is not None:
+                raise InputError(
+                    "workers elsewhere or processes here", field="--workers", found=self.workers,
+                    expected="--scheduler or --workers",
+                )  # fmt: skip
+            address = SchedulerAddress(self.scheduler, *tls)
+            if address.exposed:
+                typer.echo(
+                    f"abbe: note: {self.scheduler} is not encrypted: whoever is on that network "
+                    "can read and change what is computed (docs/dask.md: tls://)",
+                    err=True,
+                )
+            lasting = self.keep is not None
+            return SpreadPlace(DaskCluster(address), self.keep or WORK_FILE, lasting=lasting)
+        for option, given in zip(("--tls-ca", "--tls-cert", "--tls-key"), tls, strict=True):
+            if given is not None:
+                raise InputError(f"{option} belongs to --scheduler tls://…", field=option)
+        from abbe.daemon.spreading.process_pool import ProcessPool, processors
+
+        count = min(self.workers or processors(), tasks)
+        engine: Engine = ProcessPool(count) if count > 1 else InThisProcess()
+        return SpreadPlace(engine, self.keep)

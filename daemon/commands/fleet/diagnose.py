@@ -8,20 +8,14 @@ from typing import Annotated
 
 import typer
 
+from abbe.daemon.arguments.groups import grouped
 from abbe.daemon.arguments.options import AsJson
-from abbe.daemon.arguments.spread.options import (
-    Keep,
-    Scheduler,
-    TlsAuthority,
-    TlsCertificate,
-    TlsKey,
-    Workers,
-)
+from abbe.daemon.arguments.spread.options import SpreadOptions
 
 
 def register(fleet: typer.Typer) -> None:
     """Add the command to its group."""
-    fleet.command("diagnose")(diagnose)
+    fleet.command("diagnose")(grouped(diagnose))
 
 
 def diagnose(
@@ -33,12 +27,7 @@ def diagnose(
             metavar="FOLDER|MANIFEST.csv",
         ),
     ],
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    tls_ca: TlsAuthority = None,
-    tls_cert: TlsCertificate = None,
-    tls_key: TlsKey = None,
-    keep: Keep = None,
+    spreading: SpreadOptions,
     as_json: AsJson = False,
 ) -> None:
     """Diagnose every campaign of many machines anew, and say which causes machines share.
@@ -48,12 +37,11 @@ def diagnose(
     from abbe.daemon.answers.fleet_diagnosis import answer
     from abbe.daemon.answers.fleet_diagnosis.diagnosed import diagnosis_tasks
     from abbe.daemon.answers.fleet_diagnosis.fleet_files import fleet_campaigns
-    from abbe.daemon.arguments.spread.options import spread_place
     from abbe.daemon.spreading.spread import in_order, spread
 
     campaigns = fleet_campaigns(place)
-    to = spread_place(workers, scheduler, (tls_ca, tls_cert, tls_key), keep, len(campaigns))
     tasks = diagnosis_tasks(campaigns)
+    to = spreading.place(len(tasks))
     bodies = in_order(spread(tasks, to, "diagnosing"), len(tasks))
     found = [json.loads(body) for body in bodies]
     if as_json:

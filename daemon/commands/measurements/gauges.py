@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from abbe.daemon.arguments.options import AsJson, ErrorUnit, Force, Reduced, Report
+from abbe.daemon.arguments.answer_options import AnswerOptions
+from abbe.daemon.arguments.groups import grouped
+from abbe.daemon.arguments.options import ErrorUnit, Reduced
+
+if TYPE_CHECKING:
+    from abbe.daemon.report.page import Page
 
 
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
-    app.command("gauges")(gauges)
+    app.command("gauges")(grouped(gauges))
 
 
 def gauges(
@@ -29,9 +33,8 @@ def gauges(
     ] = "0,0,0",
     reduced: Reduced = None,
     unit: ErrorUnit = None,
-    as_json: AsJson = False,
-    report: Report = None,
-    force: Force = False,
+    *,
+    telling: AnswerOptions,
 ) -> None:
     """Hold measured gauge blocks, step gauges, ball and hole plates against their calibration.
 
@@ -40,9 +43,8 @@ def gauges(
     from abbe.compcore.files.model_file import load_model
     from abbe.daemon.answers.measurements import gauges as answer
     from abbe.daemon.arguments.assignments import tool_offset
-    from abbe.daemon.outputs import REPORT, check_outputs
 
-    say = check_outputs([file, model], [(report, REPORT)], force=force, as_json=as_json)
+    say = telling.checked([file, model])
     loaded = None if model is None else load_model(model)
     found = answer.evaluate(
         file,
@@ -52,14 +54,10 @@ def gauges(
         reduced=reduced,
         unit=unit,
     )
-    if report is not None:
+
+    def page() -> Page:
         from abbe.daemon.report.measurements.gauges import page
 
-        page(found).write(report)
-    if as_json:
-        say(json.dumps(answer.as_json(found), ensure_ascii=False))
-        return
-    for line in answer.as_text(found):
-        say(line)
-    if report is not None:
-        say(f"written: {report}")
+        return page(found)
+
+    telling.tell(say, page, lambda: answer.as_json(found), lambda: answer.as_text(found))

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from abbe.compcore.artefacts.decision_rule import DecisionRule
+from abbe.daemon.arguments.answer_options import AnswerOptions
 from abbe.daemon.arguments.bounded import within
-from abbe.daemon.arguments.options import AsJson, ErrorUnit, Force, Reduced, Report
+from abbe.daemon.arguments.groups import grouped
+from abbe.daemon.arguments.options import ErrorUnit, Reduced
+
+if TYPE_CHECKING:
+    from abbe.daemon.report.page import Page
 
 
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
-    app.command("iso10360")(iso10360)
+    app.command("iso10360")(grouped(iso10360))
 
 
 def iso10360(
@@ -50,9 +54,8 @@ def iso10360(
     ] = 2.0,
     reduced: Reduced = None,
     unit: ErrorUnit = None,
-    as_json: AsJson = False,
-    report: Report = None,
-    force: Force = False,
+    *,
+    telling: AnswerOptions,
 ) -> None:
     """Evaluate measured calibrated lengths by ISO 10360-2 against stated limits.
 
@@ -60,9 +63,8 @@ def iso10360(
     """
     from abbe.compcore.artefacts.permissible import PermissibleError
     from abbe.daemon.answers.measurements import iso10360 as answer
-    from abbe.daemon.outputs import REPORT, check_outputs
 
-    say = check_outputs(files, [(report, REPORT)], force=force, as_json=as_json)
+    say = telling.checked(files)
     limits = answer.LengthLimits(
         PermissibleError.parse(mpe),
         None if mpe_150 is None else PermissibleError.parse(mpe_150, "mpe-150"),
@@ -71,14 +73,10 @@ def iso10360(
         coverage,
     )
     found = answer.evaluate(files, limits, reduced=reduced, unit=unit)
-    if report is not None:
+
+    def page() -> Page:
         from abbe.daemon.report.measurements.iso10360 import page
 
-        page(found).write(report)
-    if as_json:
-        say(json.dumps(answer.as_json(found), ensure_ascii=False))
-        return
-    for line in answer.as_text(found):
-        say(line)
-    if report is not None:
-        say(f"written: {report}")
+        return page(found)
+
+    telling.tell(say, page, lambda: answer.as_json(found), lambda: answer.as_text(found))

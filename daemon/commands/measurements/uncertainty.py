@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from abbe.daemon.arguments.options import AsJson, Force, ModelFile, Report
-from abbe.daemon.arguments.spread.options import (
-    Keep,
-    Scheduler,
-    TlsAuthority,
-    TlsCertificate,
-    TlsKey,
-    Workers,
-)
+from abbe.daemon.arguments.answer_options import AnswerOptions
+from abbe.daemon.arguments.groups import grouped
+from abbe.daemon.arguments.options import ModelFile
+from abbe.daemon.arguments.spread.options import SpreadOptions
+
+if TYPE_CHECKING:
+    from abbe.daemon.report.page import Page
 
 
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
-    app.command("uncertainty")(uncertainty)
+    app.command("uncertainty")(grouped(uncertainty))
 
 
 def uncertainty(
@@ -40,15 +37,9 @@ def uncertainty(
             help="At hand, to say which measurement would lower it; `all`, `none` or as for plan."
         ),
     ] = "laser,straightness,angle,level,ball-bar,step-gauge,ball-plate",
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    tls_ca: TlsAuthority = None,
-    tls_cert: TlsCertificate = None,
-    tls_key: TlsKey = None,
-    keep: Keep = None,
-    as_json: AsJson = False,
-    report: Report = None,
-    force: Force = False,
+    *,
+    spreading: SpreadOptions,
+    telling: AnswerOptions,
 ) -> None:
     """Say how sure a part program's results are: a virtual CMM, task by task.
 
@@ -60,23 +51,17 @@ def uncertainty(
     from abbe.compcore.planning.instruments import instruments_called
     from abbe.compcore.virtual_cmm.simulation import BLOCK
     from abbe.daemon.answers.uncertainty import answer
-    from abbe.daemon.arguments.spread.options import spread_place
-    from abbe.daemon.outputs import REPORT, check_outputs
 
-    say = check_outputs([model, part], [(report, REPORT)], force=force, as_json=as_json)
+    say = telling.checked([model, part])
     names = [] if instruments == "none" else [w.strip() for w in instruments.split(",")]
     at_hand = instruments_called(names)
-    place = spread_place(workers, scheduler, (tls_ca, tls_cert, tls_key), keep, -(-draws // BLOCK))
+    place = spreading.place(-(-draws // BLOCK))
     measurement = answer.require_possible(model, part)
     found = answer.evaluate(measurement, (model, part), draws, seed, place, at_hand)
-    if report is not None:
+
+    def page() -> Page:
         from abbe.daemon.report.measurements.uncertainty import page
 
-        page(found, model, part).write(report)
-    if as_json:
-        say(json.dumps(answer.as_json(found), ensure_ascii=False))
-        return
-    for line in answer.as_text(found):
-        say(line)
-    if report is not None:
-        say(f"written: {report}")
+        return page(found, model, part)
+
+    telling.tell(say, page, lambda: answer.as_json(found), lambda: answer.as_text(found))
