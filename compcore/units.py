@@ -7,6 +7,7 @@ factor of one.
 from __future__ import annotations
 
 import math
+from typing import Protocol
 
 from abbe.compcore.errors import InputError
 
@@ -65,8 +66,31 @@ def to_internal(value: float, unit: str, expected: str) -> float:
     raise InputError("wrong unit", field="unit", found=unit, expected=f"{expected!r} or a multiple")
 
 
-def display(unit: str) -> tuple[str, float]:
+class Quantity(Protocol):
+    """A number with a unit inside the code, as a parameter has one."""
+
+    @property
+    def unit(self) -> str:
+        """Its unit."""
+
+    @property
+    def extent(self) -> bool:
+        """Whether it is a place, a period, a lever or a path, and no error."""
+
+
+def read_in(quantity: Quantity) -> tuple[str, float]:
     """The unit in which people read a quantity, and the factor from the unit inside the code.
+
+    Errors are read in µm, as `display` has it; where a defect lies, how long a period or a dead
+    path is, in mm.
+    """
+    if quantity.extent and quantity.unit == "mm":
+        return "mm", 1.0
+    return display(quantity.unit)
+
+
+def display(unit: str) -> tuple[str, float]:
+    """The unit in which people read an error, and the factor from the unit inside the code.
 
     >>> display("mm")
     ('µm', 1000.0)

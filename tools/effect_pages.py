@@ -10,7 +10,7 @@ from abbe.compcore.effects import NonlinearParameter, Parameter, effect_class, e
 from abbe.compcore.effects.handbook import EffectPage, effect_page
 from abbe.compcore.effects.registry import FAMILIES
 from abbe.compcore.files.text.atomic import write_atomically
-from abbe.compcore.units import display
+from abbe.compcore.units import read_in
 from tools.effect_pictures import picture
 from tools.effect_scenes import SCENES
 
@@ -79,7 +79,7 @@ def _parameters(kind: str) -> list[str]:
     parameters: list[Parameter | NonlinearParameter] = [*effect.linear(scene.machine)]
     parameters += effect.nonlinear(scene.machine)
     for p in parameters:
-        unit, factor = display(p.unit)
+        unit, factor = read_in(p)
         low, high = (f"{factor * end:.4g}" for end in p.plausible)
         rows.append(f"| `{p.name}` | {p.description} | {low} … {high} {unit} |")
     return [*rows, ""]

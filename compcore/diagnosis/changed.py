@@ -55,6 +55,8 @@ class ChangedParameter:
         As in the model file; unit inside the code.
     before, after, by, sd
         The given value, the new one, their difference and its standard deviation, in `unit`.
+    extent
+        Whether it is a place, a period or a path, which people read in mm.
     """
 
     name: str
@@ -63,6 +65,7 @@ class ChangedParameter:
     after: float
     by: float
     sd: float
+    extent: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,6 +282,7 @@ def _standing(known: _GivenValues) -> Standing:
                 float(known.theta[j] + moved[j]),
                 float(moved[j]),
                 float(sd[j]),
+                u.extent,
             )
             for j, u in zip(
                 range(where.start, where.stop), known.layout.unknowns[where], strict=True

@@ -20,7 +20,7 @@ from abbe.compcore.effects.registry import effect_kinds
 from abbe.compcore.model.as_built import average_lines, seen_factor
 from abbe.compcore.model.model import Model, Term, Value
 from abbe.compcore.sentences import Sentence, joined, said
-from abbe.compcore.units import display, in_digits, with_uncertainty
+from abbe.compcore.units import in_digits, read_in, with_uncertainty
 
 F64 = NDArray[np.float64]
 
@@ -45,8 +45,8 @@ def explanation(established: Established, diagnosis: Findings) -> Sentence:
             "{name} lies outside what a sound machine shows ({least} … {greatest}): look for a "
             "wrong unit or another cause.",
             name=e.name,
-            least=amount(e.range[0], e.unit),
-            greatest=amount(e.range[1], e.unit),
+            least=amount(e.range[0], e),
+            greatest=amount(e.range[1], e),
         )
         for e in doubtful
     ]
@@ -264,15 +264,15 @@ def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".")
 
 
-def amount(value: float, unit: str) -> str:
-    """A number in the unit that people read: µm, µrad, ppm/K."""
-    name, factor = display(unit)
+def amount(value: float, of: Estimate) -> str:
+    """A value of a parameter in the unit that people read: µm, µrad, ppm/K; a period in mm."""
+    name, factor = read_in(of)
     return f"{in_digits(value * factor)} {name}"
 
 
 def parameter(estimate: Estimate) -> str:
     """A parameter with its standard deviation, in the unit that people read."""
-    name, factor = display(estimate.unit)
+    name, factor = read_in(estimate)
     value = with_uncertainty(estimate.value * factor, estimate.sd * factor)
     return f"{estimate.name} = {value} {name}".rstrip()
 
@@ -324,7 +324,7 @@ def _moved_parameters(change: Change) -> str:
     sure.sort(key=lambda p: -abs(p.by) / max(p.sd, 1e-300))
     moved = []
     for p in sure[:_MOST_CHANGED]:
-        unit, factor = display(p.unit)
+        unit, factor = read_in(p)
         by = with_uncertainty(p.by * factor, p.sd * factor)
         moved.append(
             f"{p.name} by {'' if p.by < 0.0 else '+'}{by} {unit} "

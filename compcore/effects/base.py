@@ -106,6 +106,8 @@ class Parameter:
         Range of a sound machine, in `unit`; a fitted value outside it is doubted.
     convention
         Whether any value is as sound as any other, as where an encoder counts from.
+    extent
+        Whether it is a place, a period, a lever or a path: a length that people read in mm.
     """
 
     name: str
@@ -113,6 +115,7 @@ class Parameter:
     plausible: tuple[float, float]
     description: str = ""
     convention: bool = False
+    extent: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +134,8 @@ class NonlinearParameter:
     smooth
         Whether the columns change smoothly with it. Where not (the moment of a step), derivatives
         say nothing and only a search finds it.
+    extent
+        As `Parameter.extent`.
     """
 
     name: str
@@ -140,6 +145,7 @@ class NonlinearParameter:
     plausible: tuple[float, float]
     description: str = ""
     smooth: bool = True
+    extent: bool = False
 
 
 class FittedEffect(Protocol):

@@ -20,7 +20,7 @@ from abbe.compcore.model.as_built import (
     average_line_words,
     reversed_parameters,
 )
-from abbe.compcore.units import display, with_uncertainty
+from abbe.compcore.units import display, read_in, with_uncertainty
 
 _MOST_LISTED = 20
 _NOTHING = 1e-9
@@ -153,7 +153,7 @@ def parameter_lines(result: Solution) -> Iterator[str]:
         layout = result.problem.layout
         unknowns = layout.unknowns[layout.terms[i]]
         for (name, value), unknown in zip(term.values.items(), unknowns, strict=True):
-            shown, factor = display(unknown.unit)
+            shown, factor = read_in(unknown)
             sd = 0.0 if value.sd is None else value.sd
             if not value.measured:
                 parts.append(f"{name} not measured")
@@ -181,7 +181,7 @@ def parameter_rows(result: Solution) -> list[tuple[str, str, float, float | None
     rows = []
     for term, where in zip(result.model.terms, layout.terms, strict=True):
         for (name, value), unknown in zip(term.values.items(), layout.unknowns[where], strict=True):
-            unit, factor = display(unknown.unit)
+            unit, factor = read_in(unknown)
             sd = None if value.sd is None else value.sd * factor
             rows.append((term.effect.spec, name, value.value * factor, sd, unit))
     return rows

@@ -11,11 +11,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.effects.base import Effect
+from abbe.compcore.effects.base import Effect, Parameter
 from abbe.compcore.errors import InputError
 from abbe.compcore.fleet.mixture import Mixture, ToldOfCause, mixture
 from abbe.compcore.fleet.told import CampaignTold, DiagnosedMachine
-from abbe.compcore.units import display
+from abbe.compcore.units import read_in
 
 F64 = NDArray[np.float64]
 
@@ -47,8 +47,8 @@ class CommonCause:
         Of each that it has it.
     alone
         Of those, the ones whose own campaigns establish it.
-    names, units
-        Of its parameters.
+    parameters
+        Its linear parameters.
     mean, spread
         Of the parameters over the machines that have it, units inside the code.
     since
@@ -62,8 +62,7 @@ class CommonCause:
     machines: tuple[str, ...]
     chances: F64
     alone: tuple[str, ...]
-    names: tuple[str, ...]
-    units: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
     mean: F64
     spread: F64
     since: datetime | None
@@ -86,12 +85,10 @@ class CommonCause:
         alone = [name for name in self.having if name in self.alone]
         if alone:
             yield f"  named alone already: {', '.join(alone)}"
-        for name, unit, mean, spread in zip(
-            self.names, self.units, self.mean, self.spread, strict=True
-        ):
-            shown, factor = display(unit)
+        for p, mean, spread in zip(self.parameters, self.mean, self.spread, strict=True):
+            shown, factor = read_in(p)
             scatter = f"machines scatter by {spread * factor:.2g}"
-            yield f"  {name} = {mean * factor:.3g} {shown}, {scatter}"
+            yield f"  {p.name} = {mean * factor:.3g} {shown}, {scatter}"
         yield f"  evidence {self.evidence:.0f} ({ENOUGH:g} is enough)"
         if self.confusable:
             yield f"  could also be: {'; '.join(self.confusable)}"
@@ -211,8 +208,7 @@ def _one(
     return CommonCause(
         tried.effect, evidence, tuple(kept), found.chances,
         tuple(dict.fromkeys(m.name for m in asked if spec in m.named)),
-        tuple(p.name for p in tried.parameters), tuple(p.unit for p in tried.parameters),
-        found.mean, np.sqrt(found.variances), since, (),
+        tried.parameters, found.mean, np.sqrt(found.variances), since, (),
     )  # fmt: skip
 
 

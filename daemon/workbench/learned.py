@@ -18,7 +18,7 @@ from abbe.compcore.diagnosis.screening.what_if import WhatIf
 from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.compcore.diagnosis.words import advice_text, diagnosis_words
 from abbe.compcore.errors import InputError
-from abbe.compcore.units import display
+from abbe.compcore.units import read_in
 from abbe.daemon.answers.typed import Adding
 from abbe.daemon.report.model.diagnosis import (
     parameter_row,
@@ -175,7 +175,7 @@ def tried(
         if set(values) != set(names) or not np.isfinite(list(values.values())).all():
             raise InputError("needs a number for each parameter", field="values",
                              found=", ".join(values), expected=", ".join(names))  # fmt: skip
-        inside = {e.name: _within(e, values[e.name] / display(e.unit)[1], trial)
+        inside = {e.name: _within(e, values[e.name] / read_in(e)[1], trial)
                   for e in trial.best}  # fmt: skip
     left = trial.left(inside)
     problem = diagnosis.result.problem
@@ -191,7 +191,7 @@ def sliders(trial: WhatIf) -> list[dict[str, Any]]:
 
 
 def _slider(estimate: Estimate, trial: WhatIf) -> dict[str, Any]:
-    unit, factor = display(estimate.unit)
+    unit, factor = read_in(estimate)
     low, high = _ends(estimate, trial)
     value = estimate.value * factor
     return {

@@ -4,8 +4,10 @@ import math
 
 import pytest
 
+from abbe.compcore.effects.base import NonlinearParameter, Parameter
 from abbe.compcore.errors import InputError
-from abbe.compcore.units import display, to_internal
+from abbe.compcore.units import display, read_in, to_internal
+from tools.effect_scenes import SCENES
 
 
 @pytest.mark.parametrize(
@@ -70,3 +72,30 @@ def test_a_unit_of_another_kind_is_never_a_factor_of_one(unit, expected):
 )
 def test_what_people_read(unit, shown):
     assert display(unit) == shown
+
+
+def test_errors_are_read_in_micrometres_and_places_periods_and_paths_in_millimetres():
+    error = Parameter("b", "mm", (-0.05, 0.05))
+    period = NonlinearParameter("period", "mm", (1.0, 60.0), (10.0,), (1.0, 60.0), extent=True)
+    assert read_in(error) == ("µm", 1e3)
+    assert read_in(period) == ("mm", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [("cyclic", "period"), ("local_defect", "centre"), ("local_defect", "width"),
+     ("dead_path", "length")],
+)  # fmt: skip
+def test_parameters_that_are_no_errors_say_so(kind: str, name: str):
+    scene = SCENES[kind]
+    free = {key: None for key in ("period", "centre", "width") if key == name}
+    effect = scene.effect(kind).model_copy(update=free)
+    known = {p.name: p for p in (*effect.linear(scene.machine), *effect.nonlinear(scene.machine))}
+    assert read_in(known[name]) == ("mm", 1.0)
+
+
+def test_what_is_measured_only_where_it_stands_is_no_error():
+    """Every length that the columns themselves depend on is a place, a width or a period."""
+    for kind, scene in SCENES.items():
+        for p in scene.effect(kind).nonlinear(scene.machine):
+            assert p.extent or p.unit != "mm", f"{kind}: {p.name}"

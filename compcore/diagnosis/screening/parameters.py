@@ -40,6 +40,8 @@ class Estimate:
         That range, in `unit`.
     description
         What the parameter is.
+    extent
+        Whether it is a place, a period or a path, which people read in mm.
     """
 
     name: str
@@ -49,6 +51,7 @@ class Estimate:
     plausible: bool
     range: tuple[float, float]
     description: str
+    extent: bool = False
 
     @property
     def measured(self) -> bool:
@@ -147,7 +150,14 @@ def _estimate(parameter: Parameter | NonlinearParameter, value: float, sd: float
     fits = low - 2.0 * sd <= value <= high + 2.0 * sd
     fits = fits or (isinstance(parameter, Parameter) and parameter.convention)
     return Estimate(
-        parameter.name, parameter.unit, value, sd, fits, parameter.plausible, parameter.description
+        parameter.name,
+        parameter.unit,
+        value,
+        sd,
+        fits,
+        parameter.plausible,
+        parameter.description,
+        parameter.extent,
     )
 
 

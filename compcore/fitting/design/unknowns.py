@@ -43,6 +43,8 @@ class Unknown:
         are taken in units of it, so that mm and rad can be compared.
     nonlinear
         Whether the columns themselves depend on it.
+    extent
+        Whether it is a place, a period or a path, which people read in mm.
     """
 
     owner: int
@@ -50,6 +52,7 @@ class Unknown:
     unit: str
     scale: float
     nonlinear: bool = False
+    extent: bool = False
 
 
 def plausible_scale(parameter: Parameter | NonlinearParameter) -> float:
@@ -101,25 +104,31 @@ class UnknownLayout:
         for i, effect in enumerate(model.effects):
             linear = effect.linear(model.machine)
             start = len(unknowns)
-            unknowns += [Unknown(i, p.name, p.unit, plausible_scale(p)) for p in linear]
+            unknowns += [
+                Unknown(i, p.name, p.unit, plausible_scale(p), extent=p.extent) for p in linear
+            ]
             if effect.nonlinear(model.machine):
                 coverage = campaign.coverage() if coverage is None else coverage
                 for p in effect.search(model.machine, coverage):
                     searched[len(unknowns)] = p
-                    unknowns.append(Unknown(i, p.name, p.unit, plausible_scale(p), True))
+                    scale = plausible_scale(p)
+                    unknowns.append(Unknown(i, p.name, p.unit, scale, True, p.extent))
             terms.append(slice(start, len(unknowns)))
             counts.append(len(linear))
         bases: dict[str, slice] = {}
         for name in _bases_used(campaign):
             bases[name] = slice(len(unknowns), len(unknowns) + 3)
-            unknowns += [Unknown(-1, f"base {name} {k}", "mm", BASE_SCALE) for k in "xyz"]
+            unknowns += [
+                Unknown(-1, f"base {name} {k}", "mm", BASE_SCALE, extent=True) for k in "xyz"
+            ]
         tools: dict[str, tuple[slice, tuple[int, ...]]] = {}
         for tool in campaign.tools.values():
             free = tuple("xyz".index(k) for k in tool.free)
             if free and bool((campaign.tool_name == tool.name).any()):
                 tools[tool.name] = (slice(len(unknowns), len(unknowns) + len(free)), free)
                 unknowns += [
-                    Unknown(-1, f"tool {tool.name} {'xyz'[k]}", "mm", BASE_SCALE) for k in free
+                    Unknown(-1, f"tool {tool.name} {'xyz'[k]}", "mm", BASE_SCALE, extent=True)
+                    for k in free
                 ]
         starts = _starts(model, campaign, bodies, unknowns)
         return cls(tuple(unknowns), tuple(terms), tuple(counts), searched, bases, tools, starts)

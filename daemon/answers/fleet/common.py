@@ -52,10 +52,8 @@ def as_json(asked: Sequence[DiagnosedMachine], found: Sequence[CommonCause]) -> 
                 "named_alone": list(c.alone),
                 "since": None if c.since is None else c.since.isoformat(),
                 "parameters": {
-                    name: {"mean": float(mean), "spread": float(spread), "unit": unit}
-                    for name, unit, mean, spread in zip(
-                        c.names, c.units, c.mean, c.spread, strict=True
-                    )
+                    p.name: {"mean": float(mean), "spread": float(spread), "unit": p.unit}
+                    for p, mean, spread in zip(c.parameters, c.mean, c.spread, strict=True)
                 },
                 "confusable_with": list(c.confusable),
             }

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from abbe.compcore.fleet.pooled import PooledParameter, PooledType
-from abbe.compcore.units import display
+from abbe.compcore.units import read_in
 
 _UNLIKE = 3.0
 """Standard deviations from what the others lead one to expect that are said."""
@@ -22,7 +22,7 @@ def as_json(found: PooledType) -> dict[str, Any]:
 
 
 def _parameter(p: PooledParameter, names: tuple[str, ...]) -> dict[str, Any]:
-    unit, factor = display(p.parameter.unit)
+    unit, factor = read_in(p.parameter)
     return {
         "spec": p.effect.spec,
         "parameter": p.parameter.name,
@@ -52,7 +52,7 @@ def lines(found: PooledType, kind: str = "") -> Iterator[str]:
     texts = [(f"{p.effect.spec}: {p.parameter.name}", p) for p in chosen]
     width = max((len(text) for text, _ in texts), default=0)
     for text, p in texts:
-        unit, factor = display(p.parameter.unit)
+        unit, factor = read_in(p.parameter)
         sure = f"{p.mean * factor:10.4g} ± {p.mean_sd * factor:.2g} {unit}"
         scatter = f"machines scatter by {p.spread * factor:.2g}{_apart(p, found)}"
         yield f"{text:{width}}  {sure}, {scatter}"

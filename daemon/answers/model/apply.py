@@ -17,7 +17,7 @@ from abbe.compcore.files.model_file import save_model
 from abbe.compcore.files.model_toml.campaign_record import campaign_records, noise_by_file
 from abbe.compcore.files.model_toml.fit_record import recorded
 from abbe.compcore.model.model import Model
-from abbe.compcore.units import display, with_uncertainty
+from abbe.compcore.units import read_in, with_uncertainty
 from abbe.daemon.answers.inputs import now
 from abbe.daemon.answers.model.fit import finite
 from abbe.daemon.answers.model.held_out import HeldOutCampaigns, shares
@@ -229,7 +229,7 @@ def as_text(course: Course, model: Model) -> Iterator[str]:
             if not value.measured:
                 shown.append(f"{name} not measured")
                 continue
-            unit, factor = display(units[term.effect.spec][name])
+            unit, factor = units[term.effect.spec][name]
             sd = (value.sd or 0.0) * factor
             if sd < _NOTHING:
                 shown.append(f"{name} = {_plain(value.value * factor)} {unit}, by convention")
@@ -239,11 +239,11 @@ def as_text(course: Course, model: Model) -> Iterator[str]:
         yield f"  {term.effect.spec}: {', '.join(shown)}" + (f" and {more} more" if more else "")
 
 
-def _units(course: Course) -> dict[str, dict[str, str]]:
+def _units(course: Course) -> dict[str, dict[str, tuple[str, float]]]:
     layout = course.last.result.problem.layout
     effects = course.last.result.problem.model.effects
     return {
-        effect.spec: {u.name: u.unit for u in layout.unknowns[where]}
+        effect.spec: {u.name: read_in(u) for u in layout.unknowns[where]}
         for effect, where in zip(effects, layout.terms, strict=True)
     }
 

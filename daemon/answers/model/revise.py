@@ -14,7 +14,7 @@ from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
 from abbe.compcore.comparison.compare import compare
 from abbe.compcore.diagnosis.findings import measured_kinds
 from abbe.compcore.effects import RotaryLocation
-from abbe.compcore.effects.base import Effect
+from abbe.compcore.effects.base import Effect, NonlinearParameter, Parameter
 from abbe.compcore.errors import FitError
 from abbe.compcore.files.campaign_file import require_signals
 from abbe.compcore.files.model_file import save_model, summary
@@ -24,7 +24,7 @@ from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.model.as_built import average_line_words, reversed_parameters
 from abbe.compcore.model.model import Model, Value
 from abbe.compcore.sentences import said
-from abbe.compcore.units import display, with_uncertainty
+from abbe.compcore.units import read_in, with_uncertainty
 from abbe.daemon.answers import as_built
 from abbe.daemon.answers.inputs import now
 from abbe.daemon.answers.model.fit import finite
@@ -195,8 +195,8 @@ def as_json(revision: Revision, effect: Effect | None) -> dict[str, Any]:
     }
     if effect is not None:
         out["parameters"] = {
-            name: {"value": v.value, "sd": v.sd, "unit": unit, "measured": v.measured}
-            for name, v, unit in _parameters(revision.after, effect)
+            p.name: {"value": v.value, "sd": v.sd, "unit": p.unit, "measured": v.measured}
+            for p, v in _parameters(revision.after, effect)
         }
         model = revision.after.model
         values = next((t.values for t in model.terms if t.effect == effect), {})
@@ -208,14 +208,14 @@ def as_json(revision: Revision, effect: Effect | None) -> dict[str, Any]:
 def as_text(revision: Revision, effect: Effect | None) -> Iterator[str]:
     """Lines for people: parameters, the error before and after, a warning where it did not fall."""
     if effect is not None:
-        for name, found, unit in _parameters(revision.after, effect):
+        for p, found in _parameters(revision.after, effect):
             if not found.measured:
-                yield f"{name} not measured"
+                yield f"{p.name} not measured"
                 continue
-            shown, factor = display(unit)
+            shown, factor = read_in(p)
             wide = None if found.sd is None else found.sd * factor
-            text = f"{name} = {with_uncertainty(found.value * factor, wide)} {shown}"
-            if name in reversed_parameters(revision.after.model.machine, effect):
+            text = f"{p.name} = {with_uncertainty(found.value * factor, wide)} {shown}"
+            if p.name in reversed_parameters(revision.after.model.machine, effect):
                 text += f" (on the table itself {-found.value * factor:+.4g} {shown})"
             yield text
         if isinstance(effect, RotaryLocation):
@@ -272,11 +272,14 @@ def _in(value: float | None, factor: float) -> float | None:
     return None if value is None else finite(value, factor)
 
 
-def _parameters(result: FitResult, effect: Effect) -> Iterator[tuple[str, Value, str]]:
+def _parameters(
+    result: FitResult, effect: Effect
+) -> Iterator[tuple[Parameter | NonlinearParameter, Value]]:
     machine = result.model.machine
-    units = {p.name: p.unit for p in effect.linear(machine)}
-    units |= {p.name: p.unit for p in effect.nonlinear(machine)}
+    both: tuple[Parameter | NonlinearParameter, ...]
+    both = (*effect.linear(machine), *effect.nonlinear(machine))
+    known = {p.name: p for p in both}
     for term in result.model.terms:
         if term.effect == effect:
             for name, value in term.values.items():
-                yield name, value, units[name]
+                yield known[name], value

@@ -185,7 +185,7 @@ def parameter_row(estimate: Estimate) -> list[str]:
     return [
         e.name,
         parameter(e).split(" = ", 1)[1] if e.measured else "not measured",
-        f"{amount(e.range[0], e.unit)} … {amount(e.range[1], e.unit)}"
+        f"{amount(e.range[0], e)} … {amount(e.range[1], e)}"
         + ("" if e.plausible else "  ← outside"),
         e.description,
     ]

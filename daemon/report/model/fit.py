@@ -14,7 +14,7 @@ from abbe.compcore.fitting.rigid_body import rigid_body_test
 from abbe.compcore.model.as_built import ON_THE_TABLE, average_line_words, reversed_parameters
 from abbe.compcore.model.error_map import error_map
 from abbe.compcore.model.model import Model
-from abbe.compcore.units import display
+from abbe.compcore.units import read_in
 from abbe.daemon.report.head import PageHead
 from abbe.daemon.report.model.compare import draw_residuals
 from abbe.daemon.report.page import Page, number
@@ -86,7 +86,7 @@ def _parameters(page: Page, result: FitResult, *, few: bool) -> None:
         if (len(term.values) <= _FEW) != few:
             continue
         for (name, value), unknown in zip(term.values.items(), layout.unknowns[where], strict=True):
-            unit, factor = display(unknown.unit)
+            unit, factor = read_in(unknown)
             sd = None if value.sd is None else value.sd * factor
             seen = reversed_parameters(result.model.machine, term.effect)
             on_table = -value.value * factor if name in seen else None

@@ -10,7 +10,7 @@ import numpy as np
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.comparison.compare import Comparison, compare
 from abbe.compcore.model.model import Model
-from abbe.compcore.units import display, with_uncertainty
+from abbe.compcore.units import read_in, with_uncertainty
 from abbe.daemon.answers.model.compare import with_changes
 from abbe.daemon.report.model.compare import key_figures, told_apart, verdict_title, where_of
 from abbe.daemon.report.page import Cell, in_words, plain
@@ -109,10 +109,10 @@ def _values(model: Model) -> dict[tuple[str, str], str]:
     found: dict[tuple[str, str], str] = {}
     for term in model.terms:
         effect = term.effect
-        units = {p.name: p.unit for p in effect.linear(model.machine)}
-        units |= {p.name: p.unit for p in effect.nonlinear(model.machine)}
+        units = {p.name: read_in(p) for p in effect.linear(model.machine)}
+        units |= {p.name: read_in(p) for p in effect.nonlinear(model.machine)}
         for name, value in term.values.items():
-            unit, factor = display(units.get(name, ""))
+            unit, factor = units.get(name, ("", 1.0))
             sd = None if value.sd is None else value.sd * factor
             text = with_uncertainty(value.value * factor, sd)
             found[effect.spec, name] = f"{text} {unit}".strip()

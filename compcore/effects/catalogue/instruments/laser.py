@@ -179,7 +179,7 @@ class DeadPath(LaserEffect):
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """The dead path's length."""
         text = "dead path of " + ", ".join(self.setups)
-        return (Parameter("length", "mm", (-3000.0, 3000.0), text),)
+        return (Parameter("length", "mm", (-3000.0, 3000.0), text, extent=True),)
 
     def motions(
         self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]

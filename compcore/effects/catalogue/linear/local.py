@@ -112,7 +112,13 @@ class LocalDefect(Effect):
         if self.centre is None:
             found.append(
                 NonlinearParameter(
-                    "centre", "mm", (low, high), tuple(centres), (low, high), "where it lies"
+                    "centre",
+                    "mm",
+                    (low, high),
+                    tuple(centres),
+                    (low, high),
+                    "where it lies",
+                    extent=True,
                 )
             )
         if self.width is None:
@@ -125,6 +131,7 @@ class LocalDefect(Effect):
                     widths,
                     (length / 100, length / 4),
                     "full width at half height",
+                    extent=True,
                 )
             )
         return tuple(found)

@@ -38,6 +38,7 @@ def _period(axis: Axis) -> NonlinearParameter:
         starts=tuple(sorted(starts)),
         plausible=(1.0, 60.0),
         description=f"period along {axis.name}",
+        extent=True,
     )
 
 
