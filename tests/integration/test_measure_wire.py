@@ -49,6 +49,8 @@ def test_a_laser_that_does_not_follow_the_machine_gives_no_rows_but_its_zero(
 ) -> None:
     process, folder = shop
     process.order("factor", by=factor)
+    # 25.4 times the scatter, too, and yet steady
+    limited(folder, max_spread=50.0)
     with measuring(folder / "plan.toml", folder / "config.toml", folder / "campaign.csv") as run:
         machine = driver(process, run, folder)
         machine.read(0)
@@ -67,8 +69,51 @@ def test_a_laser_that_does_not_follow_the_machine_gives_no_rows_but_its_zero(
         run.end()
     found = campaign_of(folder)
     assert found.n == 4
-    assert rms(off_the_truth(process, found)) < NOISE_UM
+    # three rows' scatter
+    assert rms(off_the_truth(process, found)) < 4.0 * NOISE_UM
     assert "Traceback" not in run.said
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"), [(25.4, "taken for inches"), (1000.0, "µm that are taken for mm")]
+)
+def test_another_unit_is_told_though_no_reading_is_ever_steady(
+    shop: tuple[SimulatedProcess, Path], factor: float, words: str
+) -> None:
+    """The laser's 0.1 µm of scatter become 2.5 and 100 µm: not one target counts."""
+    process, folder = shop
+    limited(folder, max_spread=0.6)
+    process.order("factor", by=factor)
+    with measuring(folder / "plan.toml", folder / "config.toml", folder / "campaign.csv") as run:
+        machine = driver(process, run, folder)
+        machine.to(0)
+        run.until(lambda e: e["event"] == "unsteady")
+        assert run.kinds("doubt") == []
+        for number in (1, 2):
+            since = len(run.events)
+            machine.to(number)
+            said = run.until(lambda e: e["event"] == "doubt", since=since)
+            assert words in said["text"]
+            assert "not kept" in said["text"]
+        assert len(run.kinds("doubt")) == 2
+        assert run.kinds("row") == []
+        # set right, it goes on
+        process.order("factor", by=1.0)
+        machine.read(3, 4, 5)
+        assert len(run.kinds("doubt")) == 2
+        run.end()
+    found = campaign_of(folder)
+    assert found.n == 3
+    assert rms(off_the_truth(process, found)) < 4.0 * NOISE_UM
+    assert "Traceback" not in run.said
+
+
+def limited(folder: Path, *, max_spread: float) -> None:
+    """Have readings count whose scatter is not more than so many µm."""
+    config = folder / "config.toml"
+    text = config.read_text("utf-8")
+    assert text.count("[measure]\n") == 1
+    config.write_text(text.replace("[measure]\n", f"[measure]\nmax_spread = {max_spread}\n"))
 
 
 def test_counts_lost_and_a_zero_set_on_the_way_begin_a_part_of_their_own(

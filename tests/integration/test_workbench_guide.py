@@ -120,11 +120,11 @@ def test_from_the_first_step_to_the_certificate(tmp_path: Path) -> None:
                 page.locator("[data-choice=no]").click()
                 expect(page.locator("[data-choice=no]")).to_have_count(0)
                 either.first.wait_for()
-            for step in ("live", "check-plan"):
-                do(page, step)
-                done(page, step)
+            do(page, "check-plan")
+            done(page, "check-plan")
             plan = folder / "check.toml"
-            checked = line_plan("check", "X", (150.0, 350.0), at=(0.0, 200.0, -100.0))
+            # Z's scale is what the model has got hold of: along it the machine is surely better
+            checked = line_plan("check", "Z", (-220.0, -80.0), at=(200.0, 600.0, 0.0))
             write_plan(plan, checked)
             expect(page.locator("section[data-plan=check] img")).to_have_count(1)
             do(page, "check-program")
@@ -132,8 +132,9 @@ def test_from_the_first_step_to_the_certificate(tmp_path: Path) -> None:
             do(page, "check", secret=secret)
             measure(page, machine, plan, model)
             done(page, "check")
-            do(page, "verify")
-            done(page, "verify")
+            for step in ("verify", "live"):
+                do(page, step)
+                done(page, step)
             expect(page.locator("h1")).to_have_text("Calibrated and verified")
             # everything is done, and nothing is offered any more
             assert page.locator("#go").count() == 0
@@ -144,6 +145,12 @@ def test_from_the_first_step_to_the_certificate(tmp_path: Path) -> None:
             expect(opened_page.value.locator("h1").first).to_contain_text("Bridge CMM")
             state = json.loads((folder / "calibration.json").read_text())
             assert state["steps"]["check"]["note"] == "A. Vogel, token cell-3 at 127.0.0.1"
+            assert state["steps"]["verify"]["outcome"].startswith("verified: Z check: E ")
+            live = (folder / "live.toml").read_text("utf-8")
+            assert live.startswith("# VERIFIED. Written by abbe calibrate, ")
+            kept = load_config(folder / "live.toml").model_path
+            assert kept.read_bytes() == (folder / "calibrated.toml").read_bytes()
+            assert not (folder / "live-not-verified.toml").exists()
             assert seen.errors == []
 
 

@@ -34,14 +34,26 @@ def not_followed(way: Sequence[float], moved: Sequence[float]) -> str:
     moved
         What a perfect machine shows has changed by.
     """
+    words, why = _moves(way, moved)
+    return f"{words}: {why or 'is it set up along this line, and read in its own unit?'}"
+
+
+def known_fault(way: Sequence[float], moved: Sequence[float]) -> str:
+    """The same where what is wrong is known by how a reading moves; else empty."""
+    words, why = _moves(way, moved)
+    return f"{words}: {why}" if why else ""
+
+
+def _moves(way: Sequence[float], moved: Sequence[float]) -> tuple[str, str]:
+    """By how much a reading and the machine have moved, in words, and what that comes from."""
     k = max(range(len(way)), key=lambda i: abs(way[i]))
     read = way[k] + moved[k]
     words = f"has moved by {read:+.4f} mm, the machine along it by {moved[k]:+.4f} mm"
     if moved[k]:
         for factor, why in _FACTORS.items():
             if abs(read / moved[k] - factor) <= _NEAR * max(abs(factor), _NEAR):
-                return f"{words}: {why}"
-    return f"{words}: is it set up along this line, and read in its own unit?"
+                return words, why
+    return words, ""
 
 
 def other_unit(values: Sequence[float], nominal: Sequence[float]) -> str:

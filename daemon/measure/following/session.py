@@ -10,6 +10,7 @@ from abbe.compcore.campaign.campaign import Kind
 from abbe.daemon.measure.compensation import RunsBeside
 from abbe.daemon.measure.course import MeasureCourse
 from abbe.daemon.measure.events import Tell, place_words, setup_words, target_words
+from abbe.daemon.measure.following.average import SteadyReading
 from abbe.daemon.measure.following.instrument import Instrument, nominal_distance
 from abbe.daemon.measure.following.target_watch import (
     Outcome,
@@ -157,11 +158,11 @@ class Measurement:
         instrument = self._instrument
         if instrument.interruptions != self._interruptions:
             self._interruptions = instrument.interruptions
-            if self._ready and self.course.here.begun:
-                self._zero.renew = self._zero.renew or instrument.section.loses_zero
-                if not self._lost:
-                    self._lost = instrument.problem or "it was away for a moment"
-                    self._news.event("lost", f"{instrument.name}: {self._lost}")
+            begun = self._ready and self.course.here.begun
+            self._zero.interrupted(counts=begun and instrument.section.loses_zero)
+            if begun and not self._lost:
+                self._lost = instrument.problem or "it was away for a moment"
+                self._news.event("lost", f"{instrument.name}: {self._lost}")
         if self._lost and not instrument.problem:
             self._lost = ""
             more = ""
@@ -241,6 +242,8 @@ class Measurement:
             self._take(outcome, seen)
         elif isinstance(outcome, TargetUnsteady):
             self._news.unsteady(outcome)
+            if outcome.reading is not None:
+                self._look(outcome.visit, outcome.reading)
         elif isinstance(outcome, TargetLeft):
             if not visits.taken(outcome.visit):
                 words = target_words(visits, outcome.visit)
@@ -250,6 +253,12 @@ class Measurement:
             away = visits.distance(seen.positions)
             self._news.event("next", f"stands {away:.3f} mm from the next target, "
                         + self._news.next_words())  # fmt: skip
+
+    def _look(self, visit: int, reading: SteadyReading) -> None:
+        """Take in readings that do not count: they may tell what is wrong."""
+        place = dict(zip(self._view.axes, reading.positions, strict=True))
+        nominal = self._instrument.nominal(self.course.setup, place)
+        self._zero.look(self._instrument, reading, nominal, visit)
 
     def _take(self, read: TargetRead, seen: SeenMachine) -> None:
         course, setup, instrument = self.course, self.course.setup, self._instrument

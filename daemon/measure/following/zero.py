@@ -6,15 +6,20 @@ from collections.abc import Sequence
 
 from abbe.compcore.campaign.campaign import Kind
 from abbe.daemon.measure.course import MeasureCourse
+from abbe.daemon.measure.following.average import SteadyReading
 from abbe.daemon.measure.following.doubtful import (
     RepeatedTargets,
     SameReadings,
+    known_fault,
     not_followed,
     other_unit,
     size_words,
 )
 from abbe.daemon.measure.following.instrument import Instrument
 from abbe.daemon.measure.news import MeasureNews
+
+_SURE = 20.0
+"""Scatters of an unsteady reading that a difference has to be, to say anything."""
 
 
 class InstrumentZero:
@@ -47,10 +52,54 @@ class InstrumentZero:
         self._zero: tuple[float, ...] = ()
         self._before: tuple[float, ...] = ()
         self._nominal: tuple[float, ...] = ()
+        self._unsteady: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+        self._doubted: int | None = None
         self._first = False
         self.renew = False
         self._repeated.forget()
         self._same.forget()
+
+    def interrupted(self, *, counts: bool) -> None:
+        """Note that the instrument was: what follows may count from elsewhere.
+
+        Parameters
+        ----------
+        counts
+            Whether rows are there that count from the zero before.
+        """
+        self.renew = self.renew or counts
+        self._unsteady = None
+
+    def look(
+        self,
+        instrument: Instrument,
+        reading: SteadyReading,
+        nominal: tuple[float, ...],
+        visit: int,
+    ) -> None:
+        """Say where readings that are not steady, and not kept, are in another unit.
+
+        Whose unit is another one scatters by as much more, and would never count.
+
+        Parameters
+        ----------
+        reading
+            Less `nominal`, of the target where the machine stands.
+        nominal, visit
+            As of `less`.
+        """
+        setup = self._course.setup
+        scatter = max([*reading.spreads, *(abs(d) for d in reading.drifts)], default=0.0)
+        problem = ""
+        if setup.kind == Kind.DISTANCE:
+            if max(abs(v) for v in reading.values) > _SURE * scatter:
+                problem = other_unit(reading.values, nominal)
+        else:
+            problem = self._fault_since(instrument, reading.values, nominal, scatter)
+            self._unsteady = reading.values, nominal
+        if problem and self._doubted != visit:
+            self._doubt(instrument, problem, visit)
+            self._before = ()
 
     def less(
         self,
@@ -74,11 +123,11 @@ class InstrumentZero:
         -------
         None where the reading cannot be this machine's: that is said, and it is not kept.
         """
-        problem = self._problem(instrument, values, nominal, visit)
-        self._before, self._nominal = values, nominal
+        problem = self._fault_since(instrument, values, nominal) if self._unsteady else ""
+        problem = problem or self._problem(instrument, values, nominal, visit)
+        self._before, self._nominal, self._unsteady = values, nominal, None
         if problem:
-            self._news.event("doubt", f"{instrument.name} {problem}; this target is not kept")
-            self._zero = ()
+            self._doubt(instrument, problem, visit)
             return None
         self._first = self.renew or not self._zero
         if self._first:
@@ -92,6 +141,31 @@ class InstrumentZero:
                 "does it still measure?",
             )
         return [v - z for v, z in zip(values, self._zero, strict=True)]
+
+    def _doubt(self, instrument: Instrument, problem: str, visit: int) -> None:
+        self._news.event("doubt", f"{instrument.name} {problem}; this target is not kept")
+        self._zero, self._doubted = (), visit
+
+    def _fault_since(
+        self,
+        instrument: Instrument,
+        values: tuple[float, ...],
+        nominal: tuple[float, ...],
+        scatter: float = 0.0,
+    ) -> str:
+        """What is surely wrong by the way from the target before, one of the two unsteady."""
+        counted = self._zero and not self._first
+        if instrument.section.reads != "length" or counted or "zero" not in self._course.setup.free:
+            return ""
+        before = self._unsteady
+        if before is None and self._before and not self.renew:
+            before = self._before, self._nominal
+        if before is None:
+            return ""
+        way = [v - b for v, b in zip(values, before[0], strict=True)]
+        if max(abs(w) for w in way) <= max(instrument.section.jump * 1e-3, _SURE * scatter):
+            return ""
+        return known_fault(way, [n - b for n, b in zip(nominal, before[1], strict=True)])
 
     def _problem(
         self,

@@ -11,6 +11,7 @@ from typing import Any
 from abbe.compcore.errors import AbbeError, InputError
 from abbe.compcore.files.plan_file import PlannedWork, read_plan
 from abbe.compcore.planning.targets import SurveyTask
+from abbe.compcore.verification.verdict import VerdictOutcome
 from abbe.daemon.calibration.request import CalibrationRequest, require_measured_with
 from abbe.daemon.calibration.state import CalibrationState, make_folder
 from abbe.daemon.calibration.step import CERTIFICATE, CHECK_PLAN, PLAN, TABLES, StepNow
@@ -112,10 +113,16 @@ class CalibrationGuide:
             "asked": asked.words(),
             "steps": list(self._steps(steps)),
             "plans": {key: self._setups(request, name) for key, name in _PLANS.items()},
+            "verified": self._verified(request),
             "certificate": request.file(CERTIFICATE).is_file(),
             "roles": http is not None and http.tokens.exists(),
             "work": self._work_now(),
         }
+
+    def _verified(self, request: CalibrationRequest) -> bool:
+        """Whether the check came out so; of a calibration whose steps are done."""
+        outcome = CalibrationState.read(self._folder, self.config).outcome("verify")
+        return bool(request.checked_by) and outcome.startswith(VerdictOutcome.VERIFIED.value)
 
     def ask_for(self, asked: AskedCalibration) -> None:
         """Ask for something else; steps that were done stay done where their files fit.

@@ -74,8 +74,10 @@ export class Calibration {
     this.running = Boolean(found.work) && !found.work.ended;
     const done = found.steps.filter((s) => s.state === "done").length;
     const coming = found.steps.find((s) => s.state === "next" || s.state === "running");
-    this.head.replaceChildren(el("h1", {class: coming ? null : "good"}, coming
-      ? this.running ? t("Under way: {what}", {what: label(coming.title)}) : t("Next: {what}", {what: label(coming.title)}) : t("Calibrated and verified")),
+    this.head.replaceChildren(el("h1", {class: coming ? null : found.verified ? "good" : "bad"}, coming
+      ? this.running ? t("Under way: {what}", {what: label(coming.title)}) : t("Next: {what}", {what: label(coming.title)})
+      : found.verified ? t("Calibrated and verified") : t("Calibrated, but not verified")),
+      ...(coming || found.verified ? [] : [el("p", {class: "warning"}, t("No line has shown that the model holds; the certificate says why."))]),
       el("p", {}, t("{done} of {all} steps are done, in {folder}.", {done, all: found.steps.length, folder: found.folder})),
       ...(found.certificate ? [el("p", {}, el("a", {href: "/api/calibrate/certificate", target: "_blank"}, t("The certificate")))] : []));
     this.steps.replaceChildren(...found.steps.map((s, k) => el("li", {class: s.state, "data-step": s.name, "data-state": s.state},
