@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from pathlib import Path
+
+# As many processes test as there are cores; with more threads than cores those of a BLAS wait for
+# each other. Before NumPy is imported, and for the commands that tests start.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from hypothesis import settings

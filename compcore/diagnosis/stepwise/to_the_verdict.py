@@ -25,10 +25,14 @@ from abbe.compcore.diagnosis.stepwise.warmth import (
 )
 from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.compcore.effects.base import Effect
+from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
 
 MOST_STEPS = 40
 """A model that needs more effects is looked at by its user first."""
+
+_COLUMNS = 100
+"""Parameters that the models on the way have, about: for the choice of threads."""
 
 ALONG_AN_AXIS = ("cyclic", "local_defect")
 """Causes that are a function of one linear axis's position, as an error motion of any detail is."""
@@ -59,7 +63,11 @@ def to_the_verdict(
     FitError
         As `diagnose`.
     """
-    growing = GrowingModel(model, campaign, on_step, progress)
+    with threads_for(campaign.n * _COLUMNS):
+        return _followed(GrowingModel(model, campaign, on_step, progress))
+
+
+def _followed(growing: GrowingModel) -> Course:
     diagnosis = growing.diagnosed()
     while len(growing.steps) < MOST_STEPS:
         found = [e.found.candidate.effect for e in diagnosis.established]
