@@ -12,6 +12,7 @@ import io
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import tomli_w
@@ -26,6 +27,8 @@ from abbe.compcore.machine.machine import Machine
 
 BEGUN = "measured"
 """Section of the head that says what the file was begun with."""
+ZEROS_AT = "zeros_at"
+"""Key of a set-up: times from which its rows count from zeros of their own."""
 _MOST_BYTES = 1 << 30
 
 Row = Mapping[str, str | float | None]
@@ -139,8 +142,18 @@ class GrowingCampaign:
         self._renew(text)
         self.rows = kept
 
-    def declare(self, setup: str, free: Sequence[str]) -> None:
+    def declare(
+        self,
+        setup: str,
+        free: Sequence[str],
+        perhaps_lost: Mapping[str, Sequence[float]] = MappingProxyType({}),
+    ) -> None:
         """Add a set-up to the head; the whole file is written anew, at once or not at all.
+
+        Parameters
+        ----------
+        perhaps_lost
+            Set-up that is there → times, s, from which its rows may count from another zero.
 
         Raises
         ------
@@ -148,9 +161,13 @@ class GrowingCampaign:
             When it could not be; the file is what it was.
         """
         setups = dict(self._head.get("setups", {}))
-        if setup in setups:
+        if setup in setups and not perhaps_lost:
             return
-        head = self._head | {"setups": setups | {setup: {"free": list(free)}}}
+        setups.setdefault(setup, {"free": list(free)})
+        for name, times in perhaps_lost.items():
+            known = setups[name].get(ZEROS_AT, [])
+            setups[name] = setups[name] | {ZEROS_AT: sorted({*known, *times})}
+        head = self._head | {"setups": setups}
         old = len(top_of(self._head, self._columns).encode("utf-8"))
         rows = os.pread(self._file, self._size - old, old).decode("utf-8")
         self._renew(top_of(head, self._columns) + rows)

@@ -75,6 +75,7 @@ class _PlanDocument(_PlanSection):
     warm_up: Annotated[float, Field(ge=0.0, le=1e4)] = 60.0
     beyond: Annotated[float, Field(gt=0.0, le=100.0)] = 2.0
     tool_radius: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
+    in_one_go: bool = False
     tools: dict[_Name, _Vector]
     keep_out: tuple[KeepOutSection, ...] = ()
     setups: Annotated[tuple[PlannedSetupSection, ...], Field(min_length=1, max_length=1000)]
@@ -98,6 +99,8 @@ class PlannedWork:
         s that the machine warms up before the first reading.
     expected
         Set-up → standard uncertainty over the volume before and after it, mm, where the plan says.
+    in_one_go
+        Whether a set-up counts only from its first target to its last without another zero.
     """
 
     setups: tuple[PlannedSetup, ...]
@@ -106,6 +109,7 @@ class PlannedWork:
     model: str
     warm_up: float
     expected: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    in_one_go: bool = False
 
 
 def read_plan(path: str | Path, machine: Machine) -> PlannedWork:
@@ -166,7 +170,9 @@ def read_plan(path: str | Path, machine: Machine) -> PlannedWork:
         s.name: (s.expected[0] * 1e-3, s.expected[1] * 1e-3) for s in found.setups if s.expected
     }
     warm_up = 60.0 * found.warm_up
-    return PlannedWork(tuple(setups), space, found.tools, found.model, warm_up, expected)
+    return PlannedWork(
+        tuple(setups), space, found.tools, found.model, warm_up, expected, found.in_one_go
+    )
 
 
 def model_of(path: str | Path) -> Path:
@@ -242,23 +248,27 @@ def _setup(
     )  # fmt: skip
 
 
-def write_plan(plan: SurveyPlan, path: str | Path, model: str = "") -> None:
+def write_plan(
+    plan: SurveyPlan, path: str | Path, model: str = "", *, in_one_go: bool = False
+) -> None:
     """Write a plan, whole or not at all.
 
     Parameters
     ----------
     model
         The model's file, for the commands that read the plan.
+    in_one_go
+        As of `PlannedWork`.
 
     Raises
     ------
     InputError
         When it cannot be written.
     """
-    write_atomically(path, "\n".join(_lines(plan, model)) + "\n")
+    write_atomically(path, "\n".join(_lines(plan, model, in_one_go=in_one_go)) + "\n")
 
 
-def _lines(plan: SurveyPlan, model: str) -> Iterator[str]:
+def _lines(plan: SurveyPlan, model: str, *, in_one_go: bool) -> Iterator[str]:
     task = plan.task
     yield f'format = "{PLAN}"'
     yield f"model = {_text(model)}"
@@ -267,6 +277,8 @@ def _lines(plan: SurveyPlan, model: str) -> Iterator[str]:
     yield f"warm_up = {plan.warm_up / 60.0:g}          # min, as in use, before the first reading"
     yield f"beyond = {task.space.beyond:g}            # mm that axes go beyond, to come back"
     yield f"tool_radius = {task.space.radius:g}       # mm, the tool with its holder"
+    if in_one_go:
+        yield "in_one_go = true      # a line that was interrupted is measured anew"
     yield "\n[tools]"
     for name, offset in task.tools.items():
         yield f"{_text(name)} = {_numbers(offset)}"

@@ -130,6 +130,11 @@ class SetupVisits:
         self.expected = visit + 1
         return left_out
 
+    def reopen(self) -> None:
+        """Begin anew: no visit is done."""
+        self._taken[:] = False
+        self.expected = 0
+
     def distance(self, positions: Mapping[str, float]) -> float:
         """How far the linear axes are from the visit that is expected, mm; 0 after the last."""
         if self.expected >= self.count:

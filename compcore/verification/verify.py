@@ -58,7 +58,8 @@ class VerificationRequest:
         interruption) count, and those that are missing are said. Empty: all of the campaign.
     whole
         Set-up of the check plan → rows that it has where all of it was measured in one go. One
-        of which no part has so many is missing: between two zeros nobody knows what lies.
+        of which no part has so many is missing: between two zeros nobody knows what lies. Where a
+        part has, those that were broken off do not count.
     """
 
     before: Campaign | None = None
@@ -173,7 +174,7 @@ def verify(model: Model, campaign: Campaign, request: VerificationRequest) -> Ve
     )
     bare = campaign if request.bare is None else request.bare
     if request.planned:
-        present = [part for n in request.planned for part in parts[n]]
+        present = [part for n in request.planned for part in _whole(parts[n], request.whole.get(n))]
         campaign, bare = _only(campaign, present), _only(bare, present)
     measured = request.bare is not None or request.before is not None
     corrected = campaign if measured else _corrected(campaign, model)
@@ -247,6 +248,11 @@ def _parts(campaign: Campaign, planned: Sequence[str]) -> dict[str, dict[str, in
         if name in found:
             found[name][part] = int(np.count_nonzero(setup == part))
     return found
+
+
+def _whole(parts: Mapping[str, int], rows: int | None) -> list[str]:
+    """The parts that were measured in one go; all of them where none was."""
+    return [p for p, n in parts.items() if rows is None or n >= rows] or list(parts)
 
 
 def _only(campaign: Campaign, names: Sequence[str]) -> Campaign:

@@ -73,7 +73,7 @@ def begun(
     if artefact is not None and probing is not None:
         course = _touched_course(setups, probing.placing, artefact.beside, turn, config)
     else:
-        course = MeasureCourse(setups, limits.within, turn)
+        course = MeasureCourse(setups, limits.within, turn, in_one_go=work.in_one_go)
     require_stated(configuration, live_correction(configuration), active)
     signals = [n for n, s in configuration.file.signals.items() if s.source is not None]
     more = () if artefact is None else artefact.columns

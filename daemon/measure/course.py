@@ -25,6 +25,8 @@ class MeasureCourse:
         Those that are measured, in their order.
     within, within_turn
         As `SetupVisits` takes them.
+    in_one_go
+        Whether a set-up counts only from its first visit to its last with one zero.
 
     Attributes
     ----------
@@ -36,8 +38,16 @@ class MeasureCourse:
         Index of the present set-up.
     """
 
-    def __init__(self, setups: Sequence[PlannedSetup], within: float, within_turn: float) -> None:
+    def __init__(
+        self,
+        setups: Sequence[PlannedSetup],
+        within: float,
+        within_turn: float,
+        *,
+        in_one_go: bool = False,
+    ) -> None:
         self.setups = tuple(setups)
+        self._in_one_go = in_one_go
         self.visits = tuple(SetupVisits(s, within, within_turn) for s in setups)
         self.parts = [0] * len(self.setups)
         self.current = 0
@@ -69,6 +79,20 @@ class MeasureCourse:
     def complete(self) -> bool:
         """Whether nothing is left."""
         return not any(v.left for v in self.visits)
+
+    def begin_anew(self, index: int | None = None) -> bool:
+        """Take another zero in; whether the set-up has to be measured from its first visit on.
+
+        Parameters
+        ----------
+        index
+            Of the set-up; None: the present one.
+        """
+        visits = self.here if index is None else self.visits[index]
+        if not self._in_one_go or not visits.left or not visits.begun:
+            return False
+        visits.reopen()
+        return True
 
     def leave_out(self) -> None:
         """Do without the present set-up for now."""
@@ -155,6 +179,8 @@ class MeasureCourse:
                     found=f"set-up {group[0]['setup']} at {group[0]['time']} s",
                     expected="the rows as abbe measure wrote them, or another file",
                 )
+            if int(part or 1) != self.parts[index]:
+                self.begin_anew(index)
             self.visits[index].take(visit)
             self.parts[index] = int(part or 1)
             self.current = index

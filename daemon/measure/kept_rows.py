@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from abbe.compcore.files.growing_campaign import GrowingCampaign, Row
 
@@ -21,6 +22,7 @@ class _UnwrittenRows:
     rows: Sequence[Row]
     setup: str
     free: tuple[str, ...]
+    perhaps_lost: Mapping[str, Sequence[float]]
     written: Callable[[], None]
 
 
@@ -56,6 +58,7 @@ class KeptRows:
         free: tuple[str, ...],
         written: Callable[[], None],
         now: float,
+        perhaps_lost: Mapping[str, Sequence[float]] = MappingProxyType({}),
     ) -> None:
         """Take the rows of a target; `written` is called when they are on the disk.
 
@@ -65,8 +68,10 @@ class KeptRows:
             The set-up that they are of, and what its placing leaves unknown.
         now
             Monotonic, s.
+        perhaps_lost
+            Set-up that was written before → times from which its rows may count from elsewhere.
         """
-        self._waiting.append(_UnwrittenRows(rows, setup, free, written))
+        self._waiting.append(_UnwrittenRows(rows, setup, free, perhaps_lost, written))
         self.flush(now)
 
     def flush(self, now: float, *, at_once: bool = False) -> None:
@@ -76,7 +81,7 @@ class KeptRows:
         while self._waiting:
             first = self._waiting[0]
             try:
-                self._file.declare(first.setup, first.free)
+                self._file.declare(first.setup, first.free, first.perhaps_lost)
                 self._file.append(first.rows)
             except OSError as error:
                 self.problem = error.strerror or str(error)

@@ -70,6 +70,7 @@ def named() -> Iterator[Case]:
     digits = "9" * 5000
     yield changed("beyond = 2", "beyond = inf", "beyond")
     yield changed("runs = 1", "runs = 100000000", "runs")
+    yield changed("beyond = 2", "in_one_go = 1\nbeyond = 2", "in_one_go")
     yield changed("runs = 1", f"runs = {digits}")
     yield changed("  [450, 10, -180],", "  [450, nan, -180],", "targets")
     yield changed("  [450, 10, -180],", "  [450, 1, -180],", "leave its travel")

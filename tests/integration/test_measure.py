@@ -213,6 +213,44 @@ def test_killed_it_goes_on_and_never_with_another_plan(
     assert "all 10 targets" in done.out
 
 
+def test_a_line_that_counts_in_one_go_begins_anew_where_it_was_interrupted(
+    shop: tuple[SimulatedProcess, Path],
+) -> None:
+    """As check plans ask for: killed, and later its beam broken; what is whole is one part."""
+    process, folder = shop
+    plan, config, out = folder / "plan.toml", folder / "config.toml", folder / "campaign.csv"
+    write_plan(plan, line_plan("x_line", "X", [50, 250, 450]))
+    text = plan.read_text("utf-8").replace("beyond", "in_one_go = true\nbeyond", 1)
+    plan.write_text(text, "utf-8")
+    with measuring(plan, config, out) as run:
+        driver(process, run, folder).read(0, 1)
+        os.kill(run.process.pid, signal.SIGKILL)
+        run.process.wait()
+    with measuring(plan, config, out) as run:
+        assert run.until(lambda e: e["event"] == "resumed")["done"] == 0
+        machine = driver(process, run, folder)
+        machine.to(2)
+        waits = run.until(lambda e: "counts in one go only" in e["text"])
+        assert "anew, from target 1 of 6" in waits["text"]
+        machine.read(0, 1, 2, 3)
+        process.order("beam", broken=True)
+        run.until(lambda e: e["event"] == "lost")
+        process.order("beam", broken=False)
+        run.until(lambda e: e["event"] == "back")
+        since = len(run.events)
+        machine.to(4)
+        run.until(lambda e: "counts in one go only" in e["text"], since=since)
+        machine.read(0, 1, 2, 3, 4, 5)
+        assert run.wait() == 0, run.said
+    found = campaign_of(folder)
+    assert found.conditions.setup is not None
+    parts = [str(s) for s in found.conditions.setup]
+    assert parts == ["x_line"] * 2 + ["x_line.2"] * 4 + ["x_line.3"] * 6
+    assert rms(off_the_truth(process, found)) < NOISE_UM
+    done = abbe("measure", plan, config, "-o", out, "--yes")
+    assert "all 6 targets" in done.out
+
+
 def test_a_full_disk_loses_nothing(shop: tuple[SimulatedProcess, Path]) -> None:
     process, folder = shop
     plan, out = write_plan(folder / "plan.toml", X_LINE), folder / "campaign.csv"

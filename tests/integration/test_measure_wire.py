@@ -11,7 +11,6 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from abbe.drivers.simulated.process import SimulatedProcess
@@ -134,8 +133,33 @@ def test_counts_lost_and_a_zero_set_on_the_way_begin_a_part_of_their_own(
         assert run.wait() == 0, run.said
     found = campaign_of(folder)
     assert found.n == 10
-    assert set(found.setups) == {"x_line", "x_line.2", "x_line.3"}
-    assert rms(off_the_truth(process, found)) < NOISE_UM
     assert found.conditions.setup is not None
-    counts = [int(np.sum(found.conditions.setup == s)) for s in ("x_line", "x_line.2", "x_line.3")]
-    assert counts == [2, 5, 3]
+    # the last count may have been lost already between the same two targets on the way there
+    parts = [str(s) for s in found.conditions.setup]
+    assert parts == ["x_line"] * 2 + ["x_line.2"] + ["x_line.2-2"] * 4 + ["x_line.3"] * 3
+    assert rms(off_the_truth(process, found)) < NOISE_UM
+
+
+def test_counts_lost_on_the_way_there_are_noticed_on_the_way_back_and_harm_no_row(
+    shop: tuple[SimulatedProcess, Path],
+) -> None:
+    """54 µm between the second and third target: the rows are there, and count apart."""
+    process, folder = shop
+    with measuring(folder / "plan.toml", folder / "config.toml", folder / "campaign.csv") as run:
+        machine = driver(process, run, folder)
+        machine.read(0, 1)
+        process.order("slip", by=0.054)
+        machine.read(2, 3, 4, 5, 6, 7)
+        assert run.kinds("new zero") == []
+        machine.read(8, 9)
+        assert re.search(r"has slipped by 5[345]", run.kinds("new zero")[0]["text"])
+        assert "already on the way there" in run.kinds("note")[-1]["text"]
+        assert run.wait() == 0, run.said
+    text = (folder / "campaign.csv").read_text("utf-8")
+    assert text.count("# zeros_at = [") == 1
+    found = campaign_of(folder)
+    assert found.n == 10
+    assert found.conditions.setup is not None
+    parts = [str(s) for s in found.conditions.setup]
+    assert parts == ["x_line"] * 2 + ["x_line.1-2"] * 6 + ["x_line.2"] * 2
+    assert rms(off_the_truth(process, found)) < NOISE_UM

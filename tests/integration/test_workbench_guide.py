@@ -17,6 +17,7 @@ from abbe.daemon.config import load_config
 from abbe.daemon.config.tokens import add_token
 from abbe.drivers.simulated.process import SimulatedProcess
 from tests.support.daemon.browser import assert_for_everybody, chromium, visit
+from tests.support.daemon.german import english_of
 from tests.support.daemon.live_run import MODEL
 from tests.support.daemon.measuring import (
     SPEED,
@@ -77,6 +78,22 @@ def measure(page: Page, machine: SimulatedProcess, plan: Path, model: Path) -> N
         page.wait_for_selector(f'#step[data-done="{count}"]')
 
 
+def assert_said_in_german(page: Page) -> None:
+    """What the step has said has no English in it, but for how set-ups are placed."""
+    page.select_option("#language", "de")
+    page.wait_for_selector("#step[data-ended] .lines", state="attached")
+    expect(page.locator("#step .lines")).to_contain_text("Zielposition", use_inner_text=False)
+    lines = (page.locator("#step .lines").text_content() or "").splitlines()
+    assert len(lines) > 15
+    placed = [line for line in lines if line.startswith("aufbauen: ")]
+    assert len(placed) == 3
+    assert [line for line in lines if line not in placed and english_of(line)] == []
+    page.select_option("#language", "en")
+    page.wait_for_selector("#step[data-ended] .lines", state="attached")
+    said = (page.locator("#step .lines").text_content() or "").splitlines()
+    assert len([line for line in said if english_of(line)]) > 3
+
+
 def test_from_the_first_step_to_the_certificate(tmp_path: Path) -> None:
     text = MODEL.read_text("utf-8")
     model = tmp_path / "model.toml"
@@ -110,6 +127,7 @@ def test_from_the_first_step_to_the_certificate(tmp_path: Path) -> None:
             do(page, "measure", secret=secret)
             measure(page, machine, folder / "plan.toml", model)
             done(page, "measure")
+            assert_said_in_german(page)
             do(page, "fit")
             done(page, "fit")
             # whatever it finds is agreed to or not, one after the other; this person wants none

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -18,6 +19,8 @@ from abbe.compcore.machine.plausible import POINT, TOOL
 
 Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
 _Vec = tuple[Finite, Finite, Finite]
+MOST_ZEROS = 1000
+"""Zeros that one set-up may have counted from."""
 _PADDING = ",,"
 _MOST_LINES = 100_000
 
@@ -29,6 +32,7 @@ class _HeadSection(BaseModel):
 
 class _SetupSection(_HeadSection):
     free: tuple[Literal["zero", "slope", "frame"], ...]
+    zeros_at: Annotated[tuple[Finite, ...], Field(max_length=MOST_ZEROS)] = ()
 
 
 class _BaseSection(_HeadSection):
@@ -59,6 +63,8 @@ class CampaignHead:
     ----------
     free
         Set-up → the words of its `free`; only set-ups that are listed.
+    zeros_at
+        Set-up → times, s, increasing, from each of which on its rows count from another zero.
     bases
         Base point → approximate coordinates, mm.
     tools
@@ -68,6 +74,7 @@ class CampaignHead:
     """
 
     free: Mapping[str, tuple[str, ...]]
+    zeros_at: Mapping[str, tuple[float, ...]]
     bases: Mapping[str, tuple[float, float, float]]
     tools: Mapping[str, Tool]
     metadata: Mapping[str, Any]
@@ -133,6 +140,17 @@ def read_head(lines: list[str], file: str) -> CampaignHead:
         for name, section in getattr(parsed, group).items():
             if len(set(section.free)) < len(section.free):
                 raise source.error("a word twice", (group, name, "free"), found=list(section.free))
+    for name, setup in parsed.setups.items():
+        if any(b <= a for a, b in pairwise(setup.zeros_at)):
+            raise source.error(
+                "times that do not increase", ("setups", name, "zeros_at"),
+                found=list(setup.zeros_at),
+            )  # fmt: skip
+        if setup.zeros_at and "zero" not in setup.free:
+            raise source.error(
+                "another zero of a set-up whose zero is known", ("setups", name, "zeros_at"),
+                found=list(setup.zeros_at), expected='free with "zero"',
+            )  # fmt: skip
     places = [(POINT, ("bases", n, "position"), b.position) for n, b in parsed.bases.items()]
     places += [(TOOL, ("tools", n, "offset"), t.offset) for n, t in parsed.tools.items()]
     for allowed, path, vector in places:
@@ -148,6 +166,7 @@ def read_head(lines: list[str], file: str) -> CampaignHead:
     kept = {k: v for k, v in source.data.items() if k not in ("setups", "bases", "tools")}
     return CampaignHead(
         {name: s.free for name, s in parsed.setups.items()},
+        {name: s.zeros_at for name, s in parsed.setups.items() if s.zeros_at},
         {name: b.position for name, b in parsed.bases.items()},
         {name: Tool(name, t.offset, t.free) for name, t in parsed.tools.items()},
         kept,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind, Setup
+from abbe.compcore.campaign.zeros import with_zeros
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_csv.believable import Believable
 from abbe.compcore.files.campaign_csv.columns import TOOL, UNIT_VECTOR, Columns
@@ -283,7 +284,9 @@ class CampaignRows:
             base=self._names["base"].take(),
         )
         sd = numbers["sd"].take() / per_unit if "sd" in numbers else np.full(n, np.nan)
-        return Campaign(
+        if self._head.zeros_at and "time" not in columns:
+            raise columns.missing("time", ": set-ups count from other zeros from some times on")
+        made = Campaign(
             name=name,
             conditions=conditions,
             kind=kind,
@@ -300,6 +303,7 @@ class CampaignRows:
             spindle=self._machine.structure.spindle if columns.spindle else None,
             **self._gauges(per_unit),
         )
+        return with_zeros(made, self._head.zeros_at)
 
     def _gauges(self, per_unit: F64) -> dict[str, Any]:
         if "gauge" not in self.columns:

@@ -220,7 +220,7 @@ def _tell_plan(
     from abbe.compcore.files.plan_file import write_plan
     from abbe.daemon.answers.measurements import survey
 
-    write_plan(made, out, str(named.path))
+    write_plan(made, out, str(named.path), in_one_go=True)
     if report is not None:
         from abbe.daemon.report.measurements.survey import page
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 _FACTORS = {
     -1.0: "the sign is turned (sign = -1, or 1)",
@@ -80,6 +81,21 @@ def size_words(size: float, *, angle: bool) -> str:
     return f"{size * (1e6 if angle else 1e3):.3g} {'µrad' if angle else 'µm'}"
 
 
+@dataclass(frozen=True, slots=True)
+class _Visit:
+    values: tuple[float, ...]
+    time: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Repetition:
+    """A visit held against the one before it: from the other side or not, by how much, when."""
+
+    turned: bool
+    differs: tuple[float, ...]
+    since: float
+
+
 class RepeatedTargets:
     """Targets of one zero that are read more than once: what each visit differs by from another.
 
@@ -88,12 +104,14 @@ class RepeatedTargets:
     """
 
     def __init__(self) -> None:
-        self._seen: dict[tuple[int, int], tuple[float, ...]] = {}
-        self._last: tuple[bool, tuple[float, ...]] | None = None
+        self._seen: dict[tuple[int, int], _Visit] = {}
+        self._times: list[float] = []
+        self._last: _Repetition | None = None
 
     def forget(self) -> None:
         """Begin anew, with another zero."""
         self._seen.clear()
+        self._times.clear()
         self._last = None
 
     def change(self, target: int, sense: int, values: Sequence[float]) -> float:
@@ -101,25 +119,37 @@ class RepeatedTargets:
 
         0 where one of the two was no repetition, mm or rad; `sense` as `SetupVisits` has it.
         """
-        found = self._difference(target, sense, values)
-        if found is None or self._last is None or found[0] is not self._last[0]:
+        now, last = self._repetition(target, sense, values), self._last
+        if now is None or last is None or now.turned is not last.turned:
             return 0.0
-        return max(abs(a - b) for a, b in zip(found[1], self._last[1], strict=True))
+        return max(abs(a - b) for a, b in zip(now.differs, last.differs, strict=True))
 
-    def add(self, target: int, sense: int, values: Sequence[float]) -> None:
-        """Take a visit in."""
-        self._last = self._difference(target, sense, values)
-        self._seen[target, sense] = tuple(values)
+    def perhaps_lost(self, target: int, sense: int, values: Sequence[float]) -> list[float]:
+        """Since when earlier visits may have counted from elsewhere, where `change` is large, s.
 
-    def _difference(
-        self, target: int, sense: int, values: Sequence[float]
-    ) -> tuple[bool, tuple[float, ...]] | None:
-        """Whether it was met from the other side before, and what this visit differs by."""
+        The count was lost since the last visit, or between the two earlier visits that this one and
+        the last are held against: nobody can tell. The times of the later of those, and of all that
+        were between them.
+        """
+        now, last = self._repetition(target, sense, values), self._last
+        if now is None or last is None:
+            return []
+        first, end = sorted((now.since, last.since))
+        return [t for t in self._times if first < t <= end]
+
+    def add(self, target: int, sense: int, values: Sequence[float], time: float) -> None:
+        """Take a visit in; `time` is that of its rows, s."""
+        self._last = self._repetition(target, sense, values)
+        self._seen[target, sense] = _Visit(tuple(values), time)
+        self._times.append(time)
+
+    def _repetition(self, target: int, sense: int, values: Sequence[float]) -> _Repetition | None:
         same = self._seen.get((target, sense))
         before = same or self._seen.get((target, -sense))
         if before is None:
             return None
-        return same is None, tuple(v - b for v, b in zip(values, before, strict=True))
+        differs = tuple(v - b for v, b in zip(values, before.values, strict=True))
+        return _Repetition(same is None, differs, before.time)
 
 
 class SameReadings:

@@ -70,6 +70,7 @@ class Measurement:
         self._zero = InstrumentZero(course, self._news)
         # rows are there whose zero nobody knows any more
         self._zero.renew = course.here.begun and self._instrument.section.loses_zero
+        self._anew = self._zero.renew and course.begin_anew()
         self._interruptions = 0
         self._ready = False
         self._lost = ""
@@ -180,7 +181,7 @@ class Measurement:
         self._interruptions = self._instrument.interruptions
         self._lost = ""
         course.paused()
-        again = course.here.begun
+        again = course.here.begun or self._anew
         words = "set up again" if again else "set up"
         press = "; Enter when it stands, s to leave it out" if self._person.there else ""
         self._news.event(
@@ -189,8 +190,9 @@ class Measurement:
             setup=course.setup.name,
             missing=len(course.here.left) if again else 0,
         )
-        if again:
-            self._zero.renew = self._zero.renew or self._instrument.section.loses_zero
+        if again and self._instrument.section.loses_zero:
+            self._zero.renew = True
+            self._anew = course.begin_anew() or self._anew
         if self._ready:
             self._news.next()
 
@@ -219,6 +221,7 @@ class Measurement:
             return
         self.course.current = following
         self._zero.forget()
+        self._anew = False
         self._ask_for_setup()
 
     def _look_for_next_setup(self, seen: SeenMachine) -> None:
@@ -254,6 +257,19 @@ class Measurement:
             self._news.event("next", f"stands {away:.3f} mm from the next target, "
                         + self._news.next_words())  # fmt: skip
 
+    def _waits_for_first(self, visit: int) -> bool:
+        """Whether a set-up that counts in one go only has another zero, not at its beginning."""
+        begun_anew = self.course.begin_anew()
+        if not begun_anew and not self._anew:
+            return False
+        self._anew = visit != 0
+        if self._anew:
+            self._zero.renew = True
+            name = self.course.setup.name
+            words = f"{name} counts in one go only, and its zero is another one now: it is measured"
+            self._news.event("next", f"{words} anew, from {self._news.next_words()}")
+        return self._anew
+
     def _look(self, visit: int, reading: SteadyReading) -> None:
         """Take in readings that do not count: they may tell what is wrong."""
         place = dict(zip(self._view.axes, reading.positions, strict=True))
@@ -276,8 +292,13 @@ class Measurement:
         if instrument.section.sd is not None:
             stated = instrument.section.sd * (1e-6 if instrument.angle else 1e-3)
         nominal = instrument.nominal(setup, place)
-        values = self._zero.less(instrument, read.reading.values, nominal, visit)
+        time = self._clock + seen.time
+        part = course.parts[course.current]
+        values = self._zero.less(instrument, read.reading.values, nominal, visit, round(time, 3))
         if values is None:
+            return
+        if course.parts[course.current] > max(part, 1) and self._waits_for_first(visit):
+            course.parts[course.current] = part
             return
         sds = read.reading.sds(stated)
         if not instrument.section.linked:  # its file says, afterwards
@@ -292,7 +313,7 @@ class Measurement:
         part = course.parts[course.current]
         rows = rows_of(
             setup, part, target, place, values,
-            {a: seen.directions[a] for a in axes}, self._clock + seen.time,
+            {a: seen.directions[a] for a in axes}, time,
             sds,
             {name: seen.signals[name].value for name in self._view.signal_names},
         )  # fmt: skip
@@ -301,7 +322,9 @@ class Measurement:
         def on_disk() -> None:
             self._news.row(setup, visit, part, rows, repeated=repeated)
 
-        self._rows.add(rows, part_name(setup.name, part), setup.free, on_disk, seen.time)
+        lost, self._zero.perhaps_lost = self._zero.perhaps_lost, {}
+        name = part_name(setup.name, part)
+        self._rows.add(rows, name, setup.free, on_disk, seen.time, perhaps_lost=lost)
         self._news.disk(self._rows.problem)
         if course.here.left:
             self._news.next()

@@ -17,6 +17,7 @@ from abbe.daemon.measure.following.doubtful import (
 )
 from abbe.daemon.measure.following.instrument import Instrument
 from abbe.daemon.measure.news import MeasureNews
+from abbe.daemon.measure.rows import part_name
 
 _SURE = 20.0
 """Scatters of an unsteady reading that a difference has to be, to say anything."""
@@ -36,9 +37,13 @@ class InstrumentZero:
     ----------
     renew
         Whether the next reading counts from another zero.
+    perhaps_lost
+        Part of the campaign → times of its rows, s, from each of which on they may count from
+        elsewhere; to be said in the file with the next row, and then cleared.
     """
 
     renew: bool
+    perhaps_lost: dict[str, list[float]]
 
     def __init__(self, course: MeasureCourse, news: MeasureNews) -> None:
         self._course = course
@@ -56,6 +61,7 @@ class InstrumentZero:
         self._doubted: int | None = None
         self._first = False
         self.renew = False
+        self.perhaps_lost = {}
         self._repeated.forget()
         self._same.forget()
 
@@ -107,6 +113,7 @@ class InstrumentZero:
         values: tuple[float, ...],
         nominal: tuple[float, ...],
         visit: int,
+        time: float,
     ) -> list[float] | None:
         """What was read at a target less the zero, which is looked at first.
 
@@ -118,6 +125,8 @@ class InstrumentZero:
             What a perfect machine would show there, but for the zero.
         visit
             Of the present set-up.
+        time
+            Of the rows that are made of it, s.
 
         Returns
         -------
@@ -133,7 +142,7 @@ class InstrumentZero:
         if self._first:
             self._begin_part(instrument, values)
         here = self._course.here
-        self._repeated.add(int(here.order[visit]), int(here.sense[visit]), values)
+        self._repeated.add(int(here.order[visit]), int(here.sense[visit]), values, time)
         if self._same.add(values) and instrument.section.reads == "error":
             self._news.event(
                 "note",
@@ -191,11 +200,24 @@ class InstrumentZero:
             self._another(instrument, f"has jumped by {_most(way, instrument)}: it was {by}")
             return ""
         here = self._course.here
-        slip = self._repeated.change(int(here.order[visit]), int(here.sense[visit]), values)
+        at = int(here.order[visit]), int(here.sense[visit])
+        slip = self._repeated.change(*at, values)
         if slip > section.slip * unit:
-            words = size_words(slip, angle=instrument.angle)
-            self._another(instrument, f"has slipped by {words}, as targets read before tell")
+            self._slipped(instrument, slip, self._repeated.perhaps_lost(*at, values))
         return ""
+
+    def _slipped(self, instrument: Instrument, slip: float, since: list[float]) -> None:
+        course = self._course
+        words = size_words(slip, angle=instrument.angle)
+        self._another(instrument, f"has slipped by {words}, as targets read before tell")
+        if since:
+            name = part_name(course.setup.name, course.parts[course.current])
+            self.perhaps_lost[name] = since
+            self._news.event(
+                "note",
+                f"{instrument.name} may have lost these counts already on the way there: the rows "
+                f"of {name} since then count from a zero of their own, too",
+            )
 
     def _another(self, instrument: Instrument, why: str) -> None:
         self.renew = True

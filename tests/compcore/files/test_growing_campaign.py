@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.campaign_file import read_campaign
+from abbe.compcore.files.campaign_file import read_campaign, write_campaign
 from abbe.compcore.files.growing_campaign import GrowingCampaign
 from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.machine.structure import Structure
@@ -50,6 +50,27 @@ def test_what_was_added_is_a_campaign(tmp_path):
     found = read_campaign(path, MACHINE)
     assert found.n == 3
     assert found.setups["s.2"].free == ("zero", "slope")
+
+
+def test_another_zero_that_was_noticed_afterwards(tmp_path):
+    path = tmp_path / "c.csv"
+    file = begin(path)
+    file.append([row(0.0), row(50.0), row(100.0), row(150.0)])
+    file.declare("s.2", ["zero"], {"s": [50.0, 150.0]})
+    file.append([row(200.0, 0.0, "s.2"), row(250.0, 0.0, "s.2")])
+    file.declare("s.3", ["zero"], {"s.2": [250.0], "s": [100.0]})
+    file.append([row(300.0, 0.0, "s.3")])
+    file.close()
+    found = read_campaign(path, MACHINE)
+    assert found.conditions.setup.tolist() == [
+        "s", "s.1-2", "s.1-3", "s.1-4", "s.2", "s.2-2", "s.3",
+    ]  # fmt: skip
+    assert all(setup.free == ("zero",) for setup in found.setups.values())
+    # written again and gone on with, nothing of it is lost
+    write_campaign(found, tmp_path / "again.csv")
+    again = read_campaign(tmp_path / "again.csv", MACHINE)
+    assert again.conditions.setup.tolist() == found.conditions.setup.tolist()
+    assert len(resume(path).rows) == 7
 
 
 def test_it_goes_on_after_the_last_whole_row(tmp_path):

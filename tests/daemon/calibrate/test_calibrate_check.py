@@ -144,6 +144,28 @@ def test_a_check_of_which_a_part_is_missing_gives_a_configuration_that_says_so(
     assert f"calibrated: {folder}; not verified" in done.out
 
 
+def test_a_line_that_was_broken_off_and_measured_anew_verifies(config: Path) -> None:
+    folder = config.parent / "c"
+    assert calibrate(config, "--upto", "check-plan").status == 0
+    assert "\nin_one_go = true" in (folder / "check.toml").read_text("utf-8")
+    write_check(folder)
+    lines = (folder / "check.csv").read_text("utf-8").splitlines()
+    head, rows = lines[:4], [line.split(",") for line in lines[4:]]
+    assert head[-1] == COLUMNS
+    name = rows[0][1]
+    # as abbe measure leaves it: three rows of a line, and all of it once more from another zero
+    broken = [[str(k - 100), *row[1:]] for k, row in enumerate(rows[:3])]
+    whole = [[r[0], f"{name}.2", *r[2:]] if r[1] == name else r for r in rows]
+    text = "\n".join([*head, *(",".join(r) for r in [*broken, *whole])])
+    (folder / "check.csv").write_text(text + "\n", encoding="utf-8")
+    note(config, "check", "check.toml")
+    done = calibrate(config)
+    assert done.status == 0, done.err
+    assert (folder / "live.toml").exists(), done.out
+    state = json.loads((folder / "calibration.json").read_text("utf-8"))
+    assert state["steps"]["verify"]["outcome"].startswith("verified: ")
+
+
 @pytest.mark.parametrize(("size", "status"), [("1um", 1), ("500um", 0)])
 def test_a_stated_tolerance_counts(config: Path, size: str, status: int) -> None:
     folder = config.parent / "c"

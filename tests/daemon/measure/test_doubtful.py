@@ -53,7 +53,7 @@ def changes(slips: dict[int, float], *, play: float = 0.03, drift: float = 0.000
         lost += slips.get(k, 0.0)
         value = (0.1 * t - 0.02 * t * t + play * (sense < 0) + drift * k + lost,)
         found.append(repeated.change(t, sense, value))
-        repeated.add(t, sense, value)
+        repeated.add(t, sense, value, float(k))
     return found
 
 
@@ -63,6 +63,29 @@ def test_a_lost_count_shows_at_once_where_targets_are_read_again() -> None:
         found = changes({at: 0.05})
         assert found[at] == pytest.approx(0.05, abs=0.001)
         assert max(found[:at]) < 0.001
+
+
+@pytest.mark.parametrize("lost", [0, 3, 6])
+def test_where_a_count_may_have_been_lost_is_told_on_the_way_back(lost: int) -> None:
+    """Lost between two targets there, or between the same two back: it looks the same."""
+    for where in (lost, 15 - lost - 1):
+        repeated, off = RepeatedTargets(), 0.0
+        for k, (t, sense) in enumerate(visits(1, 8)):
+            off += 0.05 * (k == where + 1)
+            value = (0.1 * t + off,)
+            if repeated.change(t, sense, value) > 0.02:
+                assert (k, repeated.perhaps_lost(t, sense, value)) == (15 - lost, [lost + 1.0])
+            repeated.add(t, sense, value, float(k))
+
+
+def test_targets_missed_on_the_way_back_leave_more_in_doubt() -> None:
+    repeated = RepeatedTargets()
+    for k, (t, sense) in enumerate([*((t, 1) for t in range(6)), (5, -1), (2, -1)]):
+        off = 0.05 * (k > 3)
+        if k == 7:
+            assert repeated.change(t, sense, (off,)) == pytest.approx(0.05)
+            assert repeated.perhaps_lost(t, sense, (off,)) == [3.0, 4.0, 5.0]
+        repeated.add(t, sense, (off,), float(k))
 
 
 def test_the_very_same_in_a_row_is_noticed_once() -> None:

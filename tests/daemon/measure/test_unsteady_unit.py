@@ -42,7 +42,7 @@ class Line:
 
     def steady(self, visit: int, read: float) -> list[float] | None:
         x = PLACES[visit]
-        return self.zero.less(self.instrument, (read - x,), (x,), visit)
+        return self.zero.less(self.instrument, (read - x,), (x,), visit, 10.0 * visit)
 
     @property
     def doubts(self) -> list[str]:

@@ -19,12 +19,12 @@ const labels = words._labels ?? {};
 const patterns = Object.entries(labels).filter(([text]) => text.includes("{")).map(([text, own]) =>
   [new RegExp(`^${text.replace(/[.*+?^$()|[\]\\]/g, "\\$&").replace(/\{(\w+)\}/g, "(?<$1>.+)")}$`), own]);
 
-/** A heading or name that the server gave, in the present language; what is not known stays. */
+/** A heading, name or line that the server gave, in the present language, also within it; what is not known stays. */
 export function label(text) {
   if (text in labels) return labels[text];
   for (const [pattern, own] of patterns) {
     const found = pattern.exec(text);
-    if (found) return own.replace(/\{(\w+)\}/g, (_, name) => found.groups[name]);
+    if (found) return own.replace(/\{(\w+)\}/g, (_, name) => label(found.groups[name]));
   }
   return text;
 }
