@@ -219,7 +219,8 @@ def test_a_line_that_counts_in_one_go_begins_anew_where_it_was_interrupted(
     """As check plans ask for: killed, and later its beam broken; what is whole is one part."""
     process, folder = shop
     plan, config, out = folder / "plan.toml", folder / "config.toml", folder / "campaign.csv"
-    write_plan(plan, line_plan("x_line", "X", [50, 250, 450]))
+    # one way: it is met from above, too, when it is driven back to
+    write_plan(plan, line_plan("x_line", "X", [50, 250, 450], both_ways=False))
     text = plan.read_text("utf-8").replace("beyond", "in_one_go = true\nbeyond", 1)
     plan.write_text(text, "utf-8")
     with measuring(plan, config, out) as run:
@@ -231,24 +232,25 @@ def test_a_line_that_counts_in_one_go_begins_anew_where_it_was_interrupted(
         machine = driver(process, run, folder)
         machine.to(2)
         waits = run.until(lambda e: "counts in one go only" in e["text"])
-        assert "anew, from target 1 of 6" in waits["text"]
-        machine.read(0, 1, 2, 3)
+        assert "anew, from target 1 of 4" in waits["text"]
+        machine.read(0, 1)
         process.order("beam", broken=True)
         run.until(lambda e: e["event"] == "lost")
         process.order("beam", broken=False)
         run.until(lambda e: e["event"] == "back")
         since = len(run.events)
-        machine.to(4)
+        machine.to(2)
         run.until(lambda e: "counts in one go only" in e["text"], since=since)
-        machine.read(0, 1, 2, 3, 4, 5)
+        machine.read(0, 1, 2, 3)
         assert run.wait() == 0, run.said
     found = campaign_of(folder)
     assert found.conditions.setup is not None
     parts = [str(s) for s in found.conditions.setup]
-    assert parts == ["x_line"] * 2 + ["x_line.2"] * 4 + ["x_line.3"] * 6
-    assert rms(off_the_truth(process, found)) < NOISE_UM
+    assert parts == ["x_line"] * 2 + ["x_line.2"] * 2 + ["x_line.3"] * 4
+    # of two and two rows less their mean little is left to judge by
+    assert rms(off_the_truth(process, found)) < 2.0 * NOISE_UM
     done = abbe("measure", plan, config, "-o", out, "--yes")
-    assert "all 6 targets" in done.out
+    assert "all 4 targets" in done.out
 
 
 def test_a_full_disk_loses_nothing(shop: tuple[SimulatedProcess, Path]) -> None:
