@@ -29,7 +29,7 @@ _FELT = 1e-5
 """mm or rad below which a part of the covariance moves no figure that anybody reads."""
 _COMMON = 0.1
 """Of a row's own uncertainty, all rows together, from which what is common is a way by itself."""
-_BY_CHANCE = 1e-3
+BY_CHANCE = 1e-3
 """Chance of so large a misfit from which on a line contradicts the model."""
 
 
@@ -73,7 +73,7 @@ class ForetoldLine:
     @property
     def agrees(self) -> bool | None:
         """Whether measured and foretold agree within their uncertainties; None: not known."""
-        return None if self.chance is None else self.chance > _BY_CHANCE
+        return None if self.chance is None else self.chance > BY_CHANCE
 
 
 def foretold_line(model: Model, comparison: Comparison, line: LineTest) -> ForetoldLine:
@@ -88,7 +88,7 @@ def foretold_line(model: Model, comparison: Comparison, line: LineTest) -> Foret
     rows = np.flatnonzero(whole.conditions.setup == line.setup)
     campaign = whole.rows(rows)
     value = predicted_rows(campaign, model)
-    parts = _parts(model, campaign)
+    parts = uncertain_parts(model, campaign)
     figures = _foretold(campaign, value, parts, model)
     weight = 1.0 / problem.sd[rows]
     common = np.column_stack([parts, _common(campaign, line)])
@@ -104,11 +104,11 @@ def foretold_line(model: Model, comparison: Comparison, line: LineTest) -> Foret
         figures,
         float(np.sqrt(np.mean(comparison.residual[rows] ** 2))),
         float(np.sqrt(np.mean(variance))),
-        _chance(misfit, seen, freedom) if stated and freedom > 0 else None,
+        misfit_chance(misfit, seen, freedom) if stated and freedom > 0 else None,
     )
 
 
-def _chance(misfit: F64, seen: F64, freedom: int) -> float:
+def misfit_chance(misfit: F64, seen: F64, freedom: int) -> float:
     """The probability of a misfit that is as great by chance.
 
     What the uncertainties that are common to the line can make, and the rest of the rows, are
@@ -149,7 +149,7 @@ def _foretold(rows: Campaign, value: F64, parts: F64, model: Model) -> dict[str,
     }
 
 
-def _parts(model: Model, rows: Campaign) -> F64:
+def uncertain_parts(model: Model, rows: Campaign) -> F64:
     """Independent parts of the prediction's uncertainty, one a column, mm or rad."""
     if model.covariance is None:
         return np.zeros((rows.n, 0))

@@ -9,6 +9,7 @@ from enum import Enum
 from abbe.compcore.artefacts.decision_rule import Conformity
 from abbe.compcore.units import display, with_uncertainty
 from abbe.compcore.verification.fitted import FittedPart
+from abbe.compcore.verification.placed import PlacedFigure
 from abbe.compcore.verification.verify import Verification, VerifiedLine
 
 _FIGURE = "E"
@@ -50,6 +51,7 @@ class CheckVerdict:
 def check_verdict(found: Verification) -> CheckVerdict:
     """Judge a check by what was before it, by what the model foretold, by what is stated."""
     worse = [_words(v, found.coverage) for v in found.lines if _is_worse(v, found.coverage)]
+    worse += [_placed_words(p, found.coverage) for p in found.placed if p.worse]
     worse += _all_worse(found)
     if found.outcome is Conformity.FAILS:
         worse.append("a stated tolerance is not kept")
@@ -84,13 +86,15 @@ def _lacking(found: Verification) -> Iterator[str]:
     if found.missing:
         yield f"not measured in one go: {', '.join(found.missing)}"
     fitted = [v.after.setup for v in found.lines if v.fitted is FittedPart.ROWS]
+    fitted += [p.setup for p in found.placed if p.fitted is FittedPart.ROWS]
     if fitted:
         yield f"the model was fitted to these very readings: {', '.join(fitted)}"
     against = [v.after.setup for v in found.lines if v.foretold and v.foretold.agrees is False]
+    against += [p.setup for p in found.placed if p.agrees is False]
     if against:
         yield f"the model does not foretell {', '.join(against)} within both uncertainties"
     known = [v for v in found.lines if v.foretold and v.foretold.agrees is not None]
-    if not known:
+    if not known and all(p.agrees is None for p in found.placed):
         yield "nothing says how sure the model's word of these lines is"
     if found.outcome is Conformity.NEITHER:
         yield "a stated tolerance is neither kept nor broken for sure"
@@ -103,6 +107,8 @@ def _greatest(found: Verification) -> Iterator[str]:
         seen = [v for v in alike if v.after.value(_FIGURE) is not None]
         if seen:
             yield _words(max(seen, key=lambda v: v.after.value(_FIGURE) or 0.0), found.coverage)
+    if not found.lines:
+        yield from (_placed_words(p, found.coverage) for p in found.placed)
 
 
 def _words(line: VerifiedLine, coverage: float) -> str:
@@ -119,3 +125,12 @@ def _words(line: VerifiedLine, coverage: float) -> str:
     if line.before is not None:
         before = shown(line.before.value(_FIGURE), line.before.sd(_FIGURE))
     return f"{line.after.name} {line.after.setup}: E {before} before, {after} {unit} after"
+
+
+def _placed_words(one: PlacedFigure, coverage: float) -> str:
+    """``bar: range 52.0 ± 1.6 before, 9.0 ± 1.6 µm after``."""
+    factor, unit = (1e6, "µrad") if one.unit == "rad" else (1e3, "µm")
+    before, after = (
+        with_uncertainty(v * factor, coverage * one.sd * factor) for v in (one.before, one.after)
+    )
+    return f"{one.setup}: range {before} before, {after} {unit} after"

@@ -27,6 +27,7 @@ from abbe.compcore.verification.lengths import (
     lengths_verified,
 )
 from abbe.compcore.verification.line_test import LineTest, line_tests
+from abbe.compcore.verification.placed import PlacedFigure, placed_figures
 from abbe.compcore.verification.tolerance import JudgedFigure, Tolerance, judged_figures
 
 F64 = NDArray[np.float64]
@@ -120,6 +121,8 @@ class Verification:
     left
         Where both states are of the same readings, what all of them show but for their zeros: of
         lengths and of angles, rms before, after, and a reading's standard uncertainty, mm or rad.
+    placed
+        Set-ups that are no lines, likewise: a ball bar, a sphere, an R-test, straightness, angles.
     """
 
     measured: bool
@@ -133,6 +136,7 @@ class Verification:
     coverage: float
     fitted_before: tuple[str, ...] = ()
     left: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    placed: tuple[PlacedFigure, ...] = ()
 
     @property
     def outcome(self) -> Conformity | None:
@@ -180,16 +184,23 @@ def verify(model: Model, campaign: Campaign, request: VerificationRequest) -> Ve
     corrected = campaign if measured else _corrected(campaign, model)
     after = line_tests(corrected, machine, sure)
     lengths = [*lengths_of_lines(after, sure), *lengths_of_gauges(corrected, machine, sure)]
-    if not after and not lengths:
-        raise InputError(
-            "no line along an axis or a diagonal and no calibrated length",
-            found="set-ups " + ", ".join(campaign.setups),
-            expected="rows along one axis or a diagonal with u along it, or against a gauge",
-        )
     fitted = fitted_lines(campaign, model, request.fitted)
     earlier = bare if request.before is None else request.before
     before = line_tests(earlier, machine, sure)
     comparison = compare(model, earlier)
+    judged = [one.setup for one in after]
+    placed = (
+        ()
+        if request.before
+        else tuple(placed_figures(model, campaign, comparison, judged, fitted, measured=measured))
+    )
+    if not after and not lengths and not placed:
+        raise InputError(
+            "nothing that can be judged",
+            found="set-ups " + ", ".join(campaign.setups),
+            expected="rows along one axis or a diagonal with u along it, against a gauge, or more "
+            "readings of a set-up than its placing leaves unknown",
+        )
     lines = tuple(
         _line(model, one, _same(one, before, after), comparison, fitted.get(one.setup))
         for one in after
@@ -212,6 +223,7 @@ def verify(model: Model, campaign: Campaign, request: VerificationRequest) -> Ve
         k,
         _rows(fitted_lines(earlier, model, request.fitted)) if request.before else (),
         {} if request.before else _left(comparison, campaign, model, measured=measured),
+        placed,
     )
 
 

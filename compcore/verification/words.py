@@ -23,6 +23,7 @@ def listed(names: Sequence[str]) -> str:
 def verification_warnings(found: Verification) -> Iterator[str]:
     """What takes weight from a verification, in sentences."""
     rows = [v.after.setup for v in found.lines if v.fitted is FittedPart.ROWS]
+    rows += [p.setup for p in found.placed if p.fitted is FittedPart.ROWS]
     points = [v.after.setup for v in found.lines if v.fitted is FittedPart.POINTS]
     if rows:
         yield (
@@ -44,6 +45,7 @@ def verification_warnings(found: Verification) -> Iterator[str]:
     other = [
         v.after.setup for v in found.lines if v.foretold is not None and v.foretold.agrees is False
     ]
+    other += [p.setup for p in found.placed if p.agrees is False]
     if other:
         yield (
             f"the model does not foretell {listed(other)} within both uncertainties: "

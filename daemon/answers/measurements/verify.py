@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from abbe.compcore.artefacts.decision_rule import Conformity
@@ -12,6 +12,7 @@ from abbe.compcore.verification.budget import CAUSES, FIGURES
 from abbe.compcore.verification.foretold import ForetoldLine
 from abbe.compcore.verification.lengths import LengthsVerified
 from abbe.compcore.verification.line_test import BODY, FACE, LineTest
+from abbe.compcore.verification.placed import PlacedFigure
 from abbe.compcore.verification.tolerance import JudgedFigure
 from abbe.compcore.verification.verdict import check_verdict
 from abbe.compcore.verification.verify import Verification, VerifiedLine
@@ -71,6 +72,7 @@ def as_json(answer: VerificationAnswer) -> dict[str, Any]:
         "warnings": list(answer.warnings()),
         "tolerances": [_judged(f) for f in found.figures],
         "lines": [_line(v, found.coverage) for v in found.lines],
+        "placed": [_placed(p, found.coverage) for p in found.placed],
         "E_body": _greatest(found, BODY),
         "E_face": _greatest(found, FACE),
         "lengths": _lengths(answer, found.lengths),
@@ -117,6 +119,43 @@ def _line(one: VerifiedLine, coverage: float) -> dict[str, Any]:
         "foretold": None if one.foretold is None else _foretold(one.foretold, factor),
         "notes": list(one.after.result.notes),
     }
+
+
+def _placed(one: PlacedFigure, coverage: float) -> dict[str, Any]:
+    unit, factor = ("urad", 1e6) if one.unit == "rad" else ("um", 1e3)
+    return {
+        "setup": one.setup,
+        "what": one.what,
+        "rows": one.rows,
+        "unit": unit,
+        "fitted": None if one.fitted is None else one.fitted.value,
+        "range_before": one.before * factor,
+        "range_after": one.after * factor,
+        "U": coverage * one.sd * factor,
+        "rms_before": one.rms_before * factor,
+        "rms_after": one.rms_after * factor,
+        "left_rms": one.left * factor,
+        "expected_rms": one.expected * factor,
+        "chance": one.chance,
+        "agrees": one.agrees,
+    }
+
+
+def placed_rows(found: Verification) -> Iterator[tuple[str, ...]]:
+    """Set-ups that are no lines: name, what is read, readings, ranges with U, unit, agreement."""
+    for one in found.placed:
+        unit, factor = ("µrad", 1e6) if one.unit == "rad" else ("µm", 1e3)
+        expanded = max(found.coverage * one.sd * factor, _ROUND_OFF)
+        outcome = {True: "as foretold", False: "differs from what is foretold", None: "not known"}
+        yield (
+            one.setup,
+            one.what,
+            str(one.rows),
+            with_uncertainty(one.before * factor, expanded),
+            with_uncertainty(one.after * factor, expanded),
+            unit,
+            outcome[one.agrees] + ("" if one.fitted is None else f"; fitted ({one.fitted})"),
+        )
 
 
 def _foretold(told: ForetoldLine, factor: float) -> dict[str, Any]:
@@ -170,6 +209,10 @@ def as_text(answer: VerificationAnswer) -> Iterator[str]:
         yield f"  WARNING: {warning}"
     if found.lines:
         yield from _table(found)
+    if found.placed:
+        yield "  what other set-ups show but for how they stand (largest range in one direction):"
+        heads = ("set-up", "", "readings", "before", "after", "", "")
+        yield from in_columns([heads, *placed_rows(found)])
     for judged in found.figures:
         if judged.reason:
             where = f"{judged.test.name} {judged.test.setup}, {judged.tolerance.figure}"
@@ -212,7 +255,12 @@ def _table(found: Verification) -> Iterator[str]:
                     "" if limit is None else WORDS[limit.outcome],
                 )
             )
-    widths = [max(len(row[i]) for row in rows) for i in range(len(heads))]
+    yield from in_columns(rows)
+
+
+def in_columns(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
+    """Rows of a table as lines, each column as wide as it has to be."""
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     for row in rows:
         yield "  " + "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip()
 

@@ -14,7 +14,13 @@ from abbe.compcore.verification.verify import Verification, VerifiedLine
 from abbe.daemon.answers.measurements.iso230 import MEANINGS, display
 from abbe.daemon.answers.measurements.iso10360 import where
 from abbe.daemon.answers.measurements.verified import VerificationAnswer
-from abbe.daemon.answers.measurements.verify import WORDS, foretold_words, outcome_words, said
+from abbe.daemon.answers.measurements.verify import (
+    WORDS,
+    foretold_words,
+    outcome_words,
+    placed_rows,
+    said,
+)
 from abbe.daemon.report.head import FileOnPage, PageHead, facts_of, file_on_page
 from abbe.daemon.report.page import Page, number
 
@@ -41,6 +47,8 @@ def certificate(answer: VerificationAnswer) -> Page:
         _judged(page, found)
     if found.lines:
         _figures(page, found)
+    if found.placed:
+        _placed(page, found)
     if found.lengths is not None:
         _lengths(page, found, found.lengths)
     if any(v.foretold is not None for v in found.lines):
@@ -91,6 +99,13 @@ def _key(found: Verification) -> Iterator[tuple[str, str, str]]:
         )
         if values
     ]
+    ranges = [p for p in found.placed if p.unit == "mm"]
+    if ranges and not pairs:
+        for name, size in (
+            ("before", max(p.before for p in ranges)),
+            ("after", max(p.after for p in ranges)),
+        ):
+            yield f"greatest range of readings, {name}", number(size * 1e3, 3), "µm"
     for value, name in worst:
         yield f"greatest systematic error E, {name}", number(value * 1e3, 3), "µm"
 
@@ -153,6 +168,18 @@ def _figures(page: Page, found: Verification) -> None:
         list(dict.fromkeys(n for v in found.lines for n in _notes(v))),
         warning=True,
     )
+
+
+def _placed(page: Page, found: Verification) -> None:
+    page.section("Other set-ups, before and after")
+    page.text(
+        "What ball bars, spheres, R-tests, straightness and angles show but for how instrument and "
+        "artefact stand: the range of the readings in one direction, the largest of all "
+        "directions (of a ball bar the radial range about the circle that fits best). U is that "
+        "of two readings. Whether it is as foretold: by all readings, and the model's covariance."
+    )
+    heads = ["Set-up", "Read", "Readings", "Before ± U", "After ± U", "Unit", ""]
+    page.table(heads, [list(row) for row in placed_rows(found)])
 
 
 def _notes(one: VerifiedLine) -> Iterator[str]:
