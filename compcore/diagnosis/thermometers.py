@@ -2,7 +2,8 @@
 
 That a direction moves with the temperatures is established once, by the evidence that any cause
 needs. *Which* thermometers follow the bodies that move it best is a question of prediction: those
-beside it belong to the same cause, and are taken for what they foretell of left-out blocks alone.
+beside it belong to the same cause, and are taken for what they foretell of left-out blocks alone;
+and so are shifts in the directions in which it moves.
 Where several read nearly the same, their differences may say what none of them does; so besides
 each by itself, all of them together are asked.
 
@@ -27,6 +28,7 @@ from abbe.compcore.diagnosis.uncatalogued.descriptions import LEAST as OF_A_DESC
 from abbe.compcore.diagnosis.uncatalogued.descriptions import surely
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.signals import LaggedEffect
+from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.machine.machine import Machine
 
 F64 = NDArray[np.float64]
@@ -37,6 +39,9 @@ LEAST = 0.02
 
 MOST = 0.5
 """Part of the left-out χ² that the thermometers together must remove where no cause stands."""
+
+_MOVES = 1e-3
+"""Part of the most that an effect moves, from which on a row is moved."""
 
 _SENSORS = ("signal", "signals", "tau", "tau2", "start")
 """Keys that say which sensors an effect reads and how, not what moves."""
@@ -70,7 +75,8 @@ def further_thermometers(diagnosis: Findings, warm: Sequence[Effect]) -> list[li
     What to add, each entry to be added together; empty where nothing predicts better.
     """
     machine = diagnosis.result.problem.model.machine
-    places = {place(e) for e in warm if of_temperatures(e, machine)}
+    established = [e for e in warm if of_temperatures(e, machine)]
+    places = {place(e) for e in established} | _shifts(diagnosis.result, established)
     basis = diagnosis.basis
     rows = folds(diagnosis.result.problem.campaign.conditions)
     before = diagnosis.pool.left_out(basis, rows)
@@ -81,6 +87,23 @@ def further_thermometers(diagnosis: Findings, warm: Sequence[Effect]) -> list[li
             found.append((better, effects))
     found.sort(key=lambda pair: -pair[0])
     return [effects for _, effects in found]
+
+
+def _shifts(result: FitResult, warm: Sequence[Effect]) -> set[tuple[str, str]]:
+    """The places of shifts in the directions in which effects of a fit move what was measured.
+
+    No body begins where its axis has its zero: what grows, turns or bends from elsewhere moves that
+    zero too.
+    """
+    problem = result.problem
+    along = problem.campaign.measured_components()
+    bent = {t.effect: t.nonlinear(result.model.machine) for t in result.model.terms}
+    letters: set[str] = set()
+    for effect in warm:
+        columns = problem.effect_columns(effect, bent[effect], result.theta)
+        size = np.linalg.norm(columns, axis=1)
+        letters |= set(along[size > _MOVES * size.max()])
+    return {_offset(letter) for letter in letters & set("XYZ")}
 
 
 def warmth_together(diagnosis: Findings) -> list[list[Effect]]:

@@ -22,8 +22,12 @@ from abbe.compcore.diagnosis.changed import Standing, standing
 from abbe.compcore.diagnosis.explain import headline, parameter
 from abbe.compcore.diagnosis.findings import Established, Findings, Verdict, measured_kinds
 from abbe.compcore.diagnosis.judging.competition import compete, standing_beside
-from abbe.compcore.diagnosis.judging.established import established_cause, on_all_rows
-from abbe.compcore.diagnosis.judging.foretelling import foretelling
+from abbe.compcore.diagnosis.judging.established import (
+    established_cause,
+    on_all_rows,
+    standing_together,
+)
+from abbe.compcore.diagnosis.judging.foretelling import foretelling, predicting
 from abbe.compcore.diagnosis.pictures import diagnosis_figures
 from abbe.compcore.diagnosis.screening.acting_through import acting_through
 from abbe.compcore.diagnosis.screening.candidates import Candidate, candidates
@@ -221,14 +225,18 @@ def _diagnosed(
     if any(f.key not in found for f in chosen):
         chosen = standing_beside(pool, basis, chosen, unexplained, blocks)
         unexplained = unexplained if chosen else patterns.established(basis)
+    while chosen:
+        together = standing_together(pool, _described(basis, unexplained), chosen)
+        if len(together) == len(chosen):
+            break
+        chosen = predicting(pool, basis, together, blocks)
+        unexplained = patterns.established(pool.joined(basis, chosen))
     if not chosen and basis.share < 1.0:
         # no cause stands, so what is left is described as it is
         basis = replace(basis, share=1.0)
         unexplained = patterns.established(basis)
     progress("aliases and cross-validation")
-    background = basis
-    for s in unexplained:
-        background = background.extended(s.columns)
+    background = _described(basis, unexplained)
     after = pool.joined(background, chosen)
     variance = after.chi2 / after.dof
     part = result.problem.n / whole.problem.n
@@ -263,6 +271,13 @@ def _diagnosed(
         basis,
         holds,
     )
+
+
+def _described(basis: Basis, structure: Sequence[ResidualPattern]) -> Basis:
+    """What a model leaves beside structure that is only described."""
+    for s in structure:
+        basis = basis.extended(s.columns)
+    return basis
 
 
 def _verdict(

@@ -44,6 +44,28 @@ def on_all_rows(
     return (), whole.chi2 / whole.dof
 
 
+def standing_together(
+    pool: Pool, background: Basis, chosen: Sequence[WeighedCandidate]
+) -> list[WeighedCandidate]:
+    """Those causes that are established beside all the others and what is described.
+
+    As they are reported: each was found beside fewer, and may have needed what came later. The
+    weakest goes first, and the others are weighed again without it.
+    """
+    kept = list(chosen)
+    while kept:
+        weak: list[WeighedCandidate] = []
+        for f in kept:
+            others = pool.joined(background, (g for g in kept if g.key != f.key))
+            (beside,) = pool.weighed(others, [f])
+            weak += [] if beside.established(background.n) else [beside]
+        if not weak:
+            break
+        weakest = min(weak, key=lambda f: f.evidence.value).key
+        kept = [f for f in kept if f.key != weakest]
+    return kept
+
+
 def _rms_of(result: FitResult, weighted: F64) -> float:
     """RMS of weighted residuals in mm, or in rad where a campaign has rotations only."""
     used = result.problem.weight > 0.0

@@ -221,7 +221,7 @@ def _settled(
             best = _simplest(pool, beside, leaders) or now
             if not best.established(basis.n):
                 out, changed = rest, True
-            elif best.key != f.key and _worse(beside, now, best):
+            elif best.key != f.key and (not now.established(basis.n) or _worse(beside, now, best)):
                 out, changed = [best if g.key == f.key else g for g in out], True
             elif shifts := [g for g in leaders if _shift_of(g, now)]:
                 shift = max(shifts, key=lambda g: g.evidence.value)
