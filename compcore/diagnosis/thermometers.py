@@ -102,7 +102,7 @@ def _shifts(result: FitResult, warm: Sequence[Effect]) -> set[tuple[str, str]]:
     for effect in warm:
         columns = problem.effect_columns(effect, bent[effect], result.theta)
         size = np.linalg.norm(columns, axis=1)
-        letters |= set(along[size > _MOVES * size.max()])
+        letters |= set(along[size > _MOVES * size.max()].tolist())
     return {_offset(letter) for letter in letters & set("XYZ")}
 
 
