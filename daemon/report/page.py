@@ -1,17 +1,15 @@
 """A self-contained HTML page: text, tables and Plotly figures, readable offline and on paper.
 
-Nothing is fetched: Plotly.js is in the file (once, only where there is a figure), and the page's
+Nothing is fetched: Plotly.js is in the file (packed, only where there is a figure), and the page's
 own content security policy forbids the browser every request.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from html import escape
 from importlib.metadata import version
-from importlib.resources import files
 from math import floor, isfinite, log10
 from pathlib import Path
 from typing import Any
@@ -21,7 +19,8 @@ import numpy as np
 from abbe.compcore.files.text.atomic import write_atomically
 from abbe.compcore.units import in_digits
 from abbe.daemon.report.head import PageHead
-from abbe.daemon.report.still import still
+from abbe.daemon.report.pictures.packed import packed_pictures
+from abbe.daemon.report.pictures.still import still
 from abbe.daemon.report.style import STYLE
 
 Figure = Mapping[str, Any]
@@ -32,36 +31,6 @@ _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval'; style-src 'unsafe-inline'; "
     "img-src data: blob:; font-src data:; worker-src blob:"
 )
-# A picture takes half a second without a graphics card, one in space five: what is in view comes
-# first, then the others one by one, so that the page can be read meanwhile.
-_DRAW = """
-const waiting = [...document.querySelectorAll("figure[data-plot]")];
-const inView = new IntersectionObserver((changes) => {
-  for (const change of changes) if (change.isIntersecting) draw(change.target);
-});
-function draw(node) {
-  if (!waiting.includes(node)) return;
-  waiting.splice(waiting.indexOf(node), 1);
-  inView.unobserve(node);
-  const place = node.querySelector("div");
-  const figure = JSON.parse(document.getElementById(node.dataset.plot).textContent);
-  Plotly.newPlot(place, figure.data, figure.layout,
-    {responsive: true, displaylogo: false, showSendToCloud: false});
-}
-function drawNext() {
-  if (!waiting.length) return;
-  draw(waiting.find((node) => !("space" in node.dataset)) ?? waiting[0]);
-  setTimeout(drawNext, 20);
-}
-for (const node of waiting) inView.observe(node);
-setTimeout(drawNext, 100);
-window.addEventListener("beforeprint", () => {
-  // paper has a still drawing of what stands in space
-  for (const node of [...waiting]) if (!("space" in node.dataset)) draw(node);
-  for (const plot of document.querySelectorAll("figure:not([data-space]) .js-plotly-plot"))
-    Plotly.Plots.resize(plot);
-});
-"""
 _HEIGHT = 450
 """Pixels that Plotly gives a picture whose height is not stated."""
 
@@ -93,7 +62,7 @@ class Page:
         self._head = head
         self._made = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
         self._body: list[str] = []
-        self._figures = 0
+        self._figures: dict[str, Any] = {}
 
     def section(self, heading: str) -> None:
         """Begin a section."""
@@ -156,17 +125,15 @@ class Page:
 
     def figure(self, figure: Figure, caption: str = "") -> None:
         """Add a Plotly figure (see `abbe.compcore.figures.figure`)."""
-        self._figures += 1
-        name = f"figure-{self._figures}"
+        name = f"figure-{len(self._figures) + 1}"
+        self._figures[name] = plain(figure)
         text = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
         in_space = any(_in_space(trace) for trace in figure["data"])
         space, drawing = (" data-space", still(figure)) if in_space else ("", "")
         height = figure["layout"].get("height", _HEIGHT)
         self._body.append(
             f'<figure data-plot="{name}"{space}><div style="min-height:{height}px"></div>'
-            f"{drawing}{text}"
-            "</figure>"
-            f'<script type="application/json" id="{name}">{_json(figure)}</script>'
+            f"{drawing}{text}</figure>"
         )
 
     def figures(self, figures: Sequence[tuple[Figure, str]]) -> None:
@@ -193,7 +160,7 @@ class Page:
             f"</main><footer>Made by Abbe {version('abbe')}, {self._made}</footer>",
         ]
         if self._figures:
-            parts += [f"<script>{_plotly()}</script>", f"<script>{_DRAW}</script>"]
+            parts.append(packed_pictures(self._figures))
         parts.append("</body></html>")
         return "\n".join(parts)
 
@@ -258,12 +225,6 @@ def _in_space(trace: Mapping[str, Any]) -> bool:
     return kind.endswith("3d") or kind in ("surface", "cone", "volume", "isosurface")
 
 
-def _json(figure: Figure) -> str:
-    """JSON that may stand inside a script element."""
-    text = json.dumps(plain(figure), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
-
-
 def plain(value: Any) -> Any:
     """Arrays to lists, what is not finite to null: gaps in a curve."""
     if isinstance(value, Mapping):
@@ -277,12 +238,3 @@ def plain(value: Any) -> Any:
     if isinstance(value, float) and not np.isfinite(value):
         return None
     return value
-
-
-def _plotly() -> str:
-    return plotly_script().decode("utf-8").replace("</script", "<\\/script")
-
-
-def plotly_script() -> bytes:
-    """Plotly.js as its package has it."""
-    return files("plotly").joinpath("package_data", "plotly.min.js").read_bytes()

@@ -13,7 +13,7 @@ from importlib.resources.abc import Traversable
 from fastapi import APIRouter, Request
 from starlette.responses import Response
 
-from abbe.daemon.report.page import plotly_script
+from abbe.daemon.report.pictures.packed import plotly_script
 
 _KINDS = {
     "html": "text/html; charset=utf-8",

@@ -16,6 +16,7 @@ import pytest
 
 import abbe
 from tests.support.daemon.command_line import abbe as command
+from tests.support.daemon.pages import figures_of
 
 FOLDER = Path(__file__).parents[1] / "data" / "p01-mill"
 MODEL, DAY1, DAY2 = (FOLDER / name for name in ("model.toml", "fit.csv", "check.csv"))
@@ -87,16 +88,10 @@ def test_report_of_a_diagnosis(diagnosed: tuple[abbe.Diagnosis, str, str]) -> No
     assert found.report() == typed
 
 
-def drawn(page: str) -> list[Any]:
-    """The figures of a page."""
-    found = re.findall(r'<script type="application/json" id="figure-\d+">(.*?)</script>', page)
-    return [json.loads(text) for text in found]
-
-
 @pytest.mark.parametrize("which", ["fitted", "compared", "diagnosed"])
 def test_plot_draws_what_the_page_shows(which: str, request: pytest.FixtureRequest) -> None:
     found, _, page = request.getfixturevalue(which)
-    shown = drawn(page)
+    shown = figures_of(page)
     mine = {n: as_on_a_page(make()) for n, make in found.figures().items()}
     assert len(mine) > 3
     assert [name for name, figure in mine.items() if figure not in shown] == []

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import base64
 import shutil
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -315,6 +317,38 @@ def test_on_paper_no_picture_lies_over_text(browser: Browser, tmp_path: Path) ->
     for picture in page.evaluate(PICTURES):
         assert picture["height"] > 300
         assert -1.0 < picture["gap"] < 40.0, picture
+    page.close()
+
+
+def hidden(content: bytes, *, level: int = 6, way: int = zlib.Z_DEFAULT_STRATEGY) -> str:
+    """Content as a page holds it, packed by zlib in one of its ways."""
+    packer = zlib.compressobj(level, zlib.DEFLATED, -zlib.MAX_WBITS, 9, way)
+    return base64.b64encode(packer.compress(content) + packer.flush()).decode()
+
+
+OPENED = """([text, size]) => {
+  const node = Object.assign(document.createElement("i"), {textContent: text});
+  node.dataset.size = size;
+  return unpacked(node);
+}"""
+
+
+def test_what_is_packed_is_opened_as_zlib_opens_it(browser: Browser) -> None:
+    """All kinds of blocks, the longest and the farthest repetitions, letters of several bytes."""
+    page = browser.new_page()
+    page.add_script_tag(
+        content=files("abbe.daemon.report.pictures").joinpath("inflate.js").read_text()
+    )
+    rng = np.random.default_rng(16)
+    random = "".join(map(chr, rng.integers(32, 0x2FF, 40_000)))
+    far = random[:16_000] + "a" * 900 + random[:16_000]
+    skewed = "".join(map(chr, (48 + rng.geometric(0.5, 60_000))))
+    for text in ("", "µ", "abc" * 100, "a" * 100_000, random, far, skewed):
+        content = text.encode()
+        ways = [{"level": n} for n in (0, 1, 6, 9)]
+        ways += [{"way": w} for w in (zlib.Z_FIXED, zlib.Z_HUFFMAN_ONLY, zlib.Z_RLE)]
+        for how in ways:
+            assert page.evaluate(OPENED, [hidden(content, **how), len(content)]) == text, how
     page.close()
 
 

@@ -18,7 +18,7 @@ from abbe.daemon.calibration.step import CERTIFICATE, CHECK_PLAN, PLAN, TABLES, 
 from abbe.daemon.config import Configuration
 from abbe.daemon.measure.events import minutes, setup_words
 from abbe.daemon.report.measurements.survey import picture
-from abbe.daemon.report.still import still
+from abbe.daemon.report.pictures.still import still
 from abbe.daemon.workbench.calibration.step_process import StepProcess, step_json
 from abbe.daemon.workbench.fresh import FreshConfiguration
 from abbe.daemon.workbench.tables.desk import TableDesk

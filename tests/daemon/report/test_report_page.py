@@ -1,6 +1,5 @@
 """Report pages: self-contained, well-formed, and safe with any text."""
 
-import json
 import re
 from html.parser import HTMLParser
 
@@ -10,6 +9,8 @@ import pytest
 from abbe.compcore.errors import InputError
 from abbe.compcore.figures.figure import band, figure, line, points
 from abbe.daemon.report.page import Page, number
+from abbe.daemon.report.pictures.packed import plotly_script
+from tests.support.daemon.pages import figures_of, packed
 
 VOID = {"meta", "br", "link", "img"}
 
@@ -23,24 +24,18 @@ class Structure(HTMLParser):
         self.counts: dict[str, int] = {}
         self.fetched: list[str] = []
         self.text: list[str] = []
-        self.json: list[str] = []
-        self._data = False
 
     def handle_starttag(self, tag, attrs):
         self.counts[tag] = self.counts.get(tag, 0) + 1
         if tag not in VOID:
             self.open.append(tag)
         self.fetched += [v for k, v in attrs if k in ("src", "href", "srcset", "action", "data")]
-        self._data = tag == "script" and ("type", "application/json") in attrs
 
     def handle_endtag(self, tag):
         assert self.open.pop() == tag
-        self._data = False
 
     def handle_data(self, data):
-        if self._data:
-            self.json.append(data)
-        elif self.open and self.open[-1] not in ("script", "style"):
+        if self.open and self.open[-1] not in ("script", "style"):
             self.text.append(data)
 
 
@@ -80,9 +75,11 @@ def test_a_page_needs_nothing_but_itself():
 
 def test_plotly_is_embedded_once_and_only_where_it_is_needed():
     with_figures, without = full_page().html(), Page("Text").html()
-    assert with_figures.count("* plotly.js v") == 1
+    assert with_figures.count("* plotly.js v") == 1  # whose it is can be read
+    assert packed(with_figures, "plotly").encode() == plotly_script()
     assert "Plotly" not in without
-    assert len(without) < 10_000 < 3_000_000 < len(with_figures)
+    assert len(without) < 10_000
+    assert len(with_figures) < 0.45 * len(plotly_script())
 
 
 def test_what_stands_on_the_page():
@@ -108,7 +105,7 @@ def test_the_numbers_of_a_column_align():
 
 
 def test_figures_hold_their_numbers():
-    first, second = (json.loads(text) for text in parsed(full_page()).json)
+    first, second = figures_of(full_page().html())
     assert first["data"][0]["y"] == [0.0, 1.0, 4.0]
     assert first["layout"]["xaxis"]["title"]["text"] == "X in mm"
     assert [t["y"] for t in second["data"]] == [[-1, 0, 1], [1, 2, 3], [0, 1, 2]]
@@ -125,14 +122,15 @@ def test_hostile_text_stays_text():
     page.figure(figure([line([0], [0], evil)], evil, evil), evil)
     structure = parsed(page)
     assert "img" not in structure.counts
-    assert structure.counts["script"] == 3  # the data, Plotly, the drawing
-    assert json.loads(structure.json[0])["data"][0]["name"] == evil
+    # the figures, whose Plotly is, Plotly, how they are opened, how they are drawn
+    assert structure.counts["script"] == 5
+    assert figures_of(page.html())[0]["data"][0]["name"] == evil
 
 
 def test_gaps_and_numpy_numbers_become_json():
     page = Page("Gaps")
     page.figure({"data": [{"y": [np.float64(1.5), np.nan, np.inf, np.int64(2)]}], "layout": {}})
-    assert json.loads(parsed(page).json[0])["data"][0]["y"] == [1.5, None, None, 2]
+    assert figures_of(page.html())[0]["data"][0]["y"] == [1.5, None, None, 2]
 
 
 def test_layout_adds_to_the_style():
