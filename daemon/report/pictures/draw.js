@@ -8,7 +8,7 @@ function draw(node) {
   if (!waiting.includes(node)) return;
   waiting.splice(waiting.indexOf(node), 1);
   inView.unobserve(node);
-  figures ??= opened();
+  figures = figures || opened();
   const figure = figures[node.dataset.plot];
   Plotly.newPlot(node.querySelector("div"), figure.data, figure.layout,
     { responsive: true, displaylogo: false, showSendToCloud: false });
@@ -24,7 +24,7 @@ const inView = new IntersectionObserver((changes) => {
 });
 function drawNext() {
   if (!waiting.length) return;
-  draw(waiting.find((node) => !("space" in node.dataset)) ?? waiting[0]);
+  draw(waiting.find((node) => !("space" in node.dataset)) || waiting[0]);
   setTimeout(drawNext, 20);
 }
 // the second frame: in the first one the words are shown
