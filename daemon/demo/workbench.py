@@ -20,7 +20,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from abbe.daemon.demo.prepare import Workshop
-from abbe.daemon.workbench.address import address_of, listening, new_key
+from abbe.daemon.workbench.entrance.address import address_of, listening, new_key
 
 _NICER = 10
 """By how much it steps back behind the correction."""
@@ -65,7 +65,7 @@ def main() -> None:
     """Serve until standard input ends."""
     from abbe.daemon.workbench.live.view import LiveView
     from abbe.daemon.workbench.serve import serve
-    from abbe.daemon.workbench.session import Workbench
+    from abbe.daemon.workbench.session.workbench import Workbench
     from abbe.daemon.workbench.views import WorkbenchViews
 
     with contextlib.suppress(OSError, AttributeError):

@@ -14,12 +14,12 @@ from starlette.middleware.gzip import GZipMiddleware
 from starlette.responses import Response
 
 from abbe.compcore.errors import AbbeError, InputError
-from abbe.daemon.workbench.asked import AskedByPerson, AskedOfWorkbench, Nothing, who_asks
 from abbe.daemon.workbench.calibration.routes import calibration_routes
-from abbe.daemon.workbench.campaigns.routes import campaign_routes
+from abbe.daemon.workbench.campaign_routes import campaign_routes
+from abbe.daemon.workbench.entrance.asked import AskedByPerson, AskedOfWorkbench, Nothing, who_asks
 from abbe.daemon.workbench.page_files import page_files
 from abbe.daemon.workbench.residuals.brush import Brush
-from abbe.daemon.workbench.session import Workbench
+from abbe.daemon.workbench.session.workbench import Workbench
 from abbe.daemon.workbench.tables.routes import table_routes
 from abbe.daemon.workbench.views import WorkbenchViews
 
@@ -121,17 +121,17 @@ def _look(app: FastAPI, bench: Workbench) -> None:
     @app.get("/api/compare")
     def compared() -> Response:
         """Whether the model holds, and where not."""
-        return _known(bench.compared())
+        return _known(bench.findings.compared)
 
     @app.post("/api/brush")
     def brushed(brush: Brush) -> dict[str, Any]:
         """Which of many rows are chosen; changes nothing."""
-        return bench.brushed(brush)
+        return bench.findings.brushed(brush)
 
     @app.get("/api/learn")
     def learned() -> Response:
         """Which causes are missing."""
-        return _known(bench.learned())
+        return _known(bench.findings.learned)
 
     @app.get("/api/watch")
     def watched() -> dict[str, Any]:
@@ -146,7 +146,7 @@ def _look(app: FastAPI, bench: Workbench) -> None:
     @app.post("/api/try")
     def tried(cause: TriedCause) -> dict[str, Any]:
         """What a cause would leave; changes nothing."""
-        return bench.tried(cause.spec, cause.values)
+        return bench.findings.tried(cause.spec, cause.values)
 
 
 def _change(app: FastAPI, bench: Workbench) -> None:

@@ -13,7 +13,7 @@ import uvicorn
 from abbe.daemon.collector import as_a_service
 from abbe.daemon.http.bounded import bounded_config
 from abbe.daemon.workbench.application import application
-from abbe.daemon.workbench.door import SESSION, WorkbenchDoor
+from abbe.daemon.workbench.entrance.door import SESSION, WorkbenchDoor
 from abbe.daemon.workbench.views import WorkbenchViews
 
 
@@ -32,7 +32,7 @@ def serve(
     views
         What is shown.
     made
-        From `abbe.daemon.workbench.address.listening`.
+        From `abbe.daemon.workbench.entrance.address.listening`.
     invite, key, session
         As `WorkbenchDoor` has them.
     """

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from abbe.daemon.workbench.calibration.guide import CalibrationGuide
 from abbe.daemon.workbench.live.view import LiveView
-from abbe.daemon.workbench.session import Workbench
+from abbe.daemon.workbench.session.workbench import Workbench
 from abbe.daemon.workbench.tables.desk import TableDesk
 
 

@@ -74,12 +74,12 @@ def open_workbench(
         from abbe.compcore.errors import AbbeError
         from abbe.daemon.commands.calibration import step_child
         from abbe.daemon.commands.calibration.guide import steps_now
-        from abbe.daemon.workbench.address import listening
         from abbe.daemon.workbench.calibration.guide import CalibrationGuide
+        from abbe.daemon.workbench.entrance.address import listening
         from abbe.daemon.workbench.live.view import LiveView
         from abbe.daemon.workbench.opened import what_to_open
         from abbe.daemon.workbench.serve import serve
-        from abbe.daemon.workbench.session import Workbench
+        from abbe.daemon.workbench.session.workbench import Workbench
         from abbe.daemon.workbench.tables.desk import TableDesk
         from abbe.daemon.workbench.views import WorkbenchViews
 

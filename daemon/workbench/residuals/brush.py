@@ -15,7 +15,7 @@ from pydantic import Field
 from abbe.compcore.campaign.campaign import LENGTHS, Campaign
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.structure import is_rotary
-from abbe.daemon.workbench.asked import AskedOfWorkbench
+from abbe.daemon.workbench.entrance.asked import AskedOfWorkbench
 from abbe.daemon.workbench.residuals.cells import CellPicture, Mask, across, cell_picture
 
 F64 = NDArray[np.float64]

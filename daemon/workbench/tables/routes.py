@@ -8,8 +8,8 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Request
 from pydantic import Field
 
-from abbe.daemon.workbench.asked import AskedOfWorkbench, Nothing
-from abbe.daemon.workbench.role import operating
+from abbe.daemon.workbench.entrance.asked import AskedOfWorkbench, Nothing
+from abbe.daemon.workbench.entrance.role import operating
 from abbe.daemon.workbench.tables.desk import Change, TableDesk
 
 Text = Annotated[str, Field(max_length=200)]

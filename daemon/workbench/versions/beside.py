@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from typing import Any
 
@@ -9,17 +10,44 @@ import numpy as np
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.comparison.compare import Comparison, compare
+from abbe.compcore.files.campaign_file import require_signals
 from abbe.compcore.model.model import Model
 from abbe.compcore.units import read_in, with_uncertainty
 from abbe.daemon.answers.model.compare import with_changes
 from abbe.daemon.report.model.compare import key_figures, told_apart, verdict_title, where_of
 from abbe.daemon.report.page import Cell, in_words, plain
+from abbe.daemon.workbench.campaigns.laid import LaidCampaigns
 from abbe.daemon.workbench.residuals.rows import panels, rows_json, shown_rows, values_json
 from abbe.daemon.workbench.sentences import sentences_in
 from abbe.daemon.workbench.versions.folder import ModelVersion
 
 _PICTURES = 6
 """Along axes, where the two differ most."""
+
+
+class SideBySide:
+    """Answers about pairs of versions; the last one is kept."""
+
+    def __init__(self) -> None:
+        self._last: tuple[tuple[ModelVersion, ModelVersion, LaidCampaigns], bytes] | None = None
+
+    def answer(self, left: ModelVersion, right: ModelVersion, laid: LaidCampaigns) -> bytes:
+        """Two versions side by side, as JSON; worked out when it is asked for.
+
+        Raises
+        ------
+        InputError
+            Without a campaign, and for one that lacks a signal.
+        """
+        asked, last = (left, right, laid), self._last
+        if last is not None and last[0] == asked:
+            return last[1]
+        for version in (left, right):
+            require_signals(laid.rows, version.model)
+        found = beside(left, right, laid.rows)
+        text = json.dumps(found, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+        self._last = asked, text.encode()
+        return self._last[1]
 
 
 def beside(left: ModelVersion, right: ModelVersion, campaign: Campaign) -> dict[str, Any]:

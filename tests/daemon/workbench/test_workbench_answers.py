@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from abbe.compcore.fitting.fit import fit
 from abbe.compcore.model.revise import add_effect
 from abbe.daemon.application import app
 from abbe.daemon.workbench.opened import WhatToOpen, what_to_open
-from abbe.daemon.workbench.session import Workbench
+from abbe.daemon.workbench.session.workbench import Workbench
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -43,8 +42,7 @@ def idle(bench: Workbench) -> Workbench:
     return bench
 
 
-def answer(known: Callable[[], bytes | None]) -> dict[str, Any]:
-    found = known()
+def answer(found: bytes | None) -> dict[str, Any]:
     assert found is not None
     read: dict[str, Any] = json.loads(found)
     return read
@@ -65,7 +63,7 @@ def learned(campaign: Path) -> Workbench:
 
 
 def test_compare_says_what_the_command_says(learned: Workbench, campaign: Path) -> None:
-    page, said = answer(learned.compared), command("compare", MODEL, campaign)
+    page, said = answer(learned.findings.compared), command("compare", MODEL, campaign)
     lengths = np.array(
         [v for v, p in zip(page["values"], page["rows"]["part"], strict=True) if not p]
     )
@@ -81,7 +79,7 @@ def test_compare_says_what_the_command_says(learned: Workbench, campaign: Path) 
 
 
 def test_learn_says_what_the_command_says(learned: Workbench, campaign: Path) -> None:
-    page, said = answer(learned.learned), command("diagnose", MODEL, campaign)
+    page, said = answer(learned.findings.learned), command("diagnose", MODEL, campaign)
     assert page["verdict"] == said["verdict"]
     found = [(c["spec"], c["explanation"]) for c in page["causes"]]
     assert found == [(c["spec"], c["explanation"]) for c in said["candidates"]]
@@ -93,7 +91,7 @@ def test_learn_says_what_the_command_says(learned: Workbench, campaign: Path) ->
 
 
 def test_what_is_tried_is_what_a_refit_leaves(learned: Workbench, campaign: Path) -> None:
-    page, tried = answer(learned.learned), learned.tried(PLAY, None)
+    page, tried = answer(learned.findings.learned), learned.findings.tried(PLAY, None)
     model = load_model(MODEL)
     rows = read_campaign(campaign, model.machine)
     refitted = fit(add_effect(model, PLAY), rows)
@@ -105,32 +103,38 @@ def test_what_is_tried_is_what_a_refit_leaves(learned: Workbench, campaign: Path
 
 
 def test_no_amount_changes_nothing_and_the_best_is_best(learned: Workbench) -> None:
-    page, best = answer(learned.learned), learned.tried(PLAY, None)
+    page, best = answer(learned.findings.learned), learned.findings.tried(PLAY, None)
     (slider,) = best["sliders"]
     assert slider["unit"] == "µm"
     value = slider["value"]
-    assert learned.tried(PLAY, {"b": 0.0})["values"] == pytest.approx(page["values"], abs=2e-4)
+    assert learned.findings.tried(PLAY, {"b": 0.0})["values"] == pytest.approx(
+        page["values"], abs=2e-4
+    )
     for other in (0.7 * value, 1.3 * value):
-        assert learned.tried(PLAY, {"b": other})["rms"] > best["rms"] + 0.02
+        assert learned.findings.tried(PLAY, {"b": other})["rms"] > best["rms"] + 0.02
     # beyond the slider's ends nothing is tried
-    assert learned.tried(PLAY, {"b": 1e9}) == learned.tried(PLAY, {"b": slider["high"]})
+    assert learned.findings.tried(PLAY, {"b": 1e9}) == learned.findings.tried(
+        PLAY, {"b": slider["high"]}
+    )
 
 
 def test_a_time_constant_moves_the_columns(learned: Workbench) -> None:
-    spec = next(c["spec"] for c in answer(learned.learned)["candidates"] if "warm_up" in c["spec"])
-    best = learned.tried(spec, None)
+    spec = next(
+        c["spec"] for c in answer(learned.findings.learned)["candidates"] if "warm_up" in c["spec"]
+    )
+    best = learned.findings.tried(spec, None)
     values = {s["name"]: s["value"] for s in best["sliders"]}
     tau = next(s for s in best["sliders"] if s["name"] == "tau")
     assert tau["by_ratio"]
     assert not tau["amount"]
-    assert learned.tried(spec, values)["rms"] == best["rms"]
-    assert learned.tried(spec, {**values, "tau": tau["low"]})["values"] != best["values"]
+    assert learned.findings.tried(spec, values)["rms"] == best["rms"]
+    assert learned.findings.tried(spec, {**values, "tau": tau["low"]})["values"] != best["values"]
 
 
 def test_every_cause_that_the_campaign_shows_can_be_tried(learned: Workbench) -> None:
-    candidates = answer(learned.learned)["candidates"]
+    candidates = answer(learned.findings.learned)["candidates"]
     for candidate in candidates[:: max(1, len(candidates) // 40)]:
-        tried = learned.tried(candidate["spec"], None)
+        tried = learned.findings.tried(candidate["spec"], None)
         assert np.isfinite(tried["rms"]), candidate
         assert all(s["low"] < s["high"] for s in tried["sliders"]), candidate
 
@@ -140,12 +144,12 @@ def test_values_of_other_parameters_are_refused(
     learned: Workbench, values: dict[str, float]
 ) -> None:
     with pytest.raises(InputError, match="a number for each parameter"):
-        learned.tried(PLAY, values)
+        learned.findings.tried(PLAY, values)
 
 
 def test_causes_that_are_none_are_refused(learned: Workbench) -> None:
     with pytest.raises(InputError, match="none of the causes"):
-        learned.tried("backlash axis=W", None)
+        learned.findings.tried("backlash axis=W", None)
 
 
 def test_versions_are_new_files_beside_what_is_there(campaign: Path, tmp_path: Path) -> None:
@@ -184,7 +188,7 @@ def test_versions_are_new_files_beside_what_is_there(campaign: Path, tmp_path: P
     bench.go_back(0)
     idle(bench)
     assert bench.state()["version"] == "model.toml"
-    assert "Z stands" in answer(bench.compared)["title"]
+    assert "Z stands" in answer(bench.findings.compared)["title"]
     bench.fit()
     idle(bench)
     assert sorted(p.name for p in folder.glob("*.toml")) == [
@@ -264,7 +268,7 @@ def test_what_is_opened_is_told_from_the_files(campaign: Path, tmp_path: Path) -
 def test_compare_waits_until_somebody_looks(campaign: Path) -> None:
     bench = Workbench(MODEL, [campaign], at_once=False)
     assert bench.state()["task"] is None
-    assert bench.compared() is None
+    assert bench.findings.compared is None
     bench.look()
     bench.look()
     assert answer(idle(bench).compared)["title"]

@@ -13,7 +13,7 @@ import httpx
 import pytest
 from starlette.responses import PlainTextResponse
 
-from abbe.daemon.workbench.door import WorkbenchDoor
+from abbe.daemon.workbench.entrance.door import WorkbenchDoor
 from tests.support.daemon.some_setups import some_setups
 from tests.support.daemon.workbench import OpenedWorkbench, opened
 
@@ -184,7 +184,7 @@ async def test_a_session_lasts_while_somebody_does_something(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     now = 1e6
-    monkeypatch.setattr("abbe.daemon.workbench.door.time.monotonic", lambda: now)
+    monkeypatch.setattr("abbe.daemon.workbench.entrance.door.time.monotonic", lambda: now)
     addresses: list[str] = []
     door = WorkbenchDoor(PlainTextResponse("inside"), 8471, addresses.append, session=2.0)
     origin = "http://127.0.0.1:8471"

@@ -13,7 +13,7 @@ import pytest
 from abbe.compcore.errors import InputError
 from abbe.compcore.figures import residuals
 from abbe.daemon.workbench.residuals.brush import Brush, BrushedBox, BrushedGroup, BrushedSpace
-from abbe.daemon.workbench.session import Workbench
+from abbe.daemon.workbench.session.workbench import Workbench
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -26,7 +26,7 @@ def compared() -> tuple[Workbench, dict[str, Any]]:
     pause = threading.Event()
     while bench.state()["task"] is not None:
         pause.wait(0.02)
-    page = bench.compared()
+    page = bench.findings.compared
     assert page is not None
     found: dict[str, Any] = json.loads(page)
     return bench, found
@@ -104,7 +104,7 @@ def test_a_box_chooses_among_all_rows(whole: Any, many: Any) -> None:
     # rounded as they were sent: nothing lies so near an end
     y = [0.00005, float(value.max()) + 1.0]
     box = BrushedBox(panel=0, x=x[::-1], y=y)
-    found = bench.brushed(Brush(box=box, panels=list(range(len(some["panels"])))))
+    found = bench.findings.brushed(Brush(box=box, panels=list(range(len(some["panels"])))))
     inside = index[(at >= x[0]) & (at <= x[1]) & (value >= y[0]) & (value <= y[1])]
     chosen = np.array(all_rows["values"])[inside]
     assert found["n"] == len(inside) > 30
@@ -131,7 +131,7 @@ def test_a_row_of_a_table_chooses_as_many_as_it_says(many: Any) -> None:
     for table, each in enumerate(some["tables"]):
         for row, cells in enumerate(each["cells"]):
             group = BrushedGroup(table=table, row=row)
-            found = bench.brushed(Brush(group=group))
+            found = bench.findings.brushed(Brush(group=group))
             if "row" in each["select"][row]:
                 assert found["n"] == 1
             elif "tool" not in each["select"][row]:
@@ -148,12 +148,12 @@ def test_a_box_in_the_volume(whole: Any, many: Any) -> None:
     middle = np.median(place[:, 0]) + 0.123
     space = {"part": 0, "right": [1, 0, 0, 5], "up": [0, 0, 2, 0], "y": [-1e6, 1e6]}
     feet = BrushedSpace.model_validate({**space, "long": 0, "x": [-1e6, middle + 5]})
-    found = bench.brushed(Brush(space=feet))
+    found = bench.findings.brushed(Brush(space=feet))
     assert found["n"] == int((lengths & (place[:, 0] <= middle)).sum()) > 50
     heads = BrushedSpace.model_validate({**space, "long": 1000, "x": [middle + 5, 1e6]})
     head = place[:, 0] + along[:, 0] * 1000.0 * np.array(all_rows["values"])
     true = int((lengths & ((place[:, 0] >= middle) | (head >= middle))).sum())
-    assert bench.brushed(Brush(space=heads))["n"] == pytest.approx(true, abs=2)
+    assert bench.findings.brushed(Brush(space=heads))["n"] == pytest.approx(true, abs=2)
 
 
 def test_what_is_not_there_is_refused(whole: Any, many: Any) -> None:
@@ -167,6 +167,6 @@ def test_what_is_not_there_is_refused(whole: Any, many: Any) -> None:
         (Brush(), "nothing is chosen"),
     ):
         with pytest.raises(InputError, match=said):
-            bench.brushed(asked)
+            bench.findings.brushed(asked)
     with pytest.raises(InputError, match="those that are drawn"):
-        whole[0].brushed(Brush(box=box))
+        whole[0].findings.brushed(Brush(box=box))

@@ -16,8 +16,8 @@ from urllib.parse import quote
 import pytest
 from fastapi import HTTPException
 
-from abbe.daemon.workbench import door
 from abbe.daemon.workbench.campaigns import received as taken
+from abbe.daemon.workbench.entrance import door
 from tests.support.daemon.some_setups import some_setups
 from tests.support.daemon.workbench import OpenedWorkbench, opened
 

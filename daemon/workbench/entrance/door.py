@@ -18,8 +18,8 @@ from urllib.parse import parse_qs
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from abbe.daemon.workbench.address import ENTRANCE, address_of, new_key
-from abbe.daemon.workbench.asked import BROWSER
+from abbe.daemon.workbench.entrance.address import ENTRANCE, address_of, new_key
+from abbe.daemon.workbench.entrance.asked import BROWSER
 
 LONGEST = 65_536
 """Bytes of a request's body that are read."""

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 from fastapi import APIRouter, HTTPException, Query, Request
 from pydantic import Field
 
-from abbe.daemon.workbench.asked import AskedByPerson, PersonName, who_asks
 from abbe.daemon.workbench.campaigns.received import LARGEST, named, received, require_bounded
-from abbe.daemon.workbench.session import Workbench
+from abbe.daemon.workbench.entrance.asked import AskedByPerson, PersonName, who_asks
+from abbe.daemon.workbench.session.workbench import Workbench
 
 SENT = "/api/campaigns"
 """Where a campaign is sent to; the only path that takes more than a question."""

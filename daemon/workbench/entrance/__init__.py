@@ -1,0 +1,1 @@
+"""Who may ask the workbench: the address, the door, the role, and what counts as a request."""
