@@ -27,11 +27,16 @@ function drawNext() {
   draw(waiting.find((node) => !("space" in node.dataset)) || waiting[0]);
   setTimeout(drawNext, 20);
 }
-// the second frame: in the first one the words are shown
-requestAnimationFrame(() => requestAnimationFrame(() => {
+let begun = false;
+function begin() {
+  if (begun) return;
+  begun = true;
   for (const node of waiting) inView.observe(node);
   setTimeout(drawNext, 100);
-}));
+}
+// the second frame: in the first one the words are shown; a page behind others has no frames
+requestAnimationFrame(() => requestAnimationFrame(begin));
+setTimeout(begin, 500);
 window.addEventListener("beforeprint", () => {
   // paper has a still drawing of what stands in space
   for (const node of [...waiting]) if (!("space" in node.dataset)) draw(node);
