@@ -21,7 +21,7 @@ from abbe.daemon.application import app
 from abbe.daemon.report.page import Page
 from tests.support.daemon.some_setups import some_setups
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 
 DATA = Path(__file__).parents[1] / "data"
 MILL, BRIDGE = DATA / "p01-mill", DATA / "p03-bridge"
@@ -34,7 +34,7 @@ ARGUMENTS = [
     "--disable-background-networking",
 ]
 
-PATIENCE_MS = 60_000.0
+PATIENCE_MS = 240_000.0
 """What a picture may take to be drawn on a busy machine without a graphics card."""
 
 PICTURES = """() => [...document.querySelectorAll("figure[data-plot]")].map((node) => {
