@@ -271,4 +271,4 @@ def test_compare_waits_until_somebody_looks(campaign: Path) -> None:
     assert bench.findings.compared is None
     bench.look()
     bench.look()
-    assert answer(idle(bench).compared)["title"]
+    assert answer(idle(bench).findings.compared)["title"]
