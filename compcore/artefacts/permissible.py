@@ -7,6 +7,7 @@ import re
 from dataclasses import dataclass
 
 from abbe.compcore.errors import InputError
+from abbe.compcore.units import in_digits
 
 _NUMBER = r"(\d+(?:\.\d*)?|\.\d+)"
 _LINE = re.compile(rf"{_NUMBER}(?:\+{_NUMBER}?\*?L/{_NUMBER})?", re.ASCII)
@@ -84,7 +85,7 @@ class PermissibleError:
     def __str__(self) -> str:
         text = f"{self.constant * 1e3:g}"
         if self.per_length:
-            text += f" + L/{1e-3 / self.per_length:.4g}"
+            text += f" + L/{in_digits(1e-3 / self.per_length, 4)}"
         if math.isfinite(self.most):
             text = f"min({text}, {self.most * 1e3:g})"
         return f"±({text}) µm, L in mm"

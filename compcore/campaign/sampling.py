@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
 
@@ -112,8 +113,9 @@ class AxisSampling:
         rotary = is_rotary(self.axis)
         unit, factor = ("°", math.degrees(1.0)) if rotary else (" mm", 1.0)
         seen = alias(self.step, wave)
-        like = "a constant" if math.isinf(seen) else f"one of {seen * factor:.4g}{unit}"
-        return f"a wave of {wave * factor:.4g}{unit} along {self.axis} looks like {like} in them"
+        like = "a constant" if math.isinf(seen) else f"one of {in_digits(seen * factor, 4)}{unit}"
+        length = f"{in_digits(wave * factor, 4)}{unit}"
+        return f"a wave of {length} along {self.axis} looks like {like} in them"
 
     def __str__(self) -> str:
         rotary = is_rotary(self.axis)
@@ -121,9 +123,10 @@ class AxisSampling:
         how = "every" if self.even else "on average every"
         shorter = "looks like a longer one" if self.even else "looks like noise"
         return (
-            f"{self.axis} is read {how} {self.step * factor:.4g}{unit} at best: this campaign "
-            f"cannot see a wave shorter than {self.shortest * factor:.4g}{unit} along it; one "
-            f"{shorter}"
+            f"{self.axis} is read {how} {in_digits(self.step * factor, 4)}{unit} at best: "
+            "this campaign "
+            f"cannot see a wave shorter than {in_digits(self.shortest * factor, 4)}{unit} "
+            f"along it; one {shorter}"
         )
 
 

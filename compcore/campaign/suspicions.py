@@ -17,6 +17,7 @@ from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.plausible import BODIES, like_fahrenheit, perhaps_fahrenheit
 from abbe.compcore.sentences import said
+from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
 
@@ -74,14 +75,18 @@ def of_values(campaign: Campaign, values: F64) -> Iterator[str]:
             continue
         size = float(np.sqrt(np.mean(values[rows] ** 2)))
         if size < least:
-            how = "are all 0" if size == 0.0 else f"vary by {size * factor:.2g} {unit} rms only"
+            how = (
+                "are all 0"
+                if size == 0.0
+                else f"vary by {in_digits(size * factor, 2)} {unit} rms only"
+            )
             yield (
                 f"the {name} {how}: the column 'value' is in {unit}; were they written in {other}?"
             )
         elif size > most:
             yield (
-                f"the {name} vary by {size * factor:.3g} {unit} rms: no machine errs that much; "
-                f"the column 'value' is in {unit}"
+                f"the {name} vary by {in_digits(size * factor)} {unit} rms: no machine errs "
+                f"that much; the column 'value' is in {unit}"
             )
 
 
@@ -143,8 +148,8 @@ def of_chi2(
             "{of} is {chi2}: {by} than the stated uncertainties say. They are too "
             "large, the values are in another unit, or rows were smoothed or copied",
             of=of,
-            chi2=f"{chi2_per_dof:.2g}",
-            by=said("{times} times less is left", times=f"{1 / times:.3g}")
+            chi2=in_digits(chi2_per_dof, 2),
+            by=said("{times} times less is left", times=in_digits(1 / times))
             if times > 0.0
             else said("nothing is left"),
         )
@@ -154,8 +159,8 @@ def of_chi2(
             "uncertainties. The model lacks something (abbe diagnose), a sign or a unit is wrong, "
             "or the uncertainties are too small",
             of=of,
-            chi2=f"{chi2_per_dof:.3g}",
-            times=f"{times:.3g}",
+            chi2=in_digits(chi2_per_dof),
+            times=in_digits(times),
         )
 
 
@@ -177,7 +182,7 @@ def of_ratio(campaign: Campaign, measured: F64, predicted: F64, weight: F64) -> 
         rows = campaign.kind == kind
         whole = _ratio(measured, predicted, weight, rows)
         if whole is not None and whole < -_TURNED:
-            yield f"{name}: {_SIGN} ({whole:.3g} times)"
+            yield f"{name}: {_SIGN} ({in_digits(whole)} times)"
         elif setup is not None:
             turned = [
                 str(one)

@@ -94,7 +94,7 @@ def _worst_groups(part: ComparedRows, unit: str) -> Iterator[str]:
 
 
 def _short(value: object) -> str:
-    return f"{value:.5g}" if isinstance(value, float) else str(value)
+    return in_digits(value, 5) if isinstance(value, float) else str(value)
 
 
 def fitted_note(files: Sequence[str]) -> str:

@@ -26,6 +26,7 @@ from abbe.compcore.fitting.design.unknowns import BASE_SCALE
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
+from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
 
@@ -362,8 +363,8 @@ def _factor_words(factor: float) -> str:
             "of the measured values or of the model (error = actual − indicated)"
         )
     return (
-        f"the campaign shows {factor:.3g} times what the model says, everywhere: look for a wrong "
-        "unit of the measured values"
+        f"the campaign shows {in_digits(factor)} times what the model says, everywhere: look "
+        "for a wrong unit of the measured values"
     )
 
 
@@ -380,8 +381,8 @@ def _units(known: _GivenValues) -> list[str]:
         if low - _ABSURD * wide <= now <= high + _ABSURD * wide:
             continue
         text = (
-            f"{name} stands at {now:.4g}, and was between {low:.4g} and {high:.4g} when the model "
-            "was fitted"
+            f"{name} stands at {in_digits(now, 4)}, and was between {in_digits(low, 4)} and "
+            f"{in_digits(high, 4)} when the model was fitted"
         )
         celsius = (now - 32.0) / 1.8
         if machine.signals[name].temperature:

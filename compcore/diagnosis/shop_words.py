@@ -8,7 +8,7 @@ from typing import Any
 
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.sentences import Sentence, listed, said
-from abbe.compcore.units import display
+from abbe.compcore.units import display, in_digits
 
 Where = Mapping[str, Any]
 
@@ -117,7 +117,7 @@ def in_the_shop(
     first, second = [*(where.get("axes") or ()), "", ""][:2]
     known = {
         **{key: str(value) for key, value in where.items()},
-        "size": f"{largest:.2g} {unit}" if largest < 10.0 else f"{largest:.0f} {unit}",
+        "size": f"{in_digits(largest, 2)} {unit}" if largest < 10.0 else f"{largest:.0f} {unit}",
         "signals": _signals(where),
         "side": _side(str(where.get("axis") or "X")),
         "who": _who(where),

@@ -25,7 +25,7 @@ from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.fitting.robust import studentised
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.sentences import Sentence, said
-from abbe.compcore.units import display
+from abbe.compcore.units import display, in_digits
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -80,7 +80,7 @@ class Stray:
             file=self.file,
             line=self.line,
             setup=self.setup,
-            off=f"{self.off * factor:+.3g}",
+            off=in_digits(self.off * factor, sign=True),
             unit=unit,
             size=f"{self.size:.0f}",
         )

@@ -13,6 +13,7 @@ from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.diagnosis.next_measurement.measure_next import Advice
 from abbe.compcore.effects.catalogue.formula import Formula
 from abbe.compcore.sentences import Sentence, listed, said
+from abbe.compcore.units import in_digits
 
 _SAID = {
     "complete": said(
@@ -156,7 +157,7 @@ def described_words(parts: Sequence[str]) -> Sentence:
 
 
 def _more_than_noise(diagnosis: Findings) -> Sentence:
-    chi2 = f"{diagnosis.whole.chi2_per_dof:.3g}"
+    chi2 = in_digits(diagnosis.whole.chi2_per_dof)
     if uncertainty_stated(diagnosis):
         return said(
             "complete: no cause can be established; but what is left is more than the stated "

@@ -42,6 +42,7 @@ from abbe.compcore.fitting.words import (
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
 from abbe.compcore.notebook import data_frame, html_table
+from abbe.compcore.units import in_digits
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -77,10 +78,11 @@ class FitResult(Solution, Shown):
     def summary(self) -> str:
         """Rows, parameters, residuals and χ² per degree of freedom."""
         rms = self.rms(*LENGTHS)
-        left = f"{rms * 1e3:.3g} µm rms left, " if np.isfinite(rms) else ""
+        left = f"{in_digits(rms * 1e3)} µm rms left, " if np.isfinite(rms) else ""
         return (
             f"{self.problem.n} rows, {len(self.model.terms)} effects with "
-            f"{self.problem.layout.model_size} parameters, {left}χ²/dof {self.chi2_per_dof:.3g}"
+            f"{self.problem.layout.model_size} parameters, {left}χ²/dof "
+            f"{in_digits(self.chi2_per_dof)}"
         )
 
     def table(self) -> str:

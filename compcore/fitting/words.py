@@ -20,7 +20,7 @@ from abbe.compcore.model.as_built import (
     average_line_words,
     reversed_parameters,
 )
-from abbe.compcore.units import display, read_in, with_uncertainty
+from abbe.compcore.units import display, in_digits, read_in, with_uncertainty
 
 _MOST_LISTED = 20
 _NOTHING = 1e-9
@@ -56,14 +56,14 @@ def gauge_words(gauges: Mapping[str, float]) -> Iterator[str]:
 def start_lines(problem: Problem, theta: NDArray[np.float64]) -> Iterator[str]:
     """How far lagged bodies were from their signals when each run began."""
     for found in begun(problem, theta):
-        apart = " and ".join(f"{value:+.3g} {found.unit}" for value in found.off)
+        apart = " and ".join(f"{in_digits(value, sign=True)} {found.unit}" for value in found.off)
         line = (
             f"at first, in {found.file}: {found.spec}: {apart} off equilibrium with {found.signal}"
         )
         if not found.plausible:
             line += (
-                f": IMPLAUSIBLE, at most some {found.furthest:.2g} {found.unit} can be: something "
-                "else moved the machine, or the effect hardly does"
+                f": IMPLAUSIBLE, at most some {in_digits(found.furthest, 2)} {found.unit} "
+                "can be: something else moved the machine, or the effect hardly does"
             )
         yield line
 
@@ -86,7 +86,7 @@ def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
     ):
         rms = result.rms(*kinds)
         if math.isfinite(rms):
-            yield f"residuals of {name}: {rms * factor:.3g} {unit} rms"
+            yield f"residuals of {name}: {in_digits(rms * factor)} {unit} rms"
     yield f"χ² per degree of freedom: {result.chi2_per_dof:.3f} ({result.dof})"
     for kind, source in result.uncertainty.source.items():
         yield f"uncertainty of each {kind.name.lower().replace('_', ' ')}: {_SOURCES[source]}"
@@ -106,7 +106,7 @@ def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
             alike = "".join(f", or {other}" for other in test.alike)
             yield (
                 f"NOT RIGID: {test.motion} depends on {test.by}{alike} "
-                f"(p = {test.adjusted:.1g}, {test.rms * 1e3:.2g} µm rms)"
+                f"(p = {in_digits(test.adjusted, 1)}, {in_digits(test.rms * 1e3, 2)} µm rms)"
             )
             break
     if result.outliers and result.misfit and not result.set_aside:
@@ -121,7 +121,7 @@ def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
         unit = "µrad" if problem.campaign.kind[outlier.row] == Kind.ROTATION else "µm"
         yield (
             f"outlier: {problem.campaign.file_of(outlier.row)}, line {outlier.line}, "
-            f"set-up {outlier.setup}: {value:+.3g} {unit}, "
+            f"set-up {outlier.setup}: {in_digits(value, sign=True)} {unit}, "
             f"{outlier.size:.1f} standard deviations ({reported})"
         )
     if len(result.outliers) > _MOST_LISTED:
@@ -132,14 +132,16 @@ def knot_lines(knots: Iterable[KnotChoice]) -> Iterator[str]:
     """How many knots each ``spline:auto`` got, where, and how sure that is."""
     for found in knots:
         places = ", ".join(
-            f"{q:.4g} ± {s:.2g}" for q, s in zip(found.knots, found.spread, strict=True)
+            f"{in_digits(q, 4)} ± {in_digits(s, 2)}"
+            for q, s in zip(found.knots, found.spread, strict=True)
         )
         chances = ", ".join(f"{k}: {p:.0%}" for k, p in found.probability.items() if p >= 0.005)
         unit, factor = display(found.unit)
         where = f" at {places} {found.where}" if found.knots else ""
         yield (
             f"knots of {found.effect}: {len(found.knots)}{where} (how many, by evidence: "
-            f"{chances}; other choices move the curve by ±{found.curve_sd * factor:.2g} {unit})"
+            f"{chances}; other choices move the curve by "
+            f"±{in_digits(found.curve_sd * factor, 2)} {unit})"
         )
 
 
@@ -159,11 +161,14 @@ def parameter_lines(result: Solution) -> Iterator[str]:
                 parts.append(f"{name} not measured")
                 continue
             if sd < _NOTHING * unknown.scale:
-                parts.append(f"{name} = {value.value * factor:.4g} {shown}, by convention")
+                parts.append(
+                    f"{name} = {in_digits(value.value * factor, 4)} {shown}, by convention"
+                )
                 continue
             text = f"{name} = {with_uncertainty(value.value * factor, sd * factor)} {shown}"
             if name in reversed_parameters(result.model.machine, term.effect):
-                text += f" (on the table itself {-value.value * factor:+.4g} {shown})"
+                there = in_digits(-value.value * factor, 4, sign=True)
+                text += f" (on the table itself {there} {shown})"
             parts.append(text)
         yield f"{term.effect.spec}: {', '.join(parts)}"
 

@@ -15,7 +15,7 @@ from abbe.compcore.effects.base import Effect, Parameter
 from abbe.compcore.errors import InputError
 from abbe.compcore.fleet.mixture import Mixture, ToldOfCause, mixture
 from abbe.compcore.fleet.told import CampaignTold, DiagnosedMachine
-from abbe.compcore.units import read_in
+from abbe.compcore.units import in_digits, read_in
 
 F64 = NDArray[np.float64]
 
@@ -87,8 +87,8 @@ class CommonCause:
             yield f"  named alone already: {', '.join(alone)}"
         for p, mean, spread in zip(self.parameters, self.mean, self.spread, strict=True):
             shown, factor = read_in(p)
-            scatter = f"machines scatter by {spread * factor:.2g}"
-            yield f"  {p.name} = {mean * factor:.3g} {shown}, {scatter}"
+            scatter = f"machines scatter by {in_digits(spread * factor, 2)}"
+            yield f"  {p.name} = {in_digits(mean * factor)} {shown}, {scatter}"
         yield f"  evidence {self.evidence:.0f} ({ENOUGH:g} is enough)"
         if self.confusable:
             yield f"  could also be: {'; '.join(self.confusable)}"

@@ -20,6 +20,7 @@ from abbe.compcore.effects.base import Effect
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine, own_component
 from abbe.compcore.model.model import Model, Term
+from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
 Side = Literal["tool", "workpiece"]
@@ -130,8 +131,10 @@ class AverageLine:
             turned = ""
             if self.side == "workpiece":
                 letter = "XYZ"["ABC".index(own_component(self.axis))]
-                turned = f" (the table itself is turned by {-self.zero * 1e6:+.4g} µrad about "
-                turned += f"{letter}, right-handed)"
+                turn = in_digits(-self.zero * 1e6, 4, sign=True)
+                turned = (
+                    f" (the table itself is turned by {turn} µrad about {letter}, right-handed)"
+                )
             yield f"{stands} where it shows 0{turned}"
 
     def _place_words(self) -> str:
@@ -156,7 +159,8 @@ class AverageLine:
         text += f"enter {entered}"
         if self.carrier is not None:
             apart = ", ".join(
-                f"{'XYZ'[k]} {self.beside_carrier[k] * 1e3:+.4g} µm" for k in self.across
+                f"{'XYZ'[k]} {in_digits(self.beside_carrier[k] * 1e3, 4, sign=True)} µm"
+                for k in self.across
             )
             text += f" (all axes at zero; from where {self.carrier} carries it: {apart})"
         return text
@@ -284,8 +288,8 @@ def _towards(value: float, sd: float, direction: int, factor: float, unit: str) 
 
 
 def _amount(value: float, sd: float, factor: float, unit: str) -> str:
-    more = "" if not sd > 0.0 else f" ± {sd * factor:.2g}"
-    return f"{value * factor:.4g}{more} {unit}"
+    more = "" if not sd > 0.0 else f" ± {in_digits(sd * factor, 2)}"
+    return f"{in_digits(value * factor, 4)}{more} {unit}"
 
 
 def average_line_words(model: Model) -> Iterator[str]:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from abbe.compcore.errors import NotContractionError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.model.model import Model
+from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
 ErrorField = Callable[[F64], F64]
@@ -130,7 +131,8 @@ def _diverged(target: F64, factor: F64) -> NotContractionError:
     row = int(np.argmax(factor))
     where = ", ".join(f"{a}={v:g}" for a, v in zip("XYZ", target[row, :3], strict=True))
     return NotContractionError(
-        f"the correction cannot be undone at {where}: the error changes by {factor[row]:.3g} mm "
+        f"the correction cannot be undone at {where}: the error changes by "
+        f"{in_digits(factor[row])} mm "
         "per mm of travel, which must stay well below 1; look for a wrong unit"
     )
 

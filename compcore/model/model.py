@@ -16,6 +16,7 @@ from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain, exact, first_order
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.notebook import html_table
+from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
 Composition = Literal["first-order", "exact"]
@@ -225,7 +226,7 @@ class Model:
             return f"{text}, not fitted"
         text += f" with {fitted} parameters"
         rms = self.fit.get("rms")
-        return text if rms is None else f"{text}, {rms:.3g} µm rms left where it was fitted"
+        return text if rms is None else f"{text}, {in_digits(rms)} µm rms left where it was fitted"
 
     def _repr_html_(self) -> str:
         rows = [[term.effect.spec, len(term.values) or None] for term in self.terms]

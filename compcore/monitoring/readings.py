@@ -21,6 +21,7 @@ from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.sensitivity import covariance_root, sensitivities
+from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -259,7 +260,7 @@ class _Keys:
 
     def _stands(self, row: int, k: int) -> str:
         axis, at = self.axes[k], self.place[row, k]
-        return f"{axis} {np.degrees(at) if is_rotary(axis) else at:.5g}"
+        return f"{axis} {in_digits(np.degrees(at) if is_rotary(axis) else at, 5)}"
 
 
 def _keys(campaign: Campaign) -> _Keys:
@@ -311,4 +312,4 @@ def direction_name(u: F64) -> str:
     k = int(np.abs(u).argmax())
     if abs(u[k]) > _ALIKE:
         return f"{'−' if u[k] < 0 else ''}{'XYZ'[k]}"
-    return "(" + ", ".join(f"{c:.2g}" for c in u) + ")"
+    return "(" + ", ".join(in_digits(c, 2) for c in u) + ")"

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.linalg import threads_for
+from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
 
@@ -123,7 +124,7 @@ def _where(length: Callable[[float], float], wanted: float) -> float:
     with threads_for(0):
         shortest = length(_NEXT_TO_NONE)
         if wanted <= shortest:
-            raise ValueError(f"run length {wanted}: expected above {shortest:.3g}")
+            raise ValueError(f"run length {wanted}: expected above {in_digits(shortest)}")
         return _root(lambda limit: math.log(length(limit) / wanted))
 
 

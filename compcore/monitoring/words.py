@@ -8,6 +8,7 @@ import numpy as np
 
 from abbe.compcore.monitoring.change import ChangePattern, MachineChange
 from abbe.compcore.monitoring.judgement import Judgement
+from abbe.compcore.units import in_digits
 
 When = Callable[[float], str]
 """A moment, s since 1970, for people."""
@@ -72,13 +73,14 @@ def pattern_words(pattern: ChangePattern) -> str:
     turned = pattern.component in "ABC"
     unit = "µrad" if turned else "µm"
     where = f"{'about' if turned else 'in'} {pattern.component}"
-    middle = f"{_signed(pattern.constant)} ± {pattern.constant_sd:.1g} {unit}"
+    middle = f"{_signed(pattern.constant)} ± {in_digits(pattern.constant_sd, 1)} {unit}"
     if not pattern.along:
         return f"{where} by {middle}"
     per, many = {"mm": ("m", 1e3), "degree": ("degree", 1.0)}.get(
         pattern.unit, (f"unit of {pattern.along}", 1.0)
     )
-    slope = f"{_signed(many * pattern.slope)} ± {many * pattern.slope_sd:.1g} {unit} per {per}"
+    sd = in_digits(many * pattern.slope_sd, 1)
+    slope = f"{_signed(many * pattern.slope)} ± {sd} {unit} per {per}"
     text = f"{where}, grows with {pattern.along} by {slope}"
     if abs(pattern.constant) > _SEEN * pattern.constant_sd:
         text += f" ({middle} in the middle)"
@@ -90,8 +92,8 @@ def detection_words(found: Judgement) -> str:
     usual, series = found.usual, found.readings.series
     k = int(np.argmax(usual))
     soon = [
-        f"{size * usual[k]:.2g} {series[k].unit} within "
-        f"{found.detects_within(size * usual[k], k):.2g} checks"
+        f"{in_digits(size * usual[k], 2)} {series[k].unit} within "
+        f"{in_digits(found.detects_within(size * usual[k], k), 2)} checks"
         for size in _SIZES
     ]
     return f"Changed, the place that scatters most ({series[k].name}) is found on average: " + (
@@ -104,4 +106,4 @@ def _checks(count: int) -> str:
 
 
 def _signed(value: float) -> str:
-    return f"{value:+.3g}".replace("-", "−")
+    return in_digits(value, sign=True).replace("-", "−")

@@ -12,6 +12,7 @@ from abbe.compcore.linalg import svd
 from abbe.compcore.planning.choice import Knowledge
 from abbe.compcore.planning.knowledge import unknowns
 from abbe.compcore.planning.targets import SurveyTask
+from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
 
@@ -38,7 +39,7 @@ class Undecided:
     size: float
 
     def __str__(self) -> str:
-        return f"{' with '.join(self.effects)}: {self.size * 1e3:.3g} µm over the volume"
+        return f"{' with '.join(self.effects)}: {in_digits(self.size * 1e3)} µm over the volume"
 
 
 def undecided(task: SurveyTask, known: Knowledge, start: Knowledge) -> Iterator[Undecided]:

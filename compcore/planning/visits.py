@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.planned_setup import PlannedSetup
+from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
 
@@ -63,13 +64,14 @@ class SetupVisits:
             others = np.abs(scaled[k + 1 :] - scaled[k]).max(axis=1, initial=0.0)
             near = (others < 2.0) & (others > 0.0)
             if len(others) and near.any():
+                most = 0.5 * within * float(others[near].min())
                 raise InputError(
                     f"targets {k + 1} and {k + 2 + int(np.argmax(near))} of set-up "
                     f"{self.setup.name} are nearer to each other than twice the distance within "
                     "which a target is recognised",
                     field="measure.within",
                     found=within,
-                    expected=f"less than {0.5 * within * float(others[near].min()):.4g} mm",
+                    expected=f"less than {in_digits(most, 4)} mm",
                 )
 
     @property

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from abbe.compcore.artefacts.decision_rule import Conformity
-from abbe.compcore.units import display, with_uncertainty
+from abbe.compcore.units import display, in_digits, with_uncertainty
 from abbe.compcore.verification.fitted import FittedPart
 from abbe.compcore.verification.placed import PlacedFigure
 from abbe.compcore.verification.verify import Verification, VerifiedLine
@@ -76,7 +76,7 @@ def _all_worse(found: Verification) -> Iterator[str]:
         if after > _MORE * before and after**2 > before**2 + sd**2:
             _, factor = display(unit)
             yield (
-                f"all readings: {before * factor:.3g} before, {after * factor:.3g} "
+                f"all readings: {in_digits(before * factor)} before, {in_digits(after * factor)} "
                 f"{display(unit)[0]} rms after"
             )
 

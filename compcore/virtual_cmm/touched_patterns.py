@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.errors import InputError
+from abbe.compcore.units import in_digits
 from abbe.compcore.virtual_cmm.elements import basis
 from abbe.compcore.virtual_cmm.features import FEWEST, ElementKind, TouchedFeature
 
@@ -100,7 +101,8 @@ def from_points(
         away = own @ axis if kind == "plane" else np.zeros(1)
     if float(np.ptp(away)) > _OFF or (kind in ("circle", "cylinder", "sphere") and radius <= 0.0):
         raise InputError(
-            f"its points are not those of a {kind}", found=f"{float(np.ptp(away)):.3g} mm apart",
+            f"its points are not those of a {kind}",
+            found=f"{in_digits(float(np.ptp(away)))} mm apart",
             expected="nominal points, and directions out of the material",
         )  # fmt: skip
     return placed.feature(points, normals, centre, axis, radius, named)

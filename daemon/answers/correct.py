@@ -23,6 +23,7 @@ from abbe.compcore.model.uncertainty import (
     expanded,
     uncertainty,
 )
+from abbe.compcore.units import in_digits
 from abbe.daemon.arguments.effect_name import short
 
 F64 = NDArray[np.float64]
@@ -216,7 +217,7 @@ def as_text(found: Corrected, *, explain: bool) -> Iterator[str]:
     if found.command:
         yield (
             f"found in {found.iterations} rounds; each shrinks what is left to "
-            f"{found.contraction:.2g} of it"
+            f"{in_digits(found.contraction, 2)} of it"
         )
     yield UNKNOWN if found.sure is None else f"± with k = {COVERAGE:g}"
     if explain:

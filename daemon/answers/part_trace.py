@@ -7,6 +7,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from abbe.compcore.units import in_digits
 from abbe.daemon.answers.records import BITS, clock, span_lines
 from abbe.daemon.records.reading import RecordedSpan, Records
 from abbe.daemon.records.recorder import BEYOND, IN_FULL
@@ -79,7 +80,7 @@ def part_text(found: Mapping[str, Any], spans: Sequence[RecordedSpan]) -> Iterat
         )
     share = found["corrected_in_full"]
     if share is not None:
-        yield f"corrected in full: {100.0 * share:.4g} % of what was recorded"
+        yield f"corrected in full: {in_digits(100.0 * share, 4)} % of what was recorded"
     yield from span_lines(_shown(spans))
     yield from _beyond_lines(found)
     yield f"warnings: {len(found['warnings'])}"
@@ -122,8 +123,8 @@ def _beyond_lines(found: Mapping[str, Any]) -> Iterator[str]:
         return
     yield f"outside of what was measured: {len(beyond) or 'nothing'}"
     for b in beyond:
-        share = 100.0 * b["share"]
-        yield f"  {b['name']}: by up to {b['by']:+.3g} {b['unit']}, in {share:.3g} % of the time"
+        share, most = in_digits(100.0 * b["share"]), in_digits(b["by"], sign=True)
+        yield f"  {b['name']}: by up to {most} {b['unit']}, in {share} % of the time"
 
 
 def _beyond(span: RecordedSpan, spans: Sequence[RecordedSpan]) -> dict[str, Any]:

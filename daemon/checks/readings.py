@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.plausible import position_range
 from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.units import in_digits
 from abbe.daemon.arguments.measurements.check_reading import TypedReading, Vec3
 from abbe.daemon.arguments.point_arguments import Given
 from abbe.daemon.checks.triggers import MeasuredPoint, NotTakenError
@@ -81,7 +82,7 @@ def reading_of(
         if not math.isfinite(q):
             raise NotTakenError(f"where {axis} stood is not known")
     if not (math.isfinite(value) and abs(value) <= _LARGEST):
-        raise NotTakenError(f"an error of {value:.4g} µm is none of a machine")
+        raise NotTakenError(f"an error of {in_digits(value, 4)} µm is none of a machine")
     given = Given(positions=stood, tool=section.tool or tool)
     own = section.nominal if found else None
     typed = TypedReading(measured.name, found, own, value, u, False, section.sd, when, given)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from abbe.compcore.planning.planned_setup import PlannedSetup
+from abbe.compcore.units import in_digits
 from abbe.daemon.measure.course import MeasureCourse
 from abbe.daemon.measure.events import MeasureEvent, Tell, minutes, target_words, unit_of_kind
 from abbe.daemon.measure.following.target_watch import TargetUnsteady
@@ -104,7 +105,9 @@ class MeasureNews:
     def setup_done(self, setup: PlannedSetup) -> None:
         """Tell that a set-up is complete."""
         then = self._expected.get(setup.name)
-        sure = f"; the plan expects ±{then[1] * 1e3:.3g} µm over the volume now" if then else ""
+        sure = (
+            f"; the plan expects ±{in_digits(then[1] * 1e3)} µm over the volume now" if then else ""
+        )
         left = minutes(self._course.seconds_left)
         words = "nothing is left" if self._course.complete else f"about {left} left"
         self.event("done", f"{setup.name} is complete: {words}{sure}", setup=setup.name)

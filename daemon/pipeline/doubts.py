@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from abbe.compcore.units import in_digits
 from abbe.daemon.config.sections.config_file import ConfigFile
 from abbe.daemon.pipeline.plan import PipelinePlan
 from abbe.daemon.pipeline.reading.motion import SampleSpeeds
@@ -108,7 +109,7 @@ class Doubts:
                 positions[i] = math.nan
                 faults.setdefault(
                     self._axes[i],
-                    f"may have moved by {age * speed:.3g} since it was read, "
+                    f"may have moved by {in_digits(age * speed)} since it was read, "
                     f"{1e3 * age:.0f} ms ago",
                 )
 

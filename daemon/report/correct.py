@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abbe.compcore.figures.figure import figure
 from abbe.compcore.model.uncertainty import expanded
+from abbe.compcore.units import in_digits
 from abbe.daemon.answers.correct import Corrected
 from abbe.daemon.arguments.effect_name import short
 from abbe.daemon.report.head import PageHead
@@ -72,7 +73,7 @@ def corrected_page(found: Corrected, warnings: list[str], title: str, head: Page
         ),
         "Each effect's part of the error at this point, largest on top. The parts sum to the "
         f"correction{' with its sign turned' if found.command else ''} but for "
-        f"{max(map(abs, found.second_order)) * 1e6:.2g} nm of second order.",
+        f"{in_digits(max(map(abs, found.second_order)) * 1e6, 2)} nm of second order.",
     )
     page.table(
         ["Effect", "X, µm", "Y, µm", "Z, µm"],

@@ -11,6 +11,7 @@ from abbe.compcore.figures.figure import SIGNED, Figure, figure
 from abbe.compcore.figures.motions import plane as distorted
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.uncertainty import COVERAGE, UNKNOWN
+from abbe.compcore.units import in_digits
 from abbe.daemon.answers.error_map import MappedPlane, state_in_words
 from abbe.daemon.report.head import PageHead
 from abbe.daemon.report.page import Page, number
@@ -45,7 +46,9 @@ def error_map_page(
             ("largest error of a point", f"{one.largest * 1e3:.1f}", "µm"),
         ]
         if one.widest is not None:
-            key.append(("how sure", f"± {one.widest * 1e3:.2g}", f"µm at most, k = {COVERAGE:g}"))
+            key.append(
+                ("how sure", f"± {in_digits(one.widest * 1e3, 2)}", f"µm at most, k = {COVERAGE:g}")
+            )
         page.key_figures(key)
         page.figure(
             distorted(one.found),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 
+from abbe.compcore.units import in_digits
 from abbe.daemon.pipeline.headline import headline
 from abbe.daemon.pipeline.live_uncertainty import LiveUncertainty
 from abbe.daemon.pipeline.record import CycleRecord
@@ -85,8 +86,8 @@ class PlainLines:
             if reading.fault
         ]
         parts += [
-            f"{name} {link.status.state.value} {1e3 * link.status.round_trip:.2g} ms"
+            f"{name} {link.status.state.value} {in_digits(1e3 * link.status.round_trip, 2)} ms"
             for name, link in self._links.items()
         ]
-        parts.append(f"cycle {1e3 * record.duration:.2g} ms")
+        parts.append(f"cycle {in_digits(1e3 * record.duration, 2)} ms")
         return " | ".join(parts)

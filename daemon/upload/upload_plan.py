@@ -13,6 +13,7 @@ from abbe.compcore.files.model_toml.campaign_record import conditions_of
 from abbe.compcore.files.table_set import RECORD_NAME, TableSet, read_text, sha256
 from abbe.compcore.tables.record import unit_of_entries
 from abbe.compcore.tables.table import Table
+from abbe.compcore.units import in_digits
 from abbe.daemon.config import Configuration
 from abbe.daemon.config.sections.upload import UploadSetup
 from abbe.daemon.upload.history import backups
@@ -155,8 +156,8 @@ def _match(tables: Sequence[Table], made: TableSet, path: Path) -> None:
         off = abs(table.largest() * factor - row["largest"])
         if not off <= max(_ROUNDED, 0.01 * abs(row["largest"])):
             raise AbbeError(
-                f"{path}: {table.name} is up to {table.largest() * factor:.4g} in the files and "
-                f"{row['largest']:.4g} {row['unit']} in the record"
+                f"{path}: {table.name} is up to {in_digits(table.largest() * factor, 4)} in "
+                f"the files and {in_digits(row['largest'], 4)} {row['unit']} in the record"
             )
     if reported:
         raise AbbeError(f"{path}: the record names {', '.join(reported)}, the files do not hold it")

@@ -23,6 +23,7 @@ from abbe.compcore.machine.plausible import DISPLACEMENT, ROTATION, TRAVEL, TRAV
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.tables.capability import Capability
 from abbe.compcore.tables.table import Sign, Table
+from abbe.compcore.units import in_digits
 from abbe.compcore.validation import invalid_key
 
 F64 = NDArray[np.float64]
@@ -264,7 +265,7 @@ class Controller(ABC):
                 factor = 1e6 if table.output.rotation else 1e3
                 raise AbbeError(
                     f"{self.name}: {table.name} in the files differs from what was to be written "
-                    f"by {off * factor:.3g} {unit}"
+                    f"by {in_digits(off * factor)} {unit}"
                 )
         wanted = {t.name for t in tables}
         extra = [t.name for t in found if t.name not in wanted and t.largest() > 0.0]

@@ -8,6 +8,7 @@ from datetime import datetime
 
 from asyncua import ua
 
+from abbe.compcore.units import in_digits
 from abbe.drivers.link import LinkProtocolError, Quality, Sample
 from abbe.drivers.opcua.config import OpcuaChannelConfig, Stamp
 
@@ -132,7 +133,7 @@ def _age(stamp: Stamp, found: ua.DataValue, made_at: datetime | None) -> float:
     age: float = (made_at - at).total_seconds()
     if age < -_JITTER:
         raise LinkProtocolError(
-            f"its {stamp} time stamp is {-age:.3g} s later than the answer itself, so that nobody "
-            "knows how old it is: see stamp in docs/opcua.md"
+            f"its {stamp} time stamp is {in_digits(-age)} s later than the answer itself, so "
+            "that nobody knows how old it is: see stamp in docs/opcua.md"
         )
     return max(0.0, age)

@@ -14,6 +14,7 @@ import math
 import time
 from collections.abc import Callable, Collection, Sequence
 
+from abbe.compcore.units import in_digits
 from abbe.drivers.link import LinkDownError, LinkProtocolError, LinkTimeoutError, TooLateError
 from abbe.drivers.reply_wait import ReplyWait
 from abbe.drivers.serial.checksum import shown
@@ -223,7 +224,7 @@ class Conversation:
     def _silence(self, question: SerialQuestion, limit: float) -> str:
         got = b" ".join([*self._lines, self._splitter.held])
         more = f" ({shown(got)} came, and no end)" if got else ""
-        return f"{question.name}: no answer in {limit:.3g} s{more}"
+        return f"{question.name}: no answer in {in_digits(limit)} s{more}"
 
     def _open_port(self) -> Port:
         if self._port is None:

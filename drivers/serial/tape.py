@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
+from abbe.compcore.units import in_digits
 from abbe.drivers.link import LinkDownError, LinkError, LinkProtocolError, LinkTimeoutError
 from abbe.drivers.serial.checksum import Kind, shown
 from abbe.drivers.serial.patterns import checked
@@ -209,7 +210,7 @@ class TapeLine:
                 await asyncio.wait_for(self._news.wait(), max(0.0, deadline - time.monotonic()))
             except TimeoutError:
                 said = f"; it said {shown(bytes(self._held))}" if self._held else ""
-                raise LinkTimeoutError(f"{why} in {within:.3g} s{said}") from None
+                raise LinkTimeoutError(f"{why} in {in_digits(within)} s{said}") from None
 
     async def _until_driver_is_empty(self) -> None:
         deadline = time.monotonic() + self._settings.stall_timeout

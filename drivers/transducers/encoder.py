@@ -24,6 +24,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from abbe.compcore.units import in_digits
 from abbe.drivers.link import Quality, Sample
 from abbe.drivers.transducers.base import (
     SensorFaultError,
@@ -97,7 +98,7 @@ class EncoderConfig(TransducerConfig):
                 raise ValueError(
                     f"max_gap = {self.max_gap:g} s: at {self.max_speed:g} {self.unit}/s this "
                     f"{self.bits}-bit counter passes max_jump = {self.max_jump:g} of its range in "
-                    f"{limit:.3g} s; expected at most that"
+                    f"{in_digits(limit)} s; expected at most that"
                 )
         return self
 
@@ -211,7 +212,8 @@ class Encoder(Transducer):
             self._time = raw.time
             if gap > self._longest_gap and not self._lost:
                 self._lost = (
-                    f"no count for {gap:.3g} s, longer than {self._longest_gap:.3g} s: the "
+                    f"no count for {in_digits(gap)} s, longer than "
+                    f"{in_digits(self._longest_gap)} s: the "
                     f"{self._c.bits}-bit counter may have wrapped unseen"
                 )
         try:

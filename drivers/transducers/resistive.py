@@ -8,6 +8,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
+from abbe.compcore.units import in_digits
 from abbe.drivers.transducers.base import (
     SensorFaultError,
     Transducer,
@@ -161,5 +162,5 @@ def format_ohms(ohms: float) -> str:
         return "infinite resistance"
     for scale, unit in ((1e6, "MΩ"), (1e3, "kΩ")):
         if abs(ohms) >= scale:
-            return f"{ohms / scale:.4g} {unit}"
-    return f"{ohms:.4g} Ω"
+            return f"{in_digits(ohms / scale, 4)} {unit}"
+    return f"{in_digits(ohms, 4)} Ω"

@@ -28,6 +28,7 @@ from abbe.compcore.maps.conventions.ranking import FLOOR, RankedHypothesis, Rank
 from abbe.compcore.maps.conventions.screening import frame, frames, screen, unseen_columns
 from abbe.compcore.maps.conventions.subject import Source, Subject
 from abbe.compcore.maps.conventions.switched import SwitchedPoints
+from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
 Verdict = Literal["identified", "ambiguous", "none"]
@@ -132,7 +133,7 @@ def identify(
     if observed <= max(2.0 * points.sigma, FLOOR):
         raise InputError(
             "the correction does nothing at these points: on and off read alike",
-            found=f"{observed * 1e3:.3g} µm RMS",
+            found=f"{in_digits(observed * 1e3)} µm RMS",
             expected="differences above the display's last digit",
         )
     if tolerance is None:

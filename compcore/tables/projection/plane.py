@@ -16,6 +16,7 @@ from abbe.compcore.tables.projection.curves.quantise import quantise
 from abbe.compcore.tables.projection.present import counterparts
 from abbe.compcore.tables.table import Table, move
 from abbe.compcore.tables.volume import Volume
+from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
 
@@ -93,7 +94,7 @@ def plane_tables(
         if steps.limited > 0.0:
             notes.append(
                 f"{table.name}: the range of the controller's entries cuts off up to "
-                f"{steps.limited * 1e3:.3g} µm"
+                f"{in_digits(steps.limited * 1e3)} µm"
             )
         tables.append(table)
     return tables, notes, unmatched

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from abbe.compcore.fleet.pooled import PooledParameter, PooledType
-from abbe.compcore.units import read_in
+from abbe.compcore.units import in_digits, read_in
 
 _UNLIKE = 3.0
 """Standard deviations from what the others lead one to expect that are said."""
@@ -53,14 +53,16 @@ def lines(found: PooledType, kind: str = "") -> Iterator[str]:
     width = max((len(text) for text, _ in texts), default=0)
     for text, p in texts:
         unit, factor = read_in(p.parameter)
-        sure = f"{p.mean * factor:10.4g} ± {p.mean_sd * factor:.2g} {unit}"
-        scatter = f"machines scatter by {p.spread * factor:.2g}{_apart(p, found)}"
+        sure = f"{p.mean * factor:10.4g} ± {in_digits(p.mean_sd * factor, 2)} {unit}"
+        scatter = f"machines scatter by {in_digits(p.spread * factor, 2)}{_apart(p, found)}"
         yield f"{text:{width}}  {sure}, {scatter}"
         if kind:
             for i, name in enumerate(found.names):
                 yield (
-                    f"  {name}: {p.values[i] * factor:.4g} ± {p.sds[i] * factor:.2g}, with what "
-                    f"the others say {p.pooled[i] * factor:.4g} ± {p.pooled_sds[i] * factor:.2g}"
+                    f"  {name}: {in_digits(p.values[i] * factor, 4)} ± "
+                    f"{in_digits(p.sds[i] * factor, 2)}, with what "
+                    f"the others say {in_digits(p.pooled[i] * factor, 4)} ± "
+                    f"{in_digits(p.pooled_sds[i] * factor, 2)}"
                 )
     if found.left_out:
         yield f"not compared, because not all models have them: {'; '.join(found.left_out)}"

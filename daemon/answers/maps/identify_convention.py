@@ -12,6 +12,7 @@ from abbe.compcore.maps.conventions.hypotheses import Hypothesis
 from abbe.compcore.maps.conventions.identify import Identification
 from abbe.compcore.maps.conventions.ranking import DistinguishingPose, RankedHypothesis, Tie
 from abbe.compcore.maps.table import COLUMNS, COMPONENTS
+from abbe.compcore.units import in_digits
 from abbe.daemon.answers.typed import free_name
 
 _MOST_LISTED = 6
@@ -229,4 +230,4 @@ def _point(convention: Convention) -> str:
 
 
 def _um(millimetres: float) -> str:
-    return f"{millimetres * 1e3:.3g}"
+    return in_digits(millimetres * 1e3)

@@ -23,6 +23,7 @@ from abbe.compcore.iso10791.evaluate import (
 )
 from abbe.compcore.machine.machine import Machine, own_component
 from abbe.compcore.model.as_built import ON_THE_TABLE
+from abbe.compcore.units import in_digits
 from abbe.daemon.answers.as_built import lines_json
 
 WAYS = {0: "", 1: "↑", -1: "↓"}
@@ -137,7 +138,7 @@ def location_lines(found: RotaryAxisResult) -> Iterator[str]:
             continue  # where the sphere is left free, where the axis stands at 0 is free too
         unit, factor = ("µm", 1e3) if name[2] in "XYZ" else ("µrad", 1e6)
         text = f"{name} = {value.value * factor:+.2f}"
-        text += "" if value.sd is None else f" ± {value.sd * factor:.2g}"
+        text += "" if value.sd is None else f" ± {in_digits(value.sd * factor, 2)}"
         text += f" {unit}"
         if found.side == "workpiece":
             text += f" (on the table itself {-value.value * factor:+.2f})"
@@ -151,7 +152,7 @@ def as_text(answer: RotaryAnswer) -> Iterator[str]:
     spheres = len(answer.campaign.setups)
     yield (
         f"Rotary axes, ISO 10791-6: {result.problem.n} readings at {spheres} "
-        f"sphere{'s' * (spheres > 1)}; {evaluation.left * 1e3:.2g} µm rms left"
+        f"sphere{'s' * (spheres > 1)}; {in_digits(evaluation.left * 1e3, 2)} µm rms left"
     )
     for found in evaluation.axes:
         yield f"{found.axis}, on the {found.side}'s side of the bed"

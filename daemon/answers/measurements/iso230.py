@@ -18,6 +18,7 @@ from abbe.compcore.iso230.diagonals import Diagonals
 from abbe.compcore.iso230.evaluate import evaluate_iso230
 from abbe.compcore.iso230.positioning import RESULTS, PositioningResult
 from abbe.compcore.machine.machine import Machine
+from abbe.compcore.units import in_digits
 
 SYMBOLS: Mapping[str, str] = {
     "A": "A", "A_up": "A↑", "A_down": "A↓", "R": "R", "R_up": "R↑", "R_down": "R↓", "E": "E",
@@ -132,7 +133,11 @@ def _circle_lines(circles: Sequence[CircularResult]) -> Iterator[str]:
             min(c.F_min.values()), c.D,
         ]  # fmt: skip
         name = f"{''.join(c.plane)}  {c.setup}"
-        yield f"{name:<{width}}  " + "".join(map(um, cells)) + f"  µm, radius {c.radius:.4g} mm"
+        yield (
+            f"{name:<{width}}  "
+            + "".join(map(um, cells))
+            + f"  µm, radius {in_digits(c.radius, 4)} mm"
+        )
         for note in c.notes:
             yield f"  {c.setup}: {note}"
     yield "  F and D hold where the instrument's length was calibrated; G and H always"

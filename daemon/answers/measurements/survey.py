@@ -7,6 +7,7 @@ from typing import Any
 
 from abbe.compcore.planning.plan import PlanStep, SurveyPlan
 from abbe.compcore.planning.setups.presets import PRESETS
+from abbe.compcore.units import in_digits
 from abbe.daemon.answers.measurements.plan import BEFORE
 
 MEANING = (
@@ -81,4 +82,4 @@ def as_text(plan: SurveyPlan) -> Iterator[str]:
 
 
 def _microns(value: float) -> str:
-    return f"{value * 1e3:.3g} µm"
+    return f"{in_digits(value * 1e3)} µm"

@@ -17,7 +17,7 @@ from abbe.compcore.files.model_file import save_model
 from abbe.compcore.files.model_toml.campaign_record import campaign_records, noise_by_file
 from abbe.compcore.files.model_toml.fit_record import recorded
 from abbe.compcore.model.model import Model
-from abbe.compcore.units import read_in, with_uncertainty
+from abbe.compcore.units import in_digits, read_in, with_uncertainty
 from abbe.daemon.answers.inputs import now
 from abbe.daemon.answers.model.fit import finite
 from abbe.daemon.answers.model.held_out import HeldOutCampaigns, shares
@@ -99,8 +99,11 @@ class StepFigures:
     def line(self) -> str:
         """For people."""
         said = _SAID[self.step.action].format(_what(self.step))
-        text = f"{said}: {self.rms:.3g} {self.unit} rms, left-out blocks {self.held_out:.3g}"
-        return text if self.unseen is None else f"{text}, held-out campaigns {self.unseen:.3g}"
+        left = f"{in_digits(self.rms)} {self.unit} rms"
+        text = f"{said}: {left}, left-out blocks {in_digits(self.held_out)}"
+        return (
+            text if self.unseen is None else f"{text}, held-out campaigns {in_digits(self.unseen)}"
+        )
 
     @property
     def as_json(self) -> dict[str, Any]:
@@ -249,4 +252,4 @@ def _units(course: Course) -> dict[str, dict[str, tuple[str, float]]]:
 
 
 def _plain(value: float) -> str:
-    return f"{value:.4g}" if abs(value) > _NOTHING else "0"
+    return in_digits(value, 4) if abs(value) > _NOTHING else "0"

@@ -24,7 +24,7 @@ from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.model.as_built import average_line_words, reversed_parameters
 from abbe.compcore.model.model import Model, Value
 from abbe.compcore.sentences import said
-from abbe.compcore.units import read_in, with_uncertainty
+from abbe.compcore.units import in_digits, read_in, with_uncertainty
 from abbe.daemon.answers import as_built
 from abbe.daemon.answers.inputs import now
 from abbe.daemon.answers.model.fit import finite
@@ -216,7 +216,8 @@ def as_text(revision: Revision, effect: Effect | None) -> Iterator[str]:
             wide = None if found.sd is None else found.sd * factor
             text = f"{p.name} = {with_uncertainty(found.value * factor, wide)} {shown}"
             if p.name in reversed_parameters(revision.after.model.machine, effect):
-                text += f" (on the table itself {-found.value * factor:+.4g} {shown})"
+                there = in_digits(-found.value * factor, 4, sign=True)
+                text += f" (on the table itself {there} {shown})"
             yield text
         if isinstance(effect, RotaryLocation):
             yield from average_line_words(revision.after.model)

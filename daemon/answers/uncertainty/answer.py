@@ -16,6 +16,7 @@ from abbe.compcore.files.part_file import read_part
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
 from abbe.compcore.planning.instruments import PlannedInstrument
+from abbe.compcore.units import in_digits
 from abbe.compcore.virtual_cmm.causes import NOT_MEASURED
 from abbe.compcore.virtual_cmm.features import PartCharacteristic
 from abbe.compcore.virtual_cmm.linear_propagation import LinearPropagation, propagated
@@ -132,8 +133,8 @@ def _notes(measurement: VirtualMeasurement, found: Sequence[TaskUncertainty]) ->
     rms = machine.model.fit.get("rms")
     if isinstance(rms, int | float) and math.isfinite(rms):
         yield (
-            f"the fit left {rms:.3g} µm rms over, noise of its instruments included; an error of "
-            "the machine that the model does not have is not in these figures"
+            f"the fit left {in_digits(rms)} µm rms over, noise of its instruments included; "
+            "an error of the machine that the model does not have is not in these figures"
         )
 
 

@@ -15,6 +15,7 @@ from abbe.compcore.files.text.atomic import write_atomically
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.model import Model
+from abbe.compcore.units import in_digits
 from abbe.daemon.answers.inputs import load
 from abbe.daemon.answers.model import expected_times as expected
 from abbe.daemon.answers.typed import Adding
@@ -110,7 +111,8 @@ def _hidden_wave(model: Model, spec: str, conditions: Conditions) -> str:
         for axis, wave in term.effect.repeats(model.machine, nonlinear).items():
             if axis in steps and not is_rotary(axis) and not resolves(steps[axis], wave):
                 return (
-                    f"{axis} was read every {steps[axis]:.3g} mm, which does not tell its wave of "
-                    f"{wave:.3g} mm from a longer one; a line with other steps would"
+                    f"{axis} was read every {in_digits(steps[axis])} mm, which does not tell "
+                    "its wave of "
+                    f"{in_digits(wave)} mm from a longer one; a line with other steps would"
                 )
     return ""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from abbe.compcore.units import in_digits
+
 _FACTORS = {
     -1.0: "the sign is turned (sign = -1, or 1)",
     0.0: "it stands still",
@@ -78,7 +80,7 @@ def other_unit(values: Sequence[float], nominal: Sequence[float]) -> str:
 
 def size_words(size: float, *, angle: bool) -> str:
     """A size (mm or rad) for people: ``54 µm``."""
-    return f"{size * (1e6 if angle else 1e3):.3g} {'µrad' if angle else 'µm'}"
+    return f"{in_digits(size * (1e6 if angle else 1e3))} {'µrad' if angle else 'µm'}"
 
 
 @dataclass(frozen=True, slots=True)

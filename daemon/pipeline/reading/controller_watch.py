@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from abbe.compcore.units import in_digits
 from abbe.daemon.pipeline.reading.poll import Batch, Channel
 from abbe.drivers.link import Quality
 
@@ -115,14 +116,14 @@ class Watch:
             if now - self._beat.since > self.within:
                 return "the controller's heartbeat stands still"
             if now - sample.time > self.within:
-                return f"controller's heartbeat: read {now - sample.time:.2g} s ago"
+                return f"controller's heartbeat: read {in_digits(now - sample.time, 2)} s ago"
         if self.status is not None:
             link, channel = self.status
             sample = batch[link][channel]
             if sample.quality is not _GOOD:
                 return f"controller's status word: {sample.reason}"
             if now - sample.time > self.stale_after:
-                return f"controller's status word: read {now - sample.time:.2g} s ago"
+                return f"controller's status word: read {in_digits(now - sample.time, 2)} s ago"
             word = int(sample.value)
             if missing := self.require & ~word:
                 return f"the controller's status word lacks {_bits(missing)}"

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from math import isfinite
 
 from abbe.compcore.errors import InputError
+from abbe.compcore.units import in_digits
 from abbe.daemon.pipeline.reading.controller_watch import Watch
 from abbe.daemon.pipeline.reading.plausible import Plausible
 from abbe.daemon.pipeline.reading.poll import Batch, Channel
@@ -323,7 +324,7 @@ class ToolConverter:
                 return None
         taken_at = min(s.time for s in samples)
         if now - taken_at > self._stale_after:
-            self.fault = f"stale: {now - taken_at:.2g} s old"
+            self.fault = f"stale: {in_digits(now - taken_at, 2)} s old"
             return None
         self._taken_at, self.fault = taken_at, ""
         x, y, z = (s.value for s in samples)
@@ -342,4 +343,4 @@ def _why(
         return f"not a number: {sample.value}"
     if not limits[0] <= sample.value <= limits[1]:
         return f"{sample.value:g} is not {limits[0]:g} to {limits[1]:g}"
-    return f"stale: {now - time:.2g} s old"
+    return f"stale: {in_digits(now - time, 2)} s old"

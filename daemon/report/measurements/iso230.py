@@ -9,6 +9,7 @@ from abbe.compcore.figures.figure import COLOURS, Trace, band, figure, line, poi
 from abbe.compcore.iso230.circular import CircularResult
 from abbe.compcore.iso230.diagonals import Diagonals
 from abbe.compcore.iso230.positioning import RESULTS, PositioningResult
+from abbe.compcore.units import in_digits
 from abbe.daemon.answers.measurements.iso230 import (
     MEANINGS,
     SYMBOLS,
@@ -91,7 +92,8 @@ def _circle(made: Page, circle: CircularResult) -> None:
     first, second = circle.plane
     made.figure(
         figure(traces, f"angle from {first} to {second} in degrees", "radial deviation in µm"),
-        f"Radius measured minus nominal, centre by least squares; radius {circle.radius:.4g} mm.",
+        "Radius measured minus nominal, centre by least squares; radius "
+        f"{in_digits(circle.radius, 4)} mm.",
     )
 
 

@@ -20,6 +20,7 @@ from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.model import Model
 from abbe.compcore.tables.field import ErrorField
 from abbe.compcore.tables.table import Sign, Table, superposed
+from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
 
@@ -120,12 +121,13 @@ def check(extent: Extent, change_um: float | None, limits: Limits) -> None:
     for what, key, found, allowed, unit in rows:
         if not found <= allowed:
             raise OutOfBoundsError(
-                f"{what} of the new tables reaches {found:.4g} {unit}; upload.{key} allows "
-                f"{allowed:g} {unit}"
+                f"{what} of the new tables reaches {in_digits(found, 4)} {unit}; "
+                f"upload.{key} allows {allowed:g} {unit}"
             )
     if change_um is not None and not change_um <= limits.change_um:
         raise OutOfBoundsError(
-            f"the correction changes by up to {change_um:.4g} µm against what is active now; "
+            f"the correction changes by up to {in_digits(change_um, 4)} µm against what is "
+            "active now; "
             f"upload.max_change_um allows {limits.change_um:g} µm (--max-change for this once)"
         )
 

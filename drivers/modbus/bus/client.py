@@ -47,6 +47,7 @@ from pymodbus.pdu.register_message import (
 )
 from pymodbus.transaction import TransactionManager
 
+from abbe.compcore.units import in_digits
 from abbe.drivers.link import (
     LinkDownError,
     LinkError,
@@ -326,9 +327,11 @@ class ModbusClient:
         if unsent(client):
             # what is still in the buffer would be delivered whenever the network comes back
             self.close(at_once=True)
-            return LinkDownError(f"the request did not reach {self._config.where} in {limit:.3g} s")
+            return LinkDownError(
+                f"the request did not reach {self._config.where} in {in_digits(limit)} s"
+            )
         more = f" ({strange} bytes came that answer something else)" if strange else ""
-        return LinkTimeoutError(f"no answer from unit {span.unit} in {limit:.3g} s{more}")
+        return LinkTimeoutError(f"no answer from unit {span.unit} in {in_digits(limit)} s{more}")
 
     def _receiver(
         self, context: TransactionManager, framer: StrictTcpFramer

@@ -16,6 +16,7 @@ from abbe.compcore.diagnosis.uncatalogued.patterns.pattern import (
 )
 from abbe.compcore.diagnosis.uncatalogued.patterns.variables import PatternVariable, term_of
 from abbe.compcore.effects.base import ErrorMotion
+from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
 
@@ -166,5 +167,5 @@ def period_grid(shortest: float, longest: float, step: float) -> F64:
 
 def _readable(period: float, unit: str) -> str:
     if unit == "s" and period >= 120.0:
-        return f"{period / 60.0:.3g} min"
-    return f"{period:.3g} {unit}"
+        return f"{in_digits(period / 60.0)} min"
+    return f"{in_digits(period)} {unit}"

@@ -25,6 +25,7 @@ from abbe.compcore.files.importers.sheets.roles import (
 )
 from abbe.compcore.files.importers.sheets.words import read_sheet
 from abbe.compcore.machine.plausible import TRAVEL
+from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
 
@@ -153,7 +154,7 @@ def _plate(file: str, rows: list[_PlateRow], planar: bool) -> MeasuredPlate:
             file=file,
             line=rows[worst].line,
             field="x, y, z",
-            found=f"{beside[worst]:.3g} mm beside",
+            found=f"{in_digits(beside[worst])} mm beside",
             expected="the same ball in both frames, both right-handed, mm",
         )
     return plate

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.plausible import like_fahrenheit
+from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
 
@@ -125,7 +126,7 @@ class Normalisation:
                     "20 °C",
                     file=file,
                     field="normalised",
-                    found=f"{stated * 1e6:.4g} ppm/K",
+                    found=f"{in_digits(stated * 1e6, 4)} ppm/K",
                     expected="--normalised (they are turned back) or --not-normalised",
                 )
             return values, "readings taken as not normalised to 20 °C: the file does not say"
@@ -147,11 +148,11 @@ class Normalisation:
                 "the material's temperature, with which readings were normalised, may be in °F",
                 file=file,
                 field="T_material",
-                found=f"{temperature:.4g}, no unit beside it",
+                found=f"{in_digits(temperature, 4)}, no unit beside it",
                 expected="--material-temperature (°C)",
             )
         back = values + alpha * travel * (temperature - _REFERENCE)
         return back, (
-            f"readings were normalised to 20 °C with {alpha * 1e6:.4g} ppm/K at {temperature:.4g} "
-            "°C; turned back to what the machine did"
+            f"readings were normalised to 20 °C with {in_digits(alpha * 1e6, 4)} ppm/K at "
+            f"{in_digits(temperature, 4)} °C; turned back to what the machine did"
         )

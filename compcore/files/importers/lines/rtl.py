@@ -29,6 +29,7 @@ from abbe.compcore.files.text.encodings import decoded
 from abbe.compcore.files.text.numbers import checked_number
 from abbe.compcore.machine.machine import Machine, own_component
 from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.units import in_digits
 
 _SECTION = re.compile(r"[A-Z][A-Z -]*::")
 
@@ -112,7 +113,7 @@ def import_rtl(
         if lines:
             metadata[name] = "; ".join(f"{k}: {v}" for k, v in lines.items())
     if environment.signals:
-        recorded = ", ".join(f"{k} {v:.5g}" for k, v in environment.signals.items())
+        recorded = ", ".join(f"{k} {in_digits(v, 5)}" for k, v in environment.signals.items())
         notes.append(f"conditions from the file: {recorded}")
     placing = placing or ForeignPlacing()
     placing = replace(placing, signals={**environment.signals, **placing.signals})

@@ -14,6 +14,7 @@ from abbe.compcore.tables.projection.curves.hats import deviation, operator
 from abbe.compcore.tables.projection.curves.nodes import place
 from abbe.compcore.tables.projection.curves.quantise import QuantisedValues, quantise
 from abbe.compcore.tables.table import Table
+from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
 
@@ -169,7 +170,7 @@ def _table(
     if limited > 0.0:
         notes.append(
             f"{table.name}: the range of the controller's entries cuts off up to "
-            f"{limited * 1e3:.3g} µm"
+            f"{in_digits(limited * 1e3)} µm"
         )
     left = max(
         deviation(curve.positions, values - shift, nodes, want)
@@ -177,8 +178,8 @@ def _table(
     )
     if left * curve.reach > max(2.0 * tolerance, 2e-4):
         notes.append(
-            f"{table.name}: {len(nodes)} points leave up to {left * curve.reach * 1e3:.2g} µm "
-            "between them"
+            f"{table.name}: {len(nodes)} points leave up to "
+            f"{in_digits(left * curve.reach * 1e3, 2)} µm between them"
         )
     return table, notes
 
