@@ -45,6 +45,22 @@ def test_of_a_model_beside_measurements(tmp_path: Path) -> None:
     readable("effects")
 
 
+def test_of_values_in_the_wrong_unit(tmp_path: Path) -> None:
+    """Thousands of what a machine errs by: every digit before the point is written."""
+    model = DATA / "p03-bridge" / "model.toml"
+    some = some_setups(DATA / "p03-bridge" / "fit.csv", tmp_path / "some.csv", every=8)
+    lines, far = some.read_text("utf-8").splitlines(), tmp_path / "far.csv"
+    head = next(i for i, line in enumerate(lines) if not line.startswith("#"))
+    column = lines[head].split(",").index("value")
+    for i in range(head + 1, len(lines)):
+        cells = lines[i].split(",")
+        cells[column] = repr(1000.0 * float(cells[column]))
+        lines[i] = ",".join(cells)
+    far.write_text("\n".join(lines) + "\n", "utf-8")
+    said = readable("compare", model, far) + readable("fit", model, far, "-o", tmp_path / "x.toml")
+    assert "no machine errs that much" in said
+
+
 def test_of_a_machine_that_is_corrected(tmp_path: Path) -> None:
     model = EXAMPLES / "bridge-cmm" / "model.toml"
     warm = [f"{name}=21.5" for name in ("T_x1", "T_x2", "T_y1", "T_y2", "T_z1", "T_z2", "T_amb")]
