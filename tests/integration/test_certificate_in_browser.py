@@ -14,9 +14,9 @@ from tests.support.daemon.command_line import abbe
 from tests.support.daemon.verified_line import SCALE, fitted, line, written
 from tests.support.pdf_text import pages_of
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 
-PATIENCE_MS = 60_000.0
+PATIENCE_MS = 240_000.0
 DRAWN = """() => [...document.querySelectorAll("figure[data-plot]")].every(
   (node) => node.querySelectorAll(".barlayer path").length > 0)"""
 WIDE = """() => [...document.querySelectorAll("body *")]
