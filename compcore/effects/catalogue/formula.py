@@ -233,6 +233,7 @@ def _unit(machine: Machine, axis: str) -> str:
     return "rad" if machine.axis(axis).rotary else "mm"
 
 
+@lru_cache(maxsize=4096)
 def _free(text: str) -> FormulaNode:
     """A formula read before the machine is known: grammar and functions are checked."""
     variables = AnyName(lambda name: not _is_variable(name))

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 
 _SYMBOL = re.compile(r"([^\d/·*()\s²³-]+)(?:([²³])|(-?\d+))?")
 _SAME = {"degC": "K", "µm": "um"}
@@ -30,6 +31,7 @@ class Dimension:
     free: bool = False
 
     @classmethod
+    @lru_cache(maxsize=1024)  # asked for each name of each formula whenever a model is made
     def of(cls, unit: str) -> Dimension:
         """The dimension of a unit as a model file spells it; °C counts as K.
 
