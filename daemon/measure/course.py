@@ -167,6 +167,8 @@ class MeasureCourse:
                 components = self.setups[index].u.shape[1]
                 if number == len(groups) - 1 and len(group) < components:
                     return len(group)
+                if int(part or 1) != self.parts[index]:
+                    self.begin_anew(index)
                 visits = self.visits[index]
                 axes = tuple(visits.setup.targets)
                 place = {a: read_back(a, group[0][a]) for a in axes}
@@ -179,8 +181,6 @@ class MeasureCourse:
                     found=f"set-up {group[0]['setup']} at {group[0]['time']} s",
                     expected="the rows as abbe measure wrote them, or another file",
                 )
-            if int(part or 1) != self.parts[index]:
-                self.begin_anew(index)
             self.visits[index].take(visit)
             self.parts[index] = int(part or 1)
             self.current = index

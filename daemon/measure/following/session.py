@@ -259,10 +259,7 @@ class Measurement:
 
     def _waits_for_first(self, visit: int) -> bool:
         """Whether a set-up that counts in one go only has another zero, not at its beginning."""
-        begun_anew = self.course.begin_anew()
-        if not begun_anew and not self._anew:
-            return False
-        self._anew = visit != 0
+        self._anew = self._anew and visit != 0
         if self._anew:
             self._zero.renew = True
             name = self.course.setup.name
@@ -297,9 +294,13 @@ class Measurement:
         values = self._zero.less(instrument, read.reading.values, nominal, visit, round(time, 3))
         if values is None:
             return
-        if course.parts[course.current] > max(part, 1) and self._waits_for_first(visit):
-            course.parts[course.current] = part
-            return
+        if course.parts[course.current] > max(part, 1):
+            if course.begin_anew():
+                self._anew = True
+                visit = course.here.at(place, seen.directions) or 0
+            if self._waits_for_first(visit):
+                course.parts[course.current] = part
+                return
         sds = read.reading.sds(stated)
         if not instrument.section.linked:  # its file says, afterwards
             values = [math.nan] * setup.u.shape[1]
