@@ -204,7 +204,8 @@ def test_killed_it_goes_on_and_never_with_another_plan(
         driver(process, run, folder).read(*range(3, 10))
         assert run.wait() == 0, run.said
     found = campaign_of(folder)
-    assert found.n == 10
+    # where it still stands is read once more when it is driven on late
+    assert found.n - len(run.kinds("repeated")) == 10
     assert set(found.setups) == {"x_line", "x_line.2"}
     assert rms(off_the_truth(process, found)) < NOISE_UM
     # complete: the same command has nothing to do
