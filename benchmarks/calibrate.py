@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.model_file import load_model
 from abbe.daemon.demo.prepare import START
 from abbe.drivers.simulated.process import SimulatedProcess
@@ -122,8 +123,12 @@ def calibrated(folder: Path, hours: str, check_hours: str) -> tuple[float, float
             if guide.poll() is None:
                 guide.kill()
                 guide.wait()
-        before, fitted = unseen_lines(bench, files / "fitted.toml")
-        _, after = unseen_lines(bench, files / "calibrated.toml")
+        # a cause that was found may be thermal: as warm as at the check's last target
+        machine = load_model(files / "start.toml").machine
+        read = read_campaign(files / "check.csv", machine).conditions.signals
+        warm = {name: float(values[-1]) for name, values in read.items()}
+        before, fitted = unseen_lines(bench, files / "fitted.toml", warm)
+        _, after = unseen_lines(bench, files / "calibrated.toml", warm)
     had = {e.spec for e in load_model(files / "start.toml").effects}
     added = [e.spec for e in load_model(files / "calibrated.toml").effects if e.spec not in had]
     return rms(before), rms(fitted), rms(after), "; ".join(added)

@@ -327,8 +327,13 @@ def rms(values: Any) -> float:
     return math.sqrt(float(np.mean(np.square(values))))
 
 
-def unseen_lines(process: SimulatedProcess, fitted: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Errors along 40 lines anywhere, each less its mean, before and after the correction, µm."""
+def unseen_lines(
+    process: SimulatedProcess, fitted: Path, signals: Mapping[str, float] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Errors along 40 lines anywhere, each less its mean, before and after the correction, µm.
+
+    `signals` are what the machine's thermometers read meanwhile, for models that need them.
+    """
     model = load_model(fitted)
     rng = np.random.default_rng(7)
     before, after = [], []
@@ -338,7 +343,10 @@ def unseen_lines(process: SimulatedProcess, fitted: Path) -> tuple[np.ndarray, n
         points = first + np.linspace(0.0, 1.0, 15)[:, None] * (last - first)
         u = (last - first) / np.linalg.norm(last - first)
         true = true_errors(process, points.tolist()) @ u
-        conditions = [Conditions.at(dict(zip("XYZ", p, strict=True)), tool=TOOL) for p in points]
+        conditions = [
+            Conditions.at(dict(zip("XYZ", p, strict=True)), tool=TOOL, signals=signals)
+            for p in points
+        ]
         predicted = [1e3 * float(model.predict(c).translation[0] @ u) for c in conditions]
         left = true - np.array(predicted)
         before.append(true - true.mean())
