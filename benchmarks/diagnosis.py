@@ -2,8 +2,9 @@
 
 ``python -m benchmarks.diagnosis`` runs all scenarios and writes the section of docs/validation.md;
 ``--keep FILE`` writes every outcome to a file as it comes, and runs only what is not in it;
-``--only NAME`` runs one cause, ``--quick`` a few, and writes nothing. ``--workers N`` processes
-here, or ``--scheduler tcp://…`` a Dask scheduler's workers, with the project on their path.
+``--only NAME`` runs one cause, ``--quick`` a few, ``--without-others`` leaves the learners out;
+these write nothing. ``--workers N`` processes here, or ``--scheduler tcp://…`` a Dask scheduler's
+workers, with the project on their path.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ def main() -> None:
         print(table.line(found), flush=True)
     outcomes = [done[s] for s in chosen]
     print(table.summary(outcomes))
-    if len(outcomes) == len(list(scenarios())):
+    if len(outcomes) == len(list(scenarios())) and not options.without_others:
         write_section("diagnosis", table.section(outcomes, SETTINGS), page=VALIDATION)
 
 
