@@ -114,3 +114,11 @@ def readers_may_share(resource: str) -> bool:
     line every question is in the way of another one's; a CAN interface may have to ask as well.
     """
     return resource.startswith(("tcp ", "linuxcnc "))
+
+
+def on_this_computer(host: str) -> bool:
+    """Whether a host, by name or address, is this computer, so that nobody is on the way to it."""
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return host == "localhost"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import ssl
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +14,7 @@ from psycopg.conninfo import conninfo_to_dict
 
 from abbe.compcore.errors import AbbeError, InputError
 from abbe.daemon.side_process.secret import password
+from abbe.drivers.resources import on_this_computer
 
 Store = psycopg.Connection[Any]
 """A connection to a store."""
@@ -49,7 +52,7 @@ def connect(task: Mapping[str, Any]) -> Store:
         "options": _bounds(timeout),
     }
     if task["tls"]:
-        keys["sslrootcert"] = task.get("ca", "system")
+        keys["sslrootcert"] = task.get("ca") or _of_this_computer()
     for key, ours in (("sslcert", "certificate"), ("sslkey", "key")):
         if ours in task:
             keys[key] = task[ours]
@@ -65,12 +68,25 @@ def _bounds(timeout: float) -> str:
     return " ".join(f"-c {name}={limit}" for name in names) + " -c client_encoding=UTF8"
 
 
+def _of_this_computer() -> str:
+    """What vouches for a store where no file is named: this computer's own authorities.
+
+    psycopg brings an OpenSSL that looks for them where no system has them; it is told where
+    Python's, which is the system's, does.
+    """
+    paths = ssl.get_default_verify_paths()
+    os.environ.setdefault(paths.openssl_cafile_env, paths.openssl_cafile)
+    os.environ.setdefault(paths.openssl_capath_env, paths.openssl_capath)
+    return "system"
+
+
 @contextmanager
 def opened_store(url: str, *, writing: bool = False) -> Iterator[Store]:
     """A store, as a person names it: ``postgresql://USER@HOST/DATABASE``; closed afterwards.
 
     What the URL leaves out stands where PostgreSQL's own programs look for it: ``~/.pgpass``,
-    ``PGPASSWORD``, ``PGSSLMODE`` and so on.
+    ``PGPASSWORD``, ``PGSSLMODE`` and so on. Where none of them says anything of TLS, a store that
+    is not on this computer has to prove who it is.
 
     Parameters
     ----------
@@ -95,6 +111,7 @@ def opened_store(url: str, *, writing: bool = False) -> Iterator[Store]:
             found=url,
             expected="postgresql://USER@HOST/DATABASE",
         ) from None
+    _prove(known)
     known.setdefault("connect_timeout", 10)
     known.setdefault("application_name", "abbe fleet")
     try:
@@ -103,6 +120,21 @@ def opened_store(url: str, *, writing: bool = False) -> Iterator[Store]:
             yield connection
     except psycopg.Error as error:
         raise AbbeError(f"the plant's store: {one_line(error)}") from None
+
+
+def _prove(known: dict[str, Any]) -> None:
+    """TLS with certificate and name checked, unless something else is said, or it is here."""
+    hosts = str(known.get("host") or os.environ.get("PGHOST", "")).split(",")
+    said = {"sslmode", "service"} & known.keys() or {"PGSSLMODE", "PGSERVICE"} & os.environ.keys()
+    # a folder is one of a socket
+    local = all(not h or h.startswith("/") or on_this_computer(h) for h in hosts)
+    if not said and not local:
+        known["sslmode"] = "verify-full"
+    own = Path("~/.postgresql/root.crt").expanduser()
+    if known.get("sslmode", os.environ.get("PGSSLMODE")) == "verify-full" and not (
+        "sslrootcert" in known or "PGSSLROOTCERT" in os.environ or own.exists()
+    ):
+        known["sslrootcert"] = _of_this_computer()
 
 
 def one_line(error: BaseException) -> str:

@@ -7,7 +7,6 @@ are connected to, by TLS wherever the network is not. Abbe starts no scheduler a
 from __future__ import annotations
 
 import asyncio
-import ipaddress
 import logging
 import queue
 import re
@@ -24,6 +23,7 @@ from abbe.compcore.errors import AbbeError, InputError
 from abbe.daemon.spreading.engine import ATTEMPTS, Numbered, WorkLostError
 from abbe.daemon.spreading.fingerprint import differing, fingerprint
 from abbe.daemon.spreading.spread_work import TaskAnswer, TaskPayload, perform
+from abbe.drivers.resources import on_this_computer
 
 _ADDRESS = re.compile(r"^(tcp|tls)://(\[[0-9a-fA-F:.]+\]|[A-Za-z0-9._-]{1,253}):(\d{1,5})$")
 _CONNECTING = 10.0
@@ -80,12 +80,8 @@ class SchedulerAddress:
     @property
     def exposed(self) -> bool:
         """Whether anybody on the network could speak in the scheduler's place."""
-        host = self.address.partition("://")[2].rpartition(":")[0].strip("[]")
-        try:
-            local = ipaddress.ip_address(host).is_loopback
-        except ValueError:
-            local = host == "localhost"
-        return not self.encrypted and not local
+        host = self.address.partition("://")[2].rpartition(":")[0]
+        return not self.encrypted and not on_this_computer(host)
 
 
 class DaskCluster:

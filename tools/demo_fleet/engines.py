@@ -10,6 +10,7 @@ import subprocess
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 from abbe.compcore.errors import AbbeError
 
@@ -45,8 +46,17 @@ class Engines:
                     process.kill()
                     process.wait()
 
-    def postgresql(self) -> int:
-        """Begin a PostgreSQL with an empty database ``abbe``; its port.
+    def processes(self) -> list[int]:
+        """Numbers of the processes, in the order in which they were begun."""
+        return [process.pid for process, _ in self._running]
+
+    def postgresql(self, settings: Mapping[str, str] = MappingProxyType({})) -> int:
+        """Begin a PostgreSQL with no database but its own; its port.
+
+        Parameters
+        ----------
+        settings
+            More lines of its configuration.
 
         Raises
         ------
@@ -73,11 +83,12 @@ class Engines:
         with (data / "postgresql.conf").open("a", encoding="utf-8") as file:
             file.write(
                 f"listen_addresses = '127.0.0.1'\nport = {port}\nunix_socket_directories = ''\n"
-                "shared_buffers = '64MB'\njit = off\n"
+                "shared_buffers = '64MB'\njit = off\nmax_connections = 300\n"
             )
+            file.writelines(f"{name} = {value}\n" for name, value in settings.items())
         # 'fast', so that it does not wait for those who look at it
         self._begin([*before, str(programs / "postgres"), "-D", str(data)], folder, signal.SIGINT)
-        self._until_it_listens("PostgreSQL", port, folder)
+        self._until_it_answers(port, folder)
         return port
 
     def mosquitto(self) -> int:
@@ -93,19 +104,21 @@ class Engines:
         self._until_it_listens("Mosquitto", port, folder)
         return port
 
-    def prometheus(self, targets: Mapping[str, tuple[int, Path]]) -> int:
+    def prometheus(self, targets: Mapping[str, tuple[int, Path]], every: str = "2s") -> int:
         """Begin a Prometheus that watches runs, with Abbe's alert rules; its port.
 
         Parameters
         ----------
         targets
             Machine → port of its run's HTTP, and the file with its token.
+        every
+            From one look at each to the next.
         """
         folder, port = self._folder / "prometheus", free_port()
         folder.mkdir(parents=True)
         rules = ROOT / "examples" / "plant" / "abbe-alerts.yml"
         shutil.copy(rules, folder / rules.name)
-        text = ["global: { scrape_interval: 2s, evaluation_interval: 2s }"]
+        text = [f"global: {{ scrape_interval: {every}, evaluation_interval: {every} }}"]
         text += [f"rule_files: [{rules.name}]", "scrape_configs:"]
         for name, (its_port, token) in targets.items():
             # the rules ask for a job that is called abbe
@@ -151,6 +164,22 @@ class Engines:
                 start_new_session=True,
             )
         self._running.append((process, number))
+
+    def _until_it_answers(self, port: int, folder: Path) -> None:
+        """Return when PostgreSQL takes clients: it listens a while before."""
+        import psycopg
+
+        self._until_it_listens("PostgreSQL", port, folder)
+        deadline = time.monotonic() + _PATIENCE
+        while True:
+            try:
+                psycopg.connect(f"postgresql://admin@127.0.0.1:{port}/postgres").close()
+            except psycopg.OperationalError as error:
+                if self._running[-1][0].poll() is not None or time.monotonic() > deadline:
+                    raise AbbeError(f"PostgreSQL does not answer: {error}") from None
+                time.sleep(0.1)
+            else:
+                return
 
     def _until_it_listens(self, name: str, port: int, folder: Path) -> None:
         process = self._running[-1][0]

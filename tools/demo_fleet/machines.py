@@ -23,8 +23,8 @@ format = "abbe-config/1"
 model = "model.toml"
 
 [cycle]
-period = 0.1               # s; a fleet on one computer
-signals_every = 0.5
+period = {cycle:g}               # s; a fleet on one computer
+signals_every = {signals:g}
 
 [guard]
 max_correction = 0.1       # mm, each of X, Y, Z
@@ -53,7 +53,7 @@ url = "postgresql://127.0.0.1:{store}/abbe"
 site = "{site}"
 user = "{role}"
 password_file = "store.secret"
-every = 2.0
+every = {upload:g}
 span = 60
 
 [controller]
@@ -92,7 +92,15 @@ class Ports(NamedTuple):
     store: int
 
 
-def configuration(role: str, ports: Ports) -> str:
+class Pace(NamedTuple):
+    """How often something happens, s: a cycle, signals are read, records go to the store."""
+
+    cycle: float = 0.1
+    signals: float = 0.5
+    upload: float = 2.0
+
+
+def configuration(role: str, ports: Ports, pace: Pace = Pace()) -> str:  # noqa: B008
     """The text of one machine's configuration."""
     parts = [
         _HEAD.format(
@@ -104,6 +112,7 @@ def configuration(role: str, ports: Ports) -> str:
             role=role,
             tool=list(TOOL),
             heartbeat=HEARTBEAT_AT,
+            **pace._asdict(),
         )
     ]
     channels = [_number(axis, 2 * i, "mm") for i, axis in enumerate(AXES)]

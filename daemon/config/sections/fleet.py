@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import importlib.util
-import ipaddress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -181,8 +180,8 @@ def fleet_setup(
                 raise source.error("no such file", ("fleet", key), found=str(files[key]))
     parts = urlsplit(section.url)
     host = parts.hostname or ""
-    tls = not _this_computer(host) if section.tls is None else section.tls
-    if not tls and not _this_computer(host):
+    tls = not resources.on_this_computer(host) if section.tls is None else section.tls
+    if not tls and not resources.on_this_computer(host):
         raise source.error(
             "over a network everybody on the way could read and forge it",
             ("fleet", "tls"),
@@ -193,10 +192,3 @@ def fleet_setup(
         raise source.error("ca, certificate and key are of TLS", ("fleet", "tls"), found="false")
     database = unquote(parts.path.strip("/"))
     return FleetSetup(section, host, parts.port or _PORT, database, tls, name, files)
-
-
-def _this_computer(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import importlib.util
-import ipaddress
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -248,7 +247,7 @@ def mqtt_setup(source: TomlSource, path: Path, section: MqttSection, machine: st
                 raise source.error("no such file", ("mqtt", key), found=str(files[key]))
     parts = urlsplit(section.url)
     host, port = parts.hostname or "", parts.port or _PORTS[parts.scheme]
-    if section.user is not None and not section.tls and not _this_computer(host):
+    if section.user is not None and not section.tls and not resources.on_this_computer(host):
         raise source.error(
             "a password that is sent over a network in the clear is everybody's",
             ("mqtt", "url"),
@@ -283,10 +282,3 @@ def as_level(name: str) -> str:
     'Mill 7-left -X-'
     """
     return re.sub(r"[/+#$\x00-\x1f\x7f-\x9f\ud800-\udfff]", "-", name)[:100] or "machine"
-
-
-def _this_computer(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"

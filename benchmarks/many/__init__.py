@@ -1,0 +1,1 @@
+"""Many simulated machines at once: their runs, what these take, delays of what they say."""
