@@ -34,6 +34,30 @@ _FRESH = 30.0
 
 _AT = "to_timestamp(%s)"
 
+Columns = Mapping[str, str]
+"""Name of a column → its type; ``time``: s since 1970."""
+_RUNS: Columns = {
+    "machine": "int", "began": "time", "abbe": "text", "configuration": "text",
+    "configuration_sha256": "text", "model": "text", "model_sha256": "text",
+}  # fmt: skip
+_CHECKS: Columns = {
+    "machine": "int", "key": "text", "number": "int", "time": "time", "reading": "jsonb"
+}  # fmt: skip
+_EVENT: Columns = {
+    "machine": "int", "records": "text", "event": "bigint", "time": "time", "level": "text",
+    "part": "text", "message": "text",
+}  # fmt: skip
+_HISTORY: Columns = {
+    "machine": "int", "series": "int", "time": "time", "span": "int", "least": "float8",
+    "mean": "float8", "greatest": "float8", "count": "int",
+}  # fmt: skip
+_FULLER = (
+    "ON CONFLICT (machine, series, time) DO UPDATE SET least = excluded.least, "
+    "mean = excluded.mean, greatest = excluded.greatest, span = excluded.span, "
+    # what the machine itself has forgotten is not taken from the store
+    "count = excluded.count WHERE excluded.count > kept.count"
+)
+
 
 class MachineUpload:
     """A machine's uploads over one connection.
@@ -202,8 +226,8 @@ class MachineUpload:
             return
         with self._store.transaction():
             self._many(
-                "INSERT INTO abbe.checks (machine, key, number, time, reading) "
-                f"VALUES (%s, %s, %s, {_AT}, %s::jsonb) ON CONFLICT DO NOTHING",
+                "abbe.checks",
+                _CHECKS,
                 [(self._machine, r.key, r.number, r.time, plain_json(r.reading)) for r in readings],
             )
             self._store.execute(
@@ -218,9 +242,8 @@ class MachineUpload:
             return
         with self._store.transaction():
             self._many(
-                "INSERT INTO abbe.runs (machine, began, abbe, configuration, "
-                "configuration_sha256, model, model_sha256) "
-                f"VALUES (%s, {_AT}, %s, %s, %s, %s, %s) ON CONFLICT DO NOTHING",
+                "abbe.runs",
+                _RUNS,
                 [
                     (
                         self._machine, r.began, r.abbe, plain(r.configuration),
@@ -243,8 +266,8 @@ class MachineUpload:
             if (number, at) != (after, time_):
                 return True  # somebody else uploads it as well
             self._many(
-                "INSERT INTO abbe.events (machine, records, event, time, level, part, message) "
-                f"VALUES (%s, %s, %s, {_AT}, %s, %s, %s) ON CONFLICT DO NOTHING",
+                "abbe.events",
+                _EVENT,
                 [(self._machine, source.id, *_event(event)) for event in events],
             )
             self._store.execute(
@@ -266,22 +289,14 @@ class MachineUpload:
             if mark != after:
                 return True
             numbers = self._numbers(spans.rows)
-            self._many(
-                "INSERT INTO abbe.history AS kept "
-                "(machine, series, time, span, least, mean, greatest, count) "
-                f"VALUES (%s, %s, {_AT}, %s, %s, %s, %s, %s) "
-                "ON CONFLICT (machine, series, time) DO UPDATE SET least = excluded.least, "
-                "mean = excluded.mean, greatest = excluded.greatest, span = excluded.span, "
-                # what the machine itself has forgotten is not taken from the store
-                "count = excluded.count WHERE excluded.count > kept.count",
-                [
-                    (
-                        self._machine, numbers[r.name], r.time, r.span, r.least, r.mean,
-                        r.greatest, r.count,
-                    )
-                    for r in spans.rows
-                ],
-            )  # fmt: skip
+            fullest: dict[tuple[int, int], tuple[Any, ...]] = {}
+            for r in spans.rows:
+                key = numbers[r.name], r.time
+                # two names may be one in the store, which takes no row twice in one statement
+                if key not in fullest or r.count > fullest[key][-1]:
+                    values = float(r.least), float(r.mean), float(r.greatest)
+                    fullest[key] = (self._machine, *key, r.span, *values, r.count)
+            self._many("abbe.history AS kept", _HISTORY, [*fullest.values()], _FULLER)
             self._store.execute(
                 "UPDATE abbe.uploads SET mark = %s, at = now() WHERE machine = %s AND records = %s",
                 (spans.mark, self._machine, source.id),
@@ -348,18 +363,37 @@ class MachineUpload:
                 self._store.execute(f"SELECT abbe.make_month({_AT})", (day * 86400.0,))
             self._months.add(month)
 
-    def _many(self, statement: str, rows: Sequence[tuple[Any, ...]]) -> None:
-        """Execute for each row; rows that the store can never take are left out, and said."""
+    def _many(
+        self, table: str, columns: Columns, rows: Sequence[tuple[Any, ...]],
+        conflict: str = "ON CONFLICT DO NOTHING",
+    ) -> None:  # fmt: skip
+        """Insert rows, all in one statement: whether this role may is then asked once, not a row.
+
+        Rows that the store can never take are left out, and said.
+        """
+        if not rows:
+            return
+        sent = {"time": "float8", "jsonb": "text"}
+        arrays = ", ".join(f"%s::{sent.get(kind, kind)}[]" for kind in columns.values())
+        taken = {"time": "to_timestamp(r.{})", "jsonb": "r.{}::jsonb"}
+        values = ", ".join(taken.get(kind, "r.{}").format(name) for name, kind in columns.items())
+        names = ", ".join(columns)
+        statement = (
+            f"INSERT INTO {table} ({names}) "
+            f"SELECT {values} FROM unnest({arrays}) AS r({names}) {conflict}"
+        )
         try:
-            with self._store.transaction(), self._store.cursor() as cursor:
-                cursor.executemany(statement.encode(), rows)
+            with self._store.transaction():
+                self._store.execute(
+                    statement.encode(), [list(column) for column in zip(*rows, strict=True)]
+                )
         except psycopg.DataError as error:
             if len(rows) == 1:
                 self._say(logging.WARNING, f"left out, the store cannot take it: {one_line(error)}")
                 return
             half = len(rows) // 2
-            self._many(statement, rows[:half])
-            self._many(statement, rows[half:])
+            self._many(table, columns, rows[:half], conflict)
+            self._many(table, columns, rows[half:], conflict)
 
 
 def _event(event: KeptEvent) -> tuple[int, float, str, str, str]:

@@ -12,15 +12,17 @@ from tests.daemon.mqtt.test_mqtt_run import mostly_in_full
 from tests.daemon.pipeline.test_live_control import running
 from tests.daemon.pipeline.test_pipeline import compensating
 from tests.support.daemon.plant_store import store
-from tests.support.daemon.postgres import postgresql
+from tests.support.daemon.postgres import PostgreSQL
 from tests.support.drivers.opening import until
 
 pytestmark = [pytest.mark.integration, pytest.mark.xdist_group("postgresql")]
 
 
 @pytest.mark.timeout(300)
-async def test_what_a_run_uploads_and_a_store_that_is_killed(tmp_path: Path) -> None:
-    with postgresql() as server, store(server, "run") as admin:
+async def test_what_a_run_uploads_and_a_store_that_is_killed(
+    server: PostgreSQL, tmp_path: Path
+) -> None:
+    with store(server, "run") as admin:
         add_machine(admin, "Bridge 1", "Plant 2", "bridge", "bridge_1", "")
         section = (
             "\n[records]\nevery = 0.1\n\n[fleet]\n"

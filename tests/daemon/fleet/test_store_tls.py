@@ -25,7 +25,7 @@ from abbe.daemon.application import application
 from abbe.daemon.fleet import connecting
 from abbe.daemon.fleet.connecting import one_line, opened_store
 from tests.support.daemon.plant_store import MachineRecords, store
-from tests.support.daemon.postgres import PostgreSQL, postgresql
+from tests.support.daemon.postgres import PostgreSQL
 
 pytestmark = [pytest.mark.integration, pytest.mark.xdist_group("postgresql")]
 
@@ -115,9 +115,11 @@ class SecuredStore:
 
 
 @pytest.fixture(scope="module")
-def secured(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SecuredStore]:
-    with postgresql() as server, store(server, "secured"):
-        yield SecuredStore(server, tmp_path_factory.mktemp("pem"))
+def secured(server: PostgreSQL, tmp_path_factory: pytest.TempPathFactory) -> Iterator[SecuredStore]:
+    with store(server, "secured"):
+        found = SecuredStore(server, tmp_path_factory.mktemp("pem"))
+        yield found
+        found.shows("none")
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import contextlib
 import sqlite3
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,15 +26,9 @@ from tests.support.daemon.plant_store import (
     same,
     store,
 )
-from tests.support.daemon.postgres import PostgreSQL, postgresql
+from tests.support.daemon.postgres import PostgreSQL
 
 pytestmark = [pytest.mark.integration, pytest.mark.xdist_group("postgresql")]
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[PostgreSQL]:
-    with postgresql() as found:
-        yield found
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import psycopg
@@ -17,16 +16,10 @@ from abbe.daemon.fleet import migrating
 from abbe.daemon.fleet.migrating import Migration, migrate
 from abbe.daemon.fleet.roles import add_machine, add_reader
 from tests.support.daemon.plant_store import CAMPAIGN, MODEL, MachineRecords, content, store
-from tests.support.daemon.postgres import PostgreSQL, postgresql
+from tests.support.daemon.postgres import PostgreSQL
 
 pytestmark = [pytest.mark.integration, pytest.mark.xdist_group("postgresql")]
 TABLES = ("machines", "models", "campaigns", "runs", "checks", "series", "history", "events")
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[PostgreSQL]:
-    with postgresql() as found:
-        yield found
 
 
 def test_a_reader_sees_its_sites_and_a_writer_its_machine(

@@ -144,11 +144,11 @@ def settle(path: Path) -> None:
 
 
 @contextmanager
-def store(server: PostgreSQL, name: str) -> Iterator[psycopg.Connection[Any]]:
+def store(server: PostgreSQL, name: str, where: str = "") -> Iterator[psycopg.Connection[Any]]:
     """A new store with Mill 7 in it, whose writer is mill_7; as an administrator."""
     with server.connected() as connection:
         connection.execute(f"DROP DATABASE IF EXISTS {name} WITH (FORCE)".encode())
-        connection.execute(f"CREATE DATABASE {name}".encode())
+        connection.execute(f"CREATE DATABASE {name} {where}".encode())
     with server.connected(database=name) as connection:
         migrate(connection)
         add_machine(connection, "Mill 7", "Plant 2", "VMC 850", "mill_7", "")
