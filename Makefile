@@ -11,7 +11,7 @@ MOSQUITTO := $(VENV)/unpacked/usr/sbin/mosquitto
 POSTGRESQL := $(VENV)/unpacked/postgresql
 NODE_OPCUA := $(VENV)/opcua/node_modules/.package-lock.json
 SPARKPLUG := $(VENV)/sparkplug/node_modules/.package-lock.json
-BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis_command diagnosis check_points plan validation fleet spreading
+BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis_command diagnosis check_points plan validation fleet spreading plant
 SOURCES := compcore drivers daemon tests benchmarks examples
 
 .DEFAULT_GOAL := help
@@ -52,7 +52,7 @@ lint: $(VENV)/.dev ## ruff, and the direction of imports
 types: $(VENV)/.dev ## mypy --strict
 	$(BIN)/mypy
 
-bench: $(VENV)/.bench ## Measure speed, and how good it is, beside others (an hour); writes docs/performance.md, validation.md
+bench: $(VENV)/.bench ## Measure speed, and how good it is, beside others (two hours); writes docs/performance.md, validation.md
 	@failed=; for script in $(BENCHMARKS); do \
 	  echo "== benchmarks/$$script.py"; \
 	  PYTHONPATH=. $(BIN)/python benchmarks/$$script.py || failed="$$failed $$script"; done; \
