@@ -158,18 +158,10 @@ def store(server: PostgreSQL, name: str, where: str = "") -> Iterator[psycopg.Co
 def emptied(connection: psycopg.Connection[Any]) -> None:
     """The store as it was before anything was uploaded."""
     # some rows: quicker than to truncate
-    for table in (
-        "models",
-        "campaigns",
-        "runs",
-        "checks",
-        "series",
-        "history",
-        "events",
-        "uploads",
-    ):
-        connection.execute(f"DELETE FROM abbe.{table}".encode())
-    connection.execute("UPDATE abbe.machines SET seen = NULL, status = NULL, model = ''")
+    tables = ["models", "campaigns", "runs", "checks", "series", "history", "events", "uploads"]
+    forgotten = [f"DELETE FROM abbe.{table}" for table in tables]
+    forgotten.append("UPDATE abbe.machines SET seen = NULL, status = NULL, model = ''")
+    connection.execute("; ".join(forgotten).encode())
 
 
 def content(connection: psycopg.Connection[Any]) -> dict[str, list[tuple[Any, ...]]]:
