@@ -225,8 +225,8 @@ def section(found: Watched, ways: Sequence[WayIn], machines: int) -> str:
     lines += [
         "",
         f"What goes to the store waits for the next upload, up to {PACE.upload:g} s, and a minute "
-        "of history two seconds more; what a sphere says is worked out before by a process that steps "
-        "back behind all others, and waits on a computer that is never idle. Into the store: "
+        "of history two seconds more; what a sphere says is worked out before by a process that "
+        "steps back behind all others, and waits on a computer that is never idle. Into the store: "
         + ", ".join(f"{count:,} rows of {table}" for table, count in found.rows.items())
         + f", {rate:.1f} rows/s. `abbe fleet --report` over the {machines} machines took "
         f"{found.overview:.1f} s.",
