@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import subprocess
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -19,18 +20,18 @@ pytestmark = [pytest.mark.integration, pytest.mark.xdist_group("postgresql")]
 
 
 @pytest.fixture
-def disk(server: PostgreSQL, tmp_path: Path) -> Iterator[Path]:
+def disk(server: PostgreSQL) -> Iterator[Path]:
     """A disk of 32 MB, and in it the tablespace ``small`` of the server, for the store "filled"."""
-    folder = tmp_path / "disk"
-    folder.mkdir()
+    # not below what belongs to root alone: the server is nobody
+    folder = Path(tempfile.mkdtemp(prefix="abbe-disk-"))
+    folder.chmod(0o755)
     mount = ["mount", "-t", "tmpfs", "-o", "size=32m", "tmpfs", str(folder)]
     if os.geteuid() or subprocess.run(mount, check=False, capture_output=True).returncode:
+        folder.rmdir()
         pytest.skip("no disk can be mounted here")
     space = folder / "space"
     space.mkdir()
     os.chown(space, server.folder.stat().st_uid, server.folder.stat().st_gid)
-    for above in (tmp_path, *tmp_path.parents[:2]):
-        above.chmod(above.stat().st_mode | 0o011)
     with server.connected() as connection:
         connection.execute(f"CREATE TABLESPACE small LOCATION '{space}'".encode())
     try:
@@ -40,6 +41,7 @@ def disk(server: PostgreSQL, tmp_path: Path) -> Iterator[Path]:
             connection.execute("DROP DATABASE IF EXISTS filled WITH (FORCE)")
             connection.execute("DROP TABLESPACE small")
         subprocess.run(["umount", "--lazy", str(folder)], check=False)
+        folder.rmdir()
 
 
 def test_a_disk_that_is_full(server: PostgreSQL, disk: Path, tmp_path: Path) -> None:
