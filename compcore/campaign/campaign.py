@@ -211,7 +211,8 @@ class Campaign:
 
     def coverage(self) -> Coverage:
         """What the campaign recorded and varied; distances between base points left out."""
-        c = self.conditions.rows(self.kind != Kind.BASE_DISTANCE)
+        placed = self.kind != Kind.BASE_DISTANCE
+        c = self.conditions if placed.all() else self.conditions.rows(placed)
         moving = frozenset(a for a, q in c.positions.items() if q.size and np.ptp(q) > 0.0)
         reversing = frozenset(a for a, s in c.directions.items() if (s > 0).any() and (s < 0).any())
         signals = {

@@ -144,5 +144,7 @@ class LaggedEffect(Effect):
             for tau in self.lags(nonlinear):
                 above = np.exp(-since / tau) if name in self.warmed() else 0.0
                 lags[name, tau] = signals[name] + above
-        decaying = replace(conditions, signals=signals, given_lags=lags, _lags={}, _made={})
+        decaying = replace(
+            conditions, signals=signals, given_lags=lags, _lags={}, _known=None, _made={}
+        )
         return self.motions(machine, decaying, nonlinear)

@@ -47,6 +47,40 @@ class SetupRows:
 
 
 @dataclass(frozen=True, eq=False)
+class _KnownLags:
+    """Lagged values of conditions from which others were made; what is not asked for is not made.
+
+    A search leaves thousands of them behind, of which an amended reading needs one.
+
+    Attributes
+    ----------
+    of, before
+        (signal, τ) → shape (n,), and what those conditions knew of others in their turn.
+    name, amended
+        The signal that was amended since, and how; None: none was.
+    index
+        The rows that were taken since; None: all.
+    """
+
+    of: Mapping[tuple[str, float], F64]
+    before: _KnownLags | None
+    name: str = ""
+    amended: Callable[[F64], F64] | None = None
+    index: slice | NDArray[np.int64] | NDArray[np.bool_] | None = None
+
+    def get(self, key: tuple[str, float]) -> F64 | None:
+        """A lagged signal, (n,); None where it is not known."""
+        value = self.of.get(key)
+        if value is None and self.before is not None:
+            value = self.before.get(key)
+        if value is None:
+            return None
+        if self.amended is not None and key[0] == self.name:
+            value = self.amended(value)
+        return value if self.index is None else value[self.index]
+
+
+@dataclass(frozen=True, eq=False)
 class Conditions:
     """Conditions of n measurements or predictions: indicated positions, directions, signals, tool.
 
@@ -96,6 +130,7 @@ class Conditions:
     distance: F64 | None = None
     given_lags: Mapping[tuple[str, float], F64] = field(default_factory=dict)
     _lags: dict[tuple[str, float], F64] = field(default_factory=dict, repr=False)
+    _known: _KnownLags | None = field(default=None, repr=False)
     _made: dict[Hashable, tuple[F64, F64]] = field(default_factory=dict, repr=False)
     _setups: tuple[NDArray[np.str_], F64, SetupRows] | None = field(default=None, repr=False)
     _straightened: Mapping[str, tuple[F64, Callable[[F64], F64]]] = field(
@@ -226,17 +261,21 @@ class Conditions:
         if key in self.given_lags:
             return self.given_lags[key]
         if key not in self._lags:
-            # of what is no straight line of the reading the lagged reading is straightened
-            value, amended = self._straightened.get(name, (self.signal(name), np.asarray))
-            lagged = np.array(value, dtype=np.float64)
-            for rows, clock in self._clocks:
-                lagged[rows] = clock.lag(value[rows], tau)
-            lagged = amended(lagged)
+            known = None if self._known is None else self._known.get(key)
+            lagged = self._lagged(name, tau) if known is None else known
             # a search tries thousands of time constants
             while len(self._lags) * self.n > _MOST_LAGGED:
                 del self._lags[next(iter(self._lags))]
             self._lags[key] = lagged
         return self._lags[key]
+
+    def _lagged(self, name: str, tau: float) -> F64:
+        # of what is no straight line of the reading the lagged reading is straightened
+        value, amended = self._straightened.get(name, (self.signal(name), np.asarray))
+        lagged = np.array(value, dtype=np.float64)
+        for rows, clock in self._clocks:
+            lagged[rows] = clock.lag(value[rows], tau)
+        return amended(lagged)
 
     @cached_property
     def _clocks(self) -> list[tuple[NDArray[np.int64], Clock]]:
@@ -314,10 +353,7 @@ class Conditions:
 
     def _with_reading(self, name: str, amended: Callable[[F64], F64]) -> Conditions:
         """A signal and its lags amended: by a straight line of the reading, or a known curve."""
-
-        def lagged(lags: Mapping[tuple[str, float], F64]) -> dict[tuple[str, float], F64]:
-            return {key: amended(v) if key[0] == name else v for key, v in lags.items()}
-
+        given = {k: amended(v) if k[0] == name else v for k, v in self.given_lags.items()}
         curved = dict(self._straightened)
         if name in curved:
             read, known = curved[name]
@@ -325,8 +361,9 @@ class Conditions:
         return replace(
             self,
             signals={k: amended(v) if k == name else v for k, v in self.signals.items()},
-            given_lags=lagged(self.given_lags),
-            _lags=lagged(self._lags),
+            given_lags=given,
+            _lags={},
+            _known=_KnownLags(dict(self._lags), self._known, name, amended),
             _straightened=curved,
         )
 
@@ -373,8 +410,9 @@ class Conditions:
             base=None if self.base is None else self.base[index],
             kind=None if self.kind is None else self.kind[index],
             distance=None if self.distance is None else self.distance[index],
-            given_lags={k: v[index] for k, v in {**self._lags, **self.given_lags}.items()},
+            given_lags={k: v[index] for k, v in self.given_lags.items()},
             _lags={},
+            _known=_KnownLags(dict(self._lags), self._known, index=index),
             _made={},
             _setups=None,
             _straightened={k: (v[index], by) for k, (v, by) in self._straightened.items()},

@@ -126,7 +126,9 @@ def _nearest(model: Model, conditions: Conditions) -> tuple[Conditions, list[Out
         tool[:, k] = tool[:, k] if held is None else held
     if not beyond:
         return conditions, beyond
-    found = replace(conditions, positions=positions, signals=signals, tool=tool, _lags={}, _made={})
+    found = replace(
+        conditions, positions=positions, signals=signals, tool=tool, _lags={}, _known=None, _made={}
+    )
     return found, beyond
 
 

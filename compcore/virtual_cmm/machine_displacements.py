@@ -245,7 +245,7 @@ class UnsureMachine:
         if at.n == n:
             blank = np.zeros((len(offsets), len(self.program.signals)))
             at = self._tiled(blank, {a: np.tile(v, len(offsets)) for a, v in at.directions.items()})
-        return replace(at, signals=signals, _lags={}, _made={})
+        return replace(at, signals=signals, _lags={}, _known=None, _made={})
 
     def _part(self, term: Term, chain: Chain, offsets: F64) -> F64:
         """What the offsets of a term's parameters do, (d, n, 3), mm."""

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions, unit_of
@@ -97,3 +98,28 @@ def test_no_rows():
 
 def test_units_of_axes():
     assert [unit_of(a) for a in "XWAC"] == ["mm", "mm", "rad", "rad"]
+
+
+def test_of_an_amended_reading_only_the_lags_that_are_asked_for_are_amended():
+    """A search leaves thousands of lags behind; amending them all took a third of a diagnosis."""
+    t = np.linspace(0.0, 100.0, 11)
+    value = np.linspace(20.0, 30.0, 11)
+    c = Conditions({"X": np.arange(11.0)}, time=t, signals={"T": value, "U": 2.0 * value})
+    whole = {tau: c.lag("T", tau) for tau in np.linspace(5.0, 50.0, 300)}
+    seen: list[NDArray[np.float64]] = []
+
+    def counted(v: NDArray[np.float64]) -> NDArray[np.float64]:
+        seen.append(v)
+        return v + 1.0
+
+    amended = c._with_reading("T", counted)
+    assert len(seen) == 1, "the reading itself"
+    np.testing.assert_array_equal(amended.lag("T", 5.0), whole[5.0] + 1.0)
+    assert len(seen) == 2
+    # rows of it, amended again: of the whole table's lags, each change in its turn
+    rows = np.array([3, 7])
+    twice = amended.rows(rows).with_gain("T", 2.0, 20.0)
+    np.testing.assert_array_equal(
+        twice.lag("T", 50.0), 20.0 + 2.0 * (whole[50.0] + 1.0 - 20.0)[rows]
+    )
+    np.testing.assert_array_equal(c.with_offset("T", 1.0).lag("U", 5.0), c.lag("U", 5.0))
