@@ -20,7 +20,7 @@ from abbe.compcore.effects.base import Effect
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine, own_component
 from abbe.compcore.model.model import Model, Term
-from abbe.compcore.units import in_digits
+from abbe.compcore.units import in_digits, with_uncertainty
 
 F64 = NDArray[np.float64]
 Side = Literal["tool", "workpiece"]
@@ -288,8 +288,7 @@ def _towards(value: float, sd: float, direction: int, factor: float, unit: str) 
 
 
 def _amount(value: float, sd: float, factor: float, unit: str) -> str:
-    more = "" if not sd > 0.0 else f" ± {in_digits(sd * factor, 2)}"
-    return f"{in_digits(value * factor, 4)}{more} {unit}"
+    return f"{with_uncertainty(value * factor, sd * factor)} {unit}"
 
 
 def average_line_words(model: Model) -> Iterator[str]:

@@ -176,11 +176,14 @@ class Page:
 
 
 _NUMBER = ' class="number"'
+_MOST = 9
+"""Decimals at the most."""
 
 
 def _decimals(column: Sequence[str | float | None], digits: int) -> int:
     greatest = max((abs(v) for v in column if isinstance(v, float) and isfinite(v)), default=0.0)
-    return max(0, digits - 1 - floor(log10(greatest))) if greatest else 0
+    # what only a row of zeros could show is nothing
+    return max(0, digits - 1 - floor(log10(greatest))) if greatest > 0.5 * 10.0**-_MOST else 0
 
 
 def _cell(value: str | float | None, decimals: int) -> str:
@@ -193,7 +196,7 @@ def _text(value: str | float | None, decimals: int) -> str:
         return value
     if value is None or not isfinite(value):
         return "–"
-    text = str(value) if isinstance(value, int) else f"{value:z.{min(decimals, 9)}f}"
+    text = str(value) if isinstance(value, int) else f"{value:z.{min(decimals, _MOST)}f}"
     return text.replace("-", "−")
 
 

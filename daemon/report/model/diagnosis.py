@@ -259,10 +259,10 @@ def _what_to_do(out: Page, diagnosis: Diagnosis, advice: Sequence[Advice], addin
     if diagnosis.established:
         first = diagnosis.established[0].found.candidate.effect.spec
         out.text(
-            "Add the first cause, look whether campaigns that were not fitted agree, and diagnose "
-            "again:"
+            "Add the first cause, look whether campaigns that were not fitted agree (with "
+            "--holdout and the file of one), and diagnose again:"
         )
-        out.notes([f"{adding.command(first)} --holdout OTHER.csv"])
+        out.notes([adding.command(first)])
     elif diagnosis.structure:
         out.text(
             "Look for the physics behind what is described above: what was switched, moved, heated "

@@ -105,7 +105,6 @@ def test_a_missing_cause_on_the_screen_and_on_the_page(shop):
     on_screen, on_page = printed(said.out), printed(page.read_text("utf-8"))
     assert on_screen
     assert all(c.startswith("abbe add ") for c in on_screen)
-    write_campaign(shop / "OTHER.csv", seed=4)
     promised = re.search(r"brings the residuals from ([0-9.]+) to ([0-9.]+) µm RMS", said.out)
     assert promised is not None
     for i, command in enumerate((*on_screen, *on_page)):

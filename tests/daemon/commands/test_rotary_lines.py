@@ -9,6 +9,7 @@ Abbe says is entered in that controller, and the machine must then err no more.
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -213,6 +214,9 @@ def test_in_words(tmp_path):
     words = " ".join(text.split())
     assert "the line of C lies 10" in words or "the line of C lies 9.9" in words
     assert "towards −X and" in words
+    digits = re.search(r"the line of C lies (\S+) ± (\S+) µm", words)
+    assert digits is not None
+    assert len(digits[1].partition(".")[2]) == len(digits[2].partition(".")[2]), "as the GUM has it"
     assert "towards +Y of the configured place: enter X 49.9900 instead of 50.0000 mm" in words
     assert "Y 30.0040 instead of 30.0000 mm" in words
     (effect,) = found["effects"]

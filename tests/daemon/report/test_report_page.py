@@ -8,7 +8,7 @@ import pytest
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.figures.figure import band, figure, line, points
-from abbe.daemon.report.page import Page, number
+from abbe.daemon.report.page import Page, in_words, number
 from abbe.daemon.report.pictures.packed import plotly_script
 from tests.support.daemon.pages import figures_of, packed
 
@@ -155,3 +155,9 @@ def test_written_whole_or_not_at_all(tmp_path):
 )
 def test_numbers_for_people(value, text):
     assert number(value) == text
+
+
+def test_a_column_of_nothing_but_rounding_is_zeros():
+    """The means of set-ups whose zeros are fitted stood on the page as 0.000000000."""
+    assert in_words([[3e-14], [-2e-12], [0.0]]) == [["0"], ["0"], ["0"]]
+    assert in_words([[0.5e-3], [1e-14]], 2) == [["0.00050"], ["0.00000"]]
