@@ -275,7 +275,8 @@ class Conditions:
         lagged = np.array(value, dtype=np.float64)
         for rows, clock in self._clocks:
             lagged[rows] = clock.lag(value[rows], tau)
-        return amended(lagged)
+        straight: F64 = amended(lagged)
+        return straight
 
     @cached_property
     def _clocks(self) -> list[tuple[NDArray[np.int64], Clock]]:
