@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.coverage import Coverage, SetupCoverage
+from abbe.compcore.campaign.even_steps import even_steps
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import nominal_direction
 from abbe.compcore.machine.structure import is_rotary
@@ -211,6 +213,10 @@ class Campaign:
 
     def coverage(self) -> Coverage:
         """What the campaign recorded and varied; distances between base points left out."""
+        return self._coverage
+
+    @cached_property
+    def _coverage(self) -> Coverage:
         placed = self.kind != Kind.BASE_DISTANCE
         c = self.conditions if placed.all() else self.conditions.rows(placed)
         moving = frozenset(a for a, q in c.positions.items() if q.size and np.ptp(q) > 0.0)
@@ -234,6 +240,7 @@ class Campaign:
             self._setup_surveys(),
             len(np.unique(runs)),
             _interval([c.time[runs == run] for run in np.unique(runs)]),
+            even_steps(c),
         )
 
     def _setup_surveys(self) -> dict[str, SetupCoverage]:

@@ -65,6 +65,9 @@ class Coverage:
     interval
         Time between readings that follow one another, s: a quarter of the time lies between nearer
         ones. A shorter lag cannot be distinguished from none.
+    steps
+        Axis → the step of the one lattice on which it was read, mm or rad (`even_steps`). A wave
+        shorter than two of it is not told from a longer one.
     """
 
     moving: frozenset[str] = frozenset()
@@ -78,6 +81,7 @@ class Coverage:
     setup_details: Mapping[str, SetupCoverage] = field(default_factory=dict)
     runs: int = 1
     interval: float = 0.0
+    steps: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def levers(self) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -90,6 +91,16 @@ class Cyclic(Effect):
     def nonlinear(self, machine: Machine) -> tuple[NonlinearParameter, ...]:
         """The period unless it is given."""
         return () if self.period is not None else (_period(machine.axis(self.axis)),)
+
+    def search(self, machine: Machine, coverage: Coverage) -> tuple[NonlinearParameter, ...]:
+        """The period: of waves that look alike in even steps the longest, the one that is seen."""
+        found = self.nonlinear(machine)
+        shortest = 2.0 * coverage.steps.get(self.axis, 0.0)
+        if not found or shortest >= found[0].bounds[1]:
+            return found
+        starts = tuple(p for p in found[0].starts if p > shortest) or (found[0].bounds[1],)
+        low = max(found[0].bounds[0], shortest)
+        return (replace(found[0], bounds=(low, found[0].bounds[1]), starts=starts),)
 
     def motions(
         self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
