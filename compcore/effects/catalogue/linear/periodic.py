@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from abbe.compcore.campaign.coverage import Coverage
+from abbe.compcore.campaign.sampling import alias
 from abbe.compcore.effects.base import Effect, Motion, NonlinearParameter, Parameter
 from abbe.compcore.effects.keys import Harmonics, PositiveUnlessFitted
 from abbe.compcore.effects.registry import register
@@ -93,14 +94,20 @@ class Cyclic(Effect):
         return () if self.period is not None else (_period(machine.axis(self.axis)),)
 
     def search(self, machine: Machine, coverage: Coverage) -> tuple[NonlinearParameter, ...]:
-        """The period: of waves that look alike in even steps the longest, the one that is seen."""
+        """The period: none that even steps show as one longer than any screw's or scale's."""
         found = self.nonlinear(machine)
-        shortest = 2.0 * coverage.steps.get(self.axis, 0.0)
-        if not found or shortest >= found[0].bounds[1]:
+        step = coverage.steps.get(self.axis, 0.0)
+        if not found or not step or 2.0 * step >= found[0].bounds[1]:
             return found
-        starts = tuple(p for p in found[0].starts if p > shortest) or (found[0].bounds[1],)
-        low = max(found[0].bounds[0], shortest)
-        return (replace(found[0], bounds=(low, found[0].bounds[1]), starts=starts),)
+        (period,) = found
+        longest = period.plausible[1]
+        told = [p for p in period.starts if p > 2.0 * step or alias(step, p) <= longest]
+        low = max(period.bounds[0], 0.9 * min(told, default=2.0 * step))
+        return (
+            replace(
+                period, bounds=(low, period.bounds[1]), starts=tuple(told) or (period.bounds[1],)
+            ),
+        )
 
     def motions(
         self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
