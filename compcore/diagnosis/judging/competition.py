@@ -13,7 +13,7 @@ from abbe.compcore.diagnosis.judging.foretelling import ALIKE, predicting
 from abbe.compcore.diagnosis.screening.candidates import RIGID
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING
 from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks
-from abbe.compcore.diagnosis.screening.left_out.crossvalidation import LeftOut, gain
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import LeftOut, gain, lonely
 from abbe.compcore.diagnosis.screening.left_out.independence import independent_share
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.projection.basis import Basis
@@ -105,10 +105,14 @@ def _foretell(
     blocks: Blocks,
 ) -> bool:
     """Whether causes predict blocks that were left out better than a description does."""
-    rows = blocks.for_effects([f.candidate.effect for f in chosen])
-    before = pool.left_out(basis, rows)
-    bound = all(f.candidate.effect.scope == "instrument" for f in chosen)
-    by_causes = gain(before, pool.left_out(after, rows), bound=bound)
+    effects = [f.candidate.effect for f in chosen]
+    rows = blocks.for_effects(effects)
+    before, caused = pool.left_out(basis, rows), pool.left_out(after, rows)
+    if cut := blocks.cut_for(effects, rows, lonely(before, caused)):
+        rows = cut
+        before, caused = pool.left_out(basis, rows), pool.left_out(after, rows)
+    bound = all(e.scope == "instrument" for e in effects)
+    by_causes = gain(before, caused, bound=bound)
     return by_causes > gain(before, LeftOut.of(basis.extended(described.columns), rows))
 
 

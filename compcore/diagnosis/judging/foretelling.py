@@ -16,16 +16,13 @@ from dataclasses import replace
 import numpy as np
 
 from abbe.compcore.diagnosis.screening.evidence import INDISTINCT
-from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks
-from abbe.compcore.diagnosis.screening.left_out.crossvalidation import gain
+from abbe.compcore.diagnosis.screening.left_out.blocks import OF_THE_CLOCK, Blocks
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import gain, lonely
 from abbe.compcore.diagnosis.screening.left_out.independence import independent_share
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.diagnosis.screening.search import LEADERS, search, taken
 from abbe.compcore.diagnosis.screening.suddenness import stepping
-
-OF_THE_CLOCK = ("warm_up", "drift", "event")
-"""Causes that read no signal: what follows a recorded one is looked for in all detail before."""
 
 ALIKE = 0.9
 """Part of the rows that count as independent from which on all are taken to."""
@@ -141,6 +138,8 @@ def foretold(
         more > less for less, more in zip(without.alone, with_it.alone, strict=True)
     ):
         return 0.0
+    if cut := blocks.cut_for([effect], rows, lonely(without, with_it)):
+        without, with_it = pool.left_out(beside, cut), pool.left_out(after, cut)
     return gain(without, with_it, bound=effect.scope == "instrument")
 
 

@@ -182,8 +182,7 @@ class GrowingModel:
         except FitError:
             return None
         bound = all(e.scope == "instrument" for e in changed)
-        before = LeftOutErrors.of(self.last.result, changed)
-        after = LeftOutErrors.of(result, changed)
+        before, after = LeftOutErrors.beside(self.last.result, result, changed)
         if before.falls_to(after, result, bound=bound) > falls:
             return None
         if not all(apart(result.model, e) for e in changed):

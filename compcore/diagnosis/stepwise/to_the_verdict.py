@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from abbe.compcore.campaign.campaign import Campaign
-from abbe.compcore.diagnosis.judging.foretelling import OF_THE_CLOCK, WORTH
+from abbe.compcore.diagnosis.judging.foretelling import WORTH
 from abbe.compcore.diagnosis.screening.candidates import RIGID
+from abbe.compcore.diagnosis.screening.left_out.blocks import OF_THE_CLOCK
 from abbe.compcore.diagnosis.stepwise.describing import describe
 from abbe.compcore.diagnosis.stepwise.growing_model import GrowingModel, Progress
 from abbe.compcore.diagnosis.stepwise.step import Course, Step

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.diagnosis.screening.left_out.crossvalidation import clock_order, folds
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import clock_order, cut_alone, folds
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.rotary.motions import RotaryMotion
 from abbe.compcore.effects.shapes import CUBIC, Shape
@@ -16,6 +16,9 @@ from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
 
 Rows = list[NDArray[np.int64]]
+
+OF_THE_CLOCK = ("warm_up", "drift", "event")
+"""Causes that read no signal: what follows a recorded one is looked for in all detail before."""
 
 _WHOLE = 0.5
 """Part of what an axis moved in all that a pass has to see of it."""
@@ -54,6 +57,7 @@ class Blocks:
     conditions: Conditions
     machine: Machine
     _found: dict[tuple[tuple[str, float], ...], Rows] = field(default_factory=dict, repr=False)
+    _cut: dict[tuple[object, ...], Rows] = field(default_factory=dict, repr=False)
 
     @property
     def usual(self) -> Rows:
@@ -62,14 +66,32 @@ class Blocks:
 
     def for_effects(self, effects: Iterable[Effect]) -> Rows:
         """Blocks that can judge some effects; always the same lists for the same detail."""
-        finest: dict[str, float] = {}
-        for effect in effects:
-            for axis, distance in self._detail(effect):
-                finest[axis] = min(distance, finest.get(axis, distance))
+        finest = self._finest(effects)
         key = tuple(sorted(finest.items()))
         if key not in self._found:
             self._found[key] = folds(self.conditions, detail=finest)
         return self._found[key]
+
+    def cut_for(self, effects: Sequence[Effect], rows: Rows, alone: Sequence[int]) -> Rows:
+        """The same with those blocks cut that alone show something of some effects.
+
+        Empty where there are none, or an effect follows the clock or a signal: of that a stretch of
+        an hour says nothing of another day.
+        """
+        if not alone or any(_follows(effect) for effect in effects):
+            return []
+        finest = self._finest(effects)
+        key = (tuple(sorted(finest.items())), tuple(alone))
+        if key not in self._cut:
+            self._cut[key] = cut_alone(self.conditions, rows, alone, detail=finest)
+        return self._cut[key]
+
+    def _finest(self, effects: Iterable[Effect]) -> dict[str, float]:
+        finest: dict[str, float] = {}
+        for effect in effects:
+            for axis, distance in self._detail(effect):
+                finest[axis] = min(distance, finest.get(axis, distance))
+        return finest
 
     def _detail(self, effect: Effect) -> Iterable[tuple[str, float]]:
         """An axis along which an effect is a shape, and the distance of its knots, mm or rad."""
@@ -82,3 +104,9 @@ class Blocks:
             yield axis, (high - low) / max(1, order - CUBIC)
         elif shape is None and isinstance(effect, RotaryMotion):
             yield axis, np.pi / effect.waves
+
+
+def _follows(effect: Effect) -> bool:
+    return (
+        effect.scope == "instrument" or bool(effect.signals_needed()) or effect.kind in OF_THE_CLOCK
+    )

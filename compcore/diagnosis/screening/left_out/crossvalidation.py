@@ -7,6 +7,9 @@ one out, each is cut into stretches of time, or, where no clock ran, into neighb
 narrow, where a shape is judged by them, that its knots lie no closer than they are wide. What lies
 further from all that was measured no shape of such detail can foretell, however true it is.
 
+Where one set-up alone shows a cause (a line that is measured once, as most are), none foretells it:
+that set-up is cut too, and the cause is judged by its parts (`cut_alone`).
+
 Leaving a fold out is exact and needs no refit: with H = QQᵀ the hat matrix, the residuals of
 left-out rows B are ``(I − H_BB)⁺ r_B``. What only the left-out rows determine (their own zero, a
 line measured once) is fitted to them, as in use.
@@ -68,6 +71,54 @@ def folds(
     return found
 
 
+def cut_alone(
+    conditions: Conditions,
+    parts: Sequence[Index],
+    alone: Sequence[int],
+    count: int = FOLDS,
+    *,
+    detail: Mapping[str, float] | None = None,
+) -> list[Index]:
+    """Folds of which some are cut, each of their set-ups into so many stretches.
+
+    Parameters
+    ----------
+    conditions
+        The rows.
+    parts
+        The rows of each fold.
+    alone
+        Which of them show something that no other does.
+    count
+        Folds that each of these becomes.
+    detail
+        As of `folds`.
+    """
+
+    def cut(finer: int) -> list[Index]:
+        found = [rows for i, rows in enumerate(parts) if i not in alone]
+        order = clock_order(conditions)
+        for i in alone:
+            dealt: list[list[Index]] = [[] for _ in range(count)]
+            for own in setup_rows(conditions.rows(parts[i])):
+                rows = parts[i][own]
+                rows = rows[np.argsort(order[rows], kind="stable")]
+                pieces = max(1, min(count * finer, len(rows) // 2))
+                for k, piece in enumerate(_stretches(conditions, rows, pieces)):
+                    dealt[k % count].append(piece)
+            found += [np.sort(np.concatenate(rows)) for rows in dealt if rows]
+        return found
+
+    usual = found = cut(1)
+    finer = 1
+    while not all(_near(conditions, found, axis, h) for axis, h in (detail or {}).items()):
+        finer *= 2
+        before, found = found, cut(finer)
+        if all(map(np.array_equal, before, found)):
+            return usual
+    return found
+
+
 def _near(conditions: Conditions, parts: Sequence[Index], axis: str, distance: float) -> bool:
     """Whether rows that are left out have others about a quarter of a distance away along an axis.
 
@@ -98,11 +149,7 @@ def _dealt(conditions: Conditions, count: int, finer: int) -> list[Index]:
         if few:
             pieces = math.ceil(2 * count * len(rows) / n) * finer
             pieces = max(1, min(pieces, len(rows) // 2))
-            timed = np.ptp(conditions.time[rows]) > 0.0
-            if timed:
-                parts = np.array_split(rows, pieces)
-            else:
-                parts = _by_visit(conditions, rows) or _by_place(conditions, rows, pieces)
+            parts = _stretches(conditions, rows, pieces)
         elif extent > 4 * len(rows) and len(rows) >= 2 * count:
             # a set-up spread over much more of the clock than its own rows is cut by time
             parts = np.array_split(rows, count)
@@ -115,6 +162,13 @@ def _dealt(conditions: Conditions, count: int, finer: int) -> list[Index]:
     for i, (_, rows) in enumerate(blocks):
         dealt[i % used].append(rows)
     return [np.sort(np.concatenate(fold)) for fold in dealt]
+
+
+def _stretches(conditions: Conditions, rows: Index, pieces: int) -> list[Index]:
+    """Rows of a set-up, in order of time, as stretches of time; without a clock as places."""
+    if np.ptp(conditions.time[rows]) > 0.0:
+        return np.array_split(rows, pieces)
+    return _by_visit(conditions, rows) or _by_place(conditions, rows, pieces)
 
 
 def clock_order(conditions: Conditions) -> F64:
@@ -250,6 +304,11 @@ def _nuisances(basis: Basis) -> F64:
         out[rows, at : at + own.shape[1]] = own
         at += own.shape[1]
     return out
+
+
+def lonely(before: LeftOut, after: LeftOut) -> list[int]:
+    """The folds that alone determine what a fuller model says more."""
+    return [i for i, (a, b) in enumerate(zip(before.alone, after.alone, strict=True)) if b > a]
 
 
 def gain(before: LeftOut, after: LeftOut, *, bound: bool = False) -> float:

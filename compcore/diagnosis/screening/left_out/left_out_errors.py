@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import LENGTHS, Kind
 from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks, passes
-from abbe.compcore.diagnosis.screening.left_out.crossvalidation import LeftOut
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import LeftOut, lonely
 from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.fitting.fit import FitResult
@@ -40,6 +41,7 @@ class LeftOutErrors:
         judged: Sequence[Effect] | None = None,
         *,
         along: Sequence[str] = (),
+        rows: Sequence[NDArray[np.int64]] = (),
     ) -> LeftOutErrors:
         """Leave out every block of a fit; exact for what is linear, non-linear values kept.
 
@@ -51,12 +53,15 @@ class LeftOutErrors:
             The effects that the blocks must be narrow enough for; default all of the model's.
         along
             Axes of whose passes each is to be left out, where there are several (`passes`).
+        rows
+            The blocks, where they are known.
         """
         thin = result.thin
         campaign = thin.problem.campaign
         effects = thin.model.effects if judged is None else judged
         conditions = campaign.conditions
-        blocks = next(filter(None, (passes(conditions, axis) for axis in along)), None)
+        of_passes = (passes(conditions, axis) for axis in along)
+        blocks = list(rows) or next(filter(None, of_passes), [])
         blocks = blocks or Blocks(conditions, thin.model.machine).for_effects(effects)
         with threads_for(thin.problem.n * thin.problem.layout.size):
             left = LeftOut.of(Basis.of(thin), blocks)
@@ -69,6 +74,19 @@ class LeftOutErrors:
             return float(np.sqrt(np.mean(left.residual[rows] ** 2))) if rows.any() else math.nan
 
         return cls(left, rms(*LENGTHS), rms(Kind.ROTATION))
+
+    @classmethod
+    def beside(
+        cls, one: FitResult, other: FitResult, changed: Sequence[Effect]
+    ) -> tuple[LeftOutErrors, LeftOutErrors]:
+        """How two fits to the same rows, with and without some effects, predict the same blocks."""
+        found = cls.of(one, changed), cls.of(other, changed)
+        before, after = (errors.left for errors in found)
+        alone = lonely(before, after) or lonely(after, before)
+        thin = one.thin
+        blocks = Blocks(thin.problem.campaign.conditions, thin.model.machine)
+        cut = blocks.cut_for(changed, list(before.folds), alone)
+        return (cls.of(one, rows=cut), cls.of(other, rows=cut)) if cut else found
 
     def falls_to(self, fuller: LeftOutErrors, result: FitResult, *, bound: bool) -> float:
         """The part of the left-out χ² that another fit to the same rows leaves.
