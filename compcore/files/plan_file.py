@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationError
 
 from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.errors import InputError
@@ -75,7 +75,7 @@ class _PlanDocument(_PlanSection):
     warm_up: Annotated[float, Field(ge=0.0, le=1e4)] = 60.0
     beyond: Annotated[float, Field(gt=0.0, le=100.0)] = 2.0
     tool_radius: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
-    in_one_go: bool = False
+    in_one_go: StrictBool = False
     tools: dict[_Name, _Vector]
     keep_out: tuple[KeepOutSection, ...] = ()
     setups: Annotated[tuple[PlannedSetupSection, ...], Field(min_length=1, max_length=1000)]

@@ -6,13 +6,19 @@ import json
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from abbe.daemon.arguments.options import AsJson, Force, Report
 
 if TYPE_CHECKING:
     from abbe.daemon.outputs import Say
-    from abbe.daemon.report.page import Page
+
+
+class WrittenPage(Protocol):
+    """A page that can be written to a file."""
+
+    def write(self, path: Path) -> None:
+        """Write it."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +48,7 @@ class AnswerOptions:
         )  # fmt: skip
 
     def tell(
-        self, say: Say, page: Callable[[], Page], as_json: Callable[[], object],
+        self, say: Say, page: Callable[[], WrittenPage], as_json: Callable[[], object],
         as_text: Callable[[], Iterable[str]],
     ) -> None:  # fmt: skip
         """Write the page where one is wanted, and say the answer; only what is wanted is made."""

@@ -7,6 +7,7 @@ import pytest
 from abbe.compcore.artefacts.permissible import PermissibleError
 from abbe.compcore.errors import InputError
 from tests.support.daemon.command_line import abbe
+from tests.support.daemon.pages import packed
 
 LENGTHS = (20.0, 200.0, 400.0, 600.0, 800.0)
 """mm; with ±(1.9 + L/400) µm the limits are ±1.95, 2.4, 2.9, 3.4, 3.9 µm."""
@@ -154,7 +155,7 @@ def test_in_words_and_on_a_page(tmp_path):
     assert "E0: not decided" in html
     assert "A. Turner" in html
     assert html.count("<figure") == 1
-    assert '"name":"MPE"' in html
+    assert '"name":"MPE"' in packed(html, "figures")
 
 
 @pytest.mark.parametrize(

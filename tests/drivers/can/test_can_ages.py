@@ -131,8 +131,8 @@ async def _watch(settings: dict[str, Any], talker: Talker) -> None:
         async def read() -> float:
             sample = (await link.read(("x",)))["x"]
             assert sample.good, sample.reason
-            # python's clock and the kernel's stamp are read some microseconds apart
-            assert sample.time <= talker.began[round(sample.value)] + 1e-3
+            # python's clock and the kernel's stamp are not read at once: a busy computer may come between
+            assert sample.time <= talker.began[round(sample.value)] + 0.02
             return sample.age()
 
         async def is_fresh() -> bool:

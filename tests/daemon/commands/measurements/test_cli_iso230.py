@@ -6,6 +6,7 @@ import sys
 import pytest
 
 from abbe.daemon.cli import main
+from tests.support.daemon.pages import packed
 
 HEAD = '# format = "abbe-campaign/1"\ntime,setup,kind,X,Y,X_dir,ux,uy,uz,value\n'
 UP = [[0, 1, 2], [3, 4, 5], [6, 6, 6]]
@@ -69,7 +70,7 @@ def test_report(abbe, campaign, tmp_path):
     assert "Axis X: x_pos" in html
     assert "9.0 <small>µm" in html
     assert html.count("<figure") == 1
-    assert '"name":"mean ↑"' in html
+    assert '"name":"mean ↑"' in packed(html, "figures")
 
 
 def test_diagonals(abbe, tmp_path):

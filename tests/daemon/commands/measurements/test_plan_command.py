@@ -7,6 +7,7 @@ import pytest
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.plan_file import read_plan
 from tests.support.daemon.command_line import abbe
+from tests.support.daemon.pages import packed
 
 NEW = (
     "new", "--structure", "w b Y X Z t", "--travel", "Y=0,900", "--travel", "X=0,700",
@@ -36,7 +37,7 @@ def test_a_plan_its_page_and_its_file_say_the_same(model, tmp_path):
     text = page.read_text("utf-8")
     for setup in found["setups"]:
         assert setup["what"] in text
-    assert "keep out" in text
+    assert "keep out" in packed(text, "figures")
 
 
 def test_a_preset_is_planned_as_it_is(model):

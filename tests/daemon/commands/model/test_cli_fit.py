@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 from abbe.compcore.files.model_file import load_model
 from abbe.daemon.application import app
+from tests.support.daemon.pages import packed
 
 DATA = Path(__file__).parents[3] / "data"
 
@@ -101,7 +102,7 @@ def test_reports_are_one_file_that_fetches_nothing(fitted: Path, tmp_path: Path)
     assert run("compare", fitted, data / "check.csv", "--report", page).exit_code == 0
     text = page.read_text(encoding="utf-8")
     assert text.count("data-plot") >= 10
-    assert "scatter3d" in text
+    assert "scatter3d" in packed(text, "figures")
     assert '<script src="' not in text
     fit_page = tmp_path / "fit.html"
     out = tmp_path / "m.toml"

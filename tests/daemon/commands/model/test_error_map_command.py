@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from tests.support.daemon.command_line import Done, abbe
+from tests.support.daemon.pages import packed
 from tests.support.daemon.small_line import ALPHA, MODEL, SD, write_campaign, write_model
 
 SQUARE = 30e-6
@@ -132,7 +133,7 @@ def test_how_sure_is_that_of_the_parameter_and_wider_where_nobody_measured(fitte
     assert "SHA-256" in text
     assert "T_x = 32 degC was not measured" in text
     assert "T_x = 32 °C" in text
-    assert text.count('"type":"heatmap"') == 8
+    assert packed(text, "figures").count('"type":"heatmap"') == 8
 
 
 def one_line(done: Done, *words: str) -> None:

@@ -23,6 +23,7 @@ from tests.support.compcore.table_models import (
     with_backlash,
 )
 from tests.support.daemon.command_line import abbe
+from tests.support.daemon.pages import packed
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +123,8 @@ def test_products_are_reported_beside_what_single_axes_leave(model, tmp_path):
         "make the trial of docs/tables.md",
     ):
         assert words in done.out, words
-    assert "µm per m of the lever" in (tmp_path / "r.html").read_text(encoding="utf-8")
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert "µm per m of the lever" in packed(page, "figures")
     # on themselves: angles and their levers twice, the same left
     twice = abbe(*order, "-o", tmp_path / "b", "--on", tmp_path / "a", "--json")
     assert twice.status == 0, twice.err
