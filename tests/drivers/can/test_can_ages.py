@@ -131,7 +131,7 @@ async def _watch(settings: dict[str, Any], talker: Talker) -> None:
         async def read() -> float:
             sample = (await link.read(("x",)))["x"]
             assert sample.good, sample.reason
-            # python's clock and the kernel's stamp are not read at once: a busy computer may come between
+            # python's clock and the kernel's stamp are not read at once
             assert sample.time <= talker.began[round(sample.value)] + 0.02
             return sample.age()
 
