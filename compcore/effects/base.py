@@ -174,6 +174,8 @@ class Effect(BaseModel, ABC):
 
     kind: ClassVar[str]
     scope: ClassVar[Scope] = "machine"
+    of_the_clock: ClassVar[bool] = False
+    """Whether a cause goes by the time and reads no signal, as a drift or an event."""
     carries: ClassVar[bool] = False
     """Whether what it shares with other effects is best named after it: a squareness, a scale."""
     reads_tool: ClassVar[bool] = False
@@ -283,6 +285,10 @@ class Effect(BaseModel, ABC):
         if single := getattr(self, "signal", None):
             names.append(single)
         return tuple(names)
+
+    def reads_time(self) -> bool:
+        """Whether the columns depend on the time itself, beside what signals say."""
+        return self.of_the_clock
 
     def positions_used(self, machine: Machine) -> tuple[str, ...]:
         """Axes on whose position the columns depend (levers not counted)."""

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.part_points import csv_document
+from abbe.compcore.files.part_points import MOST_POINTS, csv_document
 from abbe.compcore.files.text.bounded_text import read_bounded
 from abbe.compcore.files.text.toml_bounds import MOST_BYTES
 from abbe.compcore.files.text.toml_source import TomlSource
@@ -43,8 +43,6 @@ from abbe.compcore.virtual_cmm.touched_patterns import (
     from_points,
 )
 
-MOST_POINTS = 2000
-"""Of all features together."""
 _UM = 1e-3
 _Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
 _Sd = Annotated[float, Field(allow_inf_nan=False, ge=0.0, le=1e4)]

@@ -10,6 +10,8 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.files.formats import PART
 from abbe.compcore.virtual_cmm.features import ElementKind
 
+MOST_POINTS = 2000
+"""Touched points of a part program, of all its features."""
 COLUMNS = ("feature", "kind", "x", "y", "z", "nx", "ny", "nz")
 
 
@@ -62,6 +64,11 @@ def csv_document(text: str, file: str | None) -> tuple[str, list[dict[str, Any]]
                 "no such column", file=file, line=rows[0][0], field=name, found=name,
                 expected=",".join(COLUMNS) + " and perhaps stylus",
             )  # fmt: skip
+    if len(rows) - 1 > MOST_POINTS:
+        raise InputError(
+            "too many points", file=file, line=rows[MOST_POINTS + 1][0], field="points",
+            found=len(rows) - 1, expected=f"{MOST_POINTS} or fewer of all features",
+        )  # fmt: skip
     features: dict[str, dict[str, Any]] = {}
     lines: dict[int, int] = {}
     for number, line in rows[1:]:

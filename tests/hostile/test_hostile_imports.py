@@ -222,7 +222,7 @@ def mutated() -> Iterator[Case]:
         ]  # fmt: skip
         for name, content in damaged:
             kept = (out,) if out else ()
-            yield Case(f"{kind}: {name}", files(kind, content), arguments, (), True, kept, cpu=6.0)
+            yield Case(f"{kind}: {name}", files(kind, content), arguments, (), True, kept, cpu=8.0)
 
 
 def typed() -> Iterator[Case]:

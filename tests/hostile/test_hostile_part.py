@@ -136,7 +136,7 @@ def named() -> Iterator[Case]:
     yield row("feature,kind,x,y,z", "feature,kind,x,y", "z")
     yield case("table without rows", TABLE[: TABLE.index("A,plane")], "p.csv", file="p.csv")
     many = TABLE + "A,plane,200,150,0,0,0,1\n" * 100_000
-    yield case("table of many rows", many, "p.csv", file="p.csv")
+    yield case("table of many rows", many, "p.csv", "line 2014", "100005", file="p.csv")
 
 
 def damaged() -> Iterator[Case]:

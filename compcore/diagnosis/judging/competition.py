@@ -13,7 +13,7 @@ from abbe.compcore.diagnosis.judging.foretelling import ALIKE, predicting
 from abbe.compcore.diagnosis.screening.candidates import RIGID
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING
 from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks
-from abbe.compcore.diagnosis.screening.left_out.crossvalidation import LeftOut, gain, lonely
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import LeftOut, gain
 from abbe.compcore.diagnosis.screening.left_out.independence import independent_share
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.projection.basis import Basis
@@ -108,7 +108,7 @@ def _foretell(
     effects = [f.candidate.effect for f in chosen]
     rows = blocks.for_effects(effects)
     before, caused = pool.left_out(basis, rows), pool.left_out(after, rows)
-    if cut := blocks.cut_for(effects, rows, lonely(before, caused)):
+    if cut := blocks.cut_for(effects, before, caused):
         rows = cut
         before, caused = pool.left_out(basis, rows), pool.left_out(after, rows)
     bound = all(e.scope == "instrument" for e in effects)

@@ -16,8 +16,8 @@ from dataclasses import replace
 import numpy as np
 
 from abbe.compcore.diagnosis.screening.evidence import INDISTINCT
-from abbe.compcore.diagnosis.screening.left_out.blocks import OF_THE_CLOCK, Blocks
-from abbe.compcore.diagnosis.screening.left_out.crossvalidation import gain, lonely
+from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import gain
 from abbe.compcore.diagnosis.screening.left_out.independence import independent_share
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.projection.basis import Basis
@@ -78,7 +78,7 @@ def _reading(
     """
     out = list(chosen)
     for f in chosen:
-        if f.candidate.effect.kind not in OF_THE_CLOCK:
+        if not f.candidate.effect.of_the_clock:
             continue
         others = [g for g in out if g.key != f.key]
         beside = pool.joined(basis, others)
@@ -138,7 +138,7 @@ def foretold(
         more > less for less, more in zip(without.alone, with_it.alone, strict=True)
     ):
         return 0.0
-    if cut := blocks.cut_for([effect], rows, lonely(without, with_it)):
+    if cut := blocks.cut_for([effect], without, with_it):
         without, with_it = pool.left_out(beside, cut), pool.left_out(after, cut)
     return gain(without, with_it, bound=effect.scope == "instrument")
 

@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.diagnosis.judging.foretelling import WORTH
 from abbe.compcore.diagnosis.screening.candidates import RIGID
-from abbe.compcore.diagnosis.screening.left_out.blocks import OF_THE_CLOCK
 from abbe.compcore.diagnosis.stepwise.describing import describe
 from abbe.compcore.diagnosis.stepwise.growing_model import GrowingModel, Progress
 from abbe.compcore.diagnosis.stepwise.step import Course, Step
@@ -73,8 +72,8 @@ def _followed(growing: GrowingModel) -> Course:
     while len(growing.steps) < MOST_STEPS:
         found = [e.found.candidate.effect for e in diagnosis.established]
         new = _motions_first([e for e in found if not growing.refused_now(e)])
-        read = [e for e in new if e.kind not in OF_THE_CLOCK]
-        clock = [e for e in new if read and e.kind in OF_THE_CLOCK]
+        read = [e for e in new if not e.of_the_clock]
+        clock = [e for e in new if read and e.of_the_clock]
         if new and not read and bodies(growing):
             diagnosis = growing.diagnosed()
             continue
@@ -112,7 +111,7 @@ def _add_another(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
         return False
     n = diagnosis.basis.n
     behind = [f.candidate.effect for f in diagnosis.ranked if f.established(n)]
-    others = [e for e in behind if e.scope != "instrument" and e.kind not in OF_THE_CLOCK]
+    others = [e for e in behind if e.scope != "instrument" and not e.of_the_clock]
     return any(growing.add(effect) for effect in others[:MOST_TRIED])
 
 

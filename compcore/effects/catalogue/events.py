@@ -46,6 +46,7 @@ class WarmUp(ShiftEffect):
     """
 
     kind = "warm_up"
+    of_the_clock = True
     tau: PositiveUnlessFitted = None
 
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
@@ -115,6 +116,7 @@ class Drift(ShiftEffect):
     """
 
     kind = "drift"
+    of_the_clock = True
 
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """The speed of the drift."""
@@ -164,6 +166,7 @@ class Event(ShiftEffect):
     """
 
     kind = "event"
+    of_the_clock = True
     t0: FittedUnlessGiven = None
     number: Annotated[int, Field(ge=2, le=9)] | None = None
 

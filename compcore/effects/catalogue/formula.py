@@ -154,6 +154,10 @@ class Formula(Effect):
         """The signals that the terms name."""
         return tuple(dict.fromkeys(s for text in self.terms for s in _free(text).signals()))
 
+    def reads_time(self) -> bool:
+        """Whether a term names t."""
+        return "t" in self._variables()
+
     def _variables(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(v for text in self.terms for v in _free(text).variables()))
 

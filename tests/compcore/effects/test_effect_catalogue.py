@@ -56,6 +56,25 @@ def test_values_are_those_of_the_independent_formula(row):
         np.testing.assert_allclose(found[channel], value, atol=tolerance * scale, rtol=0.0)
 
 
+@pytest.mark.parametrize(
+    "row", [r for r in ROWS if not make(r).signals_needed()], ids=lambda r: r.label
+)
+def test_what_reads_no_signal_changes_with_the_hour_where_it_says_so(row):
+    early, late = world(row.machine), world(row.machine)
+    late.t[:] = late.t + 5000.0
+    before, after = motions_of(row, early), motions_of(row, late)
+    same = all(np.array_equal(before[name], after[name]) for name in before)
+    assert same != make(row).reads_time()
+
+
+def test_a_formula_reads_the_time_where_a_term_names_it():
+    def formula(*terms: str) -> Effect:
+        return make_effect("formula", {"channel": "E_XX", "terms": terms})
+
+    assert formula("X", "X*t").reads_time()
+    assert not formula("X", "lag(T_x, 60) - T0").reads_time()
+
+
 @pytest.mark.parametrize("row", ROWS, ids=IDS)
 def test_columns_have_the_shapes_and_parameters_that_they_declare(row):
     effect = make(row)

@@ -16,8 +16,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-CPU = 2.0
-"""s of processor time that a bad input may cost."""
+CPU = 5.0
+"""s of processor time that a bad input may cost, on a slow computer too; on a usual one under 1."""
 MEMORY = 500_000_000
 """Bytes that the process may hold, Abbe itself included."""
 _ABBE = 200_000_000

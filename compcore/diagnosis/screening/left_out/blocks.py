@@ -8,7 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.diagnosis.screening.left_out.crossvalidation import clock_order, cut_alone, folds
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import (
+    LeftOut,
+    clock_order,
+    cut_alone,
+    folds,
+    lonely,
+)
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.rotary.motions import RotaryMotion
 from abbe.compcore.effects.shapes import CUBIC, Shape
@@ -16,9 +22,6 @@ from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
 
 Rows = list[NDArray[np.int64]]
-
-OF_THE_CLOCK = ("warm_up", "drift", "event")
-"""Causes that read no signal: what follows a recorded one is looked for in all detail before."""
 
 _WHOLE = 0.5
 """Part of what an axis moved in all that a pass has to see of it."""
@@ -72,14 +75,23 @@ class Blocks:
             self._found[key] = folds(self.conditions, detail=finest)
         return self._found[key]
 
-    def cut_for(self, effects: Sequence[Effect], rows: Rows, alone: Sequence[int]) -> Rows:
-        """The same with those blocks cut that alone show something of some effects.
+    def cut_for(self, effects: Sequence[Effect], before: LeftOut, after: LeftOut) -> Rows:
+        """The same blocks with those cut that alone show something of some effects.
 
         Empty where there are none, or an effect follows the clock or a signal: of that a stretch of
         an hour says nothing of another day.
+
+        Parameters
+        ----------
+        effects
+            What the two models differ by.
+        before, after
+            How the blocks are predicted by the one model and by the other.
         """
+        alone = lonely(before, after) or lonely(after, before)
         if not alone or any(_follows(effect) for effect in effects):
             return []
+        rows = list(before.folds)
         finest = self._finest(effects)
         key = (tuple(sorted(finest.items())), tuple(alone))
         if key not in self._cut:
@@ -107,6 +119,4 @@ class Blocks:
 
 
 def _follows(effect: Effect) -> bool:
-    return (
-        effect.scope == "instrument" or bool(effect.signals_needed()) or effect.kind in OF_THE_CLOCK
-    )
+    return effect.scope == "instrument" or bool(effect.signals_needed()) or effect.reads_time()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import LENGTHS, Kind
 from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks, passes
-from abbe.compcore.diagnosis.screening.left_out.crossvalidation import LeftOut, lonely
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import LeftOut
 from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.fitting.fit import FitResult
@@ -81,11 +81,9 @@ class LeftOutErrors:
     ) -> tuple[LeftOutErrors, LeftOutErrors]:
         """How two fits to the same rows, with and without some effects, predict the same blocks."""
         found = cls.of(one, changed), cls.of(other, changed)
-        before, after = (errors.left for errors in found)
-        alone = lonely(before, after) or lonely(after, before)
         thin = one.thin
         blocks = Blocks(thin.problem.campaign.conditions, thin.model.machine)
-        cut = blocks.cut_for(changed, list(before.folds), alone)
+        cut = blocks.cut_for(changed, found[0].left, found[1].left)
         return (cls.of(one, rows=cut), cls.of(other, rows=cut)) if cut else found
 
     def falls_to(self, fuller: LeftOutErrors, result: FitResult, *, bound: bool) -> float:
