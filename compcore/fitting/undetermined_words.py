@@ -116,13 +116,46 @@ def _specs(problem: Problem, terms: Iterable[int]) -> tuple[str, ...]:
 def _sparse(problem: Problem, directions: F64, whole: float) -> list[tuple[list[int], F64]]:
     """Null directions, each with the fewest effects that can make it: (terms, (m, 1))."""
     groups = _groups(problem)
-    squares = {t: directions[i].T @ directions[i] for t, i in groups.items()}
-    present = [t for t, square in squares.items() if np.trace(square) > _LEAST**2]
+    parts = {t: directions[i] for t, i in groups.items()}
+    present = {t: part for t, part in parts.items() if float(np.sum(part**2)) > _LEAST**2}
     found: list[tuple[list[int], F64]] = []
-    taken = np.zeros((directions.shape[1], 0))
-    for size in range(1, min(_MOST_COMBINED, len(present)) + 1):
-        for combined in itertools.combinations(present, size):
-            if taken.shape[1] == directions.shape[1]:
+    for family in _families(present, whole):
+        inside = np.sum([present[t].T @ present[t] for t in family], axis=0)
+        values, vectors = np.linalg.eigh(inside)
+        own = vectors[:, values > 0.5]
+        found += [
+            (terms, directions @ (own @ way))
+            for terms, way in _fewest({t: present[t] @ own for t in family}, whole)
+        ]
+    order = {t: place for place, t in enumerate(present)}
+    return sorted(found, key=lambda each: (len(each[0]), [order[t] for t in each[0]]))
+
+
+def _families(parts: dict[int, F64], whole: float) -> list[list[int]]:
+    """Terms that share null directions, directly or through others: no direction lies in two."""
+    least = whole / max(1, len(parts)) ** 2
+    families: list[list[int]] = []
+    for term, part in parts.items():
+        bound = [
+            family
+            for family in families
+            if any(float(np.sum((part @ parts[t].T) ** 2)) > least for t in family)
+        ]
+        families = [family for family in families if family not in bound]
+        families.append(sorted(t for family in [*bound, [term]] for t in family))
+    order = list(parts)
+    return sorted(families, key=lambda family: min(order.index(t) for t in family))
+
+
+def _fewest(parts: dict[int, F64], whole: float) -> list[tuple[list[int], F64]]:
+    """Of one family: null directions by the fewest terms, (terms, (k, 1)); `parts`: (_, k) each."""
+    squares = {t: part.T @ part for t, part in parts.items()}
+    count = next(iter(parts.values())).shape[1]
+    found: list[tuple[list[int], F64]] = []
+    taken = np.zeros((count, 0))
+    for size in range(1, min(_MOST_COMBINED, len(parts)) + 1):
+        for combined in itertools.combinations(parts, size):
+            if taken.shape[1] == count:
                 return found
             inside = np.sum([squares[t] for t in combined], axis=0)
             values, vectors = np.linalg.eigh(inside)
@@ -132,15 +165,13 @@ def _sparse(problem: Problem, directions: F64, whole: float) -> list[tuple[list[
             for k in range(int((s > 1e-3).sum())):
                 # the representative inside this combination that owes least to those before
                 mixed = own @ (own.T @ u[:, k])
-                found.append(
-                    (list(combined), directions @ (mixed / np.linalg.norm(mixed))[:, None])
-                )
+                found.append((list(combined), (mixed / np.linalg.norm(mixed))[:, None]))
             taken = np.hstack([taken, u[:, s > 1e-3]])
     rest = _complement(taken)
     for k in range(rest.shape[1]):
-        direction = directions @ rest[:, k : k + 1]
-        share = {t: float(np.linalg.norm(direction[i])) for t, i in groups.items()}
-        found.append(([t for t in present if share[t] > 0.05], direction))
+        way = rest[:, k : k + 1]
+        share = {t: float(np.linalg.norm(part @ way)) for t, part in parts.items()}
+        found.append(([t for t in parts if share[t] > 0.05], way))
     return found
 
 
