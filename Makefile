@@ -14,8 +14,11 @@ SPARKPLUG := $(VENV)/sparkplug/node_modules/.package-lock.json
 BENCHMARKS := cycle compensator campaign fit tables links screening diagnosis_command diagnosis check_points plan validation fleet spreading plant
 SOURCES := compcore drivers daemon tests benchmarks examples
 
+# What is imported by one process of the tests is compiled for all others.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-calibrate demo-fleet test lint types fast bench torment soak deb test-systemd test-calibration docs clean
+.PHONY: help demo demo-calibrate demo-fleet test test-thorough lint types fast bench torment soak deb test-systemd test-calibration docs clean
 
 define install_debian
 missing=; for package in $(1); do \
@@ -39,10 +42,13 @@ demo-fleet: $(VENV)/.fleet $(POSTGRESQL) $(MOSQUITTO) $(PROMETHEUS) ## See a sma
 	@$(BIN)/python -m tools.demo_fleet $(if $(STAY),--seconds $(STAY))
 
 test: $(VENV)/.dev $(VENV)/.debian lint types ## Run all checks and tests
-	$(BIN)/pytest -n 3 --dist loadgroup
+	$(BIN)/pytest -n 3 --dist loadgroup --no-loadscope-reorder
+
+test-thorough: $(VENV)/.dev $(VENV)/.debian ## Run more cases of what `make test` runs some of, and the soak (a quarter of an hour)
+	$(BIN)/pytest -n 3 --dist loadgroup --no-loadscope-reorder -m thorough
 
 fast: $(VENV)/.dev ## The tests that need no other process
-	$(BIN)/pytest -m "not integration" -q
+	$(BIN)/pytest -m "not integration and not thorough" -q
 
 lint: $(VENV)/.dev ## ruff, and the direction of imports
 	$(BIN)/ruff check .

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from collections import Counter
 from pathlib import Path
 
 # As many processes test as there are cores; with more threads than cores those of a BLAS wait for
@@ -32,11 +33,25 @@ ALONE = {
 }
 """Group → beginnings of the names of the files that share something there is only one of."""
 
+LONG = {"integration", "torment", "soak", "linuxcnc", "diagnosis", "upload", "http", "opcua_server"}
+"""Folders the files of which take minutes."""
+
 
 @pytest.hookimpl(tryfirst=True)  # before pytest-xdist looks at the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Give every file to one process, and the files of a group to the same one (pytest-xdist)."""
+    """Give every file to one process, and the files of a group to the same one (pytest-xdist).
+
+    The long ones first, so that no process waits for another's at the end; of many cases of one
+    kind those that belong to `make test`.
+    """
+    cases: Counter[str] = Counter()
+    items.sort(key=lambda item: not LONG.isdisjoint(Path(item.path).parts))
     for item in items:
+        if mark := item.get_closest_marker("one_in"):
+            test = item.nodeid.partition("[")[0]
+            if cases[test] % mark.args[0]:
+                item.add_marker("thorough")
+            cases[test] += 1
         name = Path(item.path).stem
         group = next((g for g, starts in ALONE.items() if name.startswith(starts)), name)
         item.add_marker(pytest.mark.xdist_group(group))

@@ -52,6 +52,7 @@ def process(*words: str | bytes, code: str = "", **more: object) -> subprocess.P
     return subprocess.Popen([*start, *words], stderr=subprocess.PIPE, **more)  # type: ignore[call-overload,no-any-return]
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ("line", "unbuffered"),
     [(line, "") for line in PRINTING] + [(line, "1") for line in ("--version", "effects")],

@@ -51,6 +51,7 @@ def test_every_task_does_its_work(shop: Path, task: str):
     assert done.status == 0, done
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(("task", "name"), READS)
 @pytest.mark.parametrize("way", ["name", "spelling", "symbolic link", "hard link", "--force"])
 def test_an_input_is_never_overwritten(shop: Path, task: str, name: str, way: str):
@@ -71,6 +72,7 @@ def test_an_input_is_never_overwritten(shop: Path, task: str, name: str, way: st
     refused(words, shop, str(out), "this command reads that file", "another name")
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("content", [b"my notes\n", b"\x89PNG\r\n\x1a\n\0\0", b"a,b\n1,2\n"])
 def test_a_foreign_file_is_overwritten_with_force_only(shop: Path, task: str, content: bytes):

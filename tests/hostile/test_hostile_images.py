@@ -35,13 +35,23 @@ def unpack() -> None:
     assert read(Path("image").read_bytes()) == GOOD, "another content was taken for good"
 
 
-def other(method: int, *contents: tuple[str, bytes]) -> bytes:
-    """Another archive."""
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", method) as archive:
-        for name, content in contents:
-            archive.writestr(name, content)
-    return buffer.getvalue()
+def other(method: int, *contents: tuple[str, bytes]) -> Callable[[Path], None]:
+    """Write another archive."""
+
+    def made(path: Path) -> None:
+        with zipfile.ZipFile(path, "w", method) as archive:
+            for name, content in contents:
+                archive.writestr(name, content)
+
+    return made
+
+
+def spoilt(path: Path) -> None:
+    """Write an archive the head of which was overwritten."""
+    other(zipfile.ZIP_LZMA, ("X.csv", b"0,1\n" * 1000))(path)
+    content = bytearray(path.read_bytes())
+    content[60:90] = b"\xff" * 30
+    path.write_bytes(content)
 
 
 def images() -> Iterator[Case]:
@@ -49,14 +59,12 @@ def images() -> Iterator[Case]:
     huge = bytes(200_000_000)
     packed = other(zipfile.ZIP_LZMA, ("X.csv", b"0,1\n" * 1000))
     many = [(f"{i}.csv", b"") for i in range(9999)]
-    spoilt = bytearray(packed)
-    spoilt[60:90] = b"\xff" * 30
     named = [
         ("deflated bomb", other(zipfile.ZIP_DEFLATED, ("X.csv", huge))),
         ("bzip2 bomb", other(zipfile.ZIP_BZIP2, ("X.csv", huge))),
         ("LZMA bomb", other(zipfile.ZIP_LZMA, ("X.csv", huge))),
         ("LZMA", packed),
-        ("LZMA spoilt", bytes(spoilt)),
+        ("LZMA spoilt", spoilt),
         ("no archive but LZMA", lzma.compress(b"0,1\n")),
         ("stored by another program", other(zipfile.ZIP_STORED, ("X.csv", b"0,1\n"))),
         ("a path", other(zipfile.ZIP_STORED, ("../X.csv", b"0,1\n"))),
@@ -155,6 +163,7 @@ def unharmed() -> list[tuple[str, bytes, Callable[[], None]]]:
 CASES = [*images(), *tapes(), *records()]
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_a_bad_image_is_reported_in_one_line(case: Case, tmp_path: Path) -> None:
     outcome = run(case, tmp_path)

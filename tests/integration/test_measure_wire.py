@@ -39,6 +39,7 @@ def shop(tmp_path: Path) -> Iterator[tuple[SimulatedProcess, Path]]:
         yield process, tmp_path
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ("factor", "words"),
     [(-1.0, "the sign is turned"), (0.0, "it stands still"), (25.4, "taken for inches")],

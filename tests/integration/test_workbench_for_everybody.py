@@ -26,6 +26,7 @@ def browser() -> Iterator[Browser]:
         yield started
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(("scheme", "locale"), [("light", "en-GB"), ("dark", "de-DE")])
 def test_the_live_view(browser: Browser, tmp_path: Path, scheme: str, locale: str) -> None:
     with machine(tmp_path) as (_, config):
@@ -56,6 +57,7 @@ def test_the_live_view(browser: Browser, tmp_path: Path, scheme: str, locale: st
             assert [e for e in seen.errors if "409" not in e] == []
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(("scheme", "locale"), [("light", "en-GB"), ("dark", "de-DE")])
 def test_compare_learn_and_watch(
     browser: Browser, tmp_path: Path, scheme: str, locale: str

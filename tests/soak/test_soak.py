@@ -36,6 +36,7 @@ def test_a_relative_folder_is_where_it_was_asked_for(
     assert asked.value.args == (tmp_path / "out",)
 
 
+@pytest.mark.thorough
 @pytest.mark.integration
 @pytest.mark.timeout(900)
 def test_no_promise_is_broken_in_three_minutes(tmp_path: Path) -> None:

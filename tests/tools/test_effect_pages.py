@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from xml.etree import ElementTree
 
 import pytest
@@ -11,7 +12,12 @@ from tools.effect_pages import FOLDER, built_in, files
 from tools.effect_scenes import SCENES
 
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
-MADE = files()
+KEPT = sorted(path.name for path in FOLDER.iterdir())
+
+
+@cache
+def made() -> dict[str, str]:
+    return files()
 
 
 def test_every_effect_has_a_picture_and_every_picture_an_effect():
@@ -19,30 +25,30 @@ def test_every_effect_has_a_picture_and_every_picture_an_effect():
 
 
 def test_nothing_else_lies_there():
-    assert {path.name for path in FOLDER.iterdir()} == set(MADE)
+    assert {path.name for path in FOLDER.iterdir()} == set(made())
 
 
-@pytest.mark.parametrize("name", [n for n in MADE if n.endswith(".md")])
+@pytest.mark.parametrize("name", [n for n in KEPT if n.endswith(".md")])
 def test_pages_are_up_to_date(name):
     """Otherwise run ``python -m tools.effect_pages``."""
-    assert (FOLDER / name).read_text(encoding="utf-8") == MADE[name]
+    assert (FOLDER / name).read_text(encoding="utf-8") == made()[name]
 
 
-@pytest.mark.parametrize("name", [n for n in MADE if n.endswith(".svg")])
+@pytest.mark.parametrize("name", [n for n in KEPT if n.endswith(".svg")])
 def test_pictures_are_up_to_date(name):
     """The same shapes; coordinates to the rounding of their last digit."""
-    kept, made = (FOLDER / name).read_text(encoding="utf-8"), MADE[name]
-    assert NUMBER.sub("0", kept) == NUMBER.sub("0", made)
-    for one, two in zip(NUMBER.findall(kept), NUMBER.findall(made), strict=True):
+    kept, new = (FOLDER / name).read_text(encoding="utf-8"), made()[name]
+    assert NUMBER.sub("0", kept) == NUMBER.sub("0", new)
+    for one, two in zip(NUMBER.findall(kept), NUMBER.findall(new), strict=True):
         assert abs(float(one) - float(two)) < 0.11
 
 
-@pytest.mark.parametrize("name", [n for n in MADE if n.endswith(".svg")])
+@pytest.mark.parametrize("name", [n for n in KEPT if n.endswith(".svg")])
 def test_pictures_can_be_drawn_and_stay_small(name):
-    svg = ElementTree.fromstring(MADE[name])
+    svg = ElementTree.fromstring(made()[name])
     assert svg.tag.endswith("svg")
-    assert len(MADE[name]) < 12_000
-    assert "nan" not in MADE[name]
+    assert len(made()[name]) < 12_000
+    assert "nan" not in made()[name]
     width, height = (float(svg.get(k)) for k in ("width", "height"))
     for path in svg.iter("{http://www.w3.org/2000/svg}path"):
         points = [float(n) for n in NUMBER.findall(path.get("d"))]
@@ -52,8 +58,8 @@ def test_pictures_can_be_drawn_and_stay_small(name):
     assert {"before", "after"} <= looks
 
 
-@pytest.mark.parametrize("name", [n for n in MADE if n.endswith(".md")])
+@pytest.mark.parametrize("name", [n for n in KEPT if n.endswith(".md")])
 def test_links_between_pages_lead_somewhere(name):
-    found = re.findall(r"\]\(([^)#]+)", MADE[name])
+    found = re.findall(r"\]\(([^)#]+)", made()[name])
     assert found
-    assert {target for target in found if "/" not in target} <= set(MADE)
+    assert {target for target in found if "/" not in target} <= set(made())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,11 @@ import pytest
 from tools.house import HOUSES, circles, described, house, imports
 
 ROOT = Path(__file__).parents[2]
-REAL = imports(ROOT)
+
+
+@cache
+def real() -> dict[str, frozenset[str]]:
+    return imports(ROOT)
 
 
 def built(root: Path, files: dict[str, str]) -> Path:
@@ -21,12 +26,12 @@ def built(root: Path, files: dict[str, str]) -> Path:
 
 
 def test_no_files_import_each_other_in_a_circle():
-    assert circles(REAL) == []
+    assert circles(real()) == []
 
 
 @pytest.mark.parametrize("name", HOUSES)
 def test_no_rooms_import_each_other_in_a_circle(name: str):
-    found = house(name, REAL)
+    found = house(name, real())
     assert len(found.arrows) > 10
     assert found.count > 40
     assert found.circles == ()
@@ -35,7 +40,7 @@ def test_no_rooms_import_each_other_in_a_circle(name: str):
 
 def test_every_room_stands_above_those_that_it_imports():
     for name in HOUSES:
-        found = house(name, REAL)
+        found = house(name, real())
         for room, below in found.arrows.items():
             assert found.floors[room] == 1 + max((found.floors[b] for b in below), default=0)
 

@@ -170,6 +170,7 @@ def test_a_polynomial_takes_the_place_of_positions_alone(spec: str, goes: bool) 
     assert of_positions_alone(effect, machine) is goes
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.parametrize("seed", range(4))
 def test_noise_is_not_described(seed: int) -> None:
     places, value = measured(no_errors, 10 + seed)

@@ -45,6 +45,7 @@ def test_none_where_none_is(name: str) -> None:
     assert diagnose(*given(name)).strays == ()
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.parametrize(("seed", "off"), [(1, 20.0), (2, 20.0), (3, 40.0), (4, -400.0)])
 def test_one_reading_makes_no_cause(seed: int, off: float) -> None:
     """Of twelve rows that are off by 40 standard uncertainties eleven made causes before."""
@@ -58,6 +59,7 @@ def test_one_reading_makes_no_cause(seed: int, off: float) -> None:
     assert stray.off == pytest.approx(off * campaign.sd[row], rel=0.2)
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("off", [40.0, 300.0])
 def test_several_hide_no_cause(off: float) -> None:
     """Two beside one another, one of another set-up; a rotation."""
@@ -68,6 +70,7 @@ def test_several_hide_no_cause(off: float) -> None:
     assert lines(found) == {int(campaign.line[r]) for r in rows}
 
 
+@pytest.mark.thorough
 def test_on_the_way_to_the_verdict_they_count_no_more() -> None:
     model, campaign = given("p03-bridge")
     rows = [399, 700, 899]
