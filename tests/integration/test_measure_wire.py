@@ -86,21 +86,21 @@ def test_another_unit_is_told_though_no_reading_is_ever_steady(
     process.order("factor", by=factor)
     with measuring(folder / "plan.toml", folder / "config.toml", folder / "campaign.csv") as run:
         machine = driver(process, run, folder)
-        machine.to(0)
-        run.until(lambda e: e["event"] == "unsteady")
+        machine.beyond_the_first()
+        run.until(lambda e: "mm from the next target" in e["text"])
         assert run.kinds("doubt") == []
-        for number in (1, 2):
+        for number in (0, 1, 2):
             since = len(run.events)
             machine.to(number)
             said = run.until(lambda e: e["event"] == "doubt", since=since)
             assert words in said["text"]
             assert "not kept" in said["text"]
-        assert len(run.kinds("doubt")) == 2
+        assert len(run.kinds("doubt")) == 3
         assert run.kinds("row") == []
         # set right, it goes on
         process.order("factor", by=1.0)
         machine.read(3, 4, 5)
-        assert len(run.kinds("doubt")) == 2
+        assert len(run.kinds("doubt")) == 3
         run.end()
     found = campaign_of(folder)
     assert found.n == 3

@@ -7,27 +7,25 @@ from dataclasses import dataclass
 
 from abbe.compcore.units import in_digits
 
-_FACTORS = {
-    -1.0: "the sign is turned (sign = -1, or 1)",
-    0.0: "it stands still",
-    1000.0: "it reads µm that are taken for mm",
-    0.001: "it reads m that are taken for mm",
-    25.4: "it reads mm that are taken for inches",
-    1.0 / 25.4: "it reads inches that are taken for mm",
-    2.0: "it counts every way twice",
-    0.5: "it counts half of every way",
-}
-"""What a reading moves by, over what the machine does, where it is not set right."""
+_LENGTHS = {"m": 1e3, "mm": 1.0, "µm": 1e-3, "nm": 1e-6, "inches": 25.4}
+"""What an instrument may read in, mm."""
+_INCH = 25.4
+_SLOW = (0.0, 0.5)
+"""Factors that a read-out shows, too, that is slow or was reset meanwhile."""
 _NEAR = 0.02
 """Part by which a factor may be off."""
 _SHORT = 0.5
 """Part of a nominal distance by which one may be off, mm or m mixed up are not."""
 _IN_A_ROW = 6
 """Targets at which the very same is read."""
+_FEW, _TINY = 4, 0.05
+"""Targets by which it is told that readings are too small, and that part of their uncertainty."""
 
 
-def not_followed(way: Sequence[float], moved: Sequence[float]) -> str:
-    """That a reading does not follow the machine, and what may be wrong.
+def not_followed(
+    way: Sequence[float], moved: Sequence[float], unit: str = "mm", channel: str = ""
+) -> str:
+    """That a reading does not follow the machine, what may be wrong, and what to do.
 
     Parameters
     ----------
@@ -36,27 +34,69 @@ def not_followed(way: Sequence[float], moved: Sequence[float]) -> str:
         mm; each direction.
     moved
         What a perfect machine shows has changed by.
+    unit, channel
+        In which it is configured to be read, and what it is read from.
     """
-    words, why = _moves(way, moved)
+    words, factor = _moves(way, moved)
+    why = "" if factor is None else _why(factor, unit, channel)
     return f"{words}: {why or 'is it set up along this line, and read in its own unit?'}"
 
 
-def known_fault(way: Sequence[float], moved: Sequence[float]) -> str:
-    """The same where what is wrong is known by how a reading moves; else empty."""
-    words, why = _moves(way, moved)
+def known_fault(
+    way: Sequence[float],
+    moved: Sequence[float],
+    unit: str = "mm",
+    channel: str = "",
+    *,
+    slow: bool = False,
+) -> str:
+    """The same where what is wrong is known by how a reading moves; else empty.
+
+    `slow`: it may be a read-out that is slow, or was reset on the way.
+    """
+    words, factor = _moves(way, moved)
+    if factor is None or (slow and any(_is(factor, f) for f in _SLOW)):
+        return ""
+    why = _why(factor, unit, channel)
     return f"{words}: {why}" if why else ""
 
 
-def _moves(way: Sequence[float], moved: Sequence[float]) -> tuple[str, str]:
-    """By how much a reading and the machine have moved, in words, and what that comes from."""
+def _moves(way: Sequence[float], moved: Sequence[float]) -> tuple[str, float | None]:
+    """By how much a reading and the machine have moved, in words, and the one over the other."""
     k = max(range(len(way)), key=lambda i: abs(way[i]))
     read = way[k] + moved[k]
     words = f"has moved by {read:+.4f} mm, the machine along it by {moved[k]:+.4f} mm"
-    if moved[k]:
-        for factor, why in _FACTORS.items():
-            if abs(read / moved[k] - factor) <= _NEAR * max(abs(factor), _NEAR):
-                return words, why
-    return words, ""
+    return words, read / moved[k] if moved[k] else None
+
+
+def _why(factor: float, unit: str, channel: str) -> str:
+    """What it comes from that a reading moves so much more or less, and what to do; or empty."""
+    if _is(factor, 0.0):
+        return "it stands still: does it see what moves, and is its unit not far too small?"
+    turned = factor < 0.0
+    own = "µm" if unit == "um" else unit
+    size, wrong = abs(factor), ""
+    if _is(size, _INCH):
+        wrong = "it reads mm that are taken for inches: take the scale of 25.4 out of its channel"
+    for name, mm in _LENGTHS.items():
+        if name != own and _is(size, _LENGTHS[own] / mm):
+            do = f"set it to {own}"
+            if name != "inches":
+                typed = name.replace("µ", "u")
+                do = f'say unit = "{typed}" of its channel {channel}, or {do}'
+            wrong = f"it reads {name} that are taken for {own}: {do}"
+    if _is(size, 2.0):
+        wrong = "it counts every way twice"
+    elif _is(size, 0.5):
+        wrong = "it counts half of every way"
+    sign = "the sign is turned (sign = -1, or 1)"
+    if turned and (wrong or _is(size, 1.0)):
+        return f"{sign}, and {wrong}" if wrong else sign
+    return wrong
+
+
+def _is(factor: float, wanted: float) -> bool:
+    return abs(factor - wanted) <= _NEAR * max(wanted, _NEAR)
 
 
 def other_unit(values: Sequence[float], nominal: Sequence[float]) -> str:
@@ -152,6 +192,30 @@ class RepeatedTargets:
             return None
         differs = tuple(v - b for v, b in zip(values, before.values, strict=True))
         return _Repetition(same is None, differs, before.time)
+
+
+class TinyReadings:
+    """Notices an instrument of errors whose first targets differ by far less than it can tell.
+
+    An instrument scatters by its uncertainty; one that is read in too small a unit seems not to.
+    """
+
+    def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew."""
+        self._seen: list[tuple[float, ...]] = []
+
+    def add(self, values: Sequence[float], sd: float) -> bool:
+        """Take a target in; whether the first few have just shown it."""
+        self._seen.append(tuple(values))
+        if len(self._seen) != _FEW:
+            return False
+        ranges: list[float] = [
+            max(column) - min(column) for column in zip(*self._seen, strict=True)
+        ]
+        return 0.0 < max(ranges) < _TINY * sd
 
 
 class SameReadings:

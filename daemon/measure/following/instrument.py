@@ -41,6 +41,8 @@ class Instrument:
 
     Attributes
     ----------
+    unit
+        As given.
     channels
         What is read for it.
     values
@@ -57,6 +59,7 @@ class Instrument:
     def __init__(self, name: str, section: InstrumentSection, unit: str) -> None:
         self.name = name
         self.section = section
+        self.unit = unit
         self.angle = unit in ANGLES
         self._factor = section.sign * (ANGLES[unit] if self.angle else LENGTHS[unit or "mm"])
         self._sources = tuple(split(source) for source in section.sources)
@@ -71,6 +74,11 @@ class Instrument:
         self._away = 0.0
         self._looked = -math.inf
         self._there = False
+
+    @property
+    def channel(self) -> str:
+        """What it is read from, for people."""
+        return ", ".join(self.section.sources)
 
     def take(self, batch: Batch, now: float, reconnects: int) -> None:
         """Take a look's samples in.

@@ -10,6 +10,7 @@ from abbe.compcore.campaign.campaign import Kind
 from abbe.daemon.measure.compensation import RunsBeside
 from abbe.daemon.measure.course import MeasureCourse
 from abbe.daemon.measure.events import Tell, place_words, setup_words, target_words
+from abbe.daemon.measure.following.approach import Approach
 from abbe.daemon.measure.following.average import SteadyReading
 from abbe.daemon.measure.following.instrument import Instrument, nominal_distance
 from abbe.daemon.measure.following.target_watch import (
@@ -63,6 +64,7 @@ class Measurement:
         self._limits = configuration.file.measure
         self._view = MachineView(configuration, task.instruments)
         self._watch = TargetWatch(self._limits, self._view.axes)
+        self._approach = Approach(self._limits, self._view.axes)
         self._rows = KeptRows(task.file)
         held = self._limits.signals_held
         self._news = MeasureNews(course, tell, task.file.path, task.expected, held)
@@ -137,7 +139,13 @@ class Measurement:
         elif self._person.answer() == LEAVE_OUT:
             self._leave_out()
             return
-        self._judge(self._watch.step(seen, self._instrument, self.course.here), seen)
+        outcome = self._watch.step(seen, self._instrument, self.course.here)
+        rest = self._approach.step(
+            seen, self._instrument, self.course.setup, at_target=self._watch.at is not None
+        )
+        if rest is not None:
+            self._zero.rested(*rest)
+        self._judge(outcome, seen)
 
     def _paused(self) -> bool:
         if self._runs.live and not self._task.stated:

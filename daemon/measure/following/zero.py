@@ -10,6 +10,7 @@ from abbe.daemon.measure.following.average import SteadyReading
 from abbe.daemon.measure.following.doubtful import (
     RepeatedTargets,
     SameReadings,
+    TinyReadings,
     known_fault,
     not_followed,
     other_unit,
@@ -50,6 +51,7 @@ class InstrumentZero:
         self._news = news
         self._repeated = RepeatedTargets()
         self._same = SameReadings()
+        self._tiny = TinyReadings()
         self.forget()
 
     def forget(self) -> None:
@@ -58,12 +60,19 @@ class InstrumentZero:
         self._before: tuple[float, ...] = ()
         self._nominal: tuple[float, ...] = ()
         self._unsteady: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+        self._rest: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+        self._broken = False
         self._doubted: int | None = None
         self._first = False
         self.renew = False
         self.perhaps_lost = {}
         self._repeated.forget()
         self._same.forget()
+        self._tiny.forget()
+
+    def rested(self, values: tuple[float, ...], nominal: tuple[float, ...]) -> None:
+        """Note what was read where the machine stood on its way to a target; as of `less`."""
+        self._rest = values, nominal
 
     def interrupted(self, *, counts: bool) -> None:
         """Note that the instrument was: what follows may count from elsewhere.
@@ -74,7 +83,7 @@ class InstrumentZero:
             Whether rows are there that count from the zero before.
         """
         self.renew = self.renew or counts
-        self._unsteady = None
+        self._unsteady = self._rest = None
 
     def look(
         self,
@@ -102,7 +111,7 @@ class InstrumentZero:
                 problem = other_unit(reading.values, nominal)
         else:
             problem = self._fault_since(instrument, reading.values, nominal, scatter)
-            self._unsteady = reading.values, nominal
+            self._unsteady, self._rest = (reading.values, nominal), None
         if problem and self._doubted != visit:
             self._doubt(instrument, problem, visit)
             self._before = ()
@@ -132,9 +141,11 @@ class InstrumentZero:
         -------
         None where the reading cannot be this machine's: that is said, and it is not kept.
         """
-        problem = self._fault_since(instrument, values, nominal) if self._unsteady else ""
+        problem = ""
+        if self._unsteady or self._rest:
+            problem = self._fault_since(instrument, values, nominal)
         problem = problem or self._problem(instrument, values, nominal, visit)
-        self._before, self._nominal, self._unsteady = values, nominal, None
+        self._before, self._nominal, self._unsteady, self._rest = values, nominal, None, None
         if problem:
             self._doubt(instrument, problem, visit)
             return None
@@ -143,17 +154,36 @@ class InstrumentZero:
             self._begin_part(instrument, values)
         here = self._course.here
         self._repeated.add(int(here.order[visit]), int(here.sense[visit]), values, time)
-        if self._same.add(values) and instrument.section.reads == "error":
+        if instrument.section.reads == "error":
+            self._look_at_errors(
+                instrument, values, float(self._course.setup.sd[here.order[visit]])
+            )
+        return [v - z for v, z in zip(values, self._zero, strict=True)]
+
+    def _look_at_errors(
+        self, instrument: Instrument, values: tuple[float, ...], planned: float
+    ) -> None:
+        """Say where an instrument of errors reads as none does that measures."""
+        own = instrument.section.sd
+        sd = planned if own is None else own * (1e-6 if instrument.angle else 1e-3)
+        if self._tiny.add(values, sd):
+            self._news.event(
+                "note",
+                f"{instrument.name} differs from target to target by far less than its own "
+                f"uncertainty of {size_words(sd, angle=instrument.angle)}: is it read in its own "
+                f"unit ({instrument.unit}, channel {instrument.channel})?",
+            )
+        if self._same.add(values):
             self._news.event(
                 "note",
                 f"{instrument.name} has read the very same at {self._same.count} targets in a row: "
                 "does it still measure?",
             )
-        return [v - z for v, z in zip(values, self._zero, strict=True)]
 
     def _doubt(self, instrument: Instrument, problem: str, visit: int) -> None:
         self._news.event("doubt", f"{instrument.name} {problem}; this target is not kept")
         self._zero, self._doubted = (), visit
+        self._broken = self._broken or self._course.parts[self._course.current] > 0
 
     def _fault_since(
         self,
@@ -166,15 +196,30 @@ class InstrumentZero:
         counted = self._zero and not self._first
         if instrument.section.reads != "length" or counted or "zero" not in self._course.setup.free:
             return ""
+        if self._rest is not None and (
+            said := self._fault_of_way(instrument, values, nominal, self._rest, scatter, slow=True)
+        ):
+            return said
         before = self._unsteady
         if before is None and self._before and not self.renew:
             before = self._before, self._nominal
-        if before is None:
-            return ""
+        return self._fault_of_way(instrument, values, nominal, before, scatter) if before else ""
+
+    def _fault_of_way(
+        self,
+        instrument: Instrument,
+        values: tuple[float, ...],
+        nominal: tuple[float, ...],
+        before: tuple[tuple[float, ...], tuple[float, ...]],
+        scatter: float,
+        *,
+        slow: bool = False,
+    ) -> str:
         way = [v - b for v, b in zip(values, before[0], strict=True)]
         if max(abs(w) for w in way) <= max(instrument.section.jump * 1e-3, _SURE * scatter):
             return ""
-        return known_fault(way, [n - b for n, b in zip(nominal, before[1], strict=True)])
+        moved = [n - b for n, b in zip(nominal, before[1], strict=True)]
+        return known_fault(way, moved, instrument.unit, instrument.channel, slow=slow)
 
     def _problem(
         self,
@@ -192,10 +237,12 @@ class InstrumentZero:
         unit = 1e-6 if instrument.angle else 1e-3
         way = [v - b for v, b in zip(values, self._before, strict=True)]
         if max(abs(w) for w in way) > section.jump * unit:
-            if section.reads == "length" and (self._first or not self._zero):
+            if self._first or not self._zero:
                 # the one before has begun to count there; two resets in a row are none
+                if section.reads == "error":
+                    return _no_error(way, instrument)
                 moved = [n - b for n, b in zip(nominal, self._nominal, strict=True)]
-                return not_followed(way, moved)
+                return not_followed(way, moved, instrument.unit, instrument.channel)
             by = "reset" if section.loses_zero else "touched"
             self._another(instrument, f"has jumped by {_most(way, instrument)}: it was {by}")
             return ""
@@ -226,11 +273,21 @@ class InstrumentZero:
 
     def _begin_part(self, instrument: Instrument, values: tuple[float, ...]) -> None:
         course, section = self._course, instrument.section
-        if self.renew or section.loses_zero or not course.parts[course.current]:
+        if self.renew or self._broken or section.loses_zero or not course.parts[course.current]:
             course.parts[course.current] += 1
-        self.renew = False
+        self.renew = self._broken = False
         self._repeated.forget()
+        self._tiny.forget()
         self._zero = values if section.reads == "length" else (0.0,) * len(values)
+
+
+def _no_error(way: Sequence[float], instrument: Instrument) -> str:
+    """That a reading changes from target to target as no machine's error does, and what to do."""
+    return (
+        f"has changed by {_most(way, instrument)} from one target to the next: is it read in its "
+        f"own unit ({instrument.unit}, channel {instrument.channel}), and does its stand hold? "
+        "Where the machine errs so much, raise jump in its section"
+    )
 
 
 def _most(way: Sequence[float], instrument: Instrument) -> str:

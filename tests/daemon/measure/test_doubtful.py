@@ -7,6 +7,8 @@ import pytest
 from abbe.daemon.measure.following.doubtful import (
     RepeatedTargets,
     SameReadings,
+    TinyReadings,
+    known_fault,
     not_followed,
     other_unit,
 )
@@ -33,6 +35,42 @@ def test_what_is_wrong_is_told_by_how_it_moves(factor: float, words: str) -> Non
         said = not_followed([read - moved], [moved])
         assert words in said
         assert f"by {read:+.4f} mm" in said
+
+
+@pytest.mark.parametrize(
+    ("configured", "reads", "words"),
+    [
+        ("um", 1.0, 'reads mm that are taken for µm: say unit = "mm" of its channel laser.length'),
+        ("um", 1e-6, 'reads nm that are taken for µm: say unit = "nm"'),
+        ("nm", 1e-3, 'reads µm that are taken for nm: say unit = "um"'),
+        ("mm", -1e-3, "the sign is turned (sign = -1, or 1), and it reads µm"),
+        ("m", 1.0, 'reads mm that are taken for m: say unit = "mm"'),
+    ],
+)
+def test_the_unit_that_is_configured_is_named_and_the_right_one(
+    configured: str, reads: float, words: str
+) -> None:
+    """`reads`: what one of the instrument's numbers is, mm."""
+    factor = {"m": 1e3, "mm": 1.0, "um": 1e-3, "nm": 1e-6}[configured] / reads
+    said = not_followed([factor * 2.0 - 2.0], [2.0], configured, "laser.length")
+    assert words in said
+
+
+def test_what_a_slow_or_reset_read_out_shows_is_no_known_fault() -> None:
+    for factor in (0.0, 0.5):
+        assert known_fault([factor * 2.0 - 2.0], [2.0])
+        assert known_fault([factor * 2.0 - 2.0], [2.0], slow=True) == ""
+
+
+def test_errors_that_differ_by_far_less_than_they_can_be_known() -> None:
+    """An indicator of 0.5 µm that shows 8, 6, 11, 9 µm in mm, taken for µm."""
+    tiny = TinyReadings()
+    shown = [(8e-6,), (6e-6,), (11e-6,), (9e-6,), (7e-6,)]
+    assert [tiny.add(v, 0.5e-3) for v in shown] == [False, False, False, True, False]
+    tiny.forget()
+    assert not any(tiny.add((1e3 * v[0],), 0.5e-3) for v in shown)
+    tiny.forget()
+    assert not any(tiny.add((0.0,), 0.5e-3) for _ in shown)
 
 
 def test_a_distance_in_another_unit() -> None:

@@ -27,13 +27,16 @@ class Line:
 
     def __init__(self, folder: Path) -> None:
         plan = write_plan(folder / "plan.toml", line_plan("x", "X", PLACES))
-        course = MeasureCourse(read_plan(plan, load_model(MODEL).machine).setups, 0.1, 0.1)
+        self.course = MeasureCourse(read_plan(plan, load_model(MODEL).machine).setups, 0.1, 0.1)
         self.said: list[MeasureEvent] = []
         self.instrument = Instrument(
             "laser", InstrumentSection(source="cnc.laser", reads="length"), "mm"
         )
-        news = MeasureNews(course, self.said.append, plan, {}, 60.0)
-        self.zero = InstrumentZero(course, news)
+        news = MeasureNews(self.course, self.said.append, plan, {}, 60.0)
+        self.zero = InstrumentZero(self.course, news)
+
+    def rests(self, x: float, read: float) -> None:
+        self.zero.rested((read - x,), (x,))
 
     def unsteady(self, visit: int, read: float, scatter: float) -> None:
         x = PLACES[visit]
@@ -43,6 +46,10 @@ class Line:
     def steady(self, visit: int, read: float) -> list[float] | None:
         x = PLACES[visit]
         return self.zero.less(self.instrument, (read - x,), (x,), visit, 10.0 * visit)
+
+    @property
+    def parts(self) -> int:
+        return self.course.parts[self.course.current]
 
     @property
     def doubts(self) -> list[str]:
@@ -107,3 +114,62 @@ def has_followed_before(line: Line) -> None:
 def test_nothing_is_said_of_what_only(happens: Callable[[Line], None], line: Line) -> None:
     happens(line)
     assert line.doubts == []
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (1000.0, 'reads µm that are taken for mm: say unit = "um" of its channel cnc.laser'),
+        (1.0 / 25.4, "inches that are taken for mm: set it to mm"),
+        (0.001, 'm that are taken for mm: say unit = "m"'),
+        (-1.0, "the sign is turned"),
+    ],
+)
+def test_the_way_to_the_first_target_tells(line: Line, factor: float, words: str) -> None:
+    """The program stands 2 mm beyond the first target before it comes to it."""
+    line.rests(PLACES[0] - 2.0, factor * (PLACES[0] - 2.0) + 7.0)
+    if factor > 1.0:
+        line.unsteady(0, factor * PLACES[0] + 7.0, 1e-4 * factor)
+    else:
+        assert line.steady(0, factor * PLACES[0] + 7.0) is None
+    assert words in line.doubts[0]
+
+
+def test_the_way_to_the_first_target_tells_nothing_false(line: Line) -> None:
+    line.rests(PLACES[0] - 2.0, PLACES[0] - 2.0 + 0.005)
+    assert line.steady(0, PLACES[0]) == [0.0]
+    # reset where it stood then, and at the target
+    line.zero.forget()
+    line.rests(PLACES[0] - 2.0, 0.0)
+    assert line.steady(0, 0.0) == [0.0]
+    # the beam was lost on the way
+    line.zero.forget()
+    line.rests(PLACES[0] - 2.0, 2.0)
+    line.zero.interrupted(counts=False)
+    assert line.steady(0, 0.0) == [0.0]
+    assert line.doubts == []
+
+
+def test_errors_that_jump_from_target_to_target_are_no_line_of_parts(line: Line) -> None:
+    """µm that are taken for mm: only the first is kept, and what is wrong is said at once."""
+    section = InstrumentSection(source="cnc.dial", reads="error")
+    dial = Instrument("dial", section, "mm")
+    for visit, read in enumerate((0.1, 7.9, 3.2, 5.5)):
+        kept = line.zero.less(dial, (read,), (0.0,), visit, 10.0 * visit)
+        assert (kept is not None) is (visit == 0)
+    assert len(line.doubts) == 3
+    assert "(mm, channel cnc.dial)" in line.doubts[0]
+    assert "raise jump" in line.doubts[0]
+    # set right it goes on, apart from what was kept before
+    line.zero.less(dial, (5.5e-3,), (0.0,), 4, 40.0)
+    assert line.zero.less(dial, (5.6e-3,), (0.0,), 5, 50.0) == [pytest.approx(5.6e-3)]
+    assert line.parts == 2
+
+
+def test_errors_that_are_too_small_are_said(line: Line) -> None:
+    dial = Instrument("dial", InstrumentSection(source="cnc.dial", reads="error", sd=0.5), "um")
+    for visit, read in enumerate((8e-6, 6e-6, 11e-6, 9e-6)):
+        line.zero.less(dial, (read,), (0.0,), visit, 10.0 * visit)
+    said = [e.text for e in line.said if e.kind == "note"]
+    assert len(said) == 1
+    assert "(um, channel cnc.dial)" in said[0]

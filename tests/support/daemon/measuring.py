@@ -287,6 +287,12 @@ class Driver:
         found: list[float] = self._moves[self.targets[number]]["to"]
         return found
 
+    def beyond_the_first(self) -> None:
+        """Drive to where the program stands beyond its first target."""
+        moves = [{k: v for k, v in m.items() if k != "stands"} for m in self._moves]
+        self._process.order("drive", moves=moves[: self.targets[0] - 1], speed=SPEED)
+        self._next = self.targets[0] - 1
+
     def to(self, number: int) -> None:
         """Drive to a target without a stop, and stand there; backwards by the way it came first."""
         at = self.targets[number]
