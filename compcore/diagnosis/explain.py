@@ -39,17 +39,7 @@ def explanation(established: Established, diagnosis: Findings) -> Sentence:
     parts.append(_evidence(established, diagnosis, campaign))
     parts += _fitted(established.estimates)
     parts += _as_built(established, diagnosis)
-    doubtful = [e for e in established.estimates if not e.plausible]
-    parts += [
-        said(
-            "{name} lies outside what a sound machine shows ({least} … {greatest}): look for a "
-            "wrong unit or another cause.",
-            name=e.name,
-            least=amount(e.range[0], e),
-            greatest=amount(e.range[1], e),
-        )
-        for e in doubtful
-    ]
+    parts += doubts_of(established.estimates)
     if established.aliases:
         names = "; ".join(a.found.candidate.effect.spec for a in established.aliases[:4])
         parts.append(said("This campaign cannot tell it from: {names}.", names=names))
@@ -70,6 +60,21 @@ def explanation(established: Established, diagnosis: Findings) -> Sentence:
         )
     )
     return joined(parts, " ")
+
+
+def doubts_of(estimates: Sequence[Estimate]) -> list[Sentence]:
+    """Which parameters no sound machine shows, one sentence each; none where all are plausible."""
+    return [
+        said(
+            "{name} lies outside what a sound machine shows ({least} … {greatest}): look for a "
+            "wrong unit or another cause.",
+            name=e.name,
+            least=amount(e.range[0], e),
+            greatest=amount(e.range[1], e),
+        )
+        for e in estimates
+        if not e.plausible
+    ]
 
 
 def _fitted(estimates: Sequence[Estimate]) -> list[str]:

@@ -56,7 +56,7 @@ def calibrate(
     ] = "",
     yes: Annotated[
         bool, typer.Option("--yes", help="Nobody is asked: every cause that is established is "
-                           "added, tables are uploaded.")
+                           "added but what no sound machine shows, tables are uploaded.")
     ] = False,
 ) -> None:  # fmt: skip
     """Lead from 'which measurements?' to a verified machine; stopped at any step, it goes on there.
@@ -68,7 +68,7 @@ def calibrate(
     from abbe.daemon.arguments.measurements.tolerances import tolerances_of
     from abbe.daemon.calibration.request import CalibrationRequest, require_measured_with
     from abbe.daemon.commands.calibration.guide import calibrate as lead
-    from abbe.daemon.commands.calibration.guide import outcome_of
+    from abbe.daemon.commands.calibration.guide import left_out_of, outcome_of
     from abbe.daemon.config import load_config
     from abbe.daemon.measure.person import somebody_there
 
@@ -93,12 +93,16 @@ def calibrate(
             expected="no --controller",
         )
 
-    def ask(question: str) -> bool:
-        return yes or typer.confirm(question, default=True)
+    def ask(question: str, *, default: bool = True) -> bool:
+        return default if yes else typer.confirm(question, default=default)
 
     if lead(request, typer.echo, ask, upto):
         outcome = outcome_of(request)
         typer.echo(f"calibrated: {folder}; {outcome}")
+        if left_out := left_out_of(request):
+            typer.echo(left_out)
+            if yes:
+                typer.echo("nobody was asked: the same command without --yes asks for it")
         if not request.checked_by:
             typer.echo(
                 f"not verified: a {request.touches} shows no lines to judge; `abbe verify` does by "

@@ -42,6 +42,8 @@ class VerificationAnswer:
         The check plan, and the tables that were active; None: not given.
     absent
         Campaigns of the fit that are not at hand.
+    notes
+        What else takes weight from it, by whoever had it judged.
     """
 
     verification: Verification
@@ -51,6 +53,7 @@ class VerificationAnswer:
     check: Path | None
     tables: TableSet | None
     absent: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def model(self) -> Model:
@@ -59,6 +62,7 @@ class VerificationAnswer:
 
     def warnings(self) -> Iterator[str]:
         """What takes weight from it."""
+        yield from self.notes
         yield from verification_warnings(self.verification)
         if not self.model.fit.get("campaigns"):
             yield "the model's file does not say to which campaigns it was fitted"

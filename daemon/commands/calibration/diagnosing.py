@@ -9,6 +9,7 @@ from abbe.compcore.campaign.even_steps import even_steps
 from abbe.compcore.campaign.noise import noise_floor
 from abbe.compcore.campaign.sampling import resolves
 from abbe.compcore.diagnosis import diagnose
+from abbe.compcore.diagnosis.explain import doubts_of
 from abbe.compcore.diagnosis.words import diagnosis_words
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.text.atomic import write_atomically
@@ -19,6 +20,7 @@ from abbe.compcore.units import in_digits
 from abbe.daemon.answers.inputs import load
 from abbe.daemon.answers.model import expected_times as expected
 from abbe.daemon.answers.typed import Adding
+from abbe.daemon.calibration.asking import Ask
 from abbe.daemon.commands.model.add import add
 from abbe.daemon.commands.model.fit import fit
 from abbe.daemon.progress import shown
@@ -34,8 +36,8 @@ def complete_model(
     campaign: Path,
     out: Path,
     say: Callable[[str], None],
-    ask: Callable[[str], bool],
-) -> None:
+    ask: Ask,
+) -> str:
     """Diagnose a fitted model, add the causes that are established and agreed to, write the last.
 
     Parameters
@@ -43,9 +45,13 @@ def complete_model(
     say
         Tells a line.
     ask
-        Whether a cause may be added.
+        Whether a cause may be added; one whose values no sound machine shows not by default.
+
+    Returns
+    -------
+    Which causes of the latter kind are left out, and why, for people; empty where none is.
     """
-    model = fitted
+    model, doubted = fitted, dict[str, str]()
     for number in range(1, _MOST + 1):
         with shown("reading", expected.diagnosing([campaign], advised=False)) as tell:
             loaded, measured = load(model, [campaign])
@@ -57,7 +63,17 @@ def complete_model(
         following = out.with_name(f"{fitted.stem}-{number + 1}{fitted.suffix}")
         for cause in found.established:
             spec = cause.effect.spec
-            if not ask(f"add {spec}?"):
+            doubts = doubts_of(cause.estimates)
+            if doubts and spec in doubted:
+                continue
+            if doubts:
+                doubted[spec] = doubts[0].removesuffix(".")
+                question = f"{doubts[0]} Add {spec} all the same?"
+                if not ask(question, default=False):
+                    say(f"{spec} is not added: {doubted[spec]}")
+                    continue
+                del doubted[spec]
+            elif not ask(f"add {spec}?"):
                 continue
             add(model, spec, [campaign], following, robust=bool(found.strays))
             added = load_model(following)
@@ -74,6 +90,7 @@ def complete_model(
         model = following
     write_atomically(out, model.read_bytes())
     say(f"written: {out}, which is {model.name}")
+    return "; ".join(f"established, and left out: {spec}; {why}" for spec, why in doubted.items())
 
 
 def _without_strays(model: Path, campaign: Path, out: Path) -> Path:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from abbe.compcore.errors import AbbeError, InputError
+from abbe.daemon.calibration.asking import Ask
 from abbe.daemon.calibration.request import CalibrationRequest
 from abbe.daemon.calibration.state import CalibrationState, make_folder, one_at_a_time
 from abbe.daemon.calibration.step import StepNow
 from abbe.daemon.commands.calibration.judging import NOTHING_CHECKED
-from abbe.daemon.commands.calibration.steps import Ask, steps_of
+from abbe.daemon.commands.calibration.steps import steps_of
 
 
 def steps_now(request: CalibrationRequest) -> list[StepNow]:
@@ -22,11 +23,21 @@ def steps_now(request: CalibrationRequest) -> list[StepNow]:
     """
     state = CalibrationState.read(request.folder, request.config)
     found = []
-    for step in steps_of(request, state, lambda _: None, lambda _: False):
+    for step in steps_of(request, state, lambda _: None, _nobody):
         done = state.done(step.name, step.made_from, step.makes, step.settings)
         record = state.steps[step.name] if done else None
         found.append(StepNow(step, record.at if record else "", record.note if record else ""))
     return found
+
+
+def _nobody(question: str, *, default: bool = True) -> bool:
+    del question, default
+    return False
+
+
+def left_out_of(request: CalibrationRequest) -> str:
+    """Causes that are established and were left out of the model, and why; or empty."""
+    return CalibrationState.read(request.folder, request.config).outcome("diagnose")
 
 
 def outcome_of(request: CalibrationRequest) -> str:

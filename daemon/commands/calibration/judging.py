@@ -34,6 +34,7 @@ def judge_check(
     request: CalibrationRequest,
     active: Path | None,
     stated: Mapping[str, str],
+    left_out: str,
     say: Callable[[str], None],
 ) -> str:
     """Write the certificate and say how the check came out.
@@ -44,6 +45,8 @@ def judge_check(
         The model whose tables acted while the check was measured; None: none did.
     stated
         Tolerances and lengths' limit, as `CalibrationRequest.stated` has them.
+    left_out
+        Causes that are established and not in the model, and why, for the certificate; or empty.
 
     Raises
     ------
@@ -59,8 +62,9 @@ def judge_check(
     )
     known = fitted_campaigns(named, files.fitted)
     done = judge(
-        named, known, files, stated.get("tolerance", "").split(), stated.get("mpe") or None, page
-    )
+        named, known, files, stated.get("tolerance", "").split(), stated.get("mpe") or None, page,
+        notes=(left_out,) if left_out else (),
+    )  # fmt: skip
     for line in answer.as_text(done):
         say(line)
     say(f"written: {page}")
@@ -75,8 +79,12 @@ def judge_check(
     return verdict.text
 
 
-def live_words(outcome: str) -> tuple[str, ...]:
-    """What a configuration for `abbe run` says at its top of the check of its model."""
+def live_words(outcome: str, left_out: str = "") -> tuple[str, ...]:
+    """What a configuration for `abbe run` says at its top of the check of its model.
+
+    `left_out` as of `judge_check`.
+    """
     title = outcome.partition(":")[0].upper()
     now = datetime.now(UTC).isoformat(timespec="minutes")
-    return (f"{title}. Written by abbe calibrate, {now}.", outcome)
+    first = f"{title}. Written by abbe calibrate, {now}."
+    return (first, outcome, left_out) if left_out else (first, outcome)

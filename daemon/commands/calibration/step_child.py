@@ -30,7 +30,8 @@ def main() -> None:
     step = task["step"]
     threading.Thread(target=_end_with, args=(task["lifeline"],), daemon=True).start()
 
-    def ask(question: str) -> bool:
+    def ask(question: str, *, default: bool = True) -> bool:
+        del default  # somebody is there
         if question.endswith("Go on?"):
             # agreed to by whoever started this step, and to no other one
             return f" {step}: " in question

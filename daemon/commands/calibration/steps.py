@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from abbe.compcore.verification.verdict import VerdictOutcome
+from abbe.daemon.calibration.asking import Ask
 from abbe.daemon.calibration.live_configuration import kept_model, write_live_configuration
 from abbe.daemon.calibration.request import CalibrationRequest
 from abbe.daemon.calibration.state import CalibrationState
@@ -29,16 +30,13 @@ from abbe.daemon.commands.calibration.acting_tables import require_acting
 from abbe.daemon.commands.calibration.diagnosing import complete_model
 from abbe.daemon.commands.calibration.judging import NOTHING_CHECKED, judge_check, live_words
 
-Ask = Callable[[str], bool]
-"""Asks a person yes or no."""
-
 
 def steps_of(
     request: CalibrationRequest, state: CalibrationState, say: Callable[[str], None], ask: Ask
 ) -> Iterator[CalibrationStep]:
     """The steps of a calibration in their order."""
     yield from _measured(request, state)
-    yield from _modelled(request, say, ask)
+    yield from _modelled(request, state, say, ask)
     if request.tables:
         yield from _applied(request)
     if request.checked_by:
@@ -109,7 +107,7 @@ def _program(
 
 
 def _modelled(
-    request: CalibrationRequest, say: Callable[[str], None], ask: Ask
+    request: CalibrationRequest, state: CalibrationState, say: Callable[[str], None], ask: Ask
 ) -> Iterator[CalibrationStep]:
     file = request.file
     model, campaign = file(MODEL), file(CAMPAIGN)
@@ -122,11 +120,16 @@ def _modelled(
 
     yield CalibrationStep("fit", "the model fitted", (model, campaign), (fitted,), fit_all)
 
-    def diagnosed() -> None:
-        complete_model(fitted, campaign, calibrated, say, ask)
+    def diagnosed() -> str:
+        return complete_model(fitted, campaign, calibrated, say, ask)
 
+    record = state.steps.get("diagnose")
+    settings = {} if record is None else dict(record.settings)
+    if record is not None and record.outcome and not request.yes:
+        # what nobody was there to be asked is asked now, once
+        settings = {"asked": "somebody"}
     yield CalibrationStep(
-        "diagnose", "what is missing", (fitted, campaign), (calibrated,), diagnosed
+        "diagnose", "what is missing", (fitted, campaign), (calibrated,), diagnosed, settings
     )
 
 
@@ -180,7 +183,7 @@ def _verified(
     yield CalibrationStep("check", "these lines measured", (plan_file,), (check,), measured)
 
     def judged() -> str:
-        return judge_check(request, active, stated, say)
+        return judge_check(request, active, stated, state.outcome("diagnose"), say)
 
     judged_from = (calibrated, plan_file, check)
     yield CalibrationStep("verify", "the certificate", judged_from, (page,), judged, stated)
@@ -196,7 +199,8 @@ def _live(
 
     def live() -> str:
         said = outcome or NOTHING_CHECKED
-        model = write_live_configuration(request.config, calibrated, out, live_words(said))
+        words = live_words(said, state.outcome("diagnose"))
+        model = write_live_configuration(request.config, calibrated, out, words)
         say(f"written: {out}, which starts {model.name}; {said}")
         return said
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -167,6 +168,7 @@ def judge(
     *,
     means: StatedMeans | None = None,
     coverage: float = 2.0,
+    notes: Sequence[str] = (),
 ) -> VerificationAnswer:
     """Judge what was measured, as the command does, and write the certificate.
 
@@ -174,6 +176,8 @@ def judge(
     ----------
     tolerance, mpe
         As they are typed.
+    notes
+        What else takes weight from it, for the certificate.
 
     Raises
     ------
@@ -193,6 +197,7 @@ def judge(
         means or StatedMeans(),
         coverage,
     )
+    done = replace(done, notes=tuple(notes))
     if report is not None:
         from abbe.daemon.report.measurements.certificate import certificate
 

@@ -9,7 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from abbe.daemon.calibration.request import CalibrationRequest
 from abbe.daemon.calibration.state import CalibrationState
+from abbe.daemon.commands.calibration.guide import steps_now
 from abbe.daemon.config import load_config
 from tests.support.daemon.command_line import Done, abbe
 from tests.support.daemon.live_run import MODEL
@@ -164,6 +166,39 @@ def test_a_line_that_was_broken_off_and_measured_anew_verifies(config: Path) -> 
     assert (folder / "live.toml").exists(), done.out
     state = json.loads((folder / "calibration.json").read_text("utf-8"))
     assert state["steps"]["verify"]["outcome"].startswith("verified: ")
+
+
+def test_what_was_left_out_with_nobody_there_is_said_and_asked_for_by_the_next_person(
+    config: Path,
+) -> None:
+    folder = config.parent / "c"
+    assert calibrate(config, "--upto", "check-plan").status == 0
+    said = "established, and left out: backlash axis=X; hysteresis lies outside what"
+    state = CalibrationState.read(folder, config)
+    state.note("diagnose", [folder / "fitted.toml", folder / "campaign.csv"], outcome=said)
+    write_check(folder)
+    note(config, "check", "check.toml")
+    done = calibrate(config)
+    assert done.status == 0, done.err
+    assert said in done.out.splitlines()
+    assert "without --yes asks" in done.out
+    assert (folder / "live.toml").read_text("utf-8").splitlines()[2] == f"# {said}"
+    assert said in (folder / "certificate.html").read_text("utf-8")
+
+    def diagnosed(*, yes: bool) -> bool:
+        request = CalibrationRequest(
+            load_config(config), folder, "4h", "50min", ("P=0,0,-150",), "", "", yes
+        )
+        (step,) = [s for s in steps_now(request) if s.step.name == "diagnose"]
+        return bool(step.at)
+
+    assert diagnosed(yes=True)
+    assert not diagnosed(yes=False)
+    # somebody has said no to it: that counts, and is not asked again
+    state = CalibrationState.read(folder, config)
+    made_from = [folder / "fitted.toml", folder / "campaign.csv"]
+    state.note("diagnose", made_from, settings={"asked": "somebody"}, outcome=said)
+    assert diagnosed(yes=False)
 
 
 @pytest.mark.parametrize(("size", "status"), [("1um", 1), ("500um", 0)])

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.effects import Backlash, Cyclic, Positioning
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.files.model_file import load_model, save_model
@@ -23,6 +24,9 @@ SHORT, LONG = Cyclic(axis="X", period=4.8), Cyclic(axis="X", period=60.0)
 PLAY = Backlash(axis="X")
 UNSURE: dict[str, float] = {}
 """Spec → standard uncertainty of its values, mm."""
+DOUBTED: dict[str, bool] = {}
+"""Specs whose values no sound machine shows."""
+ABSURD = (Estimate("hysteresis", "mm", 3.0, 0.01, False, (-0.2, 0.2), "lost motion"),)
 
 
 def save(path: Path, *effects: Effect, sd: float | None = None) -> None:
@@ -49,7 +53,11 @@ def found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Effect]:
 
     def diagnose(model: Model, *_: object, **__: object) -> SimpleNamespace:
         has = {e.spec for e in model.effects}
-        left = [SimpleNamespace(effect=e) for e in causes if e.spec not in has]
+        left = [
+            SimpleNamespace(effect=e, estimates=ABSURD if e.spec in DOUBTED else ())
+            for e in causes
+            if e.spec not in has
+        ]
         return SimpleNamespace(established=tuple(left), strays=())
 
     def add(model: Path, spec: str, _: list[Path], out: Path, *, robust: bool) -> None:
@@ -64,14 +72,19 @@ def found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Effect]:
     return causes
 
 
-def complete(folder: Path, says_yes_to: str = "") -> tuple[set[str], str]:
-    """The effects that were added, and what was said."""
+def complete(folder: Path, says_yes_to: str | None = "") -> tuple[set[str], str]:
+    """The effects that were added, and what was said; `says_yes_to` None: nobody is there."""
     said: list[str] = []
-    diagnosing.complete_model(
+
+    def ask(question: str, *, default: bool = True) -> bool:
+        return default if says_yes_to is None else says_yes_to in question
+
+    left_out = diagnosing.complete_model(
         folder / "fitted.toml", folder / "c.csv", folder / "out.toml", said.append,
-        lambda question: says_yes_to in question,
+        ask,
     )  # fmt: skip
     specs = {e.spec for e in load_model(folder / "out.toml").effects}
+    said.append(left_out)
     return specs - {"positioning axis=X shape=polynomial:1"}, "\n".join(said)
 
 
@@ -95,6 +108,24 @@ def test_what_a_person_does_not_want_is_not_added_and_the_next_is_asked_for(
 ) -> None:
     found += [LONG, PLAY]
     assert complete(tmp_path, says_yes_to="backlash")[0] == {PLAY.spec}
+
+
+@pytest.mark.parametrize(("says_yes_to", "is_added"), [(None, False), ("", True), ("cyc", False)])
+def test_what_no_sound_machine_shows_is_added_only_by_somebody_who_says_yes(
+    tmp_path: Path,
+    found: list[Effect],
+    monkeypatch: pytest.MonkeyPatch,
+    says_yes_to: str | None,
+    *,
+    is_added: bool,
+) -> None:
+    """Nobody there, somebody who says yes, somebody who says no: it is asked for once."""
+    found += [PLAY, LONG]
+    monkeypatch.setitem(DOUBTED, PLAY.spec, True)
+    added, said = complete(tmp_path, says_yes_to)
+    assert added == ({PLAY.spec, LONG.spec} if is_added else {LONG.spec})
+    assert said.count(f"{PLAY.spec} is not added: hysteresis lies") == (not is_added)
+    assert (f"established, and left out: {PLAY.spec}; hysteresis" in said) is not is_added
 
 
 @pytest.mark.parametrize(("sd", "is_added"), [(0.6e-3, False), (0.4e-3, True)])
