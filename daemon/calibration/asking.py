@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 
-class Ask(Protocol):
+class AskPerson(Protocol):
     """Asks a person yes or no; where nobody is there the answer is `default`."""
 
     def __call__(self, question: str, *, default: bool = True) -> bool:

@@ -20,7 +20,7 @@ from abbe.compcore.units import in_digits
 from abbe.daemon.answers.inputs import load
 from abbe.daemon.answers.model import expected_times as expected
 from abbe.daemon.answers.typed import Adding
-from abbe.daemon.calibration.asking import Ask
+from abbe.daemon.calibration.asking import AskPerson
 from abbe.daemon.commands.model.add import add
 from abbe.daemon.commands.model.fit import fit
 from abbe.daemon.progress import shown
@@ -36,7 +36,7 @@ def complete_model(
     campaign: Path,
     out: Path,
     say: Callable[[str], None],
-    ask: Ask,
+    ask: AskPerson,
 ) -> str:
     """Diagnose a fitted model, add the causes that are established and agreed to, write the last.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from abbe.compcore.errors import AbbeError, InputError
-from abbe.daemon.calibration.asking import Ask
+from abbe.daemon.calibration.asking import AskPerson
 from abbe.daemon.calibration.request import CalibrationRequest
 from abbe.daemon.calibration.state import CalibrationState, make_folder, one_at_a_time
 from abbe.daemon.calibration.step import StepNow
@@ -47,7 +47,7 @@ def outcome_of(request: CalibrationRequest) -> str:
 
 
 def calibrate(
-    request: CalibrationRequest, say: Callable[[str], None], ask: Ask, upto: str = ""
+    request: CalibrationRequest, say: Callable[[str], None], ask: AskPerson, upto: str = ""
 ) -> bool:
     """Go through all steps that are not done; whether all are.
 
@@ -71,7 +71,9 @@ def calibrate(
         return _through(request, say, ask, upto)
 
 
-def _through(request: CalibrationRequest, say: Callable[[str], None], ask: Ask, upto: str) -> bool:
+def _through(
+    request: CalibrationRequest, say: Callable[[str], None], ask: AskPerson, upto: str
+) -> bool:
     state = CalibrationState.read(request.folder, request.config)
     names = [step.name for step in steps_of(request, state, say, ask)]
     if upto and upto not in names:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from abbe.compcore.verification.verdict import VerdictOutcome
-from abbe.daemon.calibration.asking import Ask
+from abbe.daemon.calibration.asking import AskPerson
 from abbe.daemon.calibration.live_configuration import kept_model, write_live_configuration
 from abbe.daemon.calibration.request import CalibrationRequest
 from abbe.daemon.calibration.state import CalibrationState
@@ -32,7 +32,7 @@ from abbe.daemon.commands.calibration.judging import NOTHING_CHECKED, judge_chec
 
 
 def steps_of(
-    request: CalibrationRequest, state: CalibrationState, say: Callable[[str], None], ask: Ask
+    request: CalibrationRequest, state: CalibrationState, say: Callable[[str], None], ask: AskPerson
 ) -> Iterator[CalibrationStep]:
     """The steps of a calibration in their order."""
     yield from _measured(request, state)
@@ -107,7 +107,7 @@ def _program(
 
 
 def _modelled(
-    request: CalibrationRequest, state: CalibrationState, say: Callable[[str], None], ask: Ask
+    request: CalibrationRequest, state: CalibrationState, say: Callable[[str], None], ask: AskPerson
 ) -> Iterator[CalibrationStep]:
     file = request.file
     model, campaign = file(MODEL), file(CAMPAIGN)
