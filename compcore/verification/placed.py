@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,13 +38,14 @@ class PlacedFigure:
     setup, what
         Its name, and what is read, for people.
     rows
-        Number of readings.
+        Number of readings after.
     unit
         ``mm`` or ``rad``.
     before, after
         Range of the readings in one direction, the largest of all directions, mm or rad: of a ball
         bar the radial range about the circle that fits best, of a straightness the deviation from
-        the line that fits best.
+        the line that fits best. `before` None where nobody measured this set-up before; what else
+        is of the state before likewise.
     rms_before, rms_after
         Root of the mean square of all of them.
     reading
@@ -53,7 +55,8 @@ class PlacedFigure:
     left
         Measured less foretold, rms.
     chance
-        Of so large a misfit, if the model holds; None where nobody states how sure a reading is.
+        Of so large a misfit, if the model holds; None also where nobody states how sure a reading
+        is.
     fitted
         What of it the model was fitted to; None: it is new to the model.
     """
@@ -62,13 +65,13 @@ class PlacedFigure:
     what: str
     rows: int
     unit: str
-    before: float
+    before: float | None
     after: float
-    rms_before: float
+    rms_before: float | None
     rms_after: float
     reading: float
-    expected: float
-    left: float
+    expected: float | None
+    left: float | None
     chance: float | None
     fitted: FittedPart | None
 
@@ -85,6 +88,8 @@ class PlacedFigure:
     @property
     def worse(self) -> bool:
         """Whether the readings show more after than before, beyond their uncertainty."""
+        if self.rms_before is None:
+            return False
         grown = self.rms_after**2 > self.rms_before**2 + self.reading**2
         return grown and self.rms_after > _MORE * self.rms_before
 
@@ -103,51 +108,133 @@ def placed_figures(
     Parameters
     ----------
     campaign
-        Measured with the compensation active where `measured`; the same rows as `comparison`'s.
+        Measured with the compensation active where `measured`.
     comparison
-        The model beside what was measured without compensation, or was put back.
+        The model beside what was measured without compensation, or was put back: the same rows, or
+        another campaign, whose set-up of the same name, else the only one that reads the same, is
+        the state before.
     judged
         Set-ups that are judged as lines or lengths.
     """
+    names = _names(campaign, judged)
+    if not names:
+        return
+    bare = replace(model, terms=(), covariance=None)
+    before = _State.of(compare(bare, comparison.problem.campaign), comparison)
+    after = before
+    if measured:
+        after = _State.of(compare(bare, campaign))
+    elif comparison.problem.campaign.n == campaign.n:
+        after = replace(before, residual=comparison.residual)
+    known = _names(comparison.problem.campaign, judged)
+    for name in names:
+        then = after.part(name)
+        if then.freedom < 1:
+            continue
+        alike = [n for n in known if before.part(n).what == then.what]
+        alone = sum(after.part(n).what == then.what for n in names) == 1
+        earlier = name if name in known else alike[0] if len(alike) == 1 and alone else None
+        first = None if earlier is None else before.part(earlier)
+        found = PlacedFigure(
+            name, then.what, len(then.rows), then.unit, None, then.range, None, then.rms,
+            then.reading, None, None, None, fitted.get(name),
+        )  # fmt: skip
+        yield found if first is None or first.freedom < 1 else _beside(found, model, first)
+
+
+def _names(campaign: Campaign, judged: Sequence[str]) -> list[str]:
+    """Set-ups that are neither judged nor calibrated lengths."""
     setup = campaign.conditions.setup
     names = [] if setup is None else [n for n in campaign.setups if n not in judged]
     if campaign.gauge is not None:
         names = [n for n in names if not (campaign.gauge[setup == n] != "").any()]
-    if not names:
-        return
-    problem = comparison.problem
-    bare = replace(model, terms=(), covariance=None)
-    before = compare(bare, problem.campaign).residual
-    after = compare(bare, campaign).residual if measured else comparison.residual
-    standing = problem.jacobian(comparison.theta)[:, problem.layout.model_size :]
-    for name in names:
-        rows = np.flatnonzero(setup == name)
-        left = _basis(standing[rows])
-        freedom = len(rows) - left.shape[1]
-        if freedom < 1:
-            continue
-        part, weight = problem.campaign.rows(rows), 1.0 / problem.sd[rows]
-        seen = uncertain_parts(model, part) * weight[:, None]
-        seen = seen - left @ (left.T @ seen)
-        misfit = comparison.residual[rows] * weight
-        variance = (1.0 - (left**2).sum(axis=1) + (seen**2).sum(axis=1)) / weight**2
-        stated = not comparison.uncertainty.open and model.covariance is not None
-        turned = bool((campaign.kind[rows] == Kind.ROTATION).all())
-        yield PlacedFigure(
-            name,
-            _what(part),
-            len(rows),
-            "rad" if turned else "mm",
-            _range(part, before[rows]),
-            _range(part, after[rows]),
-            _rms(before[rows]),
-            _rms(after[rows]),
-            float(np.median(problem.sd[rows])),
-            float(np.sqrt(np.mean(variance))),
-            _rms(comparison.residual[rows]),
-            misfit_chance(misfit, seen, freedom) if stated else None,
-            fitted.get(name),
-        )
+    return names
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """What a campaign shows but for the placing of its set-ups, and the model beside it, if any."""
+
+    comparison: Comparison
+    residual: F64
+    foretold: Comparison | None = None
+
+    @classmethod
+    def of(cls, comparison: Comparison, foretold: Comparison | None = None) -> _State:
+        return cls(comparison, comparison.residual, foretold)
+
+    def part(self, name: str) -> _Part:
+        setup = self.comparison.problem.campaign.conditions.setup
+        return _Part(self, np.flatnonzero(setup == name))
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """The rows of one set-up."""
+
+    state: _State
+    rows: NDArray[np.intp]
+
+    @cached_property
+    def left(self) -> F64:
+        """Orthonormal directions of its placing, weighted."""
+        found = self.state.foretold or self.state.comparison
+        standing = found.problem.jacobian(found.theta)[:, found.problem.layout.model_size :]
+        return _basis(standing[self.rows])
+
+    @property
+    def campaign(self) -> Campaign:
+        return self.state.comparison.problem.campaign.rows(self.rows)
+
+    @property
+    def freedom(self) -> int:
+        return int(len(self.rows) - self.left.shape[1])
+
+    @property
+    def sd(self) -> F64:
+        return self.state.comparison.problem.sd[self.rows]
+
+    @property
+    def what(self) -> str:
+        return _what(self.campaign)
+
+    @property
+    def unit(self) -> str:
+        turned = bool((self.campaign.kind == Kind.ROTATION).all())
+        return "rad" if turned else "mm"
+
+    @property
+    def range(self) -> float:
+        return _range(self.campaign, self.state.residual[self.rows])
+
+    @property
+    def rms(self) -> float:
+        return _rms(self.state.residual[self.rows])
+
+    @property
+    def reading(self) -> float:
+        return float(np.median(self.sd))
+
+
+def _beside(found: PlacedFigure, model: Model, first: _Part) -> PlacedFigure:
+    """A set-up with what it was before, and what the model says of that."""
+    comparison = first.state.foretold
+    assert comparison is not None  # noqa: S101 - a state before has one
+    weight, left = 1.0 / first.sd, first.left
+    seen = uncertain_parts(model, first.campaign) * weight[:, None]
+    seen = seen - left @ (left.T @ seen)
+    misfit = comparison.residual[first.rows]
+    variance = (1.0 - (left**2).sum(axis=1) + (seen**2).sum(axis=1)) / weight**2
+    stated = not comparison.uncertainty.open and model.covariance is not None
+    return replace(
+        found,
+        before=first.range,
+        rms_before=first.rms,
+        reading=max(found.reading, first.reading),
+        expected=float(np.sqrt(np.mean(variance))),
+        left=_rms(misfit),
+        chance=misfit_chance(misfit * weight, seen, first.freedom) if stated else None,
+    )
 
 
 def _basis(columns: F64) -> F64:

@@ -131,6 +131,7 @@ def _placed_words(one: PlacedFigure, coverage: float) -> str:
     """``bar: range 52.0 ± 1.6 before, 9.0 ± 1.6 µm after``."""
     factor, unit = (1e6, "µrad") if one.unit == "rad" else (1e3, "µm")
     before, after = (
-        with_uncertainty(v * factor, coverage * one.sd * factor) for v in (one.before, one.after)
+        "–" if v is None else with_uncertainty(v * factor, coverage * one.sd * factor)
+        for v in (one.before, one.after)
     )
     return f"{one.setup}: range {before} before, {after} {unit} after"

@@ -189,11 +189,7 @@ def verify(model: Model, campaign: Campaign, request: VerificationRequest) -> Ve
     before = line_tests(earlier, machine, sure)
     comparison = compare(model, earlier)
     judged = [one.setup for one in after]
-    placed = (
-        ()
-        if request.before
-        else tuple(placed_figures(model, campaign, comparison, judged, fitted, measured=measured))
-    )
+    placed = tuple(placed_figures(model, campaign, comparison, judged, fitted, measured=measured))
     if not after and not lengths and not placed:
         raise InputError(
             "nothing that can be judged",
@@ -209,7 +205,8 @@ def verify(model: Model, campaign: Campaign, request: VerificationRequest) -> Ve
         raise InputError("no length that the limit could be held against", field="mpe")
     old_lengths = [*lengths_of_lines(before, sure), *lengths_of_gauges(earlier, machine, sure)]
     k = request.coverage
-    figures = tuple(judged_figures(after, request.tolerances, k, fitted))
+    pairs = [(v.before, v.after) for v in lines]
+    figures = tuple(judged_figures(pairs, placed, request.tolerances, k, fitted))
     seen = bool(_rows(fitted))
     return Verification(
         measured,

@@ -13,7 +13,7 @@ from abbe.compcore.verification.foretold import ForetoldLine
 from abbe.compcore.verification.lengths import LengthsVerified
 from abbe.compcore.verification.line_test import BODY, FACE, LineTest
 from abbe.compcore.verification.placed import PlacedFigure
-from abbe.compcore.verification.tolerance import JudgedFigure
+from abbe.compcore.verification.tolerance import JudgedFigure, JudgedState
 from abbe.compcore.verification.verdict import check_verdict
 from abbe.compcore.verification.verify import Verification, VerifiedLine
 from abbe.daemon.answers.measurements import iso10360
@@ -88,18 +88,30 @@ def as_json(answer: VerificationAnswer) -> dict[str, Any]:
 
 
 def _judged(one: JudgedFigure) -> dict[str, Any]:
-    unit, factor, _, _ = display(one.test.result)
+    unit, factor = judged_unit(one)
     return {
         "tolerance": str(one.tolerance),
         "setup": one.test.setup,
-        "line": one.test.name,
+        "line": one.name,
         "figure": one.tolerance.figure,
         "unit": unit.replace("µ", "u"),
-        "value": scaled(one.value, factor),
-        "U": scaled(one.expanded, factor),
         "limit": one.tolerance.limit * factor,
-        "outcome": one.outcome.value,
-        "reason": one.reason,
+        **_judged_state(one.after, factor),
+        "before": None if one.before is None else _judged_state(one.before, factor),
+    }
+
+
+def judged_unit(one: JudgedFigure) -> tuple[str, float]:
+    """The unit of a judged figure for people, and what one mm or rad is in it."""
+    return ("µrad", 1e6) if one.tolerance.angle else ("µm", 1e3)
+
+
+def _judged_state(state: JudgedState, factor: float) -> dict[str, Any]:
+    return {
+        "value": scaled(state.value, factor),
+        "U": scaled(state.expanded, factor),
+        "outcome": state.outcome.value,
+        "reason": state.reason,
     }
 
 
@@ -129,20 +141,24 @@ def _placed(one: PlacedFigure, coverage: float) -> dict[str, Any]:
         "rows": one.rows,
         "unit": unit,
         "fitted": None if one.fitted is None else one.fitted.value,
-        "range_before": one.before * factor,
+        "range_before": scaled(one.before, factor),
         "range_after": one.after * factor,
         "U": coverage * one.sd * factor,
-        "rms_before": one.rms_before * factor,
+        "rms_before": scaled(one.rms_before, factor),
         "rms_after": one.rms_after * factor,
-        "left_rms": one.left * factor,
-        "expected_rms": one.expected * factor,
+        "left_rms": scaled(one.left, factor),
+        "expected_rms": scaled(one.expected, factor),
         "chance": one.chance,
         "agrees": one.agrees,
     }
 
 
 def placed_rows(found: Verification) -> Iterator[tuple[str, ...]]:
-    """Set-ups that are no lines: name, what is read, readings, ranges with U, unit, agreement."""
+    """Set-ups that are no lines: name, what is read, readings, ranges with U, unit, agreement.
+
+    Then the tolerance and the outcome, where one is stated.
+    """
+    judged = {f.test.setup: f for f in found.figures if isinstance(f.test, PlacedFigure)}
     for one in found.placed:
         unit, factor = ("µrad", 1e6) if one.unit == "rad" else ("µm", 1e3)
         expanded = max(found.coverage * one.sd * factor, _ROUND_OFF)
@@ -151,11 +167,20 @@ def placed_rows(found: Verification) -> Iterator[tuple[str, ...]]:
             one.setup,
             one.what,
             str(one.rows),
-            with_uncertainty(one.before * factor, expanded),
+            "–" if one.before is None else with_uncertainty(one.before * factor, expanded),
             with_uncertainty(one.after * factor, expanded),
             unit,
             outcome[one.agrees] + ("" if one.fitted is None else f"; fitted ({one.fitted})"),
+            *_tolerance_words(judged.get(one.setup)),
         )
+
+
+def _tolerance_words(one: JudgedFigure | None) -> tuple[str, str]:
+    """A tolerance and what is proven of it; empty where none is stated."""
+    if one is None:
+        return "", ""
+    unit, factor = judged_unit(one)
+    return f"{one.tolerance.limit * factor:g} {unit}", WORDS[one.outcome]
 
 
 def _foretold(told: ForetoldLine, factor: float) -> dict[str, Any]:
@@ -211,12 +236,15 @@ def as_text(answer: VerificationAnswer) -> Iterator[str]:
         yield from _table(found)
     if found.placed:
         yield "  what other set-ups show but for how they stand (largest range in one direction):"
-        heads = ("set-up", "", "readings", "before", "after", "", "")
+        stated = any(isinstance(f.test, PlacedFigure) for f in found.figures)
+        heads = ("set-up", "", "readings", "before", "after", "", "", "", "")
+        if stated:
+            heads = (*heads[:7], "tolerance", "")
         yield from in_columns([heads, *placed_rows(found)])
     for judged in found.figures:
-        if judged.reason:
-            where = f"{judged.test.name} {judged.test.setup}, {judged.tolerance.figure}"
-            yield f"  {where}: {judged.reason}"
+        if judged.after.reason:
+            where = f"{judged.name} {judged.test.setup}, {judged.tolerance.figure}"
+            yield f"  {where}: {judged.after.reason}"
     if found.lengths is not None:
         result = found.lengths.evaluation.tests[0]
         yield f"lengths, ISO 10360-2 E0, limit {result.permissible}: {WORDS[found.lengths.outcome]}"
@@ -251,8 +279,7 @@ def _table(found: Verification) -> Iterator[str]:
                     foretold_words(one, figure, factor, k),
                     said(one.after, figure, factor, k),
                     unit,
-                    "" if limit is None else f"{limit.tolerance.limit * factor:g} {unit}",
-                    "" if limit is None else WORDS[limit.outcome],
+                    *_tolerance_words(limit),
                 )
             )
     yield from in_columns(rows)
@@ -270,7 +297,11 @@ def said(test: LineTest, figure: str, factor: float, coverage: float) -> str:
     value, sd = test.value(figure), test.sd(figure)
     if value is None or sd is None:
         return "–"
-    shown, expanded = value * factor, coverage * sd * factor
+    return shown_with(value * factor, coverage * sd * factor)
+
+
+def shown_with(shown: float, expanded: float) -> str:
+    """A figure with its U, both in the unit of people."""
     if expanded < _ROUND_OFF:  # runs that repeat to the last digit
         return f"{in_digits(shown if abs(shown) > _ROUND_OFF else 0.0, 4)} ± 0"
     return with_uncertainty(shown, expanded)

@@ -1,4 +1,4 @@
-"""Tolerances of the command line: ``A=8um``, ``X.R=4um``, ``body.E=15um``, ``C.A=20urad``."""
+"""Tolerances of the command line: ``A=8um``, ``X.R=4um``, ``body.E=15um``, ``bar.range=9um``."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from abbe.compcore.machine.machine import Machine
 from abbe.compcore.units import FACTORS
 from abbe.compcore.verification.budget import FIGURES
 from abbe.compcore.verification.line_test import BODY, FACE
-from abbe.compcore.verification.tolerance import Tolerance
+from abbe.compcore.verification.tolerance import RANGE, Tolerance
 
 _GIVEN = re.compile(
-    r"(?:(?P<of>[A-Za-z0-9+-]{1,20})\.)?(?P<figure>[A-Z])=(?P<size>[0-9.]{1,12})\s*"
+    r"(?:(?P<of>[\w+. -]{1,80})\.)?(?P<figure>[A-Z]|range)=(?P<size>[0-9.]{1,12})\s*"
     r"(?P<unit>[A-Za-zµ/]{0,10})"
 )
 _DIAGONAL = re.compile(r"(?:[+-][XYZ]){2,3}")
@@ -44,18 +44,18 @@ def _tolerance(text: str, machine: Machine) -> Tolerance:
 
     read = _GIVEN.fullmatch(text.strip())
     if read is None:
-        raise wrong("not a tolerance", "A=8um, X.R=4um, body.E=15um, C.A=20urad")
+        raise wrong("not a tolerance", "A=8um, X.R=4um, body.E=15um, C.A=20urad, range=9um")
     figure, of = read["figure"], read["of"] or ""
-    if figure not in FIGURES:
-        raise wrong("no such figure", "one of " + ", ".join(FIGURES))
+    if figure not in (*FIGURES, RANGE):
+        raise wrong("no such figure", "one of " + ", ".join((*FIGURES, RANGE)))
     axes = machine.structure.axes
-    if of and of not in (*axes, BODY, FACE) and not _DIAGONAL.fullmatch(of):
+    if figure != RANGE and of and of not in (*axes, BODY, FACE) and not _DIAGONAL.fullmatch(of):
         raise wrong("no such line", ", ".join((*axes, BODY, FACE, "+X+Y+Z")))
     kind, factor = FACTORS.get(read["unit"], ("", 0.0))
     if kind not in _MOST:
         raise wrong("a tolerance needs its unit", "um, mm, urad, arcsec, deg")
     angle = kind == "rad"
-    if of and angle != (of in machine.structure.rotary):
+    if figure != RANGE and of and angle != (of in machine.structure.rotary):
         raise wrong("not the unit of this line", "urad or arcsec for rotary axes, um for others")
     try:
         limit = float(read["size"]) * factor

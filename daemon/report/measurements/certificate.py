@@ -9,6 +9,7 @@ from abbe.compcore.campaign.measuring_conditions import of_files
 from abbe.compcore.figures.figure import COLOURS, Figure, Trace, figure
 from abbe.compcore.verification.budget import CAUSES, FIGURES, combined
 from abbe.compcore.verification.lengths import LengthsVerified
+from abbe.compcore.verification.tolerance import JudgedState
 from abbe.compcore.verification.verdict import check_verdict
 from abbe.compcore.verification.verify import Verification, VerifiedLine
 from abbe.daemon.answers.measurements.iso230 import MEANINGS, display
@@ -17,9 +18,11 @@ from abbe.daemon.answers.measurements.verified import VerificationAnswer
 from abbe.daemon.answers.measurements.verify import (
     WORDS,
     foretold_words,
+    judged_unit,
     outcome_words,
     placed_rows,
     said,
+    shown_with,
 )
 from abbe.daemon.report.head import FileOnPage, PageHead, facts_of, file_on_page
 from abbe.daemon.report.page import Page, number
@@ -101,11 +104,12 @@ def _key(found: Verification) -> Iterator[tuple[str, str, str]]:
     ]
     ranges = [p for p in found.placed if p.unit == "mm"]
     if ranges and not pairs:
-        for name, size in (
-            ("before", max(p.before for p in ranges)),
-            ("after", max(p.after for p in ranges)),
+        for name, sizes in (
+            ("before", [p.before for p in ranges if p.before is not None]),
+            ("after", [p.after for p in ranges]),
         ):
-            yield f"greatest range of readings, {name}", number(size * 1e3, 3), "µm"
+            if sizes:
+                yield f"greatest range of readings, {name}", number(max(sizes) * 1e3, 3), "µm"
     for value, name in worst:
         yield f"greatest systematic error E, {name}", number(value * 1e3, 3), "µm"
 
@@ -114,25 +118,35 @@ def _judged(page: Page, found: Verification) -> None:
     page.section("Stated tolerances")
     rows = []
     for one in found.figures:
-        unit, factor, _, _ = display(one.test.result)
-        limit = one.tolerance.limit * factor
+        unit, factor = judged_unit(one)
         rows.append(
             [
-                one.test.name,
+                one.name,
                 one.test.setup,
                 one.tolerance.figure,
-                "–" if one.value is None else number(one.value * factor, 3),
-                "–" if one.expanded is None else number(one.expanded * factor, 2),
-                f"{limit:g} {unit}",
-                WORDS[one.outcome] + (f" ({one.reason})" if one.reason else ""),
+                f"{one.tolerance.limit * factor:g} {unit}",
+                *_judged_state(one.before, factor),
+                *_judged_state(one.after, factor),
             ]
         )
-    page.table(["Line", "Set-up", "Figure", "After", "U", "Tolerance", "Outcome"], rows)
+    heads = ["Line", "Set-up", "Figure", "Tolerance", "Before ± U", "", "After ± U", "Outcome"]
+    page.table(heads, rows)
     page.text(
         f"Decision rule (ISO 14253-1): guard band U = k·u on either side, k = {found.coverage:g}. "
         "A tolerance is proven to be kept where the figure and U together do not exceed it, proven "
         "not to be kept where the figure less U exceeds it; between the two neither is proven."
     )
+
+
+def _judged_state(state: JudgedState | None, factor: float) -> tuple[str, str]:
+    """A figure with U, and what is proven of it; of what nobody measured nothing."""
+    if state is None:
+        return "–", "not measured"
+    words = WORDS[state.outcome] + (f" ({state.reason})" if state.reason else "")
+    if state.value is None or state.expanded is None:
+        return "–", words
+    shown, expanded = state.value * factor, state.expanded * factor
+    return shown_with(shown, expanded), words
 
 
 def _figures(page: Page, found: Verification) -> None:
@@ -178,8 +192,11 @@ def _placed(page: Page, found: Verification) -> None:
         "directions (of a ball bar the radial range about the circle that fits best). U is that "
         "of two readings. Whether it is as foretold: by all readings, and the model's covariance."
     )
-    heads = ["Set-up", "Read", "Readings", "Before ± U", "After ± U", "Unit", ""]
-    page.table(heads, [list(row) for row in placed_rows(found)])
+    heads = ["Set-up", "Read", "Readings", "Before ± U", "After ± U", "Unit", "", "Tolerance", ""]
+    rows = [list(row) for row in placed_rows(found)]
+    if not any(row[7] for row in rows):
+        heads, rows = heads[:7], [row[:7] for row in rows]
+    page.table(heads, rows)
 
 
 def _notes(one: VerifiedLine) -> Iterator[str]:
@@ -240,10 +257,21 @@ def _bars(found: Verification, name: str) -> Figure:
 def _lengths(page: Page, found: Verification, lengths: LengthsVerified) -> None:
     result = lengths.evaluation.tests[0]
     page.section(f"Lengths, ISO 10360-2 E0: {WORDS[lengths.outcome]}")
-    page.text(
-        f"Limit {result.permissible}. Before: "
-        f"{WORDS[found.lengths_before.outcome] if found.lengths_before else 'not measured'}. "
-        f"Worst: {where(result.worst)}."
+    page.text(f"Limit {result.permissible}.")
+    states = [("before", found.lengths_before), ("after", lengths)]
+    page.table(
+        ["State", "Outcome", "Values", "Worst of all"],
+        [
+            [name, "not measured", "–", "–"]
+            if one is None
+            else [
+                name,
+                WORDS[one.outcome],
+                str(len(one.evaluation.tests[0].judged)),
+                where(one.evaluation.tests[0].worst),
+            ]
+            for name, one in states
+        ],
     )
     rows = [
         [
@@ -256,7 +284,7 @@ def _lengths(page: Page, found: Verification, lengths: LengthsVerified) -> None:
         for s in result.sets
     ]
     heads = ["Position", "Length, mm", "run 1", "run 2", "run 3", "U", "MPE"]
-    page.table(heads, rows, caption="Errors of indication, µm", digits=3)
+    page.table(heads, rows, caption="Errors of indication after, µm", digits=3)
     page.notes(list(result.notes), warning=True)
 
 

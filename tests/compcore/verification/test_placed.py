@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -82,3 +83,83 @@ def test_a_ball_bar_can_fail(
     found = json.loads(done.out)["verdict"]
     assert found["outcome"] == outcome, found
     assert reason in "; ".join(found["reasons"])
+
+
+U_RANGE = 2.0 * math.sqrt(2.0) * 0.3
+"""µm: two readings of 0.3 µm, k = 2."""
+
+
+def judged(folder: Path, *words: object) -> tuple[dict[str, Any], int]:
+    """A ball bar before and after, measured both times, against what is stated."""
+    model = fitted(folder)
+    (folder / "later").mkdir()
+    before, after = ball_bar(folder / "bar.csv"), ball_bar(folder / "later" / "bar.csv", SCALE / 2)
+    done = abbe("verify", model, after, "--before", before, *words, "--json")
+    return json.loads(done.out), done.status
+
+
+@pytest.mark.parametrize(
+    ("more", "outcome", "status"),
+    [
+        (0.01, "passes", 0),
+        (-0.01, "neither", 4),
+        (0.01 - 2.0 * U_RANGE, "neither", 4),
+        (-2.0 * U_RANGE - 0.01, "fails", 3),
+    ],
+)
+def test_a_range_against_its_tolerance_before_and_after(
+    tmp_path: Path, more: float, outcome: str, status: int
+) -> None:
+    """The guard band on either side; before, 20 µm, it fails; both on the certificate."""
+    plain, _ = judged(tmp_path)
+    (one,) = plain["placed"]
+    assert one["range_before"] == pytest.approx(20.0, abs=0.5)
+    assert one["agrees"] is True
+    assert one["range_after"] == pytest.approx(10.0, abs=0.5)
+    limit = one["range_after"] + U_RANGE + more
+    page = tmp_path / "certificate.html"
+    for stated in (f"range={limit:.5f}um", f"bar.range={limit:.5f}um"):
+        again = tmp_path / stated.partition("=")[0]
+        again.mkdir()
+        found, code = judged(again, "--tolerance", stated, "--report", page, "--force")
+        assert (found["outcome"], code) == (outcome, status)
+        (held,) = found["tolerances"]
+        assert held["U"] == pytest.approx(U_RANGE)
+        assert held["value"] == pytest.approx(one["range_after"])
+        assert held["before"]["value"] == pytest.approx(one["range_before"])
+        assert held["before"]["outcome"] == "fails"
+    text = page.read_text("utf-8")
+    assert "Before ± U</th>" in text
+    assert f"{one['range_before']:.2f} ± 0.85" in text
+
+
+@pytest.mark.parametrize(
+    ("stated", "says"),
+    [
+        ("other.range=9um", "one of bar (range)"),
+        ("A=9um", "one of bar (range)"),
+        ("range=9urad", "one of bar (range)"),
+        ("range=9", "needs its unit"),
+        ("spread=9um", "not a tolerance"),
+    ],
+)
+def test_a_tolerance_that_no_range_has_is_refused(tmp_path: Path, stated: str, says: str) -> None:
+    model = fitted(tmp_path)
+    done = abbe("verify", model, ball_bar(tmp_path / "bar.csv"), "--tolerance", stated)
+    assert done.status == 1
+    assert says in done.err
+
+
+def test_a_set_up_that_nobody_measured_before_has_no_state_before(tmp_path: Path) -> None:
+    model = fitted(tmp_path)
+    bar = ball_bar(tmp_path / "bar.csv", 0.0)
+    done = abbe("verify", model, bar, "--before", plate(tmp_path / "plate.csv"), "--json",
+                "--report", tmp_path / "page.html", "--tolerance", "range=9um")  # fmt: skip
+    assert done.status == 0, done.err
+    found = json.loads(done.out)
+    (one,) = found["placed"]
+    assert one["range_before"] is None
+    assert one["agrees"] is None
+    assert one["range_after"] < 0.6
+    assert found["tolerances"][0]["before"] is None
+    assert found["verdict"]["outcome"] == "not verified"
