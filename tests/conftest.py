@@ -45,7 +45,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     kind those that belong to `make test`.
     """
     cases: Counter[str] = Counter()
-    items.sort(key=lambda item: not LONG.isdisjoint(Path(item.path).parts))
+    items.sort(key=lambda item: LONG.isdisjoint(Path(item.path).parts))
     for item in items:
         if mark := item.get_closest_marker("one_in"):
             test = item.nodeid.partition("[")[0]
