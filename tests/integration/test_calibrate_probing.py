@@ -98,7 +98,11 @@ def led(folder: Path) -> tuple[bool, list[str]]:
         load_config(folder / "config.toml"), folder / "calibration", TIME, "40min",
         ("P=0,0,-150",), "", "", yes=True,
     )  # fmt: skip
-    return calibrate(request, said.append, lambda question: not question.startswith("add ")), said
+
+    def ask(question: str, *, default: bool = True) -> bool:
+        return default and not question.startswith("add ")
+
+    return calibrate(request, said.append, ask), said
 
 
 def test_by_a_plate_and_verified_by_a_block(

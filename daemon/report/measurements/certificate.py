@@ -129,7 +129,8 @@ def _judged(page: Page, found: Verification) -> None:
                 *_judged_state(one.after, factor),
             ]
         )
-    heads = ["Line", "Set-up", "Figure", "Tolerance", "Before ± U", "", "After ± U", "Outcome"]
+    states = ["Before ± U", "Outcome before", "After ± U", "Outcome"]
+    heads = ["Line", "Set-up", "Figure", "Tolerance", *states]
     page.table(heads, rows)
     page.text(
         f"Decision rule (ISO 14253-1): guard band U = k·u on either side, k = {found.coverage:g}. "
