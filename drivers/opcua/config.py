@@ -78,6 +78,8 @@ class OpcuaConfig(ReconnectConfig):
     """Questions in a row without an answer after which the link connects anew."""
     stamp: Stamp = "source"
     """Whose time stamp tells how old a value is in the server: ``source``, ``server``, ``none``."""
+    subscribe: Annotated[float, Field(ge=0, le=60)] = 0.0
+    """s between two messages by which the server notifies of what is new; 0: it is asked."""
     units: bool = True
     """Whether the engineering units that the server states are compared with `unit`."""
     security: Security = "none"
@@ -121,6 +123,11 @@ class OpcuaConfig(ReconnectConfig):
                 raise ValueError(f"{given[0]}: only with security = 'sign' or 'encrypt'")
         elif missing := [key for key, value in files.items() if not value]:
             raise ValueError(f"security = {self.security!r} needs {' and '.join(missing)}")
+        if self.subscribe and self.stamp == "server":
+            raise ValueError(
+                "subscribe: a server notifies of new values and new source stamps, never of its "
+                "own stamps alone: with stamp = 'source' or 'none' only"
+            )
         if bool(self.user) != bool(self.password_file):
             raise ValueError("user and password_file go together")
         return self

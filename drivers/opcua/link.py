@@ -1,4 +1,4 @@
-"""The OPC UA link: positions and temperatures that a control offers, all due ones by one Read."""
+"""The OPC UA link: positions and temperatures that a control offers, asked for or notified of."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ from abbe.drivers.link import (
     Sample,
     WirePlace,
 )
-from abbe.drivers.opcua import units
 from abbe.drivers.opcua.config import OpcuaConfig
 from abbe.drivers.opcua.session import OpcuaSession
+from abbe.drivers.opcua.stated_units import check_units
+from abbe.drivers.opcua.subscription.keeper import SubscriptionKeeper, Wanted
 from abbe.drivers.opcua.values import of_state, sample_of
 from abbe.drivers.pace import Pace
 from abbe.drivers.reading_link import ReadingLink, described
@@ -55,6 +56,7 @@ class OpcuaLink(ReadingLink):
         super().__init__(name, config)
         self._config = config
         self._session: OpcuaSession | None = None
+        self._keeper: SubscriptionKeeper | None = None
         self._nodes: dict[str, ua.NodeId] = {}
         self._value_of = {key: channel.value_of for key, channel in config.channels.items()}
         self._pace = {key: Pace(channel.every) for key, channel in config.channels.items()}
@@ -79,7 +81,8 @@ class OpcuaLink(ReadingLink):
     def info(self, channel: str) -> ChannelInfo:
         """Unit, and the time between two values; nothing is written."""
         section = self._config.channels[channel]
-        return ChannelInfo(section.unit or "", writable=False, every=section.every)
+        every = max(section.every, self._config.subscribe)
+        return ChannelInfo(section.unit or "", writable=False, every=every)
 
     def places(self, channel: str) -> tuple[WirePlace, ...]:
         """Its node in the server."""
@@ -97,9 +100,14 @@ class OpcuaLink(ReadingLink):
         Raises
         ------
         LinkConfigError
-            When `one_sample` is asked for and they are not of one pace.
+            When `one_sample` is asked for and they are not of one pace, or subscribed to.
         """
         self._check_known(channels, self._config.channels)
+        if one_sample and self._config.subscribe:
+            raise LinkConfigError(
+                f"link {self.name}: {', '.join(channels)} must be of one answer, and what a server "
+                "notifies of is not: leave subscribe away"
+            )
         paces = {self._config.channels[name].every for name in channels}
         if one_sample and len(paces) > 1:
             raise LinkConfigError(
@@ -118,13 +126,19 @@ class OpcuaLink(ReadingLink):
 
     async def close(self) -> None:
         """End the session and the connection; a question in flight fails."""
-        session, self._session = self._session, None
-        if session is not None:
-            await session.close()
+        await self._give_up()
         await self._reconnector.close()
 
+    async def _give_up(self) -> None:
+        keeper, self._keeper = self._keeper, None
+        session, self._session = self._session, None
+        if keeper is not None:
+            await keeper.close()
+        if session is not None:
+            await session.close()
+
     async def read(self, channels: Sequence[str]) -> dict[str, Sample]:
-        """Read channels: all that are due by one request.
+        """Read channels: those that the server does not notify of, and are due, by one request.
 
         Raises
         ------
@@ -133,7 +147,11 @@ class OpcuaLink(ReadingLink):
         """
         self._check_known(channels, self._config.channels)
         now = time.monotonic()
-        due = [name for name in channels if self._pace[name].is_due(now)]
+        keeper = self._keeper if self._reconnector.up else None
+        notified = keeper.samples(now) if keeper is not None else {}
+        due = [name for name in channels if name not in notified and self._pace[name].is_due(now)]
+        if keeper is not None and notified:
+            self._become(keeper.state)
         # what is of one moment is never read apart
         wanted = dict.fromkeys(due)
         for name in due:
@@ -141,7 +159,7 @@ class OpcuaLink(ReadingLink):
         if wanted:
             await self._renew(tuple(wanted))
         missing = Sample(_NAN, now, Quality.UNAVAILABLE, "not answered yet")
-        return {name: self._last.get(name, missing) for name in channels}
+        return {name: notified.get(name) or self._last.get(name, missing) for name in channels}
 
     async def _renew(self, names: Sequence[str]) -> None:
         """Ask for channels; whatever comes of it is their last sample."""
@@ -180,7 +198,12 @@ class OpcuaLink(ReadingLink):
                 sample = Sample(_NAN, answer.asked_at, Quality.BAD, why)
             self._keep(name, sample)
         if self._reconnector.up and session is self._session:
-            self.status.become(LinkState.DEGRADED if why else LinkState.UP, why)
+            self._become(why)
+
+    def _become(self, why: str) -> None:
+        """Say how the link is: why nothing of the server is used, else why it is asked."""
+        detail = why or (self._keeper.why if self._keeper is not None else "")
+        self.status.become(LinkState.DEGRADED if why else LinkState.UP, detail)
 
     def _failed(
         self, session: OpcuaSession, names: Sequence[str], asked_at: float, error: LinkError
@@ -212,15 +235,13 @@ class OpcuaLink(ReadingLink):
 
     async def _connect(self) -> None:
         """A new session, its namespaces, units, and a first answer."""
-        old, self._session = self._session, None
-        if old is not None:
-            await old.close()
+        await self._give_up()
         session = OpcuaSession(self._config)
         try:
             namespaces = await session.open()
             self._nodes = self._numbered(namespaces)
             if self._config.units:
-                await self._check_units(session)
+                await check_units(self.name, self._config, session, self._nodes)
         except BaseException:
             # whatever was opened belongs to nobody
             session.drop()
@@ -231,8 +252,30 @@ class OpcuaLink(ReadingLink):
         self._last.clear()
         for pace in self._pace.values():
             pace.clear()
+        if self._config.subscribe:
+            self._keeper = self._subscription(session)
+            self._keeper.start()
+
+    def _subscription(self, session: OpcuaSession) -> SubscriptionKeeper:
+        return SubscriptionKeeper(
+            self._reconnector.label,
+            session,
+            self._config,
+            {
+                name: Wanted(
+                    self._nodes[name],
+                    self._value_of[name],
+                    channel.every,
+                    self._together.get(name, frozenset()),
+                )
+                for name, channel in self._config.channels.items()
+            },
+            lambda error: self._failed(session, (), time.monotonic(), error),
+        )
 
     def _drop(self) -> None:
+        if self._keeper is not None:
+            self._keeper.stop()
         if self._session is not None:
             self._session.drop()
 
@@ -245,33 +288,6 @@ class OpcuaLink(ReadingLink):
             except (ValueError, ua.UaError) as error:
                 raise LinkDownError(f"channel {name}: {channel.node}: {error}") from None
         return found
-
-    async def _check_units(self, session: OpcuaSession) -> None:
-        """See that no variable has another unit than is configured.
-
-        Raises
-        ------
-        LinkConfigError
-            When one has.
-        """
-        plain = {
-            name: channel.unit
-            for name, channel in self._config.channels.items()
-            # scaled, the unit is that of what it becomes
-            if channel.unit and (channel.scale, channel.offset) == (1.0, 0.0)
-        }
-        found = await session.stated_units([self._nodes[name] for name in plain])
-        for (name, unit), said in zip(plain.items(), found, strict=True):
-            if said is None:
-                continue
-            namespace = said.NamespaceUri or ""
-            if units.contradicts(unit, said.UnitId, namespace):
-                its = units.stated(said.UnitId, namespace, said.DisplayName.Text or "?")
-                raise LinkConfigError(
-                    f"link {self.name}: channel {name}: unit {unit!r}, but the server states "
-                    f"{its!r} for {self._config.channels[name].node}",
-                    ("channels", name, "unit"),
-                )
 
     def _describe(self, name: str) -> str:
         channel = self._config.channels[name]

@@ -125,36 +125,11 @@ class OpcuaSession:
             ua.ReadValueId(NodeId=node, AttributeId=ua.AttributeIds.Value) for node in nodes
         ]
         asked_at = time.monotonic()
-        response: ua.ReadResponse = await self._ask(request, ua.ReadResponse)
+        response: ua.ReadResponse = await self.ask(request, ua.ReadResponse)
         values = response.Results or []
         if len(values) != len(nodes):
             raise LinkProtocolError(f"{len(nodes)} values asked for, {len(values)} answered")
-        return ReadAnswer(values, asked_at, _moment(response.ResponseHeader.Timestamp))
-
-    async def stated_units(self, nodes: Sequence[ua.NodeId]) -> list[ua.EUInformation | None]:
-        """The engineering units that the server states for variables (Part 8); None: it does not.
-
-        Raises
-        ------
-        LinkError
-            When there is no answer.
-        """
-        request = ua.TranslateBrowsePathsToNodeIdsRequest()
-        request.Parameters.BrowsePaths = [_to_units(node) for node in nodes]
-        try:
-            response: ua.TranslateBrowsePathsToNodeIdsResponse = await self._ask(
-                request, ua.TranslateBrowsePathsToNodeIdsResponse
-            )
-        except LinkProtocolError:
-            return [None] * len(nodes)
-        paths = [
-            result.Targets[0].TargetId if result.StatusCode.is_good() and result.Targets else None
-            for result in response.Results or []
-        ]
-        asked = [path for path in paths if path is not None]
-        found = iter((await self.read(asked)).values if asked else ())
-        units = [None if path is None else _unit(next(found)) for path in paths]
-        return units if len(units) == len(nodes) else [None] * len(nodes)
+        return ReadAnswer(values, asked_at, moment(response.ResponseHeader.Timestamp))
 
     def drop(self) -> None:
         """Give the connection up at once; safe to call at any time."""
@@ -168,16 +143,33 @@ class OpcuaSession:
                 await self._client.disconnect()
         self.drop()
 
-    async def _ask(self, request: Any, answer: Any) -> Any:
+    async def ask(self, request: Any, answer: Any, patience: float | None = None) -> Any:
+        """Any service of OPC UA.
+
+        Parameters
+        ----------
+        request
+            asyncua's request.
+        answer
+            The class of its answer.
+        patience
+            s for the answer; None: as configured.
+
+        Raises
+        ------
+        LinkError
+            When there is no answer, or the server refuses.
+        """
+        limit = self._config.timeout if patience is None else patience
         try:
-            data = await self._client.uaclient.protocol.send_request(request)
+            data = await self._client.uaclient.protocol.send_request(request, limit)
             if len(data) > _MOST_AT_ONCE:
                 found = await asyncio.to_thread(struct_from_binary, answer, data)
             else:
                 found = struct_from_binary(answer, data)
             found.ResponseHeader.ServiceResult.check()
         except TimeoutError:
-            raise LinkTimeoutError(f"no answer within {self._config.timeout:g} s") from None
+            raise LinkTimeoutError(f"no answer within {limit:g} s") from None
         except ua.UaStatusCodeError as error:
             raise LinkProtocolError(f"refused: {_why(error)}") from None
         except (OSError, AttributeError):
@@ -245,24 +237,7 @@ def _file(path: str, key: str) -> uacrypto.CertProperties:
     return uacrypto.CertProperties(held, "pem" if b"-----BEGIN" in held else "der")
 
 
-def _to_units(node: ua.NodeId) -> ua.BrowsePath:
-    step = ua.RelativePathElement()
-    step.ReferenceTypeId = ua.NodeId(ua.ObjectIds.HasProperty)
-    step.IsInverse = False
-    step.IncludeSubtypes = True
-    step.TargetName = ua.QualifiedName("EngineeringUnits", 0)
-    path = ua.BrowsePath()
-    path.StartingNode = node
-    path.RelativePath.Elements = [step]
-    return path
-
-
-def _unit(found: ua.DataValue) -> ua.EUInformation | None:
-    value = found.Value.Value if found.Value is not None else None
-    return value if isinstance(value, ua.EUInformation) else None
-
-
-def _moment(stamp: datetime | None) -> datetime | None:
+def moment(stamp: datetime | None) -> datetime | None:
     """A time stamp; None where it is OPC UA's zero, which is no time (Part 6, 5.2.2.5)."""
     return stamp if stamp is not None and stamp.year > 1601 else None
 

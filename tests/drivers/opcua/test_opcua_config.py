@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from abbe.drivers.link import LinkConfigError
 from abbe.drivers.opcua.config import OpcuaConfig
 from abbe.drivers.opcua.link import OpcuaLink
 from abbe.drivers.opcua.nodes import node_name
@@ -40,6 +41,8 @@ GOOD: dict[str, Any] = {
         ({"timeout": 0}, "timeout"),
         ({"reconnect_max": 0.1}, "below reconnect_min"),
         ({"stamp": "mine"}, "stamp"),
+        ({"subscribe": -0.1}, "subscribe"),
+        ({"subscribe": 0.1, "stamp": "server"}, "with stamp = 'source' or 'none' only"),
     ],
 )
 def test_what_cannot_work(changed: dict[str, Any], why: str) -> None:
@@ -62,6 +65,14 @@ def test_two_names_of_one_variable_are_one_place() -> None:
     assert not a.overlaps(c)
     assert a.device == "tcp 192.168.0.30:4840"
     assert not link.info("a").writable
+
+
+def test_what_is_notified_of_is_not_of_one_answer() -> None:
+    link = OpcuaLink("mill", OpcuaConfig.model_validate(GOOD | {"subscribe": 0.1}))
+    link.keep_together(("x",))
+    with pytest.raises(LinkConfigError, match="leave subscribe away"):
+        link.keep_together(("x",), one_sample=True)
+    assert link.info("x").every == 0.1
 
 
 @given(st.text(max_size=40))

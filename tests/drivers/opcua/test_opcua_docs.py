@@ -28,7 +28,7 @@ def test_examples_work(name: str, section: dict[str, Any]) -> None:
 
 
 def test_there_are_examples() -> None:
-    assert [name for name, _ in EXAMPLES] == ["control"]
+    assert [name for name, _ in EXAMPLES] == ["control", "control"]
     assert PLUGINS.entries()["opcua"].value == "abbe.drivers.opcua.link:OpcuaLink"
     assert "docs/opcua.md" in (ROOT / "README.md").read_text(encoding="utf-8")
 
@@ -49,7 +49,16 @@ def test_the_defaults_are_as_documented() -> None:
     config = OpcuaConfig.model_validate(
         {"url": "opc.tcp://x", "channels": {"x": {"node": "ns=1;s=x"}}}
     )
-    for key in ("timeout", "stamp", "units", "unanswered", "security", "policy", "max_waiting"):
+    for key in (
+        "timeout",
+        "stamp",
+        "subscribe",
+        "units",
+        "unanswered",
+        "security",
+        "policy",
+        "max_waiting",
+    ):
         row = next(line for line in DOC.splitlines() if line.startswith(f"| `{key}`"))
         value = getattr(config, key)
         stated = row.split("|")[2].strip()

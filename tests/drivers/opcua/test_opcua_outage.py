@@ -4,116 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
 import pytest
 
-from abbe.drivers.link import LinkState, Quality, Sample
-from abbe.drivers.opcua.link import OpcuaLink
+from abbe.drivers.link import LinkState, Quality
 from tests.support.drivers.opcua.mill import Mill, linked, mill
+from tests.support.drivers.opcua.wire import until_good, wired, x_of
 from tests.support.drivers.opening import until
 
 pytestmark = pytest.mark.integration
-
-
-class Wire:
-    """What lies between the link and the server.
-
-    Attributes
-    ----------
-    late
-        s by which what the server says is kept back.
-    pieces
-        Bytes that come at once; 0: as they come.
-    silent
-        Whether all of it is lost.
-    garbage
-        Bytes that are said in the server's place, once.
-    """
-
-    def __init__(self, port: int) -> None:
-        self.server = port
-        self.port = 0
-        self.late, self.pieces, self.silent, self.garbage = 0.0, 0, False, b""
-        self._tasks: set[asyncio.Task[None]] = set()
-        self._writers: set[asyncio.StreamWriter] = set()
-
-    @asynccontextmanager
-    async def running(self) -> AsyncIterator[Wire]:
-        """Take connections while the context is open."""
-        listening = await asyncio.start_server(self._take, "127.0.0.1", 0)
-        self.port = listening.sockets[0].getsockname()[1]
-        try:
-            yield self
-        finally:
-            listening.close()
-            self.cut()
-            for task in self._tasks:
-                task.cancel()
-            await asyncio.gather(*self._tasks, return_exceptions=True)
-
-    def cut(self) -> None:
-        """Break all connections."""
-        for writer in self._writers:
-            writer.transport.abort()
-
-    async def _take(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        theirs, ours = await asyncio.open_connection("127.0.0.1", self.server)
-        self._writers |= {writer, ours}
-        for task in (
-            asyncio.create_task(self._ask(reader, ours)),
-            asyncio.create_task(self._answer(theirs, writer)),
-        ):
-            self._tasks.add(task)
-
-    async def _ask(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with suppress(OSError):
-            while data := await reader.read(65536):
-                writer.write(data)
-        writer.close()
-
-    async def _answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with suppress(OSError):
-            while data := await reader.read(65536):
-                await asyncio.sleep(self.late)
-                if self.silent:
-                    continue
-                if self.garbage:
-                    data, self.garbage = self.garbage, b""
-                step = self.pieces or len(data)
-                for at in range(0, len(data), step):
-                    writer.write(data[at : at + step])
-                    if self.pieces:
-                        await writer.drain()
-                        await asyncio.sleep(0.001)
-        writer.close()
-
-
-@asynccontextmanager
-async def wired(server: Mill, **keys: float) -> AsyncIterator[tuple[Wire, OpcuaLink]]:
-    """A link behind a wire."""
-    wire = Wire(server.port)
-    async with (
-        wire.running(),
-        linked(f"opc.tcp://127.0.0.1:{wire.port}", {"x": "x", "y": "y"}, **keys) as link,
-    ):
-        yield wire, link
-
-
-async def x_of(link: OpcuaLink) -> Sample:
-    return (await link.read(("x",)))["x"]
-
-
-async def until_good(link: OpcuaLink) -> Sample:
-    found = await x_of(link)
-    deadline = time.monotonic() + 30.0
-    while not found.good and time.monotonic() < deadline:
-        await asyncio.sleep(0.02)
-        found = await x_of(link)
-    assert found.good, found.reason
-    return found
 
 
 async def test_a_server_that_comes_back_with_other_numbers_for_its_namespaces(

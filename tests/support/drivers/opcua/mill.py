@@ -51,6 +51,15 @@ class Mill:
             order["state"] = state
         return self._order(order)
 
+    def set_clock(self, ahead: float) -> None:
+        """Set its clock, s ahead of ours; what it says as `clock` stays right."""
+        self._order({"ahead": ahead})
+
+    def forget_subscriptions(self) -> int:
+        """Have it delete all subscriptions; how many there were."""
+        found: int = self._order({"forget": True})["subscriptions"]
+        return found
+
     def _order(self, order: Mapping[str, Any]) -> dict[str, Any]:
         stdin, stdout = self.process.stdin, self.process.stdout
         assert stdin is not None

@@ -1,5 +1,11 @@
 // An OPC UA server that is not Abbe's: node-opcua, told what to say by lines of JSON.
 "use strict";
+const OwnDate = Date;
+let ahead = 0;       // ms by which its clock was set forward
+globalThis.Date = class extends OwnDate {
+  constructor(...at) { if (at.length) super(...at); else super(OwnDate.now() + ahead); }
+  static now() { return OwnDate.now() + ahead; }
+};
 const parts = ["server", "data-value", "variant", "status-code", "data-access", "secure-channel",
   "certificate-manager", "common", "types"];
 const { OPCUAServer, OPCUACertificateManager, DataValue, DataType, Variant, VariantArrayType, StatusCode,
@@ -7,7 +13,7 @@ const { OPCUAServer, OPCUACertificateManager, DataValue, DataType, Variant, Vari
   Object.assign({}, ...parts.map(part => require("node-opcua-" + part)));
 const readline = require("readline");
 const folder = process.argv[2];
-const now = {};      // name -> { value, type, array, status, source_age, server_age }
+const now = {};      // name -> { value, status, bits, clock, source_age, server_age, source_at }
 const kinds = {
   x: "Double", y: "Double", z: "Double", T: "Float", inch: "Double", arr: "Double", flag: "Boolean",
   text: "String", n: "Int32", big: "UInt64",
@@ -23,11 +29,12 @@ function answer(name) {
       : said.bits === undefined ? StatusCodes[said.status]
         : StatusCode.makeStatusCode(StatusCodes[said.status], said.bits),
     value: new Variant({
-      dataType: DataType[kinds[name]], value: said.clock ? at / 1000 : said.value,
+      dataType: DataType[kinds[name]], value: said.clock ? OwnDate.now() / 1000 : said.value,
       arrayType: Array.isArray(said.value) && kinds[name] !== "UInt64"
         ? VariantArrayType.Array : VariantArrayType.Scalar,
     }),
-    sourceTimestamp: stamp(said.source_age), serverTimestamp: stamp(said.server_age),
+    sourceTimestamp: said.source_at === undefined ? stamp(said.source_age) : new Date(1000 * said.source_at),
+    serverTimestamp: stamp(said.server_age),
   });
 }
 
@@ -71,8 +78,13 @@ async function main() {
     const order = JSON.parse(line);
     for (const [name, said] of Object.entries(order.say || {})) now[name] = said;
     if (order.state !== undefined) server.engine.setServerState(order.state);
+    if (order.ahead !== undefined) ahead = 1000 * order.ahead;
+    const kept = Object.values(server.engine._sessions).flatMap(session =>
+      session.publishEngine.subscriptions.map(subscription => [session, subscription]));
+    if (order.forget) for (const [session, subscription] of kept) session.deleteSubscription(subscription.id);
     if (order.end) break;
-    process.stdout.write(JSON.stringify({ done: true, sessions: server.engine.currentSessionCount }) + "\n");
+    process.stdout.write(JSON.stringify({ done: true, sessions: server.engine.currentSessionCount,
+      subscriptions: kept.length }) + "\n");
   }
   await server.shutdown(0);
   process.exit(0);

@@ -1,0 +1,1 @@
+"""Subscriptions to an OPC UA server: made, followed, judged, made anew."""
