@@ -123,6 +123,6 @@ async def _store(service: ObservedService, controls: Controls) -> None:
     setup = service.configuration.fleet
     if setup is not None:
         # nothing of it is there for those who do not ask for it
-        from abbe.daemon.fleet.supervisor import StoreProcess
+        from abbe.daemon.fleet.uploading.supervisor import StoreProcess
 
         await StoreProcess(service, controls, setup).run()

@@ -10,7 +10,7 @@ from typing import Any
 
 import psycopg
 
-from abbe.daemon.fleet.uploader import Uploader
+from abbe.daemon.fleet.uploading.uploader import Uploader
 from tests.support.daemon.plant_store import BEGIN, MachineRecords
 
 SERIES, MINUTES = 24, 1440
@@ -56,7 +56,7 @@ def ways_in(folder: Path, store: str, port: int) -> list[WayIn]:
         lambda _level, _text: None,
         lambda: BEGIN + 1e6,
     )
-    from abbe.daemon.fleet.roles import add_machine
+    from abbe.daemon.fleet.store.roles import add_machine
 
     with psycopg.connect(store, autocommit=True) as connection:
         number = add_machine(connection, "Day", "Benchmark", "benchmark", "day", "")

@@ -15,8 +15,8 @@ from typing import Any
 import psycopg
 
 from abbe.daemon.application import application
-from abbe.daemon.fleet.migrating import migrate
-from abbe.daemon.fleet.roles import add_machine
+from abbe.daemon.fleet.store.migrating import migrate
+from abbe.daemon.fleet.store.roles import add_machine
 from abbe.drivers.simulated.process import end
 from tools.demo_fleet.engines import Engines, free_port
 from tools.demo_fleet.machines import KIND, SITE, Pace, Ports, configuration, named

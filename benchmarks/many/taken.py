@@ -11,7 +11,7 @@ from pathlib import Path
 PARTS: Mapping[str, str] = {
     "abbe.daemon.http.process": "HTTP",
     "abbe.daemon.mqtt.process": "MQTT",
-    "abbe.daemon.fleet.process": "store's upload",
+    "abbe.daemon.fleet.uploading.process": "store's upload",
     "abbe.daemon run": "run",
 }
 """What a command line holds → the part of Abbe that it is."""

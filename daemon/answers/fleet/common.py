@@ -10,7 +10,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.fleet.common_cause import CommonCause
 from abbe.compcore.fleet.told import DiagnosedMachine, diagnosed
 from abbe.daemon.answers.inputs import load
-from abbe.daemon.fleet.machine_folders import MachineFolder, measured_at
+from abbe.daemon.fleet.asked.machine_folders import MachineFolder, measured_at
 
 
 def diagnosed_machines(

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from abbe.daemon.answers.fleet.overview import duration, health_of
-from abbe.daemon.fleet.reading import FleetMachine, FleetStore
+from abbe.daemon.fleet.asked.reading import FleetMachine, FleetStore
 
 _EVENTS = 10
 _SHOWN = 12

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Literal
 
-from abbe.daemon.fleet.reading import FleetMachine
+from abbe.daemon.fleet.asked.reading import FleetMachine
 
 SILENT = 300.0
 """s without a word after which a service counts as gone."""

@@ -30,8 +30,8 @@ def add(
     --password-file mill-7.secret
     """
     from abbe.compcore.errors import InputError
-    from abbe.daemon.fleet.connecting import opened_store
-    from abbe.daemon.fleet.roles import add_machine, secret_of
+    from abbe.daemon.fleet.store.connecting import opened_store
+    from abbe.daemon.fleet.store.roles import add_machine, secret_of
 
     for option, text in (("MACHINE", machine), ("--site", site), ("--type", kind)):
         if not text.strip() or text != text.strip() or not text.isprintable():

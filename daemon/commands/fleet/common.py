@@ -48,7 +48,7 @@ def common(
 
     from abbe.compcore.fleet.common_cause import common_causes
     from abbe.daemon.answers.fleet import common as answer
-    from abbe.daemon.fleet.machine_folders import of_folder, of_store
+    from abbe.daemon.fleet.asked.machine_folders import of_folder, of_store
     from abbe.daemon.progress import shown
 
     with (

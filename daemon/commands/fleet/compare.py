@@ -53,7 +53,7 @@ def compare(
     from abbe.compcore.fleet.next_machine import next_machine
     from abbe.compcore.fleet.pooled import pooled
     from abbe.daemon.answers.fleet import pooled as answer
-    from abbe.daemon.fleet.machine_folders import MachineFolder, of_store
+    from abbe.daemon.fleet.asked.machine_folders import MachineFolder, of_store
     from abbe.daemon.outputs import MODEL, check_outputs
 
     given = [MachineFolder(path.stem, path, ()) for path in models or []]

@@ -28,9 +28,9 @@ def files(
     An example: abbe fleet files "Mill 7" -o mill-7
     """
     from abbe.compcore.errors import InputError
-    from abbe.daemon.fleet.connecting import opened_store
-    from abbe.daemon.fleet.reading import FleetStore
-    from abbe.daemon.fleet.taken_out import take_out
+    from abbe.daemon.fleet.asked.reading import FleetStore
+    from abbe.daemon.fleet.asked.taken_out import take_out
+    from abbe.daemon.fleet.store.connecting import opened_store
 
     if out.exists():
         raise InputError("is there already", file=out, field="--out", expected="a new folder")

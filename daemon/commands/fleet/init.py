@@ -20,8 +20,8 @@ def init(store: StoreUrl = "") -> None:
 
     An example: abbe fleet init --store postgresql://admin@127.0.0.1/abbe
     """
-    from abbe.daemon.fleet.connecting import opened_store
-    from abbe.daemon.fleet.migrating import migrate
+    from abbe.daemon.fleet.store.connecting import opened_store
+    from abbe.daemon.fleet.store.migrating import migrate
 
     with opened_store(require_store(store), writing=True) as connection:
         done = migrate(connection)

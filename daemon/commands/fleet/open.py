@@ -38,9 +38,9 @@ def open_from_store(
 
     from abbe.compcore.errors import InputError
     from abbe.daemon.commands.model.open import open_workbench
-    from abbe.daemon.fleet.connecting import opened_store
-    from abbe.daemon.fleet.reading import FleetStore
-    from abbe.daemon.fleet.taken_out import take_out
+    from abbe.daemon.fleet.asked.reading import FleetStore
+    from abbe.daemon.fleet.asked.taken_out import take_out
+    from abbe.daemon.fleet.store.connecting import opened_store
 
     with tempfile.TemporaryDirectory(prefix="abbe-fleet-") as made:
         with opened_store(require_store(store)) as connection:

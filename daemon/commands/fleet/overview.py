@@ -34,8 +34,8 @@ def overview(
     if context.invoked_subcommand is not None:
         return
     from abbe.daemon.answers.fleet import overview as answer
-    from abbe.daemon.fleet.connecting import opened_store
-    from abbe.daemon.fleet.reading import FleetStore
+    from abbe.daemon.fleet.asked.reading import FleetStore
+    from abbe.daemon.fleet.store.connecting import opened_store
     from abbe.daemon.outputs import REPORT, check_outputs
     from abbe.daemon.report.fleet import fleet_page
 

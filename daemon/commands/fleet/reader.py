@@ -26,8 +26,8 @@ def reader(
 
     An example: abbe fleet reader quality --site "Plant 2" --password-file quality.secret
     """
-    from abbe.daemon.fleet.connecting import opened_store
-    from abbe.daemon.fleet.roles import add_reader, secret_of
+    from abbe.daemon.fleet.store.connecting import opened_store
+    from abbe.daemon.fleet.store.roles import add_reader, secret_of
 
     url = require_store(store)
     secret = "" if password_file is None else secret_of(password_file)

@@ -31,8 +31,8 @@ def show(
     An example: abbe fleet show "Mill 7"
     """
     from abbe.daemon.answers.fleet import one_machine as answer
-    from abbe.daemon.fleet.connecting import opened_store
-    from abbe.daemon.fleet.reading import FleetStore
+    from abbe.daemon.fleet.asked.reading import FleetStore
+    from abbe.daemon.fleet.store.connecting import opened_store
 
     with opened_store(require_store(store)) as connection:
         asked = FleetStore(connection)

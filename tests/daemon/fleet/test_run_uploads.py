@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from abbe.daemon.fleet.roles import add_machine
+from abbe.daemon.fleet.store.roles import add_machine
 from tests.daemon.mqtt.test_mqtt_run import mostly_in_full
 from tests.daemon.pipeline.test_live_control import running
 from tests.daemon.pipeline.test_pipeline import compensating

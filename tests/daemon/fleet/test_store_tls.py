@@ -22,8 +22,8 @@ from typer.testing import CliRunner
 
 from abbe.compcore.errors import AbbeError
 from abbe.daemon.application import application
-from abbe.daemon.fleet import connecting
-from abbe.daemon.fleet.connecting import one_line, opened_store
+from abbe.daemon.fleet.store import connecting
+from abbe.daemon.fleet.store.connecting import one_line, opened_store
 from tests.support.daemon.plant_store import MachineRecords, store
 from tests.support.daemon.postgres import PostgreSQL
 

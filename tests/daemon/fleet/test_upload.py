@@ -13,7 +13,7 @@ from typing import Any
 import psycopg
 import pytest
 
-from abbe.daemon.fleet import upload_steps
+from abbe.daemon.fleet.uploading import records_up
 from abbe.daemon.records.schema import open_to_write
 from abbe.daemon.records.thinning import Retention, thin
 from abbe.daemon.records.writer import EventRow
@@ -78,8 +78,8 @@ def test_a_connection_cut_at_every_statement(
     records.run(0)
     records.minutes(0, 3)
     records.events(0, 3)
-    monkeypatch.setattr(upload_steps, "_EVENTS", 2)
-    monkeypatch.setattr(upload_steps, "_SPANS", 2)
+    monkeypatch.setattr(records_up, "_EVENTS", 2)
+    monkeypatch.setattr(records_up, "_SPANS", 2)
     with store(server, "cut") as admin:
         whole = CuttingWire(server.port)
         with whole.standing() as port:
@@ -102,8 +102,8 @@ def test_a_connection_cut_at_every_statement(
 def test_two_upload_the_same_machine_at_once(
     server: PostgreSQL, records: MachineRecords, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(upload_steps, "_EVENTS", 1)
-    monkeypatch.setattr(upload_steps, "_SPANS", 1)
+    monkeypatch.setattr(records_up, "_EVENTS", 1)
+    monkeypatch.setattr(records_up, "_SPANS", 1)
     with store(server, "twice") as admin:
         records.uploader(server.port, "twice").once()
         wanted = content(admin)

@@ -12,9 +12,9 @@ from typer.testing import CliRunner
 
 from abbe.compcore.errors import AbbeError
 from abbe.daemon.application import application
-from abbe.daemon.fleet import migrating
-from abbe.daemon.fleet.migrating import Migration, migrate
-from abbe.daemon.fleet.roles import add_machine, add_reader
+from abbe.daemon.fleet.store import migrating
+from abbe.daemon.fleet.store.migrating import Migration, migrate
+from abbe.daemon.fleet.store.roles import add_machine, add_reader
 from tests.support.daemon.plant_store import CAMPAIGN, MODEL, MachineRecords, content, store
 from tests.support.daemon.postgres import PostgreSQL
 

@@ -150,13 +150,13 @@ async def test_a_subscription_that_the_server_forgets_is_made_anew_and_meanwhile
 ) -> None:
     async with linked(server.url, {"x": "x"}, subscribe=_EVERY) as link:
         await until_notified(link)
-        assert server.forget_subscriptions() == 1
+        assert server.forget_subscriptions() >= 1
         await until(partial(good_but_asked, link))
         assert "asked, not notified" in link.status.detail
         server.say(x={"value": 9.5})
         await until(partial(shows, link, 9.5))
         await until_notified(link)
-        assert server.forget_subscriptions() == 1
+        assert server.forget_subscriptions() >= 1
     said = [r.message for r in caplog.records if "no subscription, so the server" in r.message]
     assert said
     assert link.status.reconnects == 0

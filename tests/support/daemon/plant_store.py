@@ -14,9 +14,9 @@ from typing import Any
 
 import psycopg
 
-from abbe.daemon.fleet.migrating import migrate
-from abbe.daemon.fleet.roles import add_machine
-from abbe.daemon.fleet.uploader import Uploader
+from abbe.daemon.fleet.store.migrating import migrate
+from abbe.daemon.fleet.store.roles import add_machine
+from abbe.daemon.fleet.uploading.uploader import Uploader
 from abbe.daemon.records import writer as records_writer
 from abbe.daemon.records.schema import open_to_write
 from abbe.daemon.records.writer import EventRow, RunRow

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.errors import InputError
-from abbe.daemon.fleet.machine_files import fitted_at, is_campaign
+from abbe.daemon.fleet.uploading.machine_files import fitted_at, is_campaign
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,9 +66,9 @@ def of_store(url: str, site: str, kind: str) -> Iterator[list[MachineFolder]]:
     InputError
         Where the machines are of several types.
     """
-    from abbe.daemon.fleet.connecting import opened_store
-    from abbe.daemon.fleet.reading import FleetStore
-    from abbe.daemon.fleet.taken_out import take_out
+    from abbe.daemon.fleet.asked.reading import FleetStore
+    from abbe.daemon.fleet.asked.taken_out import take_out
+    from abbe.daemon.fleet.store.connecting import opened_store
 
     with TemporaryDirectory(prefix="abbe-fleet-") as made:
         found = []

@@ -10,8 +10,8 @@ from pathlib import Path, PurePosixPath
 
 from abbe.compcore.errors import AbbeError
 from abbe.compcore.files.text.atomic import write_atomically
-from abbe.daemon.fleet.machine_files import sha256_of
-from abbe.daemon.fleet.reading import FleetFile, FleetMachine, FleetStore
+from abbe.daemon.fleet.asked.reading import FleetFile, FleetMachine, FleetStore
+from abbe.daemon.fleet.uploading.machine_files import sha256_of
 
 
 @dataclass(frozen=True, slots=True)

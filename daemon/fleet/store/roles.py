@@ -10,7 +10,7 @@ from pathlib import Path
 from psycopg import sql
 
 from abbe.compcore.errors import InputError
-from abbe.daemon.fleet.connecting import Store
+from abbe.daemon.fleet.store.connecting import Store
 from abbe.daemon.side_process.secret import password
 
 EVERY_SITE = "*"

@@ -17,9 +17,9 @@ from typing import Any
 import psycopg
 
 from abbe.compcore.errors import AbbeError
-from abbe.daemon.fleet.connecting import Store, connect, one_line
-from abbe.daemon.fleet.migrating import require_current
-from abbe.daemon.fleet.upload_steps import MachineUpload
+from abbe.daemon.fleet.store.connecting import Store, connect, one_line
+from abbe.daemon.fleet.store.migrating import require_current
+from abbe.daemon.fleet.uploading.machine_upload import MachineUpload
 
 _REASONS = 5
 """Reasons why nothing is uploaded that are said, until it is again."""

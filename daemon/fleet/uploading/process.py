@@ -1,6 +1,6 @@
-"""The process that uploads: ``python -m abbe.daemon.fleet.process FD``, started by a run only.
+"""The process that uploads, started by a run only.
 
-FD is its end of a socket pair: a line of JSON for each status. It ends when the other end is
+``python -m abbe.daemon.fleet.uploading.process FD``: FD is its end of a socket pair: a line of JSON for each status. It ends when the other end is
 closed, however the run has ended, and by nothing else.
 """
 
@@ -13,7 +13,7 @@ import sys
 import threading
 from typing import Any
 
-from abbe.daemon.fleet.uploader import Uploader
+from abbe.daemon.fleet.uploading.uploader import Uploader
 from abbe.daemon.side_process.child import step_back, streams
 
 _MEMORY = 600_000_000

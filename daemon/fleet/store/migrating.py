@@ -46,7 +46,7 @@ class Migration:
 
 def migrations() -> tuple[Migration, ...]:
     """All that this Abbe knows, in order."""
-    folder = files("abbe.daemon.fleet").joinpath("migrations")
+    folder = files("abbe.daemon.fleet.store").joinpath("migrations")
     found = [
         Migration(int(named[1]), named[2], file.read_text("utf-8"))
         for file in folder.iterdir()

@@ -8,8 +8,8 @@ from datetime import datetime
 from typing import Any, LiteralString
 
 from abbe.compcore.errors import AbbeError, InputError
-from abbe.daemon.fleet.connecting import Store
-from abbe.daemon.fleet.migrating import require_current
+from abbe.daemon.fleet.store.connecting import Store
+from abbe.daemon.fleet.store.migrating import require_current
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,7 +50,9 @@ class StoreProcess:
 
     async def run(self) -> None:
         """Until cancelled; whatever happens to process and store, the correction goes on."""
-        await SideProcess("fleet", "abbe.daemon.fleet.process", self._talk, _LONGEST).run()
+        await SideProcess(
+            "fleet", "abbe.daemon.fleet.uploading.process", self._talk, _LONGEST
+        ).run()
 
     def _talk(self) -> _UploadTalk:
         task = upload_task(self._service.configuration, self._setup)
