@@ -1,7 +1,8 @@
 """The process that uploads, started by a run only.
 
-``python -m abbe.daemon.fleet.uploading.process FD``: FD is its end of a socket pair: a line of JSON for each status. It ends when the other end is
-closed, however the run has ended, and by nothing else.
+``python -m abbe.daemon.fleet.uploading.process FD``: FD is its end of a socket pair: a line of
+JSON for each status. It ends when the other end is closed, however the run has ended, and by
+nothing else.
 """
 
 from __future__ import annotations
