@@ -46,6 +46,7 @@ def one_way(plan: Path) -> None:
     plan.write_text(re.sub(r"^runs = \d+", "runs = 1", text, flags=re.MULTILINE), "utf-8")
 
 
+@pytest.mark.thorough
 def test_lines_never_measured_are_tenfold_better(tmp_path: Path) -> None:
     model, plan = tmp_path / "model.toml", tmp_path / "plan.toml"
     campaign, fitted = tmp_path / "campaign.csv", tmp_path / "fitted.toml"

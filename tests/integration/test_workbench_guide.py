@@ -97,6 +97,7 @@ def assert_said_in_german(page: Page) -> None:
     assert len([line for line in said if english_of(line)]) > 3
 
 
+@pytest.mark.thorough
 def test_from_the_first_step_to_the_certificate(tmp_path: Path) -> None:
     text = MODEL.read_text("utf-8")
     model = tmp_path / "model.toml"

@@ -1,4 +1,4 @@
-"""The package and its services on a real systemd in a container, each time that the tests run."""
+"""The package and its services on a real systemd in a container."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from tests.systemd.proofs import EVERY_TIME, Row, prove
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(1200)]
 
 
+@pytest.mark.thorough
 def test_the_package_installed_run_frozen_killed_restarted_and_removed(tmp_path: Path) -> None:
     rows: list[Row] = []
     try:
