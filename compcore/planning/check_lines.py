@@ -1,8 +1,8 @@
 """A check plan: lines that were not measured when the model was fitted, to verify the machine.
 
 First one line along every axis, rotary ones by their angle, then the body diagonals, each where the
-fitted lines are farthest;
-what time is left goes to those lines that would tell most of what may have changed since.
+fitted lines are farthest, then ball bar, R-test, sphere, plate where they were not fitted;
+what time is left goes to those set-ups that would tell most of what may have changed since.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.campaign.overlap import overlap
 from abbe.compcore.errors import InputError
 from abbe.compcore.linalg import threads_for
+from abbe.compcore.planning.check_placings import PLACED, apart_by_name, one_of_each, placings
 from abbe.compcore.planning.choice import Candidates, Chosen, Knowledge, choose
 from abbe.compcore.planning.instruments import PlannedInstrument
 from abbe.compcore.planning.knowledge import CHANGED, VolumeError, added, prior
@@ -42,7 +43,7 @@ _STILL = 1e-6
 _LONG = ("laser", "step-gauge")
 _GAUGES = ("step-gauge", "gauge-block")
 _TURN = "rotary-calibrator"
-CHECKED_BY = ("laser", "step-gauge", "gauge-block", _TURN)
+CHECKED_BY = ("laser", "step-gauge", "gauge-block", _TURN, *PLACED)
 """Instruments of check plans."""
 RUNS = 5
 """Each way, as ISO 230-2 asks."""
@@ -65,6 +66,7 @@ def plan_check(
         The fitted model, and where the machine may go.
     instruments
         Those at hand; lines are measured by laser, step gauge, gauge blocks, rotary calibrator.
+        What ball bar, R-test, sphere or plate show is judged by its range.
     seconds
         The time there is.
     fitted
@@ -106,7 +108,7 @@ def plan_check(
             seconds,
             required=[Chosen(s, added(task, s)) for s in first],
         )
-        return ordered(task, found, start)
+        return apart_by_name(ordered(task, found, start))
 
 
 def _lines(task: SurveyTask, instruments: Sequence[PlannedInstrument]) -> Iterator[PlannedSetup]:
@@ -127,6 +129,8 @@ def _lines(task: SurveyTask, instruments: Sequence[PlannedInstrument]) -> Iterat
             yield from gauge_blocks(task, instrument)
         elif instrument.key == _TURN:
             yield from turns(task, instrument, more=2)
+        else:
+            yield from placings(task, instrument)
 
 
 class _FittedLines:
@@ -196,3 +200,4 @@ def _coverage(
         if own:
             yield max(own, key=lines.distance)
     yield from (s for s in pool if s.what.startswith("body diagonal"))
+    yield from one_of_each(pool)

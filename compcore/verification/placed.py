@@ -25,6 +25,8 @@ F64 = NDArray[np.float64]
 _RANK = 1e-9
 _FEW = 3
 """Readings in one direction from which on they have a range."""
+_AROUND = 6
+"""Directions of a set-up from which on they go round, rather than being those of one reading."""
 _MORE = 1.05
 """What readings have to grow by, beyond their uncertainty, to be worse."""
 
@@ -247,12 +249,17 @@ def _basis(columns: F64) -> F64:
 
 
 def _range(rows: Campaign, values: F64) -> float:
-    """The largest range of readings in one direction, or from one base point."""
+    """The largest range of readings in one direction, or from one base point.
+
+    Where a ball bar goes round each reading has a direction of its own: all are radial.
+    """
     u, base = rows.conditions.u, rows.conditions.base
-    seen = [
+    seen: list[tuple[object, ...]] = [
         (int(k), *(() if u is None else np.round(u[i], 3) + 0.0), "" if base is None else base[i])
         for i, k in enumerate(rows.kind)
     ]
+    if len(set(seen)) > _AROUND:
+        seen = [(k, "") for k, *_ in seen]
     groups: dict[tuple[object, ...], list[float]] = {}
     for key, value in zip(seen, values, strict=True):
         groups.setdefault(key, []).append(float(value))

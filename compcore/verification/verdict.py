@@ -109,6 +109,8 @@ def _greatest(found: Verification) -> Iterator[str]:
             yield _words(max(seen, key=lambda v: v.after.value(_FIGURE) or 0.0), found.coverage)
     if not found.lines:
         yield from (_placed_words(p, found.coverage) for p in found.placed)
+        if found.placed:
+            yield "no line was measured: the axes over their travels are not shown"
 
 
 def _words(line: VerifiedLine, coverage: float) -> str:

@@ -58,6 +58,11 @@ def verification_warnings(found: Verification) -> Iterator[str]:
         )
     axes = found.comparison.problem.model.machine.structure.axes
     unseen = [a for a in axes if not any(a in v.after.name for v in found.lines)]
+    if found.placed and not found.lines:
+        yield (
+            "no line was measured: what is judged is what these set-ups show, not the axes over "
+            "their travels"
+        )
     if unseen and found.lines:
         yield f"no line moves {listed(unseen)}"
     cold = [

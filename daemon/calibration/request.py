@@ -144,13 +144,16 @@ class CalibrationRequest:
 
     @property
     def checked_by(self) -> str:
-        """The check plan's instruments; empty where what is touched has no line to judge."""
+        """The check plan's instruments; empty where there is none that a check can be made by.
+
+        Of what is touched only gauges: they have lengths to judge.
+        """
         from abbe.compcore.planning.check_lines import CHECKED_BY
 
         if self.touches:
             return self._gauge_kind
         own = [name for name in self.instruments.split(",") if name in CHECKED_BY]
-        return ",".join(own) or "laser"
+        return ",".join(own)
 
     @property
     def _gauge_kind(self) -> str:

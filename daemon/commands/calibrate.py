@@ -105,6 +105,6 @@ def calibrate(
                 typer.echo("nobody was asked: the same command without --yes asks for it")
         if not request.checked_by:
             typer.echo(
-                f"not verified: a {request.touches} shows no lines to judge; `abbe verify` does by "
-                "a gauge ([probing] gauge) or a laser"
+                f"not verified: a {request.instruments} shows no lines to judge; `abbe verify` "
+                "does by a gauge ([probing] gauge) or a laser"
             )

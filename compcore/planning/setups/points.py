@@ -22,6 +22,7 @@ _ANGLES = 72
 _POINTS = 90
 _BALLS = 5
 """Balls along each side of a plate."""
+_CORNERS = {0.0: "near corner", 1.0: "far corner"}
 _BLOCKS = (100.0, 300.0, 500.0)
 
 
@@ -29,8 +30,13 @@ def _whole(task: SurveyTask) -> bool:
     return all(a in task.machine.axes for a in "XYZ")
 
 
-def ball_bars(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[PlannedSetup]:
-    """Circles in the three planes, at two heights each, as large as travels and bar allow."""
+def ball_bars(
+    task: SurveyTask, instrument: PlannedInstrument, parts: tuple[float, ...] = (0.1, 0.9)
+) -> Iterator[PlannedSetup]:
+    """Circles in the three planes, at two heights each, as large as travels and bar allow.
+
+    `parts`: the heights, parts of the travel of the axis that stands.
+    """
     for pair in ("XY", "YZ", "ZX"):
         if any(a not in task.machine.axes for a in pair):
             continue
@@ -39,7 +45,7 @@ def ball_bars(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[Plann
         radius = max((r for r in (50.0, 100.0, 150.0, 300.0) if r <= half), default=0.0)
         if not radius or radius > instrument.reach:
             continue
-        for part in (0.1, 0.9):
+        for part in parts:
             stand = task.standing({} if third is None else {third: part})
             angle = np.linspace(0.0, 2.0 * np.pi, _ANGLES, endpoint=False)
             one, two = (np.asarray(nominal_direction(a)) for a in pair)
@@ -96,14 +102,27 @@ def _spread(rng: np.random.Generator, count: int) -> F64:
     return np.stack(columns, axis=1)
 
 
-def ball_plates(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[PlannedSetup]:
-    """A plate of 5 × 5 balls in the three planes, at two places each."""
+def ball_plates(
+    task: SurveyTask,
+    instrument: PlannedInstrument,
+    parts: tuple[float, ...] = (0.05, 0.95),
+    corners: tuple[float, ...] = (0.0, 1.0),
+) -> Iterator[PlannedSetup]:
+    """A plate of 5 × 5 balls in the three planes, at two places each.
+
+    Parameters
+    ----------
+    parts
+        The heights, parts of the travel of the axis that stands.
+    corners
+        Where it lies in its plane: 0 the near corner, 1 the far one.
+    """
     if not _whole(task):
         return
     for pair in ("XY", "YZ", "XZ"):
         third = next(k for k in "XYZ" if k not in pair)
         side = min(instrument.reach, *(task.ends(a)[1] - task.ends(a)[0] for a in pair))
-        for part, corner in product((0.05, 0.95), (0.0, 1.0)):
+        for part, corner in product(parts, corners):
             stand = task.standing({third: part})
             grid = np.array(list(product(np.linspace(0.0, side, _BALLS), repeat=2)))
             targets = {a: np.full(len(grid), v) for a, v in stand.items()}
@@ -113,7 +132,7 @@ def ball_plates(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[Pla
             tool, offset = next(iter(task.tools.items()))
             words = f"ball plate of {side:.0f} mm in {pair} at {third} {stand[third]:.0f}"
             made = PlannedSetup(
-                instrument, f"{words}, {'far' if corner else 'near'} corner", "", targets,
+                instrument, f"{words}, {_CORNERS.get(corner, 'middle')}", "", targets,
                 np.broadcast_to(np.eye(3), (len(grid), 3, 3)).copy(), Kind.DISPLACEMENT,
                 ("frame",), np.full(len(grid), instrument.uncertainty(side)), tool, offset,
             )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import product
 
 import numpy as np
@@ -26,17 +26,34 @@ _OTHERS = (None, 0.25, 0.6)
 """Where other rotary axes stand: at 0, or at a part of their travel."""
 
 
-def spheres(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[PlannedSetup]:
-    """A sphere on the table is followed while one rotary axis turns, others at two angles."""
+def spheres(
+    task: SurveyTask,
+    instrument: PlannedInstrument,
+    outs: Sequence[float] = _OUT,
+    ups: Sequence[float] = _UP,
+    parts: Sequence[float | None] = _OTHERS,
+    more: int = 0,
+) -> Iterator[PlannedSetup]:
+    """A sphere on the table is followed while one rotary axis turns, others at two angles.
+
+    Parameters
+    ----------
+    outs, ups
+        How far from the axis's line, and how high above the table it stands, mm.
+    parts
+        Where other rotary axes stand: None at 0, or at a part of their travel.
+    more
+        Angles besides those of a usual plan, so that they are others.
+    """
     machine = task.machine
     rotary = machine.structure.rotary
     if any(a not in machine.axes for a in "XYZ"):
         return
     for axis in rotary:
-        angles = _angles(task, axis)
+        angles = _angles(task, axis, more)
         others = [a for a in rotary if a != axis]
-        for out, up, (tool, offset) in product(_OUT, _UP, task.tools.items()):
-            for part in _OTHERS if others else _OTHERS[:1]:
+        for out, up, (tool, offset) in product(outs, ups, task.tools.items()):
+            for part in parts if others else parts[:1]:
                 stand = task.standing()
                 if part is not None:
                     turned = {a: round(np.degrees(task.at(a, part)), 1) for a in others}

@@ -85,6 +85,28 @@ def test_a_ball_bar_can_fail(
     assert reason in "; ".join(found["reasons"])
 
 
+def test_a_circle_that_is_read_as_displacements_has_a_radial_range(tmp_path: Path) -> None:
+    """As `abbe plan` plans a ball bar: four times round, each reading along its own radius."""
+    model = fitted(tmp_path)
+    rows = ["time,setup,kind,X,Y,Z,ux,uy,uz,value,sd"]
+    for k in range(4 * TURNED):
+        cos, sin = (f(2.0 * math.pi * k / TURNED) for f in (math.cos, math.sin))
+        x, y = 150.0 + RADIUS * cos, 200.0 + RADIUS * sin
+        value = RADIUS * SCALE * 1e-3 * cos * cos + NOISE[k % 8]
+        rows.append(f"{k},bar,displacement,{x!r},{y!r},-100,{cos!r},{sin!r},0,{value!r},0.3")
+    setup = '# [setups.bar]\n# free = ["zero", "frame"]\n'
+    bar = tmp_path / "bar.csv"
+    bar.write_text(HEAD + setup + "\n".join(rows) + "\n", encoding="utf-8")
+    done = abbe("verify", model, bar, "--json")
+    assert done.status == 0, done.err
+    found = json.loads(done.out)
+    (one,) = found["placed"]
+    assert one["range_before"] == pytest.approx(20.0, abs=0.5)
+    assert one["range_after"] < 0.6
+    assert "no line was measured" in found["verdict"]["reasons"][-1]
+    assert any("no line was measured" in w for w in found["warnings"])
+
+
 U_RANGE = 2.0 * math.sqrt(2.0) * 0.3
 """µm: two readings of 0.3 µm, k = 2."""
 

@@ -2,13 +2,17 @@
 
 import json
 import shutil
+from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 
 from abbe.compcore.errors import InputError
 from abbe.daemon.calibration.request import CalibrationRequest
 from abbe.daemon.commands.calibration.guide import steps_now
-from abbe.daemon.config import load_config
+from abbe.daemon.config import Configuration, load_config
+from abbe.daemon.config.sections.measure import InstrumentSection
 from tests.support.daemon.command_line import abbe
 from tests.support.daemon.live_run import MODEL
 from tests.support.daemon.measuring import configuration
@@ -180,3 +184,22 @@ def test_the_state_is_plain_json(config):
     state = json.loads((config.parent / "c" / "calibration.json").read_text("utf-8"))
     assert state["format"] == "abbe-calibration/1"
     assert list(state["steps"]) == ["start"]
+
+
+@pytest.mark.parametrize(
+    ("instrument", "reads", "checked_by"),
+    [
+        ("r-test", ["cmm.count_X"] * 3, "r-test"),
+        ("ball-bar", ["cmm.count_X"], "ball-bar"),
+        ("indicator", ["cmm.count_X"], ""),
+    ],
+)
+def test_a_check_is_made_by_what_is_at_hand(
+    instrument: str, reads: list[str], checked_by: str
+) -> None:
+    """Never by a laser that nobody has: its lines would be refused when they are to be measured."""
+    section = InstrumentSection(source=tuple(reads), reads="error")
+    file = SimpleNamespace(probing=None, instrument={instrument: section})
+    configuration = cast("Configuration", SimpleNamespace(file=file, upload=None))
+    request = CalibrationRequest(configuration, Path("c"), "4h", "1h", (), "", "", yes=True)
+    assert request.checked_by == checked_by
