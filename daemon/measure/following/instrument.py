@@ -167,6 +167,12 @@ class Instrument:
                 field=f"instrument.{self.name}",
             )
 
+    def sd(self, setup: PlannedSetup, target: int) -> float:
+        """Standard uncertainty of its reading at a target, mm or rad: its own, else the plan's."""
+        if self.section.sd is None:
+            return float(setup.sd[target])
+        return self.section.sd * (1e-6 if self.angle else 1e-3)
+
     def deviations(self, setup: PlannedSetup, positions: Mapping[str, float]) -> tuple[float, ...]:
         """What its present readings differ from nominal at a place, mm or rad, by direction.
 

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import math
 import time
 
-from abbe.compcore.campaign.campaign import Kind
 from abbe.daemon.measure.compensation import RunsBeside
 from abbe.daemon.measure.course import MeasureCourse
-from abbe.daemon.measure.events import Tell, place_words, setup_words, target_words
+from abbe.daemon.measure.events import Tell, setup_words, target_words
 from abbe.daemon.measure.following.approach import Approach
-from abbe.daemon.measure.following.average import SteadyReading
-from abbe.daemon.measure.following.instrument import Instrument, nominal_distance
+from abbe.daemon.measure.following.instrument import Instrument
+from abbe.daemon.measure.following.taking import TargetTaking
 from abbe.daemon.measure.following.target_watch import (
     Outcome,
     StandsElsewhere,
@@ -26,7 +24,6 @@ from abbe.daemon.measure.kept_rows import KeptRows
 from abbe.daemon.measure.machine_view import MachineView, SeenMachine
 from abbe.daemon.measure.news import MeasureNews
 from abbe.daemon.measure.person import LEAVE_OUT, Person
-from abbe.daemon.measure.rows import part_name, read_back, rows_of, written
 from abbe.daemon.measure.task import MeasureTask
 
 
@@ -68,11 +65,14 @@ class Measurement:
         self._rows = KeptRows(task.file)
         held = self._limits.signals_held
         self._news = MeasureNews(course, tell, task.file.path, task.expected, held)
-        self._clock = time.time() - time.monotonic() - task.started.timestamp()
         self._zero = InstrumentZero(course, self._news)
         # rows are there whose zero nobody knows any more
         self._zero.renew = course.here.begun and self._instrument.section.loses_zero
-        self._anew = self._zero.renew and course.begin_anew()
+        clock = time.time() - time.monotonic() - task.started.timestamp()
+        self._taking = TargetTaking(
+            course, self._view, self._zero, self._rows, self._news, clock,
+            anew=self._zero.renew and course.begin_anew(),
+        )  # fmt: skip
         self._interruptions = 0
         self._ready = False
         self._lost = ""
@@ -189,7 +189,7 @@ class Measurement:
         self._interruptions = self._instrument.interruptions
         self._lost = ""
         course.paused()
-        again = course.here.begun or self._anew
+        again = course.here.begun or self._taking.anew
         words = "set up again" if again else "set up"
         press = "; Enter when it stands, s to leave it out" if self._person.there else ""
         self._news.event(
@@ -200,7 +200,7 @@ class Measurement:
         )
         if again and self._instrument.section.loses_zero:
             self._zero.renew = True
-            self._anew = course.begin_anew() or self._anew
+            self._taking.anew = course.begin_anew() or self._taking.anew
         if self._ready:
             self._news.next()
 
@@ -229,7 +229,7 @@ class Measurement:
             return
         self.course.current = following
         self._zero.forget()
-        self._anew = False
+        self._taking.anew = False
         self._ask_for_setup()
 
     def _look_for_next_setup(self, seen: SeenMachine) -> None:
@@ -250,11 +250,17 @@ class Measurement:
     def _judge(self, outcome: Outcome, seen: SeenMachine) -> None:
         visits = self.course.here
         if isinstance(outcome, TargetRead):
-            self._take(outcome, seen)
+            if self._taking.take(outcome, seen, self._instrument):
+                self._news.disk(self._rows.problem)
+                if visits.left:
+                    self._news.next()
+                else:
+                    self._news.setup_done(self.course.setup)
+                    self._go_on()
         elif isinstance(outcome, TargetUnsteady):
             self._news.unsteady(outcome)
             if outcome.reading is not None:
-                self._look(outcome.visit, outcome.reading)
+                self._taking.look(outcome.visit, outcome.reading, self._instrument)
         elif isinstance(outcome, TargetLeft):
             if not visits.taken(outcome.visit):
                 words = target_words(visits, outcome.visit)
@@ -264,79 +270,3 @@ class Measurement:
             away = visits.distance(seen.positions)
             self._news.event("next", f"stands {away:.3f} mm from the next target, "
                         + self._news.next_words())  # fmt: skip
-
-    def _waits_for_first(self, visit: int) -> bool:
-        """Whether a set-up that counts in one go only has another zero, not at its beginning."""
-        self._anew = self._anew and visit != 0
-        if self._anew:
-            self._zero.renew = True
-            name = self.course.setup.name
-            words = f"{name} counts in one go only, and its zero is another one now: it is measured"
-            self._news.event("next", f"{words} anew, from {self._news.next_words()}")
-        return self._anew
-
-    def _look(self, visit: int, reading: SteadyReading) -> None:
-        """Take in readings that do not count: they may tell what is wrong."""
-        place = dict(zip(self._view.axes, reading.positions, strict=True))
-        nominal = self._instrument.nominal(self.course.setup, place)
-        self._zero.look(self._instrument, reading, nominal, visit)
-
-    def _take(self, read: TargetRead, seen: SeenMachine) -> None:
-        course, setup, instrument = self.course, self.course.setup, self._instrument
-        axes = self._view.axes
-        place = dict(zip(axes, read.reading.positions, strict=True))
-        # as the file will say it, so that who reads the file comes to the same visit
-        place = {a: read_back(a, str(written(a, q))) for a, q in place.items()}
-        visit = course.here.at(place, seen.directions)
-        if visit is None:
-            self._news.event("missed", f"stands at the edge of what counts as a target: "
-                        f"{place_words(place)}")  # fmt: skip
-            return
-        target = int(course.here.order[visit])
-        stated = float(setup.sd[target])
-        if instrument.section.sd is not None:
-            stated = instrument.section.sd * (1e-6 if instrument.angle else 1e-3)
-        nominal = instrument.nominal(setup, place)
-        time = self._clock + seen.time
-        part = course.parts[course.current]
-        values = self._zero.less(instrument, read.reading.values, nominal, visit, round(time, 3))
-        if values is None:
-            return
-        if course.parts[course.current] > max(part, 1):
-            if course.begin_anew():
-                self._anew = True
-                visit = course.here.at(place, seen.directions) or 0
-            if self._waits_for_first(visit):
-                course.parts[course.current] = part
-                return
-        sds = read.reading.sds(stated)
-        if not instrument.section.linked:  # its file says, afterwards
-            values = [math.nan] * setup.u.shape[1]
-            sds = [stated] * len(values)
-        if setup.kind == Kind.DISTANCE:
-            values = [v + nominal_distance(setup, place) for v in values]
-        repeated = course.here.taken(visit)
-        left_out = course.here.take(visit)
-        for i in left_out:
-            self._news.event("missed", f"left out: {target_words(course.here, i)}", visit=i + 1)
-        part = course.parts[course.current]
-        rows = rows_of(
-            setup, part, target, place, values,
-            {a: seen.directions[a] for a in axes}, time,
-            sds,
-            {name: seen.signals[name].value for name in self._view.signal_names},
-        )  # fmt: skip
-        course.took(seen.time)
-
-        def on_disk() -> None:
-            self._news.row(setup, visit, part, rows, repeated=repeated)
-
-        lost, self._zero.perhaps_lost = self._zero.perhaps_lost, {}
-        name = part_name(setup.name, part)
-        self._rows.add(rows, name, setup.free, on_disk, seen.time, perhaps_lost=lost)
-        self._news.disk(self._rows.problem)
-        if course.here.left:
-            self._news.next()
-        else:
-            self._news.setup_done(setup)
-            self._go_on()

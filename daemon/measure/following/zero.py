@@ -156,16 +156,12 @@ class InstrumentZero:
         self._repeated.add(int(here.order[visit]), int(here.sense[visit]), values, time)
         if instrument.section.reads == "error":
             self._look_at_errors(
-                instrument, values, float(self._course.setup.sd[here.order[visit]])
+                instrument, values, instrument.sd(self._course.setup, int(here.order[visit]))
             )
         return [v - z for v, z in zip(values, self._zero, strict=True)]
 
-    def _look_at_errors(
-        self, instrument: Instrument, values: tuple[float, ...], planned: float
-    ) -> None:
+    def _look_at_errors(self, instrument: Instrument, values: tuple[float, ...], sd: float) -> None:
         """Say where an instrument of errors reads as none does that measures."""
-        own = instrument.section.sd
-        sd = planned if own is None else own * (1e-6 if instrument.angle else 1e-3)
         if self._tiny.add(values, sd):
             self._news.event(
                 "note",

@@ -1,0 +1,132 @@
+"""What was read at a target becomes rows of the campaign, or is said not to be this machine's."""
+
+from __future__ import annotations
+
+import math
+
+from abbe.compcore.campaign.campaign import Kind
+from abbe.daemon.measure.course import MeasureCourse
+from abbe.daemon.measure.events import place_words, target_words
+from abbe.daemon.measure.following.average import SteadyReading
+from abbe.daemon.measure.following.instrument import Instrument, nominal_distance
+from abbe.daemon.measure.following.target_watch import TargetRead
+from abbe.daemon.measure.following.zero import InstrumentZero
+from abbe.daemon.measure.kept_rows import KeptRows
+from abbe.daemon.measure.machine_view import MachineView, SeenMachine
+from abbe.daemon.measure.news import MeasureNews
+from abbe.daemon.measure.rows import part_name, read_back, rows_of, written
+
+
+class TargetTaking:
+    """Takes in what was read at the targets of the present set-up.
+
+    Parameters
+    ----------
+    course
+        How far the measurement is; what is taken is noted there.
+    view
+        The machine's axes and signals.
+    zero
+        From which the instrument counts.
+    rows
+        Where rows go.
+    news
+        Is told what happens.
+    clock
+        Start of the campaign's time, s, on the monotonic clock, with its sign reversed.
+    anew
+        Whether the present set-up, which counts in one go only, waits for its first target.
+
+    Attributes
+    ----------
+    anew
+        As given; follows what is read.
+    """
+
+    def __init__(
+        self,
+        course: MeasureCourse,
+        view: MachineView,
+        zero: InstrumentZero,
+        rows: KeptRows,
+        news: MeasureNews,
+        clock: float,
+        *,
+        anew: bool,
+    ) -> None:
+        self._course = course
+        self._view = view
+        self._zero = zero
+        self._rows = rows
+        self._news = news
+        self._clock = clock
+        self.anew = anew
+
+    def look(self, visit: int, reading: SteadyReading, instrument: Instrument) -> None:
+        """Take in readings that do not count: they may tell what is wrong."""
+        place = dict(zip(self._view.axes, reading.positions, strict=True))
+        nominal = instrument.nominal(self._course.setup, place)
+        self._zero.look(instrument, reading, nominal, visit)
+
+    def take(self, read: TargetRead, seen: SeenMachine, instrument: Instrument) -> bool:
+        """Make rows of a target that was read; whether there are any."""
+        course, setup = self._course, self._course.setup
+        axes = self._view.axes
+        place = dict(zip(axes, read.reading.positions, strict=True))
+        # as the file will say it, so that who reads the file comes to the same visit
+        place = {a: read_back(a, str(written(a, q))) for a, q in place.items()}
+        visit = course.here.at(place, seen.directions)
+        if visit is None:
+            words = f"stands at the edge of what counts as a target: {place_words(place)}"
+            self._news.event("missed", words)
+            return False
+        target = int(course.here.order[visit])
+        nominal = instrument.nominal(setup, place)
+        time = self._clock + seen.time
+        part = course.parts[course.current]
+        values = self._zero.less(instrument, read.reading.values, nominal, visit, round(time, 3))
+        if values is None:
+            return False
+        if course.parts[course.current] > max(part, 1):
+            if course.begin_anew():
+                self.anew = True
+                visit = course.here.at(place, seen.directions) or 0
+            if self._waits_for_first(visit):
+                course.parts[course.current] = part
+                return False
+        stated = instrument.sd(setup, target)
+        sds = read.reading.sds(stated)
+        if not instrument.section.linked:  # its file says, afterwards
+            values = [math.nan] * setup.u.shape[1]
+            sds = [stated] * len(values)
+        if setup.kind == Kind.DISTANCE:
+            values = [v + nominal_distance(setup, place) for v in values]
+        repeated = course.here.taken(visit)
+        for i in course.here.take(visit):
+            self._news.event("missed", f"left out: {target_words(course.here, i)}", visit=i + 1)
+        part = course.parts[course.current]
+        rows = rows_of(
+            setup, part, target, place, values,
+            {a: seen.directions[a] for a in axes}, time,
+            sds,
+            {name: seen.signals[name].value for name in self._view.signal_names},
+        )  # fmt: skip
+        course.took(seen.time)
+
+        def on_disk() -> None:
+            self._news.row(setup, visit, part, rows, repeated=repeated)
+
+        lost, self._zero.perhaps_lost = self._zero.perhaps_lost, {}
+        name = part_name(setup.name, part)
+        self._rows.add(rows, name, setup.free, on_disk, seen.time, perhaps_lost=lost)
+        return True
+
+    def _waits_for_first(self, visit: int) -> bool:
+        """Whether a set-up that counts in one go only has another zero, not at its beginning."""
+        self.anew = self.anew and visit != 0
+        if self.anew:
+            self._zero.renew = True
+            name = self._course.setup.name
+            words = f"{name} counts in one go only, and its zero is another one now: it is measured"
+            self._news.event("next", f"{words} anew, from {self._news.next_words()}")
+        return self.anew
