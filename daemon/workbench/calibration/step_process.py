@@ -144,8 +144,8 @@ class StepProcess:
         if event["event"] == "next":
             self._next = text
             return
-        self._lines.append(text)
         if event["event"] == "set up":
             # what to press stands on the buttons
-            self._question = text.partition("; Enter when")[0]
-            self._choices = ("stands", "leave out")
+            text = text.partition("; Enter when")[0]
+            self._question, self._choices = text, ("stands", "leave out")
+        self._lines.append(text)

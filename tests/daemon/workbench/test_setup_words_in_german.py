@@ -1,0 +1,45 @@
+"""What a person is told to set up, in German: of every instrument and set-up of a plan."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+from abbe.compcore.planning.instruments import INSTRUMENTS
+from abbe.compcore.planning.setups.candidates import possible
+from abbe.daemon.measure.events import setup_words
+from tests.support.compcore.survey_machines import task
+from tests.support.daemon.german import english_of
+
+WORDS = Path(__file__).parents[3] / "daemon" / "workbench" / "static" / "words" / "de.json"
+LABELS: dict[str, str] = json.loads(WORDS.read_text("utf-8"))["_labels"]
+PATTERNS = [
+    (re.compile(re.sub(r"\\{(\w+)\\}", r"(?P<\1>.+)", re.escape(english))), own)
+    for english, own in LABELS.items()
+    if "{" in english
+]
+
+
+def label(text: str) -> str:
+    """As the page has it (`static/shared/language.js`)."""
+    if text in LABELS:
+        return LABELS[text]
+    for pattern, own in PATTERNS:
+        if found := pattern.fullmatch(text):
+            named = found.groupdict()
+            return re.sub(r"\{(\w+)\}", lambda m: label(named[m[1]]), own)
+    return text
+
+
+def test_every_set_up_of_a_plan_is_said_in_german() -> None:
+    said = set()
+    for structure in ("bridge", "rotary table"):
+        for setup in possible(task(structure), tuple(INSTRUMENTS.values())):
+            said.add(f"set up {setup_words(replace(setup, name='01_setup'))}")
+    assert len(said) > 100
+    english = [text for text in said if not english_of(text)]
+    assert len(english) < len(said) / 2  # the look itself finds English
+    left = sorted({label(text) for text in said if english_of(label(text))})
+    assert left == []
