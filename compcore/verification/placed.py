@@ -122,10 +122,10 @@ def placed_figures(
     if not names:
         return
     bare = replace(model, terms=(), covariance=None)
-    before = _State.of(compare(bare, comparison.problem.campaign), comparison)
+    before = _PlacedState.of(compare(bare, comparison.problem.campaign), comparison)
     after = before
     if measured:
-        after = _State.of(compare(bare, campaign))
+        after = _PlacedState.of(compare(bare, campaign))
     elif comparison.problem.campaign.n == campaign.n:
         after = replace(before, residual=comparison.residual)
     known = _names(comparison.problem.campaign, judged)
@@ -154,7 +154,7 @@ def _names(campaign: Campaign, judged: Sequence[str]) -> list[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class _State:
+class _PlacedState:
     """What a campaign shows but for the placing of its set-ups, and the model beside it, if any."""
 
     comparison: Comparison
@@ -162,19 +162,19 @@ class _State:
     foretold: Comparison | None = None
 
     @classmethod
-    def of(cls, comparison: Comparison, foretold: Comparison | None = None) -> _State:
+    def of(cls, comparison: Comparison, foretold: Comparison | None = None) -> _PlacedState:
         return cls(comparison, comparison.residual, foretold)
 
-    def part(self, name: str) -> _Part:
+    def part(self, name: str) -> _PlacedPart:
         setup = self.comparison.problem.campaign.conditions.setup
-        return _Part(self, np.flatnonzero(setup == name))
+        return _PlacedPart(self, np.flatnonzero(setup == name))
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class _PlacedPart:
     """The rows of one set-up."""
 
-    state: _State
+    state: _PlacedState
     rows: NDArray[np.intp]
 
     @cached_property
@@ -218,7 +218,7 @@ class _Part:
         return float(np.median(self.sd))
 
 
-def _beside(found: PlacedFigure, model: Model, first: _Part) -> PlacedFigure:
+def _beside(found: PlacedFigure, model: Model, first: _PlacedPart) -> PlacedFigure:
     """A set-up with what it was before, and what the model says of that."""
     comparison = first.state.foretold
     assert comparison is not None  # noqa: S101 - a state before has one

@@ -28,8 +28,7 @@ def label(text: str) -> str:
         return LABELS[text]
     for pattern, own in PATTERNS:
         if found := pattern.fullmatch(text):
-            named = found.groupdict()
-            return re.sub(r"\{(\w+)\}", lambda m: label(named[m[1]]), own)
+            return own.format(**{name: label(value) for name, value in found.groupdict().items()})
     return text
 
 
