@@ -72,7 +72,8 @@ def application(views: WorkbenchViews, end: Callable[[], None]) -> FastAPI:
     # streams are left alone by it
     app.add_middleware(GZipMiddleware, minimum_size=_SMALL, compresslevel=_LEVEL)
     app.include_router(page_files())
-    app.include_router(views.live.routes())
+    if views.live is not None:
+        app.include_router(views.live.routes())
     _frame(app, views, end)
     if views.bench is not None:
         _look(app, views.bench)
@@ -87,21 +88,17 @@ def application(views: WorkbenchViews, end: Callable[[], None]) -> FastAPI:
 
 
 def _frame(app: FastAPI, views: WorkbenchViews, end: Callable[[], None]) -> None:
-    bench, live = views.bench, views.live
     run = secrets.token_hex(8)
 
     @app.get("/api/state")
     def state() -> dict[str, Any]:
         """What is known, and what is under way; `run` tells a server from the one after it."""
-        found = live.state() if bench is None else bench.state()
-        return {**found, "run": run, "views": views.names, "first": views.first}
+        return {**views.state(), "run": run, "views": views.names, "first": views.first}
 
     @app.get("/api/head")
     def head() -> dict[str, Any]:
         """Machine, date, files with their SHA-256."""
-        run = live.head()
-        of_the_run = bench is None or (bench.empty and bool(run["files"]))
-        return run if of_the_run or bench is None else bench.head()
+        return views.head()
 
     @app.post("/api/here")
     def here(_: Nothing) -> dict[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from abbe.daemon.workbench.calibration.guide import CalibrationGuide
 from abbe.daemon.workbench.live.view import LiveView
@@ -17,7 +18,7 @@ class WorkbenchViews:
     Attributes
     ----------
     live
-        The run that is looked at.
+        The run that is looked at; None: it is not of this computer.
     bench
         The session with its model and campaigns; None: there is no model.
     desk
@@ -26,7 +27,7 @@ class WorkbenchViews:
         The calibration; None: there is none.
     """
 
-    live: LiveView
+    live: LiveView | None = None
     bench: Workbench | None = None
     desk: TableDesk | None = None
     guide: CalibrationGuide | None = None
@@ -34,7 +35,7 @@ class WorkbenchViews:
     @property
     def names(self) -> list[str]:
         """Their names, in the order of the tabs."""
-        found = ["live"]
+        found = [] if self.live is None else ["live"]
         if self.bench is not None:
             found += ["compare", "learn", "watch"]
         if self.desk is not None:
@@ -51,7 +52,20 @@ class WorkbenchViews:
             return "tables"
         if self.guide is not None and not laid:
             return "calibrate"
-        return self.live.first
+        return "compare" if self.live is None else self.live.first
+
+    def state(self) -> dict[str, Any]:
+        """What every page shows all the time."""
+        if self.bench is not None:
+            return self.bench.state()
+        return {} if self.live is None else self.live.state()
+
+    def head(self) -> dict[str, Any]:
+        """Machine, date, files with their SHA-256."""
+        run = {} if self.live is None else self.live.head()
+        if self.bench is None or (self.bench.empty and run.get("files")):
+            return run
+        return self.bench.head()
 
     @property
     def writing(self) -> bool:

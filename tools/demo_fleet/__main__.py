@@ -23,7 +23,7 @@ from typing import Any
 from abbe.compcore.errors import AbbeError
 from abbe.drivers.simulated.process import end
 from tools.demo_fleet.engines import ROOT, Engines, free_port
-from tools.demo_fleet.machines import KIND, SITE, Ports, configuration, named
+from tools.demo_fleet.machines import KIND, SITE, Ports, configuration, measured, named
 
 MACHINES = ("CMM 1", "CMM 2", "CMM 3")
 DRIFTING = 2
@@ -125,8 +125,15 @@ class _Demo:
         """One machine's folder, its record of checks, its run; the file with its HTTP token."""
         folder = self._folder / name.replace(" ", "-").lower()
         folder.mkdir(parents=True)
-        fitted = (datetime.now(UTC) - timedelta(days=70)).isoformat(timespec="seconds")
-        (folder / "model.toml").write_text(named(model, name, fitted), "utf-8")
+        fitted = datetime.now(UTC) - timedelta(days=70)
+        date = fitted.isoformat(timespec="seconds")
+        (folder / "model.toml").write_text(named(model, name, date), "utf-8")
+        campaign = folder / "campaigns" / "installed.csv"
+        campaign.parent.mkdir()
+        text = (self._folder / "campaign.csv").read_text("utf-8")
+        campaign.write_text(measured(text, name), "utf-8")
+        # it was measured on the day before, and a file says so by its time only
+        os.utime(campaign, times=(fitted.timestamp() - 86400.0,) * 2)
         role = f"abbe_{folder.name.replace('-', '_')}"
         config = folder / "config.toml"
         config.write_text(configuration(role, ports), "utf-8")

@@ -55,6 +55,7 @@ user = "{role}"
 password_file = "store.secret"
 every = {upload:g}
 span = 60
+campaigns = ["campaigns/*.csv"]
 
 [controller]
 heartbeat = "plc.heartbeat"
@@ -143,6 +144,11 @@ def named(model: str, name: str, fitted: str) -> str:
     """A model file's text for another machine of its type, fitted at another date."""
     text = re.sub(r'(?m)^name = ".*"$', f'name = "{name}"', model, count=1)
     return re.sub(r"(?m)^date = .*$", f'date = "{fitted}"', text, count=1)
+
+
+def measured(campaign: str, name: str) -> str:
+    """A campaign file's text as that of another machine of its type."""
+    return re.sub(r'(?m)^# machine = ".*"$', f'# machine = "{name}"', campaign, count=1)
 
 
 def _number(name: str, address: int, unit: str, table: str = "input") -> str:

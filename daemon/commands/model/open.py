@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from abbe.daemon.arguments.bounded import within
 from abbe.daemon.arguments.lists import ListOptions
 from abbe.daemon.arguments.options import HoldoutFiles, OpenBrowser, WorkbenchPort
+
+if TYPE_CHECKING:
+    from abbe.daemon.workbench.views import WorkbenchViews
 
 
 def register(app: typer.Typer) -> None:
@@ -75,10 +78,8 @@ def open_workbench(
         from abbe.daemon.commands.calibration import step_child
         from abbe.daemon.commands.calibration.guide import steps_now
         from abbe.daemon.workbench.calibration.guide import CalibrationGuide
-        from abbe.daemon.workbench.entrance.address import listening
         from abbe.daemon.workbench.live.view import LiveView
         from abbe.daemon.workbench.opened import what_to_open
-        from abbe.daemon.workbench.serve import serve
         from abbe.daemon.workbench.session.workbench import Workbench
         from abbe.daemon.workbench.tables.desk import TableDesk
         from abbe.daemon.workbench.views import WorkbenchViews
@@ -103,6 +104,28 @@ def open_workbench(
         guide = None
         if found.config is not None and calibration is not None:
             guide = CalibrationGuide(found.config, calibration, steps_now, step_child.__name__)
+    show_views(WorkbenchViews(live, bench, desk, guide), port, session=session, browser=browser)
+
+
+def show_views(
+    views: WorkbenchViews, port: int, *, session: float = 12.0, browser: bool = True
+) -> None:
+    """Serve a workbench until it is ended, and say where it is.
+
+    Parameters
+    ----------
+    views
+        What is shown.
+    port
+        TCP port; 0: any.
+    session
+        Hours after which a browser has to enter anew in which nobody did anything.
+    browser
+        Whether to open the person's own.
+    """
+    from abbe.daemon.workbench.entrance.address import listening
+    from abbe.daemon.workbench.serve import serve
+
     first = True
 
     def invite(address: str) -> None:
@@ -117,7 +140,7 @@ def open_workbench(
             _show(address)
 
     with listening(port) as made:
-        serve(WorkbenchViews(live, bench, desk, guide), made, invite, session=session)
+        serve(views, made, invite, session=session)
     typer.echo("The workbench is closed.")
 
 

@@ -17,6 +17,7 @@ from abbe.daemon.workbench.campaigns.laid import lay
 from abbe.daemon.workbench.campaigns.shelf import CampaignShelf
 from abbe.daemon.workbench.session.findings import ADVICE, VersionFindings
 from abbe.daemon.workbench.session.making import Making, adding, fitting
+from abbe.daemon.workbench.session.origin import FromStore
 from abbe.daemon.workbench.session.task import Tell
 from abbe.daemon.workbench.session.tasks import SessionTasks
 from abbe.daemon.workbench.versions.beside import SideBySide
@@ -39,6 +40,8 @@ class Workbench:
         Folders whose campaigns may be chosen as well.
     at_once
         Whether to compare now; else when somebody looks.
+    origin
+        Where model and campaigns were taken from; None: they are the person's own files.
 
     Raises
     ------
@@ -55,7 +58,9 @@ class Workbench:
         *,
         near: Sequence[Path] = (),
         at_once: bool = True,
+        origin: FromStore | None = None,
     ) -> None:
+        self._origin = origin
         given = load_model(model)
         self._laid = lay(given, campaigns, holdout)
         self._folder = VersionFolder(versions, model)
@@ -93,6 +98,7 @@ class Workbench:
                 "writes": self._folder.folder is not None,
                 "folder": None if self._folder.folder is None else str(self._folder.folder),
                 "version": self._current.path.name,
+                "take_out": "" if self._origin is None else self._origin.take_out,
             }
 
     def head(self) -> dict[str, Any]:
@@ -100,9 +106,10 @@ class Workbench:
         current = self._current
         head = head_of(current.model, [file_on_page("model", current.path)], self._laid.campaign)
         held = [file_on_page("campaign, held out", path) for path in self._laid.held]
+        place = [] if self._origin is None else [["Plant's store", self._origin.place]]
         return {
             "machine": current.model.machine.name or "Machine",
-            "facts": [[name, text] for name, text in head.facts.items()],
+            "facts": [*place, *([name, text] for name, text in head.facts.items())],
             "files": [[f.part, Path(f.file).name, f.sha256] for f in (*head.files, *held)],
             "abbe": abbe_version(),
             "made": now(),

@@ -201,7 +201,7 @@ async function header() {
   facts.querySelector("table").replaceChildren(el("tbody", {}, ...head.files.map(([part, file, sha]) =>
     el("tr", {}, el("td", {}, label(part)), el("td", {}, file),
       el("td", {}, el("code", {class: "sha"}, sha || "–"))))));
-  const said = head.facts.filter(([name]) => ["Date", "Serial number"].includes(name));
+  const said = head.facts.filter(([name]) => ["Plant's store", "Date", "Serial number"].includes(name));
   facts.querySelector("summary").textContent = [
     ...said.map(([name, text]) => `${label(name)}: ${moment(text) || t("not stated")}`),
     ...head.files.map(([part, file, sha]) => `${label(part)}: ${file} (${sha.slice(0, 12)})`)].join(" · ");

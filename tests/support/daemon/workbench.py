@@ -90,14 +90,15 @@ class OpenedWorkbench:
 
 
 @contextmanager
-def opened(*arguments: str | Path) -> Iterator[OpenedWorkbench]:
-    """``abbe open`` with some arguments, until the block ends."""
+def opened(*arguments: str | Path, by: str = "open") -> Iterator[OpenedWorkbench]:
+    """``abbe open`` (or `by` another command) with some arguments, until the block ends."""
     process = subprocess.Popen(
-        [ABBE, "open", *map(str, arguments), "--no-browser"], stdout=subprocess.PIPE, text=True
+        [ABBE, *by.split(), *map(str, arguments), "--no-browser"], stdout=subprocess.PIPE, text=True
     )
     assert process.stdout is not None
     try:
-        found = re.search(r"http\S+", process.stdout.readline())
+        lines = iter(process.stdout.readline, "")
+        found = next(filter(None, (re.search(r"http\S+", line) for line in lines)), None)
         assert found is not None
         yield OpenedWorkbench(process, found[0])
     finally:

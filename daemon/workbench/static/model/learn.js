@@ -16,8 +16,9 @@ export function learnView(found, state, act) {
   const view = [el("section", {class: "verdict"},
     el("h1", {class: found.verdict === "complete" ? "good" : "bad"}, say(found.title)),
     ...found.said.map((text) => el("p", {}, say(text))),
-    state.writes ? null : el("p", {class: "warning"},
-      t("Nothing can be added: no folder for versions was stated. Start again with  abbe open … --versions FOLDER")))];
+    state.writes ? null : state.take_out ? el("p", {class: "warning"},
+      t("Nothing is added in the plant's store. Take the files out, and open them there: "), el("code", {}, state.take_out))
+    : el("p", {class: "warning"}, t("Nothing can be added: no folder for versions was stated. Start again with  abbe open … --versions FOLDER")))];
   const causes = el("div", {class: "causes"});
   found.causes.forEach((cause, k) => causes.append(causeCard(cause, k, add, attempt)));
   for (const s of found.structure) {
