@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import random
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.support.daemon.plant_store import MachineRecords, store
+from tests.support.daemon.plant_store import CAMPAIGN, MachineRecords, settle, store
 from tests.support.daemon.postgres import PostgreSQL
 from tests.support.daemon.workbench import opened
 from tests.support.drivers.opening import until
@@ -15,8 +17,19 @@ from tests.support.drivers.opening import until
 pytestmark = pytest.mark.integration
 
 
+def _rows() -> Iterator[str]:
+    """Two runs along X that grow by 10 µm per m, read to 0.3 µm."""
+    chance = random.Random(17)
+    for i, x in enumerate([*range(0, 801, 50), *range(800, -1, -50)]):
+        value = 0.01 * x + chance.gauss(0.0, 0.3)
+        yield f"{i}.0,a,displacement,{x},0,0,1,0,0,{value:.2f}\n"
+
+
 async def test_a_machine_of_the_store_is_looked_at_here(server: PostgreSQL, tmp_path: Path) -> None:
     records = MachineRecords(tmp_path / "mill")
+    campaign = records.folder / "campaigns" / "x.csv"
+    campaign.write_text(CAMPAIGN.partition("0.0,a,")[0] + "".join(_rows()), "utf-8")
+    settle(campaign)
     with store(server, "looked_at"):
         records.uploader(server.port, "looked_at").once()
         url = f"postgresql://admin@127.0.0.1:{server.port}/looked_at"
