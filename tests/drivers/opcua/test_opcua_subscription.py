@@ -96,10 +96,16 @@ async def test_what_a_stalled_network_kept_back_never_passes_as_new(
         server.set_clock(0.0)
 
 
-@pytest.mark.parametrize("stamp", ["none", "source"])
-@pytest.mark.parametrize("again", ["whole", "restamped", "renumbered"])
+@pytest.mark.parametrize(
+    ("again", "stamp"),
+    [
+        ("whole", "none"), ("whole", "source"), ("restamped", "none"), ("restamped", "source"),
+        # without any stamp nothing tells an old value under a new number from a new one
+        ("renumbered", "source"),
+    ],
+)  # fmt: skip
 async def test_a_message_that_comes_again_never_passes_as_new(
-    server: Mill, stamp: str, again: str
+    server: Mill, again: str, stamp: str
 ) -> None:
     server.say(x={"clock": True})
     async with wired(server, subscribe=_EVERY, stamp=stamp) as (wire, link):
