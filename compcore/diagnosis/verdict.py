@@ -238,7 +238,7 @@ def _diagnosed(
     progress("aliases and cross-validation")
     background = _described(basis, unexplained)
     after = pool.joined(background, chosen)
-    variance = after.chi2 / after.dof
+    variance = after.variance
     part = result.problem.n / whole.problem.n
     established = tuple(
         established_cause(pool, basis, background, result, f, chosen, blocks, variance, part)

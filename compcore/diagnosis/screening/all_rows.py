@@ -154,7 +154,7 @@ class _Factor:
         after = self.basis
         for i, f in enumerate(self._found):
             after = after.extended(self.columns(i, f.screened.nonlinear))
-        variance = after.chi2 / after.dof
+        variance = after.variance
         out = []
         for i, f in enumerate(self._found):
             beside = self._beside(i)

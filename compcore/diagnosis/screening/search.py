@@ -27,6 +27,8 @@ _PAIRS_OF = 40
 _MOST = 4
 _ROUNDS = 3
 _CLEARLY = 4.0
+_ROUNDING = 1e-12
+"""Part of χ² below which what is left is rounding."""
 _SHIFTS = {
     "positioning": "angular",
     "straightness": "angular",
@@ -309,7 +311,9 @@ def _special_case(
     if not plain.established(basis.n):
         return False
     dof = max(1, basis.dof - wide.screened.rank)
-    variance = (basis.chi2 - wide.screened.drop) / dof
+    # rows may lie on a line to the last digit: what is left is then no noise but rounding
+    left = max(basis.chi2 - wide.screened.drop, _ROUNDING * basis.chi2)
+    variance = left / dof
     beyond = (wide.screened.drop - plain.screened.drop) / variance
     if log_chance(beyond / further, further, dof) < SIGNIFICANT:
         return False

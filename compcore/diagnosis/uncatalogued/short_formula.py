@@ -68,7 +68,7 @@ def shortened(
             for i, name in enumerate(names)
         ]
         best = max(screen(current, trials), key=lambda s: s.drop)
-        scale = current.chi2 / current.dof
+        scale = current.variance
         if not best.rank or best.drop < scale * (math.log(basis.n) + _WORTH):
             break
         name = names[best.key]

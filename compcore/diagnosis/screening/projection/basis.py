@@ -74,6 +74,11 @@ class Basis:
         """Weighted sum of squares left."""
         return float(self.residual @ self.residual)
 
+    @property
+    def variance(self) -> float:
+        """χ² per degree of freedom; where none is left, χ² itself, which is rounding."""
+        return self.chi2 / max(1, self.dof)
+
     def project_fitted(self, columns: F64) -> F64:
         """The part of columns (n, k) that the fitted model cannot imitate, `extra` apart."""
         left = self.eliminator.project(columns)
