@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.diagnosis.stepwise import to_the_verdict
 from abbe.compcore.diagnosis.verdict import diagnose
 from abbe.compcore.errors import AbbeError
@@ -24,7 +25,7 @@ BARE = parse_model(
 COLUMNS = "time,setup,kind,X,Y,Z,tool_x,tool_y,tool_z,ux,uy,uz,value,sd"
 
 
-def campaign(rows: list[tuple[float, float, str]], free: str):
+def campaign(rows: list[tuple[float, float, str]], free: str) -> Campaign:
     head = ['# format = "abbe-campaign/1"']
     for name in sorted({name for _, _, name in rows}):
         head += [f"# [setups.{name}]", f"# free = {free}"]
