@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
@@ -37,6 +38,10 @@ ROLES = frozenset(
     ]
 )
 """What a recorded signal can be (formats.md); `other` for whatever is none of these."""
+
+
+WHOLE_TURN = math.radians(300.0)
+"""A rotary axis that turns at least so far repeats after a turn."""
 
 
 @dataclass(frozen=True, slots=True)

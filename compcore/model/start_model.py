@@ -7,7 +7,6 @@ structure has, and nothing that only some have.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
@@ -16,7 +15,7 @@ from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.registry import make_effect
 from abbe.compcore.effects.targets import turned_about
 from abbe.compcore.errors import InputError
-from abbe.compcore.machine.machine import Axis, Machine, Signal, own_component
+from abbe.compcore.machine.machine import WHOLE_TURN, Axis, Machine, Signal, own_component
 from abbe.compcore.model.model import Model
 
 _BY_LENGTH = 100.0
@@ -24,8 +23,6 @@ _BY_LENGTH = 100.0
 _ENDS = 4
 """… beyond these …"""
 _FEWEST, _MOST = 6, 16
-WHOLE_TURN = math.radians(300.0)
-"""A rotary axis that turns at least so far repeats after a turn."""
 
 
 @dataclass(frozen=True, slots=True)

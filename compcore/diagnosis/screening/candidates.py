@@ -13,16 +13,18 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.coverage import Coverage
+from abbe.compcore.campaign.targets import targets
 from abbe.compcore.diagnosis.screening.evidence import RIGID_BODY, cost_of
 from abbe.compcore.diagnosis.screening.left_out.crossvalidation import FOLDS
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.rotary.motions import RotaryMotion
+from abbe.compcore.effects.catalogue.shaped import ShapedEffect
 from abbe.compcore.effects.registry import effect_kinds
 from abbe.compcore.errors import InputError
-from abbe.compcore.machine.machine import Machine
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import WHOLE_TURN, Machine
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.revise import identity
-from abbe.compcore.model.start_model import WHOLE_TURN
 
 RIGID = (
     "positioning",
@@ -160,21 +162,39 @@ def _refinements(model: Model, campaign: Campaign) -> Iterator[Candidate]:
         axis = getattr(effect, "axis", None)
         if axis is None or axis not in campaign.conditions.positions:
             continue
-        at = campaign.conditions.position(axis)
-        details = finer(effect, len(np.unique(at)), float(np.ptp(at)))
+        details = finer(effect, campaign.conditions, machine)
         for detail in details if few else islice(details, 1):
             refined = effect.model_copy(update=detail)
             yield Candidate(refined, cost_of(refined, machine, 1))
 
 
-def finer(effect: Effect, distinct: int, extent: float) -> Iterator[dict[str, object]]:
-    """Where-keys with twice the detail, and twice that again, as far as so many positions show it.
+def finer(effect: Effect, conditions: Conditions, machine: Machine) -> Iterator[dict[str, object]]:
+    """Where-keys with twice the detail, and twice that again, as far as positions show it.
 
-    Of a rotary axis that was not turned around (`extent`, rad) waves of a turn imitate one another
-    with huge amplitudes: there a spline of as many coefficients.
+    Where targets were approached again and again, a smooth curve has fewer coefficients than there
+    are targets: what it does between them nobody measured. What goes through all of them is a table
+    (ISO 230-2), straight lines between, which comes last.
+
+    Of a rotary axis that was not turned around waves of a turn imitate one another with huge
+    amplitudes: there a spline of as many coefficients.
+
+    Parameters
+    ----------
+    effect
+        An effect of one axis.
+    conditions
+        The rows.
+    machine
+        Its machine.
     """
-    match = re.fullmatch(r"(spline|polynomial):(\d+)", getattr(effect, "shape", None) or "")
-    if match is not None:
+    if not isinstance(effect, ShapedEffect | RotaryMotion):
+        return
+    rotary = machine.axis(effect.axis).rotary
+    at = conditions.position(effect.axis)
+    places = targets(conditions, effect.axis, rotary=rotary)
+    distinct = len(places) - 1 if len(places) > 1 else len(np.unique(at))
+    match = re.fullmatch(r"(spline|polynomial):(\d+)|constant", effect.shape or "")
+    if match is not None and match[1]:
         order, most = int(match[2]), min(distinct, 20 if match[1] == "polynomial" else 200)
         while order < most:
             order = min(2 * order, most)
@@ -183,10 +203,16 @@ def finer(effect: Effect, distinct: int, extent: float) -> Iterator[dict[str, ob
         waves, most = effect.waves, min((distinct - 1) // 2, 32)
         while waves < most:
             waves = min(2 * waves, most)
-            if extent >= WHOLE_TURN:
+            if float(np.ptp(at)) >= WHOLE_TURN:
                 yield {"harmonics": waves}
             else:
                 yield {"harmonics": None, "shape": f"spline:{2 * waves}"}
+    elif match is None:
+        return
+    if len(effect.linear(machine)) < len(places) > 1:
+        table: dict[str, object] = {} if match else {"harmonics": None}
+        shown = np.rad2deg(places) if rotary else places
+        yield table | {"shape": "table", "positions": tuple(float(f"{p:.4f}") for p in shown)}
 
 
 def _choices(effect: Effect, machine: Machine, coverage: Coverage) -> Iterator[Mapping[str, float]]:

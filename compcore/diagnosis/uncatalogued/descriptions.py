@@ -25,16 +25,17 @@ from abbe.compcore.effects.catalogue.linear.linear_axes import Positioning
 from abbe.compcore.effects.catalogue.linear.reversal import Backlash
 from abbe.compcore.effects.catalogue.rotary.motions import RotaryPositioning
 from abbe.compcore.effects.shapes import CUBIC
+from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.revise import identity
 
 F64 = NDArray[np.float64]
 
+Own = Positioning | RotaryPositioning | Backlash
+"""What a table of an axis's own positions says."""
+
 LEAST = 0.1
 """Part of the left-out χ² that a description must remove: it is chosen among many."""
-
-_TARGETS = 200
-"""Coefficients of a table of each direction, at the most, as of any shape."""
 
 _CHANCE = 0.05
 """Chance of so large a mean fall over the blocks by their scatter alone: Student's t, one side."""
@@ -50,19 +51,17 @@ def descriptions(diagnosis: Findings) -> Iterator[tuple[Effect, ...]]:
     axes = [a for a in model.machine.structure.axes if a in coverage.moving]
     if len(campaign.setups) < FOLDS:
         for axis in axes:
-            at = campaign.conditions.position(axis)
-            distinct, extent = len(np.unique(at)), float(np.ptp(at))
             rotary = model.machine.axis(axis).rotary
-            own: list[Effect] = [(RotaryPositioning if rotary else Positioning)(axis=axis)]
+            own: list[Own] = [(RotaryPositioning if rotary else Positioning)(axis=axis)]
             if axis in coverage.reversing:
                 own.append(Backlash(axis=axis))
             for plain in own:
                 for effect in _known(model, plain):
                     yield (effect,)
-                    for detail in finer(effect, distinct, extent):
+                    for detail in finer(effect, campaign.conditions, model.machine):
                         yield (effect.model_copy(update=detail),)
             if len(own) > 1:
-                yield from _each_direction(model, own, distinct)
+                yield from _each_direction(model, own, campaign.conditions)
     for structure in diagnosis.structure:
         # what goes with time says nothing of another day
         if "t" not in structure.depends_on and (spec := formula(structure)) is not None:
@@ -72,27 +71,32 @@ def descriptions(diagnosis: Findings) -> Iterator[tuple[Effect, ...]]:
 
 
 def _each_direction(
-    model: Model, own: Sequence[Effect], distinct: int
+    model: Model, own: Sequence[Own], conditions: Conditions
 ) -> Iterator[tuple[Effect, ...]]:
     """What a table of each direction says (ISO 230-2): a mean curve, and play over the travel.
 
     Each alone may foretell nothing where the two ways differ otherwise at every target.
     """
     mean, play = (_known(model, effect)[0] for effect in own)
-    orders = [CUBIC + 1]
-    while orders[-1] < min(distinct, _TARGETS):
-        orders.append(min(2 * orders[-1], distinct, _TARGETS))
-    for order in orders:
-        shape = {"shape": f"spline:{order}"}
-        if isinstance(mean, RotaryPositioning):
-            yield (mean, play.model_copy(update=shape))
+    coarse = play.model_copy(update={"shape": f"spline:{CUBIC + 1}", "positions": ()})
+    shapes: list[dict[str, object]] = [
+        {"shape": coarse.shape},
+        *finer(coarse, conditions, model.machine),
+    ]
+    for detail in ({"positions": ()} | shape for shape in shapes):
+        if not isinstance(mean, RotaryPositioning):
+            yield (mean.model_copy(update=detail), play.model_copy(update=detail))
+        elif detail["shape"] != "table":
+            yield (mean, play.model_copy(update=detail))
         else:
-            yield (mean.model_copy(update=shape), play.model_copy(update=shape))
+            of_mean = detail | {"harmonics": None}
+            yield (mean.model_copy(update=of_mean), play.model_copy(update=detail))
 
 
-def _known(model: Model, plain: Effect) -> list[Effect]:
+def _known(model: Model, plain: Own) -> list[Own]:
     """An effect in the detail that a model has it in; as it is, where the model lacks it."""
-    return [e for e in model.effects if identity(e) == identity(plain)] or [plain]
+    found = [e for e in model.effects if identity(e) == identity(plain)]
+    return [e for e in found if isinstance(e, type(plain))] or [plain]
 
 
 def surely(before: LeftOut, after: LeftOut, weight: F64) -> bool:

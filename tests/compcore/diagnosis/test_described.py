@@ -131,8 +131,8 @@ def test_two_ways_that_differ_otherwise_at_every_target() -> None:
     check = lines(2, 12, differs=True)
     found = to_the_verdict(bare, lines(3, 21, differs=True)).last.result.model
     assert {e.spec for e in found.effects} == {
-        "positioning axis=Z shape=spline:5",
-        "backlash axis=Z shape=spline:5",
+        "positioning axis=Z shape=table positions=-1.5,0.5,2.5,4.5,6.5",
+        "backlash axis=Z shape=table positions=-1.5,0.5,2.5,4.5,6.5",
     }
     assert left(bare, check) / 1e3 > 12.0
     assert left(found, check) / 1e3 < 4.5

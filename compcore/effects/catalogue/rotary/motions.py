@@ -25,7 +25,7 @@ from abbe.compcore.effects.shapes import Shape
 from abbe.compcore.effects.targets import TRANSLATIONS, require_rotary, turned_about
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.machine import Machine, own_component
+from abbe.compcore.machine.machine import WHOLE_TURN, Machine, own_component
 
 
 class RotaryMotion(Effect):
@@ -139,8 +139,15 @@ class RotaryPositioning(RotaryMotion):
 
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[RotaryPositioning]:
-        """Each rotary axis that moved."""
-        return (cls(axis=a) for a in machine.structure.rotary if a in coverage.moving)
+        """Each rotary axis that moved; where it does not turn around, also as a curve.
+
+        Within part of a turn waves imitate one another, with amplitudes that no ring has.
+        """
+        moving = [a for a in machine.structure.rotary if a in coverage.moving]
+        yield from (cls(axis=a) for a in moving)
+        for axis in (machine.axis(a) for a in moving):
+            if 2.0 * axis.half_travel < WHOLE_TURN:
+                yield cls(axis=axis.name, shape="spline:4")
 
 
 @register

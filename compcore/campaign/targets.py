@@ -1,0 +1,65 @@
+"""Targets: the places along an axis at which it was read again and again (ISO 230-2)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.machine.conditions import Conditions
+
+F64 = NDArray[np.float64]
+
+_APART = 10.0
+"""Targets are apart by at least so many times what the machine does not repeat at one of them."""
+
+_REPEATS = 1e-2
+"""What a machine that returns to a target does not repeat, at most, mm; of rad ten times finer."""
+
+_VISITS = 2
+"""Readings of each target, on average, from which on they are targets and no sweep."""
+
+
+def targets(conditions: Conditions, axis: str, *, rotary: bool) -> F64:
+    """The targets at which an axis was read, increasing, shape (m,), mm or rad.
+
+    A scale that is read back never shows the same figure twice: what lies much nearer together than
+    the targets are apart is one of them, at the mean. Empty where the axis was read on its way, or
+    at most places once. Several components that were read at one stand are no several readings:
+    the component that was read most often counts.
+
+    Parameters
+    ----------
+    conditions
+        The rows.
+    axis
+        The axis.
+    rotary
+        Whether its positions are rad.
+    """
+    at = conditions.position(axis)[_one_component(conditions)]
+    ordered = np.sort(at)
+    gaps = np.diff(ordered)
+    by_size = np.sort(gaps)[::-1]
+    alike = 0.1 * _REPEATS if rotary else _REPEATS
+    for least in by_size[: max(0, len(ordered) // _VISITS - 1)]:
+        if least <= alike:
+            break
+        parts = np.split(ordered, np.flatnonzero(gaps >= least) + 1)
+        within = max(float(np.ptp(part)) for part in parts)
+        # where gaps are alike there may be more
+        enough = len(ordered) >= _VISITS * len(parts)
+        if enough and within <= min(alike, least / _APART):
+            return np.array([float(np.mean(part)) for part in parts])
+    return ordered[:0]
+
+
+def _one_component(conditions: Conditions) -> NDArray[np.bool_]:
+    """The rows of the component that was measured most often, shape (n,)."""
+    measured = np.zeros((conditions.n, 4))
+    if conditions.u is not None:
+        measured[:, :3] = np.round(np.nan_to_num(conditions.u), 2)
+    if conditions.kind is not None:
+        measured[:, 3] = conditions.kind
+    _, which, counts = np.unique(measured, axis=0, return_inverse=True, return_counts=True)
+    chosen: NDArray[np.bool_] = which.reshape(-1) == int(np.argmax(counts))
+    return chosen
