@@ -150,6 +150,7 @@ def abbe(*arguments: object) -> None:
     assert done.exit_code == 0, done.output
 
 
+@pytest.mark.thorough
 def test_diagnose(look: Look, tmp_path: Path) -> None:
     report = tmp_path / "diagnose.html"
     abbe("diagnose", MILL / "model.toml", MILL / "fit.csv", "--report", report)
@@ -170,6 +171,7 @@ def test_fit_and_compare(look: Look, tmp_path: Path) -> None:
         assert len(seen.coloured) == 1, report
 
 
+@pytest.mark.thorough
 def test_iso230(look: Look, tmp_path: Path) -> None:
     report = tmp_path / "iso230.html"
     campaign = some_setups(MILL / "fit.csv", tmp_path / "lines.csv", every=4)
@@ -191,6 +193,7 @@ def test_history(look: Look, tmp_path: Path) -> None:
     assert [picture["marks"] for picture in seen.pictures] == [6, 6]
 
 
+@pytest.mark.thorough
 def test_table_and_correct(look: Look, tmp_path: Path) -> None:
     model, tables = tmp_path / "fitted.toml", tmp_path / "table.html"
     corrected = tmp_path / "correct.html"

@@ -26,6 +26,7 @@ def repeated(campaign: Path, out: Path) -> Path:
     return out
 
 
+@pytest.mark.thorough
 def test_a_selection_counts_rows_that_are_not_drawn(tmp_path: Path) -> None:
     files = (BRIDGE / "model.toml", repeated(BRIDGE / "fit.csv", tmp_path / "many.csv"))
     with chromium() as browser, opened(*files) as bench:

@@ -18,6 +18,7 @@ from tests.support.daemon.live_run import PATIENCE
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 
 
+@pytest.mark.thorough
 def test_the_demo_is_seen_live_and_ends_by_itself(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "abbe.daemon", "demo", "--json", "--duration", "45"]
     process = subprocess.Popen(

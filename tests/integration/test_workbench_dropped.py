@@ -52,6 +52,7 @@ def press(page: Page, selector: str) -> None:
     page.keyboard.press("Enter")
 
 
+@pytest.mark.thorough
 def test_from_a_dropped_campaign_to_the_report_by_keys_alone(
     browser: Browser, tmp_path: Path
 ) -> None:

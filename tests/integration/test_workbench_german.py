@@ -84,6 +84,7 @@ def test_the_model(browser: Browser, tmp_path: Path) -> None:
         assert_found_in_english(page)
 
 
+@pytest.mark.thorough
 def test_the_controller(browser: Browser, tmp_path: Path) -> None:
     with patient_place(tmp_path) as place:
         secret = add_token(place.folder / "http-tokens.toml", "cell-3", "operate")
@@ -119,6 +120,7 @@ def test_the_controller(browser: Browser, tmp_path: Path) -> None:
             assert_found_in_english(page)
 
 
+@pytest.mark.thorough
 def test_the_guide(browser: Browser, tmp_path: Path) -> None:
     text = MODEL.read_text("utf-8")
     (tmp_path / "model.toml").write_text(re.sub(r"(?m)^name = .*$", 'name = "KMG"', text, count=1))

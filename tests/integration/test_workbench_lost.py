@@ -96,6 +96,7 @@ def unexpected(seen: Watched) -> list[str]:
     return [e for e in seen.errors if not away.search(e)]
 
 
+@pytest.mark.thorough
 def test_compare_what_if_and_add_go_on_where_they_were(browser: Browser, tmp_path: Path) -> None:
     campaign = some_setups(BRIDGE / "fit.csv", tmp_path / "some.csv", every=6)
     versions = tmp_path / "versions"
@@ -228,6 +229,7 @@ def looked_at(page: Page) -> None:
     page.wait_for_selector("#write")
 
 
+@pytest.mark.thorough
 def test_an_upload_that_was_cut_off_is_said_and_done_once(browser: Browser, place: Place) -> None:
     secret = add_token(place.folder / "http-tokens.toml", "cell-3", "operate")
     with ExitStack() as stack:
@@ -300,6 +302,7 @@ def test_two_people_at_one_controller(browser: Browser, place: Place) -> None:
         assert len({e["upload"] for e in place.entries()}) == 1
 
 
+@pytest.mark.thorough
 def test_a_measurement_that_was_cut_off_goes_on(browser: Browser, tmp_path: Path) -> None:
     shutil.copy(MODEL, tmp_path / "model.toml")
     secret = add_token(tmp_path / "http-tokens.toml", "cell-3", "operate")

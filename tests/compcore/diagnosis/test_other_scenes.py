@@ -14,7 +14,7 @@ from benchmarks.hidden.scenes import distances
 from benchmarks.hidden.scenes.scene import scene
 
 
-@pytest.mark.one_in(3)
+@pytest.mark.thorough
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(
     ("kind", "seed", "cause"),
