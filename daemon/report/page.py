@@ -144,20 +144,23 @@ class Page:
         self._body.append("</div>")
 
     def html(self) -> str:
-        """The whole page."""
+        """The whole page; on paper each sheet says in its margin what made it."""
+        made = f"Made by Abbe {version('abbe')}, {self._made}"
+        margin = f'@page {{ @bottom-left {{ content: "{made}"; font-size: 8pt; color: #555 }} }}'
         parts = [
             "<!DOCTYPE html>",
             '<html lang="en"><head><meta charset="utf-8">',
             f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             f'<meta name="generator" content="Abbe {version("abbe")}">',
-            f"<title>{escape(self._title)}</title><style>{STYLE}</style></head><body><main>",
+            f"<title>{escape(self._title)}</title><style>{STYLE}{margin}</style>",
+            "</head><body><main>",
             f"<header><h1>{escape(self._title)}</h1>",
             f"<p>{escape(self._subtitle)}</p>" if self._subtitle else "",
             "</header>",
             "" if self._head is None else self._head.html(),
             *self._body,
-            f"</main><footer>Made by Abbe {version('abbe')}, {self._made}</footer>",
+            f"</main><footer>{made}</footer>",
         ]
         if self._figures:
             parts.append(packed_pictures(self._figures))

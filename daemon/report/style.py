@@ -52,6 +52,7 @@ footer { max-width: 66rem; margin: 0 auto; padding: 0 1.5rem 2rem; color: var(--
 @media print {
   body { font-size: 10pt; }
   main { max-width: none; padding: 0; }
+  footer { display: none; }
   h2, h3 { break-after: avoid; }
   tr, ul.notes, dl.key { break-inside: avoid; }
   thead { display: table-header-group; }
