@@ -42,6 +42,12 @@ EVENTS = {
         "address and power.",
     ),
     "link back": ("A link to a device is back", "Nothing has to be done."),
+    "subscription lost": (
+        "An OPC UA server does not notify",
+        "Abbe asks it at each cycle instead, and subscribes again. Nothing has to be done where\n"
+        "it comes back; otherwise the message says what the server refuses.",
+    ),
+    "subscription made": ("An OPC UA server notifies", "Nothing has to be done."),
     "fault began": (
         "Something is wrong",
         "What, and why, is in the message; what to do is in the table 'What to do when' of\n"

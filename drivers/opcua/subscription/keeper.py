@@ -262,7 +262,8 @@ class SubscriptionKeeper:
         if not self.why:
             self._said.discard(why)
         self.why = f"asked, not notified: {why}"
-        self._say(f"no subscription, so the server is asked: {why}", "subscription lost")
+        said = {"event": "subscription lost"}
+        self._say(f"no subscription, so the server is asked: {why}", said)
 
     def _say_granted(self, names: tuple[str, ...], granted: Subscribed) -> None:
         wanted = self._config.subscribe
@@ -274,8 +275,8 @@ class SubscriptionKeeper:
             elif name not in self._usable:
                 self._say(f"channel {name} is asked for, as those that it belongs with are")
 
-    def _say(self, text: str, event: str = "subscription") -> None:
+    def _say(self, text: str, said: dict[str, str] | None = None) -> None:
         """Log something once in a session."""
         if text not in self._said:
             self._said.add(text)
-            logger.warning("%s: %s", self._label, text, extra={"event": event})
+            logger.warning("%s: %s", self._label, text, extra=said)
