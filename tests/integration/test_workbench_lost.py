@@ -171,6 +171,7 @@ def test_compare_what_if_and_add_go_on_where_they_were(browser: Browser, tmp_pat
         assert unexpected(seen) == []
 
 
+@pytest.mark.thorough
 def test_live_goes_on_with_the_part_of_the_past_that_was_looked_at(
     browser: Browser, tmp_path: Path
 ) -> None:

@@ -26,6 +26,7 @@ def browser() -> Iterator[Browser]:
         yield started
 
 
+@pytest.mark.thorough
 def test_a_view_as_a_page_that_stands_alone_and_on_paper(browser: Browser, tmp_path: Path) -> None:
     campaign = some_setups(BRIDGE / "fit.csv", tmp_path / "some.csv", every=6)
     said = '# operator = "R. Meier"\n# date = "2026-03-02"\n'

@@ -41,6 +41,7 @@ def write(page: Page, machine: str, secret: str) -> None:
     page.click("#write")
 
 
+@pytest.mark.thorough
 def test_looked_at_then_written_then_rolled_back(place: Place) -> None:
     operates, looks = token(place, "cell-3", "operate"), token(place, "visitor", "view")
     record = json.loads((place.folder / "new" / "abbe-tables.json").read_text())

@@ -104,6 +104,7 @@ def write_lines(path: Path) -> None:
     path.write_text(head + "\n".join(rows) + "\n", encoding="utf-8")
 
 
+@pytest.mark.thorough
 def test_a_controller_that_refuses_and_a_link_that_is_lost_leave_the_old_tables(
     place: Place, made: Path
 ) -> None:

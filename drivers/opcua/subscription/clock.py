@@ -42,7 +42,8 @@ class ServerClock:
             that of the answer. Earlier answers count no longer.
         """
         drifted = _DRIFT * max(0.0, arrived_at - self._looked) if self._looked > -math.inf else 0.0
-        self._looked = arrived_at
+        # it may have been made as soon as its question left: from there on clocks drift
+        self._looked = asked_at
         least, most = stamp - arrived_at, stamp - asked_at
         self._least = max(self._least - drifted, least)
         self._most = min(self._most + drifted, most)

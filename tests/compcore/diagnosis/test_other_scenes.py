@@ -62,6 +62,7 @@ def test_a_commoner_cause_that_is_not_established_hides_none_that_is() -> None:
     assert "thermal_offset direction=X signal=T_spindle" in shifts
 
 
+@pytest.mark.thorough
 def test_distances_get_advice_too() -> None:
     """Proposals have no base points, of which the model's unknowns hold some."""
     stage = scene(5, distances.kinds()[0])
