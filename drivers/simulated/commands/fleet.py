@@ -87,7 +87,7 @@ async def _serve(options: argparse.Namespace) -> None:
         def probe(machine: int = 0) -> dict[str, Any]:
             chosen = machines if not machine else [machines[machine - 1]]
             for one in chosen:
-                one.probe(time.time())
+                one.probe(time.monotonic())  # the servers' clock
             return {"machines": len(chosen)}
 
         def written() -> dict[str, Any]:

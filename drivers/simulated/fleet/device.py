@@ -66,10 +66,14 @@ class SimulatedFleetMachine:
         self._rng = np.random.default_rng(np.random.SeedSequence([seed, number, 17]))
         self._found: dict[str, tuple[int, Array]] = {n: (0, np.zeros(3)) for n in SPHERES}
         self._written = [0] * _HOLDINGS
+        self._first: float | None = None
         self.writes = 0
 
     def probe(self, now: float) -> None:
-        """Probe all spheres: the probe is qualified anew, then each is found."""
+        """Probe all spheres at `now`, s of the clock by which it is read.
+
+        The probe is qualified anew, then each is found.
+        """
         probe = QUALIFYING * self._rng.normal(size=3)
         for name, place in SPHERES.items():
             error = self._machine.error(np.array(place), self._temperatures(now))
@@ -111,7 +115,8 @@ class SimulatedFleetMachine:
         return np.array([0.5 * (a + b) + 0.4 * (b - a) * math.sin(p) for (a, b), p in way])
 
     def _temperatures(self, now: float) -> Array:
-        at = 2.0 * math.pi * (now / _DAY + 0.07 * self._number)
+        self._first = now if self._first is None else self._first
+        at = 2.0 * math.pi * ((now - self._first) / _DAY + 0.07 * self._number)
         hall = 20.0 + _WARMS * math.sin(at)
         return np.array([hall + 0.03 * math.sin(at + k) for k in range(len(PLACES))])
 

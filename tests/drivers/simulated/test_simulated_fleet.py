@@ -11,12 +11,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pymodbus.client import ModbusTcpClient
 
 from abbe.compcore.files.campaign_file import read_campaign
 from abbe.daemon.demo.prepare import START
 from abbe.drivers.simulated.bridge.checks import SPHERES
 from abbe.drivers.simulated.bridge.happened import Happened
-from abbe.drivers.simulated.fleet.device import PER_SPHERE, SPHERES_AT, SimulatedFleetMachine
+from abbe.drivers.simulated.bridge.machine import make_bridge
+from abbe.drivers.simulated.fleet.device import (
+    PER_SPHERE,
+    SPHERES_AT,
+    TEMPERATURES_AT,
+    SimulatedFleetMachine,
+)
 from abbe.drivers.simulated.fleet.past import SINCE, SOUND, past_checks, stands
 from tests.support.daemon.live_run import read_holding
 
@@ -28,6 +35,10 @@ def found(machine: SimulatedFleetMachine, name: str) -> tuple[int, np.ndarray]:
     at = SPHERES_AT + PER_SPHERE * list(SPHERES).index(name)
     words = machine.read("input", at, PER_SPHERE, NOON)
     return words[0], np.array(struct.unpack(">3f", struct.pack(">6H", *words[2:8])))
+
+
+def floats(words: list[int]) -> np.ndarray:
+    return np.array(struct.unpack(f">{len(words) // 2}f", struct.pack(f">{len(words)}H", *words)))
 
 
 def test_a_crash_turns_x_on_y_where_the_spheres_are() -> None:
@@ -69,7 +80,7 @@ def test_its_past_ends_yesterday_and_its_spheres_stand_where_they_were_found(
 
 
 @pytest.mark.integration
-def test_each_machine_has_its_own_port() -> None:
+def test_each_machine_has_its_own_port_and_shows_the_temperatures_at_which_it_probes() -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "abbe.drivers.simulated", "fleet", "--machines", "3",
          "--die-with-stdin"],
@@ -86,6 +97,17 @@ def test_each_machine_has_its_own_port() -> None:
         process.stdin.write('{"do": "probe", "machine": 2}\n')
         process.stdin.flush()
         assert json.loads(process.stdout.readline()) == {"done": "probe", "machines": 1}
+        read = ModbusTcpClient("127.0.0.1", port=ports[1])
+        assert read.connect()
+        shown = floats(read.read_input_registers(TEMPERATURES_AT, count=14, device_id=1).registers)
+        there = stands(past_checks(1, 2, "nothing", NOON))
+        for k, (name, place) in enumerate(SPHERES.items()):
+            at = SPHERES_AT + PER_SPHERE * k + 2
+            position = floats(read.read_input_registers(at, count=6, device_id=1).registers)
+            error = make_bridge(1).error(place, shown)
+            # each probing scatters by 0.64 µm; of 0.35 K X's scale makes 3 µm
+            assert there[name] - position == pytest.approx(error, abs=2.5e-3)
+        read.close()
         process.stdin.close()
         assert process.wait(60) == 0
     finally:
