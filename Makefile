@@ -42,7 +42,7 @@ demo-fleet: $(VENV)/.fleet $(POSTGRESQL) $(MOSQUITTO) $(PROMETHEUS) ## See a sma
 	@$(BIN)/python -m tools.demo_fleet $(if $(STAY),--seconds $(STAY))
 
 test: $(VENV)/.dev $(VENV)/.debian lint types ## Run all checks and tests
-	$(BIN)/pytest -n 3 --dist loadgroup --no-loadscope-reorder
+	$(BIN)/pytest -n 4 --dist loadgroup --no-loadscope-reorder
 
 test-thorough: $(VENV)/.dev $(VENV)/.debian ## Run more cases of what `make test` runs some of, and the soak (a quarter of an hour)
 	$(BIN)/pytest -n 3 --dist loadgroup --no-loadscope-reorder -m thorough

@@ -37,6 +37,11 @@ LONG = {"integration", "torment", "soak", "linuxcnc", "diagnosis", "upload", "ht
 """Folders the files of which take minutes."""
 
 
+def pytest_make_parametrize_id(val: object) -> str | None:
+    """A long text in a test's name by its beginning: names go to every process that tests."""
+    return f"{val[:60]!a} of {len(val)}" if isinstance(val, str) and len(val) > 100 else None
+
+
 @pytest.hookimpl(tryfirst=True)  # before pytest-xdist looks at the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Give every file to one process, and the files of a group to the same one (pytest-xdist).

@@ -12,6 +12,7 @@ import pytest
 from abbe.compcore.errors import InputError
 from abbe.daemon.config import load_config
 from abbe.daemon.event_log import JournalFile
+from tests.support.daemon.observed import free_port
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "bridge-cmm"
 EARLIER = "2026-01-02 03:04:05,678 INFO    running: config.toml\n"
@@ -98,6 +99,9 @@ def test_a_journal_goes_on_in_an_earlier_one(config: Path, content: str | None):
 
 def test_a_full_disk_is_one_event_and_the_service_runs_on(config: Path):
     journal_at(config, "/dev/full")
+    # another test runs the example as it stands: two must not work on one controller
+    text = config.read_text("utf-8").replace("port = 5020", f"port = {free_port()}")
+    config.write_text(text, "utf-8")
     command = [sys.executable, "-m", "abbe.daemon", "run", str(config), "--duration", "0.3"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr

@@ -176,7 +176,7 @@ def bad_ini() -> Iterator[Case]:
 CASES = [*named(), *mutated(), *bad_ini()]
 
 
-@pytest.mark.one_in(3)
+@pytest.mark.one_in(6)
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_a_bad_table_is_reported_in_one_line(case: Case, tmp_path: Path) -> None:
     outcome = run(case, tmp_path)

@@ -223,7 +223,7 @@ def mutated() -> Iterator[Case]:
 CASES = [*explicit(), *of_covariance(), *deep(), *mutated()]
 
 
-@pytest.mark.one_in(3)
+@pytest.mark.one_in(6)
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_a_bad_model_is_reported_in_one_line(case: Case, tmp_path: Path) -> None:
     outcome = run(case, tmp_path)

@@ -145,6 +145,7 @@ def damaged() -> Iterator[Case]:
         yield case(f"damaged: {name}", bad, maybe=True)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("bad", [*named(), *damaged()], ids=str)
 def test_a_bad_part_is_one_line_and_no_page(bad: Case, tmp_path: Path) -> None:
     outcome = run(bad, tmp_path)

@@ -142,6 +142,7 @@ def test_by_a_plate_and_verified_by_a_block(
     assert any(words in line for line in said)
 
 
+@pytest.mark.thorough
 def test_by_a_plate_alone_it_is_said_that_nothing_is_verified(
     laid: tuple[SimulatedProcess, Path],
 ) -> None:

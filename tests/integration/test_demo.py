@@ -56,6 +56,7 @@ def test_the_error_falls_tenfold_while_the_machine_warms_up(tmp_path: Path) -> N
     }
 
 
+@pytest.mark.thorough
 def test_another_machine_is_another_model(tmp_path: Path) -> None:
     command = [*DEMO, "--json", "--duration", "6", "--seed", "2", "--out", "out"]
     done = subprocess.run(

@@ -108,6 +108,7 @@ def off_the_truth(process: SimulatedProcess, folder: Path) -> np.ndarray:
     return left * 1e3
 
 
+@pytest.mark.thorough
 def test_a_plate_in_several_places_shows_the_machines_hidden_errors(tmp_path: Path) -> None:
     """Placings touched, fitted; judged by the exact machine, also where the plate never lay."""
     with machine() as process:

@@ -81,6 +81,7 @@ def test_wheel_holds_every_file_of_the_house_under_one_name(wheel: Path) -> None
     assert f"{info}entry_points.txt" in there
 
 
+@pytest.mark.thorough
 def test_wheel_from_the_source_archive_is_the_same(
     source: Path, wheel: Path, tmp_path: Path
 ) -> None:

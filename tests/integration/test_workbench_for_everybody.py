@@ -26,7 +26,7 @@ def browser() -> Iterator[Browser]:
         yield started
 
 
-@pytest.mark.one_in(2)
+@pytest.mark.thorough
 @pytest.mark.parametrize(("scheme", "locale"), [("light", "en-GB"), ("dark", "de-DE")])
 def test_the_live_view(browser: Browser, tmp_path: Path, scheme: str, locale: str) -> None:
     with machine(tmp_path) as (_, config):
@@ -114,6 +114,7 @@ def test_with_the_keyboard_alone(browser: Browser, tmp_path: Path) -> None:
         assert_quiet(seen, bench)
 
 
+@pytest.mark.thorough
 def test_on_paper_the_volume_is_there(browser: Browser, tmp_path: Path) -> None:
     campaign = some_setups(BRIDGE / "fit.csv", tmp_path / "some.csv", every=6)
     with opened(BRIDGE / "model.toml", campaign) as bench:

@@ -210,6 +210,7 @@ def come_to_the_upload(place: Place) -> Path:
     return folder
 
 
+@pytest.mark.thorough
 def test_the_upload_is_a_step_of_the_guide(place: Place) -> None:
     folder = come_to_the_upload(place)
     operates = add_token(place.folder / "http-tokens.toml", "cell-3", "operate")

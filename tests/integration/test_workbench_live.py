@@ -111,6 +111,7 @@ def test_a_run_is_seen_lost_and_seen_again(browser: Browser, tmp_path: Path) -> 
     assert elsewhere == []
 
 
+@pytest.mark.thorough
 def test_volume_and_history(browser: Browser, tmp_path: Path) -> None:
     with machine(tmp_path) as (_, config):
         config.write_text(config.read_text() + "\n[records]\nevery = 0.1\n\n[http]\n")
@@ -185,6 +186,7 @@ def test_volume_and_history(browser: Browser, tmp_path: Path) -> None:
             assert_quiet(seen, bench)
 
 
+@pytest.mark.thorough
 def test_a_run_without_stream_or_records_is_seen_all_the_same(
     browser: Browser, tmp_path: Path
 ) -> None:

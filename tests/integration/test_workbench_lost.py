@@ -202,6 +202,7 @@ def test_live_goes_on_with_the_part_of_the_past_that_was_looked_at(
         assert unexpected(seen) == []
 
 
+@pytest.mark.thorough
 def test_a_session_that_is_over_goes_on_where_it_was(browser: Browser, tmp_path: Path) -> None:
     campaign = some_setups(BRIDGE / "fit.csv", tmp_path / "some.csv", every=6)
     with opened(BRIDGE / "model.toml", campaign, "--session", "0.004") as bench:

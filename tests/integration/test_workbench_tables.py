@@ -155,6 +155,7 @@ def test_what_speaks_against_it_is_said_and_nothing_is_written(place: Place) -> 
         assert place.entries() == []
 
 
+@pytest.mark.thorough
 def test_an_upload_that_fails_ends_with_the_old_table(place: Place) -> None:
     """The control adds something else than the table says: the old one is put back."""
     operates = token(place, "cell-3", "operate")

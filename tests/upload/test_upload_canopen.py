@@ -60,7 +60,7 @@ def test_upload_and_roll_back(place: Place, made: Path) -> None:
     assert place.truth()["active"] == sums(made / "old")
 
 
-@pytest.mark.one_in(4)
+@pytest.mark.one_in(8)
 @pytest.mark.parametrize(("step", "kind"), cases())
 def test_every_step_with_every_fault(place: Place, made: Path, step: str, kind: str) -> None:
     patient = QUICK | {"timeout": 3.0, "reconnect_within": 5.0}

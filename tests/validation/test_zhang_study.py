@@ -61,6 +61,7 @@ def test_the_worst_pair_of_a_plane_is_predicted(study: zhang.Study) -> None:
         assert abs(plane.left) < 0.15 * abs(worst)
 
 
+@pytest.mark.thorough
 def test_his_error_maps_by_the_command(study: zhang.Study, tmp_path: Path) -> None:
     """The plane at 20 and 19 °C: lengths between all points, against the exact chain."""
     model = tmp_path / "zhang.toml"

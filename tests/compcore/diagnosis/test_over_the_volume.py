@@ -124,6 +124,7 @@ def measured(errors: Callable[[np.random.Generator, F64], F64], seed: int) -> tu
     return places, value + rng.normal(0.0, NOISE, value.shape)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [1])
 def test_an_arm_that_is_told_x_y_z(seed: int) -> None:
     """No worse than a cubic where it is not fitted, though the axes are none of the arm's."""

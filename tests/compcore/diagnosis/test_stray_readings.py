@@ -120,6 +120,7 @@ def test_what_comes_again_is_no_stray() -> None:
     assert not lines(found) & set(campaign.line[rows].tolist())
 
 
+@pytest.mark.thorough
 def test_long_tails_of_real_readings_are_no_strays() -> None:
     """Of 454 stars a dozen lie beyond five standard deviations, none apart from all others."""
     course = to_the_verdict(*given("real/r02-mount", "run.csv"))

@@ -321,6 +321,7 @@ async def test_nothing_but_reading_is_answered(tmp_path: Path) -> None:
         assert (await client.get_namespace_array())[2] == NAMESPACE
 
 
+@pytest.mark.thorough
 async def test_a_program_that_is_not_trusted(tmp_path: Path) -> None:
     keys, stranger = made(tmp_path, "abbe"), made(tmp_path, "stranger")
     secured = {

@@ -16,6 +16,7 @@ from tests.support.drivers.opening import until
 pytestmark = pytest.mark.integration
 
 
+@pytest.mark.thorough
 async def test_a_server_that_comes_back_with_other_numbers_for_its_namespaces(
     tmp_path: Path,
 ) -> None:

@@ -84,6 +84,7 @@ def until(port: int, bit: Status) -> None:
         time.sleep(0.05)
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("arguments", [(), ("--json",)], ids=["screen", "json"])
 def test_a_closed_terminal_is_an_end_with_a_ramp(
     tmp_path: Path, arguments: tuple[str, ...]
@@ -112,6 +113,7 @@ def test_a_closed_terminal_is_an_end_with_a_ramp(
             )
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("arguments", [(), ("--json",)], ids=["screen", "json"])
 def test_under_nohup_it_goes_on_without_its_terminal(
     tmp_path: Path, arguments: tuple[str, ...]

@@ -19,6 +19,7 @@ from tests.support.daemon.live_run import PATIENCE, machine
 pytestmark = pytest.mark.integration
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("columns", [80, 130])
 def test_the_live_screen_is_drawn_and_stays(tmp_path: Path, columns: int) -> None:
     near, far = pty.openpty()
