@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperGroup
 
 from abbe.daemon.commands import register, sections
+from abbe.daemon.installed import abbe_version
 
 if TYPE_CHECKING:
     from typer._click import Context, HelpFormatter
@@ -40,9 +41,7 @@ def _first_sentence(text: str) -> str:
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from importlib.metadata import version as installed_version
-
-        typer.echo(f"abbe {installed_version('abbe')}")
+        typer.echo(f"abbe {abbe_version()}")
         raise typer.Exit
 
 

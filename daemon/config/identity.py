@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 
 from abbe.compcore.effects.catalogue.error_grid import ErrorGrid
 from abbe.daemon.config import Configuration
+from abbe.daemon.installed import abbe_version
 
 _SHOWN = 12
 """Digits of a SHA-256 that people are shown."""
@@ -21,11 +21,6 @@ def sha256_of(path: Path) -> str:
             return hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError:
         return ""
-
-
-def abbe_version() -> str:
-    """The installed version of Abbe."""
-    return version("abbe")
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 
 from abbe.compcore.errors import InputError
@@ -18,6 +17,7 @@ from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.daemon.config.sections.http import HttpSection
 from abbe.daemon.demo.configuration import WRITTEN_BY
 from abbe.daemon.demo.simulator import measure_bridge
+from abbe.daemon.installed import abbe_version
 from abbe.daemon.socket_path import check_path
 
 START = Path(__file__).with_name("bridge.toml")
@@ -133,7 +133,7 @@ def prepare(seed: int, shop: Workshop, step: Step) -> FitResult:
                 result,
                 model,
                 date=datetime.now(UTC).isoformat(timespec="seconds"),
-                version=version("abbe"),
+                version=abbe_version(),
                 noise_floor=None,
             ),
             shop.model,

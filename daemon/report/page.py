@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from html import escape
-from importlib.metadata import version
 from math import floor, isfinite, log10
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ import numpy as np
 
 from abbe.compcore.files.text.atomic import write_atomically
 from abbe.compcore.units import in_digits
+from abbe.daemon.installed import abbe_version
 from abbe.daemon.report.head import PageHead
 from abbe.daemon.report.pictures.packed import packed_pictures
 from abbe.daemon.report.pictures.still import still
@@ -145,14 +145,14 @@ class Page:
 
     def html(self) -> str:
         """The whole page; on paper each sheet says in its margin what made it."""
-        made = f"Made by Abbe {version('abbe')}, {self._made}"
+        made = f"Made by Abbe {abbe_version()}, {self._made}"
         margin = f'@page {{ @bottom-left {{ content: "{made}"; font-size: 8pt; color: #555 }} }}'
         parts = [
             "<!DOCTYPE html>",
             '<html lang="en"><head><meta charset="utf-8">',
             f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
-            f'<meta name="generator" content="Abbe {version("abbe")}">',
+            f'<meta name="generator" content="Abbe {abbe_version()}">',
             f"<title>{escape(self._title)}</title><style>{STYLE}{margin}</style>",
             "</head><body><main>",
             f"<header><h1>{escape(self._title)}</h1>",

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from abbe.compcore.model.model import Model
-from abbe.daemon.config.identity import abbe_version
 from abbe.daemon.config.sections.upload import UploadSetup
+from abbe.daemon.installed import abbe_version
 from abbe.daemon.upload.changeover import Changeover
 from abbe.daemon.upload.history.content import Content
 from abbe.daemon.upload.history.upload_log import Journal

@@ -20,7 +20,7 @@ from abbe.compcore.model.model import Model, Term
 from abbe.compcore.tables.table import Sign, Table, unit_of_position
 from abbe.daemon.arguments.ranges import ranges
 from abbe.daemon.arguments.tables.arguments import present_files
-from abbe.daemon.config.identity import abbe_version
+from abbe.daemon.installed import abbe_version
 from abbe.drivers.controllers import make_controller
 
 _WIDEST = 1e5

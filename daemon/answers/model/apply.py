@@ -21,7 +21,7 @@ from abbe.compcore.units import in_digits, read_in, with_uncertainty
 from abbe.daemon.answers.inputs import now
 from abbe.daemon.answers.model.fit import finite
 from abbe.daemon.answers.model.held_out import HeldOutCampaigns, shares
-from abbe.daemon.config.identity import abbe_version
+from abbe.daemon.installed import abbe_version
 
 _SAID = {
     "began": "the model as it is",

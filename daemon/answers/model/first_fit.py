@@ -18,7 +18,7 @@ from abbe.compcore.fitting.fit import fit
 from abbe.compcore.model.model import Model
 from abbe.daemon.answers.inputs import now
 from abbe.daemon.answers.model.held_out import read_held_out
-from abbe.daemon.config.identity import abbe_version
+from abbe.daemon.installed import abbe_version
 
 
 def fitted_version(

@@ -29,7 +29,7 @@ from abbe.daemon.answers import as_built
 from abbe.daemon.answers.inputs import now
 from abbe.daemon.answers.model.fit import finite
 from abbe.daemon.answers.model.held_out import HeldOutCampaigns, read_held_out, shares
-from abbe.daemon.config.identity import abbe_version
+from abbe.daemon.installed import abbe_version
 
 _RISEN = 1.005
 _ROUNDING = 1e-3

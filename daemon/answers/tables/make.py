@@ -33,7 +33,7 @@ from abbe.compcore.tables.table import Table
 from abbe.compcore.tables.volume import Volume
 from abbe.daemon.answers.inputs import now
 from abbe.daemon.answers.switches import not_applied
-from abbe.daemon.config.identity import abbe_version
+from abbe.daemon.installed import abbe_version
 from abbe.drivers.controllers import Controller
 
 F64 = NDArray[np.float64]

@@ -62,7 +62,7 @@ def import_map(
     from abbe.compcore.machine.structure import Structure
     from abbe.compcore.maps.to_model import import_map as imported
     from abbe.daemon.arguments.map_options import convention_of, squareness_of
-    from abbe.daemon.config.identity import abbe_version
+    from abbe.daemon.installed import abbe_version
     from abbe.daemon.outputs import MODEL, check_outputs
 
     say = check_outputs([file], [(out, MODEL)], force=force)

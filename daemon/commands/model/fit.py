@@ -55,7 +55,7 @@ def fit(
     from abbe.daemon.answers.model import expected_times as expected
     from abbe.daemon.answers.model import fit as answer
     from abbe.daemon.arguments.assignments import tool_offset
-    from abbe.daemon.config.identity import abbe_version
+    from abbe.daemon.installed import abbe_version
     from abbe.daemon.outputs import MODEL, REPORT, check_outputs
     from abbe.daemon.progress import shown
 

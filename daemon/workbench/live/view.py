@@ -15,7 +15,7 @@ from abbe.compcore.errors import AbbeError, InputError
 from abbe.compcore.model.model import Model
 from abbe.daemon.answers.inputs import now
 from abbe.daemon.config import load_config
-from abbe.daemon.config.identity import abbe_version
+from abbe.daemon.installed import abbe_version
 from abbe.daemon.report.head import AIR, facts_of
 from abbe.daemon.status.run_status import RunStatus
 from abbe.daemon.workbench.live import history

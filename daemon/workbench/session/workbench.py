@@ -11,7 +11,7 @@ from abbe.compcore.files.campaign_file import require_signals
 from abbe.compcore.files.model_file import load_model
 from abbe.daemon.answers.inputs import now
 from abbe.daemon.answers.model import expected_times as expected
-from abbe.daemon.config.identity import abbe_version
+from abbe.daemon.installed import abbe_version
 from abbe.daemon.report.head import file_on_page, head_of
 from abbe.daemon.workbench.campaigns.laid import lay
 from abbe.daemon.workbench.campaigns.shelf import CampaignShelf
