@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import socket
 import ssl
+import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +22,41 @@ Store = psycopg.Connection[Any]
 """A connection to a store."""
 _KEEPALIVE = 30
 """s without a word after which the store is asked whether it is there."""
+_LATER_THAN_THE_STORE = 2.0
+"""So many times the time after which the store itself gives up a statement."""
+
+
+class _AnsweredInTime(psycopg.Connection[Any]):
+    """A connection that is lost when an answer does not come in time.
+
+    The store gives up a statement by itself, but not while it stands still, nor where what lies
+    between (a pool, a balancer) has lost it; their computers go on to acknowledge what is sent.
+    """
+
+    longest: float = 0.0
+    """s from a question to its answer; 0: any."""
+
+    def wait(self, *arguments: Any, **keys: Any) -> Any:
+        """As psycopg waits for whatever comes, for so long."""
+        if not self.longest:
+            return super().wait(*arguments, **keys)
+        lock, over = threading.Lock(), False
+
+        def hang_up() -> None:
+            with lock:
+                if not over:
+                    with socket.socket(fileno=os.dup(self.fileno())) as mine:
+                        mine.shutdown(socket.SHUT_RDWR)
+
+        watch = threading.Timer(self.longest, hang_up)
+        watch.daemon = True
+        watch.start()
+        try:
+            return super().wait(*arguments, **keys)
+        finally:
+            with lock:
+                over = True
+            watch.cancel()
 
 
 def connect(task: Mapping[str, Any]) -> Store:
@@ -58,7 +95,9 @@ def connect(task: Mapping[str, Any]) -> Store:
             keys[key] = task[ours]
     if "password_file" in task:
         keys["password"] = password(Path(task["password_file"]))
-    return psycopg.connect(**keys, autocommit=True)
+    connection = _AnsweredInTime.connect(**keys, autocommit=True)
+    connection.longest = _LATER_THAN_THE_STORE * timeout
+    return connection
 
 
 def _bounds(timeout: float) -> str:
