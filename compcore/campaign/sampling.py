@@ -45,6 +45,18 @@ def alias(step: float, wave: float) -> float:
     return math.inf if apparent < _NEAR else step / apparent
 
 
+def looks_alike(step: float, wave: float, least: float) -> tuple[float, ...]:
+    """Waves from `least` on, longest first, that readings every step show as one and the same.
+
+    >>> [round(w, 2) for w in looks_alike(25.0, 10.0, 5.0)]
+    [50.0, 16.67, 10.0, 7.14, 5.56]
+    """
+    part = step / alias(step, wave)
+    turns = [n + sign * part for n in range(int(step / least) + 2) for sign in (-1.0, 1.0)]
+    waves = {round(step / t, 9) for t in turns if t > _NEAR}
+    return tuple(sorted((w for w in waves if w >= least), reverse=True))
+
+
 def resolves(step: float, wave: float) -> bool:
     """Whether readings every step tell a wave from every longer one: λ > 2h (Nyquist)."""
     return wave > 2.0 * step * (1.0 + _NEAR)
@@ -64,8 +76,8 @@ def amplitude_held(step: float, wave: float) -> float:
 def step_for(wave: float, held: float = HELD) -> float:
     """The longest step that resolves a wave and holds a part of its amplitude, same unit.
 
-    >>> round(step_for(10.0, 0.81), 2)
-    2.51
+    >>> round(step_for(10.0, 0.81), 1)
+    2.5
     """
     low, high = 0.0, 0.5
     for _ in range(60):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.diagnosis.changed import Change, Standing
 from abbe.compcore.diagnosis.findings import Established, Findings
+from abbe.compcore.diagnosis.hidden_waves import hidden_waves
 from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
 from abbe.compcore.effects import RotaryLocation
@@ -38,6 +39,10 @@ def explanation(established: Established, diagnosis: Findings) -> Sentence:
     parts: list[str] = [said("{what}.", what=headline(effect))]
     parts.append(_evidence(established, diagnosis, campaign))
     parts += _fitted(established.estimates)
+    parts += hidden_waves(
+        effect, established.found.screened.nonlinear, diagnosis.result.model.machine,
+        campaign.conditions,
+    )  # fmt: skip
     parts += _as_built(established, diagnosis)
     parts += doubts_of(established.estimates)
     if established.aliases:

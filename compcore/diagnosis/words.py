@@ -6,12 +6,15 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from abbe.compcore.campaign.approaches import unsaid_approaches
 from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.campaign.suspicions import of_chi2
 from abbe.compcore.diagnosis.explain import changed, description, explanation, formula
 from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.diagnosis.next_measurement.measure_next import Advice
 from abbe.compcore.effects.catalogue.formula import Formula
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import Machine
 from abbe.compcore.sentences import Sentence, listed, said
 from abbe.compcore.units import in_digits
 
@@ -34,6 +37,23 @@ NO_CLOCK = said(
     "an event, a lag, an oscillation)"
 )
 """Said of a campaign whose rows say not when they were measured."""
+
+
+def undeclared(machine: Machine, conditions: Conditions) -> Sentence | None:
+    """Columns that vary and are no signals of the machine: no effect can read them."""
+    names = [
+        name
+        for name, values in conditions.signals.items()
+        if name not in machine.signals and np.ptp(values) > 0.0
+    ]
+    if not names:
+        return None
+    return said(
+        "recorded, but no signals of this machine, so nothing was looked for in them: {names}; a "
+        "section [machine.signals.{first}] in the model file declares one",
+        names=listed(names),
+        first=names[0],
+    )
 
 
 def noise_of(diagnosis: Findings, noise: NoiseFloor) -> float | None:
@@ -86,6 +106,16 @@ def diagnosis_words(
         yield thinned_words(diagnosis)
     if not diagnosis.whole.problem.campaign.clocked:
         yield NO_CLOCK
+    whole = diagnosis.whole
+    if axes := unsaid_approaches(whole.problem.campaign):
+        yield said(
+            "targets of {axes} are read from both sides, and no column says from which ({columns}: "
+            "1 upwards, −1 downwards): play and reversal were not looked for",
+            axes=listed(axes),
+            columns=listed([f"{axis}_dir" for axis in axes]),
+        )
+    if unread := undeclared(whole.model.machine, whole.problem.campaign.conditions):
+        yield unread
     if diagnosis.strays:
         yield alone_words(diagnosis)
         for stray in diagnosis.strays[:MOST_LISTED]:

@@ -11,6 +11,7 @@ from typing import Any
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.comparison.compare import compare
+from abbe.compcore.diagnosis.hidden_waves import hidden_waves
 from abbe.compcore.diagnosis.stepwise import Course, Step, to_the_verdict
 from abbe.compcore.files.campaign_file import require_signals
 from abbe.compcore.files.model_file import save_model
@@ -240,6 +241,10 @@ def as_text(course: Course, model: Model) -> Iterator[str]:
             shown.append(f"{name} = {with_uncertainty(value.value * factor, sd)} {unit}")
         more = len(term.values) - len(shown)
         yield f"  {term.effect.spec}: {', '.join(shown)}" + (f" and {more} more" if more else "")
+        nonlinear = term.nonlinear(model.machine)
+        conditions = course.last.result.problem.campaign.conditions
+        for words in hidden_waves(term.effect, nonlinear, model.machine, conditions):
+            yield f"    {words}"
 
 
 def _units(course: Course) -> dict[str, dict[str, tuple[str, float]]]:

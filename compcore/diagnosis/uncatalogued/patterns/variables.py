@@ -53,6 +53,7 @@ class PatternVariable:
 def variables(machine: Machine, conditions: Conditions) -> list[PatternVariable]:
     """The recorded quantities that varied: positions, signals, time, approach directions.
 
+    A column that the machine does not declare as a signal is none: no effect could read it.
     Beside them the differences of temperatures of one role: two sensors on a column tell what bends
     it.
     """
@@ -70,8 +71,8 @@ def variables(machine: Machine, conditions: Conditions) -> list[PatternVariable]
         unit = "rad" if machine.axis(axis).rotary else "mm"
         add(axis, conditions.position(axis), unit, "position")
     for name, value in conditions.signals.items():
-        declared = machine.signals.get(name)
-        add(name, value, declared.unit if declared else "", "signal")
+        if name in machine.signals:
+            add(name, value, machine.signals[name].unit, "signal")
     for a, b in combinations(conditions.signals, 2):
         one, two = machine.signals.get(a), machine.signals.get(b)
         if one and two and one.temperature and one.role == two.role:

@@ -16,8 +16,8 @@ from abbe.compcore.effects.targets import along, require_linear
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Axis, Machine
 
-LEADS_MM = (2.0, 2.5, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 30.0, 32.0, 40.0, 50.0)
-"""Common leads of ball screws, mm (ISO 3408-2 and the makers' series between)."""
+LEADS_MM = (10.0, 5.0, 20.0, 6.0, 8.0, 4.0, 12.0, 16.0, 25.0, 40.0, 32.0, 30.0, 50.0, 2.5, 2.0)
+"""Leads of ball screws, mm (ISO 3408-2 and the makers' series between), the commonest first."""
 
 _MOST_STARTS = 240
 
@@ -31,7 +31,7 @@ def _period(axis: Axis) -> NonlinearParameter:
     """
     length = axis.travel[1] - axis.travel[0]
     grid = 2.0 * length / np.arange(2, _MOST_STARTS + 2)
-    grid = grid[grid >= LEADS_MM[0]]
+    grid = grid[grid >= min(LEADS_MM)]
     starts = {float(p) for p in grid} | {p for p in LEADS_MM if p < grid.min(initial=length)}
     return NonlinearParameter(
         "period",
@@ -42,6 +42,24 @@ def _period(axis: Axis) -> NonlinearParameter:
         description=f"period along {axis.name}",
         extent=True,
     )
+
+
+def _told_apart(period: NonlinearParameter, step: float) -> list[float]:
+    """Of the starts one each of those that readings every `step` (mm) show as the same wave."""
+    apart = 1.0 / (2.0 * period.bounds[1])  # between two starts, cycles a mm
+    longest = 1.0 / period.plausible[1] - 0.1 * apart
+    resolved = [p for p in period.starts if p > 2.0 * step]
+    seen = [1.0 / p for p in LEADS_MM if p > 2.0 * step]
+    leads: set[float] = set()
+    for lead in LEADS_MM:
+        looks = 1.0 / alias(step, lead)
+        hidden = lead > 2.0 * step or lead < period.bounds[0] or looks < longest
+        if hidden or any(abs(looks - other) < 0.5 * apart for other in seen):
+            continue
+        seen.append(looks)
+        leads |= {1.0 / (1.0 / lead + by) for by in (-apart, 0.0, apart)}
+        resolved = [p for p in resolved if abs(1.0 / p - looks) > apart]
+    return sorted(leads.union(resolved))
 
 
 @register
@@ -94,14 +112,17 @@ class Cyclic(Effect):
         return () if self.period is not None else (_period(machine.axis(self.axis)),)
 
     def search(self, machine: Machine, coverage: Coverage) -> tuple[NonlinearParameter, ...]:
-        """The period: none that even steps show as one longer than any screw's or scale's."""
+        """The period: none that even steps show as one longer than any screw's or scale's.
+
+        Of those that even steps do not resolve, and of the wave that all of them look like, only
+        the commonest lead of a screw.
+        """
         found = self.nonlinear(machine)
         step = coverage.steps.get(self.axis, 0.0)
         if not found or not step or 2.0 * step >= found[0].bounds[1]:
             return found
         (period,) = found
-        longest = period.plausible[1]
-        told = [p for p in period.starts if p > 2.0 * step or alias(step, p) <= longest]
+        told = _told_apart(period, step)
         low = max(period.bounds[0], 0.9 * min(told, default=2.0 * step))
         return (
             replace(
