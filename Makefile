@@ -41,7 +41,13 @@ demo: $(VENV)/.runtime ## See a coordinate measuring machine become ten times mo
 demo-fleet: $(VENV)/.fleet $(POSTGRESQL) $(MOSQUITTO) $(PROMETHEUS) ## See a small plant: three machines, one of which begins to drift (docs/fleet.md)
 	@$(BIN)/python -m tools.demo_fleet $(if $(STAY),--seconds $(STAY))
 
-test: $(VENV)/.dev $(VENV)/.debian lint types ## Run all checks and tests
+# Beside each other: what is downloaded for the tests; the types, and the tests compiled once for all processes.
+test: $(BIN)/python ## Run all checks and tests
+	@$(MAKE) --no-print-directory $(VENV)/.debian & debian=$$!; \
+	$(MAKE) --no-print-directory $(VENV)/.dev && { \
+	  $(BIN)/pytest --collect-only -q >/dev/null 2>&1 & compiled=$$!; \
+	  $(MAKE) --no-print-directory lint types; checked=$$?; \
+	  wait $$compiled; wait $$debian && [ $$checked = 0 ]; }
 	$(BIN)/pytest -n 4 --dist loadgroup --no-loadscope-reorder
 
 test-thorough: $(VENV)/.dev $(VENV)/.debian ## Run more cases of what `make test` runs some of, and the soak (a quarter of an hour)

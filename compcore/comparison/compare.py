@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import LENGTHS, Campaign, Kind
 from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
 from abbe.compcore.campaign.suspicions import of_chi2, of_ratio, of_signals, of_values
+from abbe.compcore.campaign.turned_axes import of_turned_axes
 from abbe.compcore.comparison.approach import (
     SideDifference,
     by_side_and_component,
@@ -113,6 +114,7 @@ class Comparison(Shown):
         found = [
             *of_values(campaign, self.measured),
             *of_signals(campaign, self.problem.model.machine, self.problem.model.measured_signals),
+            *of_turned_axes(campaign, self.problem.model.machine),
             *of_ratio(campaign, self.measured, self.measured - self.residual, weight),
         ]
         for part, what, _, _ in self._parts():

@@ -9,6 +9,7 @@ import numpy as np
 from abbe.compcore.campaign.approaches import unsaid_approaches
 from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.campaign.suspicions import of_chi2
+from abbe.compcore.campaign.turned_axes import of_turned_axes
 from abbe.compcore.diagnosis.explain import changed, description, explanation, formula
 from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.diagnosis.next_measurement.measure_next import Advice
@@ -89,7 +90,7 @@ def diagnosis_words(
     """
     floor = noise_of(diagnosis, noise)
     unit, _, factor = diagnosis.unit
-    for suspicion in too_good(diagnosis):
+    for suspicion in suspicious(diagnosis):
         yield said("SUSPICIOUS: {what}", what=suspicion)
     yield said(
         "residuals: {rms} {unit} rms, {floor}; {noise}",
@@ -157,9 +158,10 @@ def diagnosis_words(
             yield "  - " + advice_text(a)
 
 
-def too_good(diagnosis: Findings) -> Iterator[str]:
-    """Far less left than the rows' stated uncertainties say: said before anything else."""
+def suspicious(diagnosis: Findings) -> Iterator[str]:
+    """A rotary axis whose sense is turned over, or far less left than stated: said first of all."""
     whole = diagnosis.whole
+    yield from of_turned_axes(whole.problem.campaign, whole.model.machine)
     if whole.chi2_per_dof < 1.0:
         yield from of_chi2(whole.chi2_per_dof, whole.dof, stated=uncertainty_stated(diagnosis))
 

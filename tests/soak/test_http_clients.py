@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 from pathlib import Path
 
 import pytest
@@ -21,11 +22,12 @@ async def test_readers_are_answered_beside_silent_ones_and_rubbish(tmp_path: Pat
     async with observed(tmp_path, http=f'listen = ["127.0.0.1:{port}"]\n') as found:
         await found.run.until(compensating)
         clients = HttpClients(found.socket, 0.0, port, secret)
+        longer = itertools.count(1)
         try:
 
             async def all_answered() -> bool:
                 clients.go()
-                await asyncio.sleep(1.0)
+                await asyncio.sleep(next(longer))
                 met = await asyncio.to_thread(clients.rest)
                 assert met.wrong == []
                 return set(met.answers) == KINDS and met.rubbish > 2 and met.answers["cycles"] > 50

@@ -79,12 +79,17 @@ def _preferred(
 ) -> bool:
     """Whether what began with plain geometry says more than what began with nothing.
 
-    Among error motions of rigid bodies each coefficient is paid for: that every axis has them makes
-    shapes no likelier than plain geometry.
+    Of plain geometry in place of error motions of rigid bodies each coefficient is paid for: that
+    every axis has them makes shapes no likelier. What both have in common does not matter.
     """
     if _value(pool, basis, plain) > _value(pool, basis, found):
         return True
-    bodies = all(f.candidate.effect.kind in (*RIGID, *PLAIN) for f in (*plain, *found))
+    common = {f.key for f in plain} & {f.key for f in found}
+    ours = [f.candidate.effect.kind for f in plain if f.key not in common]
+    theirs = [f.candidate.effect.kind for f in found if f.key not in common]
+    bodies = all(kind in (*RIGID, *PLAIN) for kind in ours) and any(
+        kind in RIGID for kind in theirs
+    )
     return bodies and _value(pool, basis, plain, bare=True) > _value(pool, basis, found, bare=True)
 
 
@@ -120,17 +125,22 @@ def _worse(basis: Basis, now: WeighedCandidate, best: WeighedCandidate) -> bool:
 def _plain(pool: Pool, basis: Basis, ranked: Sequence[WeighedCandidate]) -> list[WeighedCandidate]:
     """The plain geometry that the model lacks and the data want, all of it taken together.
 
-    The weakest goes, one after another, until each is established beside the others.
+    The weakest goes, one after another, until each is established beside the others. Of several
+    that say the same, as three scales of circles whose radius is not known, it is the one that says
+    least alone.
     """
     kept = [f for f in ranked if f.candidate.effect.kind in PLAIN]
+    alone = {f.key: f.evidence.value for f in kept}
     while kept:
         weighed: list[WeighedCandidate] = []
         for f in kept:
             beside = pool.joined(basis, (g for g in kept if g.key != f.key))
             weighed += pool.weighed(beside, [f])
-        weakest = min(weighed, key=lambda f: f.evidence.value)
-        if weakest.established(basis.n):
+        least = min(f.evidence.value for f in weighed) + INDISTINCT
+        if all(f.established(basis.n) for f in weighed):
             return sorted(weighed, key=lambda f: -f.evidence.value)
+        weak = [f for f in weighed if not f.established(basis.n) and f.evidence.value <= least]
+        weakest = min(weak or weighed, key=lambda f: alone[f.key])
         kept = [f for f in weighed if f.key != weakest.key]
     return []
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.campaign.suspicions import of_signals, of_values
+from abbe.compcore.campaign.turned_axes import of_turned_axes
 from abbe.compcore.comparison.compare import Comparison
 from abbe.compcore.diagnosis.explain import description, explanation, formula
 from abbe.compcore.diagnosis.findings import Established
@@ -85,6 +86,7 @@ def _as_given(diagnosis: Diagnosis, given: Comparison) -> dict[str, Any]:
         [
             *of_values(problem.campaign, given.measured),
             *of_signals(problem.campaign, problem.model.machine, problem.model.measured_signals),
+            *of_turned_axes(problem.campaign, problem.model.machine),
         ]
         if diagnosis.standing is None
         else [*diagnosis.standing.suspicions, *given.suspicions]

@@ -33,8 +33,8 @@ from abbe.compcore.diagnosis.words import (
     described,
     described_words,
     noise_of,
+    suspicious,
     thinned_words,
-    too_good,
     uncertainty_stated,
 )
 from abbe.compcore.figures.figure import Figure
@@ -68,7 +68,7 @@ def page(
     machine = diagnosis.whole.problem.model.machine
     subtitle = f"{machine.name or 'Machine'}: {_title(diagnosis)}"
     out = Page(verdict_title(diagnosis), subtitle, head)
-    out.notes([f"SUSPICIOUS: {what}" for what in too_good(diagnosis)], warning=True)
+    out.notes([f"SUSPICIOUS: {what}" for what in suspicious(diagnosis)], warning=True)
     if diagnosis.verdict == "changed" and diagnosis.standing is not None:
         out.section("What has changed")
         out.notes(list(changed(diagnosis.standing)))
