@@ -21,24 +21,23 @@ def advise(diagnosis: Findings, most: int = 4) -> list[Advice]:
     """
     require_type(diagnosis, Findings, "diagnosis")
     result = diagnosis.result
-    if not result.problem.model.terms or not result.problem.model.machine.structure.linear:
-        return []  # nothing yet to be sharpened, or no line that could be measured
+    if not result.problem.model.machine.structure.linear:
+        return []  # no line that could be measured
     with threads_for(result.problem.n * result.problem.layout.size):
         return _advised(diagnosis, most)
 
 
 def _advised(diagnosis: Findings, most: int) -> list[Advice]:
-    return [a for a in _advised_all(diagnosis, most) if a.separates or _worth(a)]
+    for established in diagnosis.established:
+        effect = established.found.candidate.effect
+        rivals = [a.found for a in established.aliases if separable(a.found.candidate.effect)]
+        if rivals and separable(effect):
+            found = _advise(diagnosis.result, established.found, rivals, most)
+            if any(a.separates for a in found):
+                return found
+    return [a for a in _advise(diagnosis.result, None, (), most) if _worth(a)]
 
 
 def _worth(advice: Advice) -> bool:
     return advice.uncertainty_falls_by >= _LEAST
 
-
-def _advised_all(diagnosis: Findings, most: int) -> list[Advice]:
-    for established in diagnosis.established:
-        effect = established.found.candidate.effect
-        rivals = [a.found for a in established.aliases if separable(a.found.candidate.effect)]
-        if rivals and separable(effect):
-            return _advise(diagnosis.result, established.found, rivals, most)
-    return _advise(diagnosis.result, None, (), most)

@@ -46,7 +46,7 @@ def explanation(established: Established, diagnosis: Findings) -> Sentence:
     parts += _as_built(established, diagnosis)
     parts += doubts_of(established.estimates)
     if established.aliases:
-        names = "; ".join(a.found.candidate.effect.spec for a in established.aliases[:4])
+        names = "; ".join(_alternatives(established))
         parts.append(said("This campaign cannot tell it from: {names}.", names=names))
     if cause := section(effect, "Typical causes"):
         parts.append(said("Typical causes: {causes}", causes=_of_page(_sentence(cause))))
@@ -65,6 +65,14 @@ def explanation(established: Established, diagnosis: Findings) -> Sentence:
         )
     )
     return joined(parts, " ")
+
+
+def _alternatives(established: Established) -> list[str]:
+    """Specs of what else it could be, the likeliest of each kind first, `_SHOWN` at the most."""
+    effects = [a.found.candidate.effect for a in established.aliases]
+    first = {e.kind: e for e in reversed(effects)}
+    own = [e for e in effects if first[e.kind] is e]
+    return [e.spec for e in (own + [e for e in effects if e not in own])[:_SHOWN]]
 
 
 def doubts_of(estimates: Sequence[Estimate]) -> list[Sentence]:

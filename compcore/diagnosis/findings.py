@@ -40,7 +40,7 @@ class Established:
     cross_validated_gain
         Part of the variance of unseen set-ups that it removes.
     aliases
-        What this campaign cannot tell from it, closest first.
+        What this campaign cannot tell from it, the likeliest first.
     signature
         What it explains in each row beyond what the model, with the other established causes, can
         imitate, (n,), mm or rad.

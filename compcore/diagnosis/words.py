@@ -234,8 +234,9 @@ def advice_text(advice: Advice) -> Sentence:
     """One piece of advice as a line."""
     if advice.separates is not None:
         return said(
-            "{what}: tells it from '{other}' with χ² {chi2} (now {now}; 14 is certain)",
+            "{what}: tells '{cause}' from '{other}' with χ² {chi2} (now {now}; 14 is certain)",
             what=advice.what,
+            cause=advice.cause or "",
             other=advice.separates,
             chi2=f"{advice.separation:.0f}",
             now=f"{advice.separation_now:.1f}",

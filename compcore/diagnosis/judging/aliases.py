@@ -50,7 +50,9 @@ def aliases(
     others: Sequence[WeighedCandidate],
     variance: float,
 ) -> list[Alias]:
-    """Which of the others are aliases of the winner, the closest first.
+    """Which of the others are aliases of the winner, the likeliest first.
+
+    All of them say the same, as far as this campaign can tell: the commoner before the rarer.
 
     Parameters
     ----------
@@ -76,5 +78,5 @@ def aliases(
         worse = winner.evidence.value - other.evidence.value
         if separation < CERTAINLY_APART or worse < INDISTINCT:
             found.append(Alias(other, separation, float(np.sqrt(1.0 - missed / strength))))
-    found.sort(key=lambda a: a.separation)
+    found.sort(key=lambda a: (-a.found.evidence.value, a.separation))
     return found

@@ -11,7 +11,7 @@ its rows are added to the normal equations. Two figures come out:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -44,8 +44,8 @@ class Advice:
     ----------
     what
         What to measure.
-    separates
-        Spec of the candidate that it would tell from the winner, or None.
+    cause, separates
+        Spec of the winner, and of the candidate that it would tell from it; or None both.
     separation, separation_now
         χ² by which the two would be, and are, told apart.
     uncertainty_falls_by
@@ -53,6 +53,7 @@ class Advice:
     """
 
     what: str
+    cause: str | None
     separates: str | None
     separation: float
     separation_now: float
@@ -74,7 +75,7 @@ def advise(
     winner
         The leading cause, or None where nothing is missing.
     rivals
-        Its aliases, closest first; the first two are looked at.
+        Its aliases, likeliest first; the first two are looked at.
     """
     machine = result.problem.model.machine
     proposals = list(practicable(machine, result.problem.campaign))
@@ -84,40 +85,49 @@ def advise(
     for rival in rivals[:2] if winner is not None else ():
         now, separated = known.separations(rival, new)
         spec = rival.candidate.effect.spec
+        cause = winner.candidate.effect.spec if winner is not None else None
         advice += [
-            Advice(proposal.what, spec, apart, now, 0.0)
+            Advice(proposal.what, cause, spec, apart, now, 0.0)
             for proposal, apart in zip(proposals, separated, strict=True)
         ]
     advice = [a for a in advice if a.separation > a.separation_now + _TELLS]
+    line = {p.what: p.line or p.what for p in proposals}
     if advice:
         effort = {p.what: p.effort for p in proposals}
+        # of the same line with several tools the usual one comes first where it says as much
         advice.sort(
-            key=lambda a: -(min(a.separation, 10 * _APART) - a.separation_now) / effort[a.what]
+            key=lambda a: (
+                -round((min(a.separation, 10 * _APART) - a.separation_now) / effort[a.what], 1)
+            )
         )
         rows = {p.what: rows for p, rows in zip(proposals, new.slices, strict=True)}
         return [
             replace(a, uncertainty_falls_by=known.falls_by(new.model[rows[a.what]]))
-            for a in _first_of_each(advice, most)
+            for a in _first_of_each(advice, line)[:most]
         ]
+    if not result.problem.model.terms:
+        return []  # nothing yet to be sharpened
     bounds = [known.falls_at_most(new.model[rows]) for rows in new.slices]
     plain: list[Advice] = []
-    for i in np.argsort(-np.array(bounds), kind="stable"):
+    for i in np.argsort(-np.round(bounds, 3), kind="stable"):
         if len(plain) >= most and plain[most - 1].uncertainty_falls_by >= bounds[i]:
             break
         fall = known.falls_by(new.model[new.slices[i]])
-        plain.append(Advice(proposals[i].what, None, 0.0, 0.0, fall))
-        plain.sort(key=lambda a: -a.uncertainty_falls_by)
+        plain.append(Advice(proposals[i].what, None, None, 0.0, 0.0, fall))
+        plain.sort(key=lambda a: -round(a.uncertainty_falls_by, 3))
+        plain = _first_of_each(plain, line)
     return plain[:most]
 
 
-def _first_of_each(advice: Sequence[Advice], most: int) -> list[Advice]:
+def _first_of_each(advice: Sequence[Advice], line: Mapping[str, str]) -> list[Advice]:
+    """The first of each line: with another tool it is the same once more."""
     seen: set[str] = set()
     out = []
     for a in advice:
-        if a.what not in seen:
-            seen.add(a.what)
+        if line[a.what] not in seen:
+            seen.add(line[a.what])
             out.append(a)
-    return out[:most]
+    return out
 
 
 def _columns(problem: Problem, found: WeighedCandidate, theta: F64) -> F64:

@@ -33,11 +33,14 @@ class Proposal:
         The rows it would give (values unknown, 0).
     effort
         Rough effort, in units of a plain line.
+    line
+        What it has in common with the same line by other tools; empty where there is none.
     """
 
     what: str
     rows: Campaign
     effort: float = 1.0
+    line: str = ""
 
 
 def practicable(machine: Machine, campaign: Campaign) -> Iterator[Proposal]:
@@ -67,6 +70,7 @@ def practicable(machine: Machine, campaign: Campaign) -> Iterator[Proposal]:
                             tool=name,
                         ),
                         _line(campaign, machine, ends, np.eye(3)[letters[axis]], tool),
+                        line=f"{axis} {beside}",
                     )
             for across in others:
                 if across in letters:

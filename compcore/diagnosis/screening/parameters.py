@@ -54,6 +54,11 @@ class Estimate:
     extent: bool = False
 
     @property
+    def impossible(self) -> bool:
+        """Whether it is surely negative where its nature has a sign: a square, an expansion."""
+        return self.range[0] == 0.0 and self.value < -2.0 * self.sd
+
+    @property
     def measured(self) -> bool:
         """Whether the campaign says anything of it: makes it surer than its plausible range."""
         return self.sd < _NO_SURER * 0.5 * (self.range[1] - self.range[0])

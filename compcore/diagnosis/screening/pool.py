@@ -240,6 +240,8 @@ class Pool:
         ):
             # a thermometer does not read wrong by any amount: its reading describes, no more
             doubt += found.evidence.value
+        if any(e.impossible for e in fitted):
+            doubt += found.evidence.value
         doubt += self._lingering(basis, found)
         if doubt <= 0.0:
             return found

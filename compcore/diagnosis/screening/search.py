@@ -209,7 +209,11 @@ def _from_nothing(
         else:
             reached = established[0].evidence.value if established else 0.0
         if value > reached + CONVINCING and pair_keys != {f.key for f in established[:2]}:
-            established = _after_pair(pool, basis, found)
+            together = _settled(pool, basis, _after_pair(pool, basis, found))
+            alone = _settled(pool, basis, established)
+            # of which one falls away is no pair, and at the prices of single causes it may say less
+            more = _value(pool, basis, together) > _value(pool, basis, alone)
+            return together if len(together) > 1 and more else alone
     return _settled(pool, basis, established)
 
 
@@ -302,7 +306,8 @@ def _special_case(
     that explains further is tested as its further coefficients alone deserve: that every axis has
     such a motion (`RIGID_BODY`) is no reason to prefer it to one of its own special cases. What is
     free in several ways is none: gravity from anywhere draws any first wave of a rotary axis, as an
-    eccentric graduation does, and that is commoner.
+    eccentric graduation does, and that is commoner. Nor is one that no sound machine shows: a wave as
+    long as the travel is no screw's.
     """
     further = wide.screened.rank - plain.screened.rank - plain.candidate.nonlinear_count
     one, other = plain.candidate.effect, wide.candidate.effect
@@ -318,7 +323,7 @@ def _special_case(
         return False
     if not set(one.signals_needed()) <= set(other.signals_needed()):
         return False
-    if not plain.established(basis.n):
+    if not plain.established(basis.n) or plain.doubt > 0.0:
         return False
     dof = max(1, basis.dof - wide.screened.rank)
     # rows may lie on a line to the last digit: what is left is then no noise but rounding
@@ -418,10 +423,10 @@ def _best_pair(
         drop = np.where(seen, part**2 / np.where(seen, values, 1.0), 0.0).sum(axis=1)
         left = np.maximum(basis.chi2 - drop, 1e-12 * basis.chi2)
         value = basis.share * basis.dof * np.log(basis.chi2 / left)
-        value -= [prices[i] + prices[j] for i, j in pairs]
-        # what both can say is paid once
-        rank = seen.sum(axis=1)
-        value += (index.shape[1] - rank) * math.log(basis.independent)
+        # what both can say is paid once, if it was paid at all: each cause costs a coefficient
+        rank, one = seen.sum(axis=1), math.log(basis.independent)
+        price = np.array([prices[i] + prices[j] for i, j in pairs])
+        value -= np.maximum(price - (index.shape[1] - rank) * one, 2.0 * one)
         # where one imitates the other they are no two causes
         value[rank <= [max(len(places[i]), len(places[j])) for i, j in pairs]] = -math.inf
         at = int(value.argmax())

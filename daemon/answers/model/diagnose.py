@@ -67,6 +67,7 @@ def as_json(
         "measure_next": [
             {
                 "what": a.what,
+                "cause": a.cause,
                 "separates": a.separates,
                 "separation": finite(a.separation),
                 "separation_now": finite(a.separation_now),

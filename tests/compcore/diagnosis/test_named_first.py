@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -109,6 +110,64 @@ def test_what_a_mount_lacks_is_called_by_its_name(truth: Orientation, expected: 
     words = "\n".join(found.words())
     assert "nan" not in words
     assert math.isfinite(found.established[0].rms_after)
+
+
+@pytest.mark.parametrize(
+    ("truth", "seed", "expected"),
+    [
+        (lambda c, b: about("Z", c) @ about("X", 9e-5) @ about("Y", b), 0, "rotary_location axis=B"),
+        (lambda c, b: about("Z", c) @ about("X", 9e-5) @ about("Y", b), 3, "rotary_location axis=B"),
+        (flexed(np.array([0.0, 0.0, -9e-5])), 4, "gravity_flexure axis=B"),
+    ],
+)
+def test_no_pair_of_motions_takes_the_place_of_one_cause(
+    truth: Orientation, seed: int, expected: str
+) -> None:
+    """What two error motions can both say was refunded though neither had paid for it."""
+    found = diagnose(*sky(truth, seed, places=60))
+    assert [e.effect.spec for e in found.established] == [expected]
+
+
+def line(error: Callable[[F64], F64], seed: int, head: str = "") -> tuple[Model, Campaign]:
+    """Lines along X, twice there and back, at three places of Y, noise 0.3 µm."""
+    rng = np.random.default_rng(seed)
+    text = ['format = "abbe-model/1"', "[machine]", 'name = "mill"', 'structure = "w b X Y Z t"']
+    text += [f"[machine.axes.{a}]\ntravel = [0.0, 500.0]" for a in "XYZ"]
+    rows = ['# format = "abbe-campaign/1"', *head.splitlines()]
+    rows.append("time,setup,kind,X,Y,Z,X_dir,ux,uy,uz,value,sd")
+    there = np.linspace(0.0, 500.0, 21)
+    for k in range(12):
+        way = 1 if k % 2 == 0 else -1
+        for x in there[::way]:
+            value = float(error(x)) + rng.normal(0.0, 0.3)
+            at = f"{x},{100 + 150 * (k // 4)},0,{way},1,0,0,{value:.4f},0.3"
+            rows.append(f"{10 * len(rows)},x{k // 4},displacement,{at}")
+    model = parse_model(TomlSource("\n".join(text)))
+    return model, as_campaign("\n".join(rows) + "\n", model)
+
+
+def test_a_wave_as_long_as_the_travel_is_no_screws() -> None:
+    found = diagnose(*line(lambda x: 4.0 * np.sin(x / 90.0), 1))
+    assert [e.effect.spec for e in found.established] == ["positioning axis=X"]
+
+
+def test_what_else_it_could_be_begins_with_the_likeliest() -> None:
+    """Rare turns by where another axis stands, that say exactly the same, come after it."""
+    found = diagnose(*line(lambda x: 0.02 * x, 2, '# instrument = "laser interferometer"'))
+    (cause,) = found.established
+    assert cause.effect.spec == "scale axis=X"
+    values = [a.found.evidence.value for a in cause.aliases]
+    assert values == sorted(values, reverse=True)
+    assert cause.aliases[0].found.candidate.effect.axis == "X"
+
+
+def test_a_cosine_error_never_makes_a_line_too_long() -> None:
+    """Of three lines the middle one is longer by 40 ppm: no angle of a beam does that."""
+    model, campaign = line(lambda x: 0.0 * x, 3, '# instrument = "laser"')
+    longer = np.where(campaign.conditions.setup == "x1", 4e-5, 0.0)
+    value = campaign.value + longer * campaign.conditions.position("X")
+    found = diagnose(model, replace(campaign, value=value))
+    assert [e.effect.spec for e in found.established] == ["setup_scale setup=x1"]
 
 
 def test_the_zero_of_a_table_is_where_what_it_carries_is_turned_about_it() -> None:

@@ -30,6 +30,9 @@ MEASURED = ErrorMotion(INSTRUMENT, "X")
 _ONE_PLACE = 0.01
 """mm: points that extend less in some direction are one place in it."""
 
+_LENGTH = 10.0
+"""mm: what is shorter is not measured as a length."""
+
 
 def path_coordinate(positions: F64) -> F64:
     """Where along its set-up's path each row stands, −1 … 1, shape (m,).
@@ -305,7 +308,7 @@ class SetupScale(SetupEffect):
         None; where a thermometer sits on the part, `workpiece_expansion` says more.
     Typical causes
         A part drilled warm and measured cold, an artefact from another room, a stated temperature
-        or coefficient of expansion that is wrong.
+        or coefficient of expansion that is wrong, a laser's material sensor that lay elsewhere.
     Cure
         Soak; a thermometer on the part.
     Source
@@ -334,7 +337,8 @@ class SetupScale(SetupEffect):
 
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[SetupScale]:
-        """Set-ups that saw displacements in two directions or more."""
+        """Set-ups that saw displacements in two directions or more, or along their own path."""
         for name, seen in coverage.setup_details.items():
-            if seen.kinds == {"displacement"} and seen.spread > 1 and seen.rows > 3:
+            line = seen.along > max(_LENGTH, seen.across) and "slope" not in seen.free
+            if seen.kinds == {"displacement"} and seen.rows > 3 and (seen.spread > 1 or line):
                 yield cls(setup=name)
