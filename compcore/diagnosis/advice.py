@@ -40,4 +40,3 @@ def _advised(diagnosis: Findings, most: int) -> list[Advice]:
 
 def _worth(advice: Advice) -> bool:
     return advice.uncertainty_falls_by >= _LEAST
-

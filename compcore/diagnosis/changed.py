@@ -11,13 +11,14 @@ a change.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import date
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING, INDISTINCT
 from abbe.compcore.diagnosis.screening.left_out.independence import independent_share
 from abbe.compcore.distributions import chi2_beyond
@@ -113,7 +114,10 @@ class Standing:
     suspicions
         What is wrong with model or campaign as a whole: a sign, a unit; in words, said first.
     since
-        When the model was fitted (ISO 8601 date), or None.
+        Day (ISO 8601) on which the model held, where the campaign says that it is of a later one;
+        else None.
+    fitted
+        Day on which the model was fitted, or None.
     else_holds
         Whether, with the changes, the rest of the model agrees with the campaign.
     """
@@ -122,6 +126,7 @@ class Standing:
     changes: tuple[Change, ...]
     suspicions: tuple[str, ...]
     since: str | None
+    fitted: str | None
     else_holds: bool = True
 
 
@@ -250,16 +255,41 @@ class _GivenValues:
         return 1.0 + by, by**2 * square / self.variance / most
 
 
+def _dates(given: Model, campaign: Campaign) -> tuple[str | None, str | None]:
+    """Day since which something can have changed, and day of the model's fit, where known.
+
+    A model held when its own campaigns were measured; where they say no date, when it was fitted.
+    Only a campaign that says that it is of a later day can have changed since.
+    """
+    fitted = _day(given.fit.get("date"))
+    records = given.fit.get("campaigns", ())
+    of_fit = [_day(r.get("conditions", {}).get("date")) for r in records if isinstance(r, Mapping)]
+    held = max((d for d in of_fit if d is not None), default=fitted)
+    measured = [_day(head.get("date")) for head in campaign.metadata]
+    if held is None or not measured or any(d is None or d < held for d in measured):
+        return None, fitted
+    return held, fitted
+
+
+def _day(stated: object) -> str | None:
+    """The day of a date as a head or a record states it, ISO 8601; None of anything else."""
+    try:
+        return date.fromisoformat(str(stated)[:10]).isoformat()
+    except ValueError:
+        return None
+
+
 def _standing(known: _GivenValues) -> Standing:
     chi2 = known.chi2(())
     chance = known.disagrees(chi2)
-    since = str(known.given.fit.get("date", ""))[:10] or None
+    since, fitted = _dates(known.given, known.result.problem.campaign)
     suspicions = [*_units(known)]
     if chance > _AGREES:
-        return Standing(chance, (), tuple(suspicions), since)
+        return Standing(chance, (), tuple(suspicions), since, fitted)
     factor, explains = known.factor()
     if explains > _WHOLE and abs(factor - 1.0) > _SUSPICIOUS:
-        return Standing(chance, (), (_factor_words(factor), *suspicions), since, else_holds=False)
+        wrong = (_factor_words(factor), *suspicions)
+        return Standing(chance, (), wrong, since, fitted, else_holds=False)
     found = _least_set(known, chi2)
     moved, sd = known.moved(found)
     changes = []
@@ -301,7 +331,7 @@ def _standing(known: _GivenValues) -> Standing:
         )
     changes.sort(key=lambda c: -c.evidence)
     holds = known.disagrees(known.chi2(found)) > _AGREES
-    return Standing(chance, tuple(changes), tuple(suspicions), since, holds)
+    return Standing(chance, tuple(changes), tuple(suspicions), since, fitted, holds)
 
 
 def _least_set(known: _GivenValues, chi2: float) -> list[int]:

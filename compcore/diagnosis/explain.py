@@ -321,6 +321,8 @@ def changed(standing: Standing) -> Iterator[str]:
     for suspicion in standing.suspicions:
         yield f"SUSPICIOUS: {suspicion}"
     since = f" since {standing.since}" if standing.since else ""
+    if not since and standing.fitted:
+        since = f" (against the model of {standing.fitted})"
     for change in standing.changes:
         unit, factor = ("µrad", 1e6) if change.of_rotations else ("µm", 1e3)
         text = f"{change.effect.spec} changed{since}: "

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,8 +126,15 @@ class Judgement:
             found,
             conditions=replace(found.conditions, time=np.zeros(found.n)),
             setups={name: Setup(name, words) for name, words in free.items()},
-            metadata=({**(campaign.metadata[0] if campaign.metadata else {}), "notes": _NOTES},),
+            metadata=(self._head(rows),),
         )
+
+    def _head(self, rows: NDArray[np.int64]) -> Mapping[str, object]:
+        """What stands at the top of the rows that the machine is diagnosed by, with their day."""
+        campaign = self.readings.campaign
+        head = {**(campaign.metadata[0] if campaign.metadata else {}), "notes": _NOTES}
+        first = datetime.fromtimestamp(float(campaign.conditions.time[rows].min()), UTC)
+        return {**head, "date": first.date().isoformat()}
 
 
 def _setups(campaign: Campaign) -> NDArray[np.str_]:

@@ -210,10 +210,10 @@ def _from_nothing(
             reached = established[0].evidence.value if established else 0.0
         if value > reached + CONVINCING and pair_keys != {f.key for f in established[:2]}:
             together = _settled(pool, basis, _after_pair(pool, basis, found))
-            alone = _settled(pool, basis, established)
             # of which one falls away is no pair, and at the prices of single causes it may say less
-            more = _value(pool, basis, together) > _value(pool, basis, alone)
-            return together if len(together) > 1 and more else alone
+            least = _value(pool, basis, established)
+            if len(together) > 1 and _value(pool, basis, together) > least:
+                return together
     return _settled(pool, basis, established)
 
 
@@ -306,8 +306,8 @@ def _special_case(
     that explains further is tested as its further coefficients alone deserve: that every axis has
     such a motion (`RIGID_BODY`) is no reason to prefer it to one of its own special cases. What is
     free in several ways is none: gravity from anywhere draws any first wave of a rotary axis, as an
-    eccentric graduation does, and that is commoner. Nor is one that no sound machine shows: a wave as
-    long as the travel is no screw's.
+    eccentric graduation does, and that is commoner. Nor is one that no sound machine shows: a wave
+    as long as the travel is no screw's.
     """
     further = wide.screened.rank - plain.screened.rank - plain.candidate.nonlinear_count
     one, other = plain.candidate.effect, wide.candidate.effect

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.diagnosis import diagnose
 from abbe.compcore.diagnosis.changed import standing
+from abbe.compcore.diagnosis.explain import changed
 from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.model_file import load_model, save_model
 from abbe.compcore.files.model_toml.fit_record import recorded
@@ -31,7 +32,8 @@ def case() -> Case:
     result = fit(model, read_campaign(DATA / "fit.csv", model.machine))
     day = "2026-03-02T08:00:00+00:00"
     fitted = recorded(result, model, date=day, version="0", noise_floor=None)
-    return fitted, read_campaign(DATA / "check.csv", model.machine)
+    check = read_campaign(DATA / "check.csv", model.machine)
+    return fitted, replace(check, metadata=[{**check.metadata[0], "date": "2026-09-01"}])
 
 
 def _moved(model: Model, spec: str, name: str, by: float) -> Model:
@@ -76,6 +78,27 @@ def test_the_effect_that_changed_is_named(case: Case, spec: str, name: str, by: 
         (p,) = change.parameters
         assert abs(p.by + by) < 4.0 * p.sd
         assert p.sd < 0.1 * abs(by)
+
+
+def test_since_when_is_said_only_of_a_campaign_that_is_of_a_later_day(case: Case) -> None:
+    model, campaign = case
+    given = _moved(model, "squareness axes=Y,X", "angle", 50e-6)
+    of_fit = {"conditions": {"date": "2026-02-20"}}
+    stated = replace(given, fit={**given.fit, "campaigns": [of_fit]})
+    for model_now, day, since in (
+        (given, None, None),
+        (given, "last summer", None),
+        (given, "2026-03-01", None),
+        (stated, "2026-03-01", "2026-02-20"),
+    ):
+        head = {} if day is None else {"date": day}
+        other = replace(campaign, metadata=[head])
+        holds = standing(model_now, fit(model_now, other).thin)
+        assert holds is not None
+        assert holds.since == since
+        (said, _) = changed(holds)
+        told = "since 2026-02-20: " if since else "(against the model of 2026-03-02): "
+        assert said.startswith(f"squareness axes=Y,X changed {told}angle by -")
 
 
 def test_two_changes_are_both_named(case: Case) -> None:
@@ -126,7 +149,8 @@ def test_the_commands_say_it(case: Case, tmp_path: Path) -> None:
     runner = CliRunner()
     said = runner.invoke(app, ["diagnose", str(path), str(check)])
     assert said.exit_code == 0, said.output
-    assert "squareness axes=Y,X changed since 2026-03-02: angle by -" in said.stdout
+    told = "squareness axes=Y,X changed (against the model of 2026-03-02): angle by -"
+    assert told in said.stdout
     assert "everything else of the model holds" in said.stdout
     answer = json.loads(runner.invoke(app, ["diagnose", str(path), str(check), "--json"]).stdout)
     assert answer["verdict"] == "changed"

@@ -115,8 +115,16 @@ def test_what_a_mount_lacks_is_called_by_its_name(truth: Orientation, expected: 
 @pytest.mark.parametrize(
     ("truth", "seed", "expected"),
     [
-        (lambda c, b: about("Z", c) @ about("X", 9e-5) @ about("Y", b), 0, "rotary_location axis=B"),
-        (lambda c, b: about("Z", c) @ about("X", 9e-5) @ about("Y", b), 3, "rotary_location axis=B"),
+        (
+            lambda c, b: about("Z", c) @ about("X", 9e-5) @ about("Y", b),
+            0,
+            "rotary_location axis=B",
+        ),
+        (
+            lambda c, b: about("Z", c) @ about("X", 9e-5) @ about("Y", b),
+            3,
+            "rotary_location axis=B",
+        ),
         (flexed(np.array([0.0, 0.0, -9e-5])), 4, "gravity_flexure axis=B"),
     ],
 )
