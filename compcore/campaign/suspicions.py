@@ -133,13 +133,28 @@ def of_unknown_thermometers(campaign: Campaign) -> Iterator[str]:
 
 
 def of_chi2(
-    chi2_per_dof: float, dof: int, *, stated: bool, what: str | None = None
+    chi2_per_dof: float,
+    dof: int,
+    *,
+    stated: bool,
+    repeats: bool = False,
+    what: str | None = None,
 ) -> Iterator[str]:
-    """χ² per degree of freedom far from 1, where the campaign states its uncertainties.
+    """χ² per degree of freedom far from 1.
 
-    `what`: the rows that are meant, ``lengths`` or ``rotations``; None for all of them together.
+    Parameters
+    ----------
+    stated
+        Whether anything but the residuals themselves says how uncertain the rows are.
+    repeats
+        Whether that is the scatter of repeated readings alone, which may hold what the model
+        explains: that less is left is then not suspicious.
+    what
+        The rows that are meant, ``lengths`` or ``rotations``; None for all of them together.
     """
     if not stated or dof < _ENOUGH or not math.isfinite(chi2_per_dof):
+        return
+    if repeats and chi2_per_dof < 1.0:
         return
     times = math.sqrt(chi2_per_dof)
     of = said("χ²/dof") if what is None else said("χ²/dof of {what}", what=what)
@@ -152,6 +167,14 @@ def of_chi2(
             by=said("{times} times less is left", times=in_digits(1 / times))
             if times > 0.0
             else said("nothing is left"),
+        )
+    elif chi2_per_dof > _MUCH and repeats:
+        yield said(
+            "{of} is {chi2}: what is left is {times} times the scatter of repeated readings. The "
+            "model lacks something (abbe diagnose), or a sign or a unit is wrong",
+            of=of,
+            chi2=in_digits(chi2_per_dof),
+            times=in_digits(times),
         )
     elif chi2_per_dof > _MUCH:
         yield said(

@@ -111,6 +111,7 @@ class Comparison(Shown):
         campaign = self.problem.campaign
         weight = self.problem.weight
         stated = not self.uncertainty.open
+        repeats = not np.isfinite(campaign.sd).any()
         found = [
             *of_values(campaign, self.measured),
             *of_signals(campaign, self.problem.model.machine, self.problem.model.measured_signals),
@@ -118,7 +119,9 @@ class Comparison(Shown):
             *of_ratio(campaign, self.measured, self.measured - self.residual, weight),
         ]
         for part, what, _, _ in self._parts():
-            found += of_chi2(part.chi2_per_dof, part.n, stated=stated, what=what)
+            found += of_chi2(
+                part.chi2_per_dof, part.n, stated=stated, repeats=bool(repeats), what=what
+            )
         return tuple(found)
 
     @property

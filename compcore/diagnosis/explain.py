@@ -91,7 +91,9 @@ def doubts_of(estimates: Sequence[Estimate]) -> list[Sentence]:
 
 
 def _fitted(estimates: Sequence[Estimate]) -> list[str]:
-    """What the campaign says of the parameters; of which of them it says nothing."""
+    """What the campaign says of the parameters, of which of them nothing; of a shape none."""
+    if len(estimates) > _NAMED:
+        return []
     measured = [e for e in estimates if e.measured]
     silent = [e.name for e in estimates if not e.measured]
     parts: list[str] = []

@@ -96,6 +96,9 @@ class Findings:
         Whether the model as it was given holds, and what has changed; None where it was not fitted.
     strays
         Readings that stand alone, and were left out of all this.
+    large_angles
+        Whether the causes turn something so far that errors no longer add up; what else is missing
+        was then not asked.
     """
 
     verdict: Verdict
@@ -111,6 +114,7 @@ class Findings:
     basis: Basis = field(repr=False)
     standing: Standing | None = None
     strays: tuple[Stray, ...] = ()
+    large_angles: bool = False
 
     @property
     def of_rotations(self) -> bool:

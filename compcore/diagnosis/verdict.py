@@ -28,6 +28,7 @@ from abbe.compcore.diagnosis.judging.established import (
     standing_together,
 )
 from abbe.compcore.diagnosis.judging.foretelling import foretelling, predicting
+from abbe.compcore.diagnosis.judging.second_order import Valued, beyond_first_order
 from abbe.compcore.diagnosis.pictures import diagnosis_figures
 from abbe.compcore.diagnosis.screening.acting_through import acting_through
 from abbe.compcore.diagnosis.screening.candidates import Candidate, candidates
@@ -253,6 +254,10 @@ def _diagnosed(
         progress("what was found, on all rows")
         established, left = on_all_rows(whole, result, established, pool.tried)
         variance = variance if unexplained else left
+    large = [e for e in established if beyond_first_order(result, variance, [_valued(e)])]
+    if large:
+        # what was found beside them was found beside what the lever rule leaves out of them
+        established, unexplained = tuple(large), []
     holds = None
     if given is not None:
         progress("what has changed")
@@ -270,7 +275,15 @@ def _diagnosed(
         pool,
         basis,
         holds,
+        large_angles=bool(large),
     )
+
+
+def _valued(established: Established) -> Valued:
+    """An established cause with the values that it would have."""
+    effect, nonlinear = established.effect, established.found.screened.nonlinear
+    values = [e.value for e in established.estimates if e.name not in nonlinear]
+    return effect, nonlinear, np.array(values)
 
 
 def _described(basis: Basis, structure: Sequence[ResidualPattern]) -> Basis:

@@ -76,6 +76,14 @@ def uncertainty_stated(diagnosis: Findings) -> bool:
     return bool(np.isfinite(diagnosis.whole.problem.campaign.sd).any())
 
 
+LARGE_ANGLES = said(
+    "angles as large as this do not add up: what else is missing is asked again once it is added. "
+    "--apply composes errors in full from there on; in a model of your own write "
+    'composition = "exact" into [machine] (or enter an encoder\'s zero in the controller)'
+)
+"""Said where a cause turns something so far that the lever rule leaves out what is worth a cause."""
+
+
 def diagnosis_words(
     diagnosis: Findings,
     noise: NoiseFloor,
@@ -130,6 +138,8 @@ def diagnosis_words(
         yield said("complete: {what}", what=described_words(parts).within())
     elif diagnosis.verdict == "missing":
         yield said("missing: {names}.", names=names)
+        if diagnosis.large_angles:
+            yield LARGE_ANGLES
     else:
         yield _SAID[diagnosis.verdict]
     if diagnosis.verdict == "changed" and diagnosis.standing is not None:

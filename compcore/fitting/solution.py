@@ -122,7 +122,9 @@ class Solution:
             predicted = seen(problem.predicted(before))
             found += of_ratio(campaign, measured, predicted, problem.weight)
         found += self._shrinking()
-        found += of_chi2(self.chi2_per_dof, self.dof, stated=not self.uncertainty.open)
+        repeats = not bool(np.isfinite(campaign.sd).any())
+        stated = not self.uncertainty.open
+        found += of_chi2(self.chi2_per_dof, self.dof, stated=stated, repeats=repeats)
         return tuple(found)
 
     def _shrinking(self) -> list[str]:

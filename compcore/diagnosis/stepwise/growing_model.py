@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.diagnosis.judging.second_order import beyond_first_order
 from abbe.compcore.diagnosis.judging.soundness import apart, sound
 from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
 from abbe.compcore.diagnosis.stepwise.step import Step
@@ -74,7 +75,12 @@ class GrowingModel:
         self._on_step(self.last)
 
     def diagnosed(self) -> Diagnosis:
-        """What the model lacks as it is now; readings that stand alone count no more."""
+        """What the model lacks as it is now; readings that stand alone count no more.
+
+        Where angles are so large that errors no longer add up they are composed in full from now
+        on, if the campaign says so.
+        """
+        self._compose()
         found = lacking(self.last.result, progress=self.progress)
         if found.strays:
             self._strays += found.strays
@@ -83,6 +89,14 @@ class GrowingModel:
             self.steps.append(Step("set aside", None, found.whole, out, found.strays))
             self._on_step(self.last)
         return replace(found, strays=tuple(self._strays))
+
+    def _compose(self) -> None:
+        now = self.last.result
+        if not beyond_first_order(now, now.chi2 / max(1, now.dof)):
+            return
+        full = fit(replace(now.model, composition="exact"), self.campaign, near=True)
+        if full.chi2 < now.chi2:
+            self.make("composed", None, full, LeftOutErrors.of(full))
 
     def refused_now(self, effect: Effect) -> bool:
         """Whether an effect was refused beside the model as it is now; beside another it may do."""

@@ -23,7 +23,8 @@ class Step:
         ``began``, ``added``, ``added together`` (with the next, as neither predicts anything
         alone), ``lagged`` (its signals stand behind a lag now), ``second body`` (behind the same
         signal), ``began elsewhere`` (than in equilibrium with its signal), ``described`` (by what
-        explains nothing), ``removed``, ``set aside`` (readings that stand alone).
+        explains nothing), ``removed``, ``set aside`` (readings that stand alone), ``composed``
+        (errors in full, no longer by the lever rule).
     effect
         The effect that was added, changed or taken out; None for the beginning and for readings.
     result

@@ -40,7 +40,8 @@ class RotaryLocation(Effect):
     ----------
         E_X0C, E_Y0C in mm, within ±0.2 mm; E_A0C, E_B0C, E_C0C in rad, within ±1 mrad. After a
         careful set-up 5 to 20 µm and 10 to 50 µrad; more after a collision. No value of E_C0C is
-        doubted: where an encoder counts from is a convention, of a robot's joint any angle.
+        doubted: where an encoder counts from is a convention, of a robot's joint any angle. Nor of
+        E_C0B where C carries B: C counts from where the line of B stands as it should.
     Signals
         None beyond the angle, which turns the levers.
     Typical causes
@@ -73,13 +74,16 @@ class RotaryLocation(Effect):
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """E_X0C, E_Y0C, E_A0C, E_B0C, E_C0C, and alike for A and B."""
         found = []
+        zeros = {own_component(a) for a in (self.axis, *_carriers(machine, self.axis))}
         for k in self.components():
             error_motion = ErrorMotion(self.axis, k)
             plausible = (-1e-3, 1e-3) if error_motion.rotation else (-0.2, 0.2)
             text = f"axis average line of {self.axis}, {k}"
             # where an encoder counts from is agreed upon: no angle is more sound than another
-            own = k == own_component(self.axis)
-            found.append(Parameter(f"E_{k}0{self.axis}", error_motion.unit, plausible, text, own))
+            agreed = k in zeros
+            found.append(
+                Parameter(f"E_{k}0{self.axis}", error_motion.unit, plausible, text, agreed)
+            )
         return tuple(found)
 
     def motions(
@@ -99,3 +103,12 @@ class RotaryLocation(Effect):
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[RotaryLocation]:
         """Each rotary axis that moved."""
         return (cls(axis=a) for a in machine.structure.rotary if a in coverage.moving)
+
+
+def _carriers(machine: Machine, axis: str) -> tuple[str, ...]:
+    """The rotary axis next to one on the bed's side, about which its line is turned; or none."""
+    for side in (machine.structure.tool_side, tuple(reversed(machine.structure.workpiece_side))):
+        if axis in side:
+            at = side.index(axis)
+            return tuple(a for a in side[max(0, at - 1) : at] if machine.axis(a).rotary)
+    return ()
