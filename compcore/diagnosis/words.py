@@ -81,7 +81,7 @@ LARGE_ANGLES = said(
     "--apply composes errors in full from there on; in a model of your own write "
     'composition = "exact" into [machine] (or enter an encoder\'s zero in the controller)'
 )
-"""Said where a cause turns something so far that the lever rule leaves out what is worth a cause."""
+"""Said where a cause turns so far that what the lever rule leaves out is worth a cause."""
 
 
 def diagnosis_words(
