@@ -18,7 +18,7 @@ Valued = tuple[Effect, Mapping[str, float], F64]
 
 
 def beyond_first_order(result: FitResult, variance: float, added: Sequence[Valued] = ()) -> bool:
-    """Whether errors composed in full differ from their sum by as much as is worth a cause.
+    """Whether errors composed in full leave less than added up, by as much as is worth a cause.
 
     An encoder's zero that is 20 mrad off moves a point half a metre away by 10 mm, and by 0.1 mm
     less than the lever rule says.
@@ -42,7 +42,12 @@ def beyond_first_order(result: FitResult, variance: float, added: Sequence[Value
             motions[motion.error_motion] = motions.get(motion.error_motion, 0.0) + value
     if not any(c.rotation for c in motions):
         return False
-    seen = problem.observation(theta)
-    apart = seen.values(motions, "exact") - seen.values(motions, "first-order")
-    missed = result.eliminator.project(apart * problem.weight)
-    return float(np.mean(missed**2)) > MATERIAL * variance
+    seen, weight = problem.observation(theta), problem.weight
+    added_up, in_full = (seen.values(motions, how) for how in ("first-order", "exact"))
+    missed = result.eliminator.project((in_full - added_up) * weight)
+    if float(np.mean(missed**2)) <= MATERIAL * variance:
+        return False
+    left = problem.residual(theta) - (added_up - problem.predicted(theta)) * weight
+    left = result.eliminator.project(left)
+    # what is measured decides: an angle about one axis alone adds up however large it is
+    return float(np.sum((left - missed) ** 2)) < float(np.sum(left**2))

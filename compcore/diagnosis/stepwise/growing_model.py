@@ -92,7 +92,7 @@ class GrowingModel:
 
     def _compose(self) -> None:
         now = self.last.result
-        if not beyond_first_order(now, now.chi2 / max(1, now.dof)):
+        if not beyond_first_order(now.thin, now.chi2 / max(1, now.dof)):
             return
         full = fit(replace(now.model, composition="exact"), self.campaign, near=True)
         if full.chi2 < now.chi2:

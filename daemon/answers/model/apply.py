@@ -33,7 +33,7 @@ _SAID = {
     "began elsewhere": "not in equilibrium at first: {0}",
     "described": "described, not explained: {0}",
     "removed": "taken out again, as the others say it too: {0}",
-    "composed": "angles are too large to add up: composition = \"exact\" from here on",
+    "composed": 'angles are too large to add up: composition = "exact" from here on',
     "set aside": "left out, as nothing measured beside agrees: {0}",
 }
 
