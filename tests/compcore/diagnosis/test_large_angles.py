@@ -1,4 +1,4 @@
-"""Encoders' zeros of 20 mrad: named as what they are, composed in full, nothing made of the rest."""
+"""Encoders' zeros of 20 mrad: named alone, composed in full, nothing made of the rest."""
 
 from __future__ import annotations
 
