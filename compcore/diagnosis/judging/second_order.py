@@ -18,7 +18,7 @@ Valued = tuple[Effect, Mapping[str, float], F64]
 
 
 def beyond_first_order(result: FitResult, variance: float, added: Sequence[Valued] = ()) -> bool:
-    """Whether errors composed in full leave less than added up, by as much as is worth a cause.
+    """Whether errors composed in full differ from their sum by as much as is worth a cause.
 
     An encoder's zero that is 20 mrad off moves a point half a metre away by 10 mm, and by 0.1 mm
     less than the lever rule says.
@@ -30,7 +30,8 @@ def beyond_first_order(result: FitResult, variance: float, added: Sequence[Value
     variance
         Noise variance in units of the weights.
     added
-        Effects beside it, with their values.
+        Effects beside it, with their values. What is measured then decides, too: less must be left
+        in full than added up. An angle about one axis alone adds up however large it is.
     """
     problem, theta = result.problem, result.theta
     if problem.model.composition == "exact":
@@ -47,7 +48,8 @@ def beyond_first_order(result: FitResult, variance: float, added: Sequence[Value
     missed = result.eliminator.project((in_full - added_up) * weight)
     if float(np.mean(missed**2)) <= MATERIAL * variance:
         return False
+    if not added:
+        return True
     left = problem.residual(theta) - (added_up - problem.predicted(theta)) * weight
     left = result.eliminator.project(left)
-    # what is measured decides: an angle about one axis alone adds up however large it is
     return float(np.sum((left - missed) ** 2)) < float(np.sum(left**2))

@@ -63,7 +63,7 @@ def visits(seed: int, targets: int, free: str, model: Model) -> Campaign:
 
 
 @settings(
-    max_examples=12,
+    max_examples=6,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow],
