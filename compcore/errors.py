@@ -13,9 +13,17 @@ from __future__ import annotations
 from os import PathLike
 from typing import Any
 
+from abbe.compcore.sentences import Sentence, as_it_stands, joined, said
+
 
 class AbbeError(Exception):
     """Base of Abbe's errors: what could not be done, in one message to a user."""
+
+    @property
+    def sentence(self) -> Sentence:
+        """The message, with what it was made of."""
+        first = self.args[0] if len(self.args) == 1 else None
+        return as_it_stands(first if isinstance(first, str) else str(self))
 
 
 class InputError(AbbeError, ValueError):
@@ -56,18 +64,27 @@ class InputError(AbbeError, ValueError):
         super().__init__(problem)
 
     def __str__(self) -> str:
-        where = [_shortened(_printable(self.file))] if self.file else []
+        return str(self.sentence)
+
+    @property
+    def sentence(self) -> Sentence:
+        """The message, with what it was made of: the place, what is wrong, what stands there."""
+        where: list[str] = [_shortened(_printable(self.file))] if self.file else []
         if self.line is not None:
-            where.append(f"line {self.line}")
+            where.append(said("line {number}", number=self.line))
         if self.field is not None:
-            where.append(f"field {_shortened(self.field)!r}")
-        text = f"{', '.join(where)}: {self.problem}" if where else self.problem
-        details = []
+            where.append(said("field {name}", name=repr(_shortened(self.field))))
+        details: list[str] = []
         if self.found is not None:
-            details.append(f"found {_shortened(repr(self.found))}")
+            details.append(said("found {what}", what=_shortened(repr(self.found))))
         if self.expected is not None:
-            details.append(f"expected {self.expected}")
-        return f"{text}: {', '.join(details)}" if details else text
+            details.append(said("expected {what}", what=as_it_stands(self.expected)))
+        text = as_it_stands(self.problem)
+        if where:
+            text = said("{where}: {problem}", where=joined(where, ", "), problem=text)
+        if details:
+            text = said("{problem}: {details}", problem=text, details=joined(details, ", "))
+        return text
 
     def of_file(self, file: str | PathLike[str] | None) -> InputError:
         """The same error in a file by another name: where it lies; None: the name that it has."""

@@ -6,8 +6,11 @@ template's translation and puts the same values in.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import itertools
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from string import ascii_lowercase
+from typing import Any
 
 
 class Sentence(str):
@@ -15,6 +18,10 @@ class Sentence(str):
 
     template: str
     values: Mapping[str, str]
+
+    def padded(self, width: int) -> Sentence:
+        """The same in a column that is so wide."""
+        return _made(self.ljust(width), self.template, self.values)
 
     def within(self) -> Sentence:
         """The same within a sentence: begun with a small letter where its first word is one."""
@@ -32,14 +39,29 @@ def said(template: str, /, **values: object) -> Sentence:
     return _made(template.format(**parts), template, parts)
 
 
+def as_it_stands(text: str) -> Sentence:
+    """A text that is its own template; a sentence is given back.
+
+    >>> as_it_stands("not a number").template
+    'not a number'
+    """
+    return text if isinstance(text, Sentence) else _made(str(text), str(text), {})
+
+
 def joined(parts: Iterable[str], between: str = "; ") -> Sentence:
     """Several in a row.
 
     >>> joined([said("one"), said("two")]).template
     '{a}; {b}'
     """
-    named = dict(zip(ascii_lowercase, parts, strict=False))
+    named = dict(zip(_names(), parts, strict=False))
     return said(between.join(f"{{{name}}}" for name in named), **named)
+
+
+def _names() -> Iterator[str]:
+    """``a`` … ``z``, ``a1`` … without end."""
+    for turn in itertools.count():
+        yield from (f"{letter}{turn or ''}" for letter in ascii_lowercase)
 
 
 def listed(names: Sequence[object]) -> str:
@@ -54,7 +76,51 @@ def listed(names: Sequence[object]) -> str:
     return text
 
 
+def sentences_in(answer: Any) -> dict[str, list[Any]]:
+    """Text → its template and its values, for every sentence of an answer and within those.
+
+    What a page in another language has to know of an answer of texts, lists and mappings.
+    """
+    found: dict[str, list[Any]] = {}
+    waiting = [answer]
+    while waiting:
+        part = waiting.pop()
+        if isinstance(part, Sentence):
+            if part not in found:
+                found[str(part)] = [part.template, {k: str(v) for k, v in part.values.items()}]
+                waiting += part.values.values()
+        elif isinstance(part, Mapping):
+            waiting += part.values()
+        elif isinstance(part, list | tuple):
+            waiting += part
+    return found
+
+
+_MOST = 50_000
+"""Sentences that are remembered, the newest."""
+_remembered: dict[str, Sentence] | None = None
+
+
+@contextmanager
+def remembered() -> Iterator[Mapping[str, Sentence]]:
+    """While it lasts every sentence that is made is found by its text.
+
+    For a process that hands its printed lines on to whoever shows them in another language.
+    """
+    global _remembered
+    before, _remembered = _remembered, {}
+    try:
+        yield _remembered
+    finally:
+        _remembered = before
+
+
 def _made(text: str, template: str, values: Mapping[str, str]) -> Sentence:
     sentence = Sentence(text)
     sentence.template, sentence.values = template, values
+    if _remembered is not None:
+        _remembered.pop(sentence, None)
+        _remembered[sentence] = sentence
+        if len(_remembered) > _MOST:
+            del _remembered[next(iter(_remembered))]
     return sentence

@@ -148,22 +148,22 @@ def diagnosis_words(
         if diagnosis.standing.suspicions:
             yield f"   {MEND_FIRST}"
         else:
-            yield f"   the new values: fit the model to this campaign: {fitting}"
+            yield said("   the new values: fit the model to this campaign: {how}", how=fitting)
         if names:
-            yield f"missing besides: {names}."
+            yield said("missing besides: {names}.", names=names)
     for i, established in enumerate(diagnosis.established, start=1):
         yield ""
         yield f"{i}. {established.found.candidate.effect.spec}"
         yield "   " + explanation(established, diagnosis)
-        yield f"   add it: {adding(established.found.candidate.effect.spec)}"
+        yield said("   add it: {how}", how=adding(established.found.candidate.effect.spec))
     for structure in diagnosis.structure:
         yield ""
-        yield f"structure: {description(structure)}"
+        yield said("structure: {what}", what=description(structure))
         if spec := formula(structure):
-            yield f"   empirical, describes without explaining: {adding(spec)}"
+            yield said("   empirical, describes without explaining: {how}", how=adding(spec))
     if advice:
         yield ""
-        yield "what to measure next:"
+        yield said("what to measure next:")
         for a in advice:
             yield "  - " + advice_text(a)
 

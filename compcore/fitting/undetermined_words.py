@@ -13,6 +13,7 @@ from abbe.compcore.effects.base import Effect
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.undetermined import NullSpace
 from abbe.compcore.linalg import svd
+from abbe.compcore.sentences import joined, said
 
 F64 = NDArray[np.float64]
 
@@ -36,11 +37,14 @@ class Undetermined:
         The specs of the effects that take part.
     convention
         Whether it is only a matter of convention; else predictions that need it are unknown.
+    alone
+        Its name where it is one effect that is not shown at all, or not in one part; else empty.
     """
 
     text: str
     effects: tuple[str, ...]
     convention: bool
+    alone: str = ""
 
 
 def in_words(problem: Problem, theta: F64, null: NullSpace) -> list[Undetermined]:
@@ -61,17 +65,22 @@ def in_words(problem: Problem, theta: F64, null: NullSpace) -> list[Undetermined
         several = len(directions) > 1
         names = [_part(problem, theta, t, None if several else directions[0]) for t in terms]
         if len(names) == 1:
-            text = (
-                f"{names[0]}: this campaign does not show it (left at the value of least norm); "
-                "predictions that need it are uncertain by its whole plausible range"
+            text = said(
+                "{what}: this campaign does not show it (left at the value of least norm); "
+                "predictions that need it are uncertain by its whole plausible range",
+                what=names[0],
             )
         else:
-            count = f"{len(directions)} combinations" if several else "a combination"
-            text = (
-                f"{_listed(names)}: this campaign does not show {count} of them; predictions "
-                "that need it are uncertain by the plausible range"
+            text = said(
+                "{what}: this campaign does not show {count} of them; predictions that need it are "
+                "uncertain by the plausible range",
+                what=_listed(names),
+                count=said("{n} combinations", n=len(directions))
+                if several
+                else said("a combination"),
             )
-        found.append(Undetermined(text, _specs(problem, terms), False))
+        alone = names[0] if len(names) == 1 else ""
+        found.append(Undetermined(text, _specs(problem, terms), False, alone))
     return found + _conventions(problem, theta, null.convention)
 
 
@@ -92,19 +101,29 @@ def _conventions(problem: Problem, theta: F64, directions: F64) -> list[Undeterm
             mixed.append(parts)
     found = []
     if alone:
-        text = (
-            f"{_listed(alone)}: arbitrary, as every set-up has its own zero and no place of the "
-            "machine is a reference; fixed by convention"
+        text = said(
+            "{what}: arbitrary, as every set-up has its own zero and no place of the machine is a "
+            "reference; fixed by convention",
+            what=_listed(alone),
         )
         found.append(Undetermined(text, _specs(problem, alone.values()), True))
-    for words, families in (("are the same thing", alike), ("make up one thing", mixed)):
+    for families, same_thing in ((alike, True), (mixed, False)):
         for family in families:
             carriers = [n for n, t in family.items() if t >= 0 and problem.model.effects[t].carries]
-            favour = f", in favour of {_joined(carriers)}" if carriers else ""
+            what = _listed(family)
             text = (
-                f"{_listed(family)} {words} for this campaign; the split shown is minimum-norm"
-                f"{favour}"
+                said(
+                    "{what} are the same thing for this campaign; the split shown is minimum-norm",
+                    what=what,
+                )
+                if same_thing
+                else said(
+                    "{what} make up one thing for this campaign; the split shown is minimum-norm",
+                    what=what,
+                )
             )
+            if carriers:
+                text = said("{text}, in favour of {what}", text=text, what=_joined(carriers))
             found.append(Undetermined(text, _specs(problem, family.values()), True))
     return found
 
@@ -218,14 +237,15 @@ def _part(problem: Problem, theta: F64, term: int, direction: F64 | None) -> str
         nonlinear = [u.name for u in layout.unknowns[where][count:]]
         return _name(effect) + (f" ({', '.join(nonlinear)})" if abs(values[count:]).any() else "")
     form = _form(problem, theta, term, values)
-    return f"{form} of {_name(effect)}"
+    part = _FORMS[form][0] if form in _FORMS else said("a part")
+    return said("{part} of {what}", part=part, what=_name(effect))
 
 
 def _form(problem: Problem, theta: F64, term: int, values: F64) -> str:
     effect, machine = problem.model.effects[term], problem.model.machine
     axes = effect.positions_used(machine)
     if len(axes) != 1:
-        return "a part"
+        return _A_PART
     axis = machine.axes[axes[0]]
     q = np.linspace(*axis.travel, 50)
     conditions = problem.conditions(theta)
@@ -235,14 +255,14 @@ def _form(problem: Problem, theta: F64, term: int, values: F64) -> str:
     motions = effect.motions(machine, at, problem.layout.nonlinear_values(term, theta))
     curve = np.concatenate([m.amount(values) for m in motions])
     if len(motions) != 1:
-        return "a part"
+        return _A_PART
     size = float(np.abs(curve).max())
     x = (q - axis.middle) / axis.half_travel
-    for degree, word in enumerate(("the constant", "the slope", "the parabola")):
+    for degree, word in enumerate(_FORMS):
         fitted = np.polynomial.Polynomial.fit(x, curve, degree)
         if float(np.abs(curve - fitted(x)).max()) < 1e-6 * size:
             return word
-    return "a part"
+    return _A_PART
 
 
 def _name(effect: Effect) -> str:
@@ -266,10 +286,22 @@ def _listed(names: Iterable[str]) -> str:
         else:
             others.append(name)
     named = [
-        f"{form}{'s' if len(what) > 1 else ''} of {_joined(what)}" for form, what in by_form.items()
+        said("{part} of {what}", part=_FORMS[form][len(what) > 1], what=_joined(what))
+        for form, what in by_form.items()
     ]
     return _joined(named + others)
 
 
+_A_PART = "a part"
+_FORMS = {
+    "the constant": (said("the constant"), said("the constants")),
+    "the slope": (said("the slope"), said("the slopes")),
+    "the parabola": (said("the parabola"), said("the parabolas")),
+}
+"""Form of a curve → in words, of one effect and of several."""
+
+
 def _joined(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
+    if len(names) == 1:
+        return names[0]
+    return said("{these} and {last}", these=joined(names[:-1], ", "), last=names[-1])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,21 @@ from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.knots.choice import KnotChoice
 from abbe.compcore.fitting.rigid_body import rigid_body_test
 from abbe.compcore.fitting.solution import Solution
+from abbe.compcore.fitting.undetermined_words import Undetermined
 from abbe.compcore.model.as_built import (
     ON_THE_TABLE,
     average_line_words,
     reversed_parameters,
 )
+from abbe.compcore.sentences import joined, listed, said
 from abbe.compcore.units import display, in_digits, read_in, with_uncertainty
 
+_KINDS = {
+    Kind.DISPLACEMENT: said("displacement"),
+    Kind.ROTATION: said("rotation"),
+    Kind.DISTANCE: said("distance"),
+    Kind.BASE_DISTANCE: said("base distance"),
+}
 _MOST_LISTED = 20
 _NOTHING = 1e-9
 """A standard uncertainty below this part of what is believable belongs to a convention."""
@@ -31,10 +39,14 @@ _OFF = 2.0
 """Standard uncertainties from which on a gauge is named."""
 _NAMED = 5
 _SOURCES = {
-    "stated": "as stated in the campaign",
-    "replicates": "from repeated measurements, as the campaign states none",
-    "residuals": "from what the fit leaves over, as the campaign states none: χ²/dof tells nothing",
+    "stated": said("as stated in the campaign"),
+    "replicates": said("from repeated measurements, as the campaign states none"),
+    "residuals": said(
+        "from what the fit leaves over, as the campaign states none: χ²/dof tells nothing"
+    ),
 }
+_MOST_UNDETERMINED = 8
+"""Combinations that are not determined that are listed; the rest are counted."""
 
 
 def gauge_words(gauges: Mapping[str, float]) -> Iterator[str]:
@@ -42,29 +54,33 @@ def gauge_words(gauges: Mapping[str, float]) -> Iterator[str]:
     if not gauges:
         return
     off = {name: amount for name, amount in gauges.items() if abs(amount) > _OFF}
-    yield (
-        f"gauges whose calibration's uncertainty their rows have in common: {len(gauges)}, "
-        f"{len(off) or 'none'} of them off by more than {_OFF:g} standard uncertainties"
-    )
+    yield said(
+        "gauges whose calibration's uncertainty their rows have in common: {all}, {off} of them "
+        "off by more than {limit} standard uncertainties",
+        all=len(gauges), off=len(off) or said("none"), limit=f"{_OFF:g}",
+    )  # fmt: skip
     for name, amount in sorted(off.items(), key=lambda item: -abs(item[1]))[:_NAMED]:
-        yield (
-            f"gauge {name}: its rows say that it is off by {abs(amount):.1f} times its standard "
-            "uncertainty: was it clean, was its temperature right, has it been dropped?"
-        )
+        yield said(
+            "gauge {name}: its rows say that it is off by {times} times its standard uncertainty: "
+            "was it clean, was its temperature right, has it been dropped?",
+            name=name, times=f"{abs(amount):.1f}",
+        )  # fmt: skip
 
 
 def start_lines(problem: Problem, theta: NDArray[np.float64]) -> Iterator[str]:
     """How far lagged bodies were from their signals when each run began."""
     for found in begun(problem, theta):
-        apart = " and ".join(f"{in_digits(value, sign=True)} {found.unit}" for value in found.off)
-        line = (
-            f"at first, in {found.file}: {found.spec}: {apart} off equilibrium with {found.signal}"
-        )
+        line = said(
+            "at first, in {file}: {spec}: {apart} off equilibrium with {signal}",
+            file=found.file, spec=found.spec, signal=found.signal,
+            apart=listed([f"{in_digits(value, sign=True)} {found.unit}" for value in found.off]),
+        )  # fmt: skip
         if not found.plausible:
-            line += (
-                f": IMPLAUSIBLE, at most some {in_digits(found.furthest, 2)} {found.unit} "
-                "can be: something else moved the machine, or the effect hardly does"
-            )
+            line = said(
+                "{line}: IMPLAUSIBLE, at most some {most} can be: something else moved the "
+                "machine, or the effect hardly does",
+                line=line, most=f"{in_digits(found.furthest, 2)} {found.unit}",
+            )  # fmt: skip
         yield line
 
 
@@ -73,59 +89,95 @@ def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
     problem = result.problem
     layout = problem.layout
     for suspicion in result.suspicions:
-        yield f"SUSPICIOUS: {suspicion}"
-    yield (
-        f"{problem.n} rows of {len(problem.campaign.setups)} set-ups; "
-        f"{len(problem.model.terms)} effects with {layout.model_size} parameters, "
-        f"{result.decomposition.rank} combinations of them determined; "
-        f"{result.eliminator.rank} unknowns of the set-ups"
-    )
+        yield said("SUSPICIOUS: {what}", what=suspicion)
+    yield said(
+        "{rows} rows of {setups} set-ups; {effects} effects with {parameters} parameters, {rank} "
+        "combinations of them determined; {unknowns} unknowns of the set-ups",
+        rows=problem.n, setups=len(problem.campaign.setups), effects=len(problem.model.terms),
+        parameters=layout.model_size, rank=result.decomposition.rank,
+        unknowns=result.eliminator.rank,
+    )  # fmt: skip
     for kinds, name, factor, unit in (
-        (LENGTHS, "lengths", 1e3, "µm"),
-        ((Kind.ROTATION,), "rotations", 1e6, "µrad"),
+        (LENGTHS, said("lengths"), 1e3, "µm"),
+        ((Kind.ROTATION,), said("rotations"), 1e6, "µrad"),
     ):
         rms = result.rms(*kinds)
         if math.isfinite(rms):
-            yield f"residuals of {name}: {in_digits(rms * factor)} {unit} rms"
-    yield f"χ² per degree of freedom: {result.chi2_per_dof:.3f} ({result.dof})"
+            size = f"{in_digits(rms * factor)} {unit}"
+            yield said("residuals of {kind}: {size} rms", kind=name, size=size)
+    yield said(
+        "χ² per degree of freedom: {chi2} ({dof})",
+        chi2=f"{result.chi2_per_dof:.3f}", dof=result.dof,
+    )  # fmt: skip
     for kind, source in result.uncertainty.source.items():
-        yield f"uncertainty of each {kind.name.lower().replace('_', ' ')}: {_SOURCES[source]}"
+        yield said(
+            "uncertainty of each {kind}: {source}", kind=_KINDS[kind], source=_SOURCES[source]
+        )
     yield from gauge_words(result.gauges)
     yield from start_lines(problem, result.theta)
     if result.frame.tool is not None:
         offset = ", ".join(f"{v:g}" for v in result.frame.tool)
-        yield (
-            f"frame by {result.frame.primary} and {result.frame.secondary} through the middle of "
-            f"the volume, tool ({offset}) mm"
-        )
-    yield str(noise)
-    for found in result.undetermined:
-        yield ("convention: " if found.convention else "NOT DETERMINED: ") + found.text
+        yield said(
+            "frame by {first} and {second} through the middle of the volume, tool ({offset}) mm",
+            first=result.frame.primary, second=result.frame.secondary, offset=offset,
+        )  # fmt: skip
+    yield from noise.words()
+    yield from undetermined_lines(result.undetermined)
     for test in rigid_body_test(result):
         if test.adjusted < FLEXES:
-            alike = "".join(f", or {other}" for other in test.alike)
-            yield (
-                f"NOT RIGID: {test.motion} depends on {test.by}{alike} "
-                f"(p = {in_digits(test.adjusted, 1)}, {in_digits(test.rms * 1e3, 2)} µm rms)"
-            )
+            by = test.by
+            for other in test.alike:
+                by = said("{this}, or {other}", this=by, other=other)
+            yield said(
+                "NOT RIGID: {motion} depends on {by} (p = {p}, {size} rms)",
+                motion=test.motion, by=by, p=in_digits(test.adjusted, 1),
+                size=f"{in_digits(test.rms * 1e3, 2)} µm",
+            )  # fmt: skip
             break
     if result.outliers and result.misfit and not result.set_aside:
-        yield (
-            f"{len(result.outliers)} rows stand out, but χ² says that the model lacks something "
-            "rather than that rows are wrong: see `abbe diagnose`"
+        yield said(
+            "{n} rows stand out, but χ² says that the model lacks something rather than that rows "
+            "are wrong: see `abbe diagnose`",
+            n=len(result.outliers),
         )
         return
-    reported = "set aside" if result.set_aside else "used; --robust would set it aside"
+    reported = said("set aside") if result.set_aside else said("used; --robust would set it aside")
     for outlier in result.outliers[:_MOST_LISTED]:
         value = outlier.residual * _factor(result, outlier.row)
         unit = "µrad" if problem.campaign.kind[outlier.row] == Kind.ROTATION else "µm"
-        yield (
-            f"outlier: {problem.campaign.file_of(outlier.row)}, line {outlier.line}, "
-            f"set-up {outlier.setup}: {in_digits(value, sign=True)} {unit}, "
-            f"{outlier.size:.1f} standard deviations ({reported})"
-        )
+        yield said(
+            "outlier: {file}, line {line}, set-up {setup}: {size}, {times} standard deviations "
+            "({reported})",
+            file=problem.campaign.file_of(outlier.row), line=outlier.line, setup=outlier.setup,
+            size=f"{in_digits(value, sign=True)} {unit}", times=f"{outlier.size:.1f}",
+            reported=reported,
+        )  # fmt: skip
     if len(result.outliers) > _MOST_LISTED:
-        yield f"and {len(result.outliers) - _MOST_LISTED} more outliers; --json lists them all"
+        more = len(result.outliers) - _MOST_LISTED
+        yield said("and {n} more outliers; --json lists them all", n=more)
+
+
+def undetermined_lines(found: Sequence[Undetermined]) -> Iterator[str]:
+    """What a campaign does not show: effects that it shows nothing of in one line, some others."""
+    alone = list(dict.fromkeys(one.alone for one in found if one.alone))
+    if len(alone) > 1:
+        text = said(
+            "{what}: this campaign does not show them (left at the value of least norm); "
+            "predictions that need them are uncertain by their whole plausible range",
+            what=joined(alone, ", "),
+        )
+        yield said("NOT DETERMINED: {what}", what=text)
+    rest = [one for one in found if not one.convention and (len(alone) < 2 or not one.alone)]
+    for one in rest[:_MOST_UNDETERMINED]:
+        yield said("NOT DETERMINED: {what}", what=one.text)
+    if (more := len(rest) - _MOST_UNDETERMINED) > 0:
+        yield said(
+            "NOT DETERMINED: {n} more combinations of these and others; --json lists them all",
+            n=more,
+        )
+    for one in found:
+        if one.convention:
+            yield said("convention: {what}", what=one.text)
 
 
 def knot_lines(knots: Iterable[KnotChoice]) -> Iterator[str]:
@@ -137,40 +189,45 @@ def knot_lines(knots: Iterable[KnotChoice]) -> Iterator[str]:
         )
         chances = ", ".join(f"{k}: {p:.0%}" for k, p in found.probability.items() if p >= 0.005)
         unit, factor = display(found.unit)
-        where = f" at {places} {found.where}" if found.knots else ""
-        yield (
-            f"knots of {found.effect}: {len(found.knots)}{where} (how many, by evidence: "
-            f"{chances}; other choices move the curve by "
-            f"±{in_digits(found.curve_sd * factor, 2)} {unit})"
-        )
+        count: object = len(found.knots)
+        if found.knots:
+            count = said("{n} at {places}", n=count, places=f"{places} {found.where}")
+        yield said(
+            "knots of {effect}: {count} (how many, by evidence: {chances}; other choices move the "
+            "curve by ±{size})",
+            effect=found.effect, count=count, chances=chances,
+            size=f"{in_digits(found.curve_sd * factor, 2)} {unit}",
+        )  # fmt: skip
 
 
 def parameter_lines(result: Solution) -> Iterator[str]:
     """Effects of one or two parameters with value ± standard uncertainty; shapes by their count."""
     for i, term in enumerate(result.model.terms):
         if len(term.values) > 2:
-            yield f"{term.effect.spec}: {len(term.values)} coefficients"
+            count = said("{n} coefficients", n=len(term.values))
+            yield said("{spec}: {values}", spec=term.effect.spec, values=count)
             continue
-        parts = []
+        parts: list[str] = []
         layout = result.problem.layout
         unknowns = layout.unknowns[layout.terms[i]]
         for (name, value), unknown in zip(term.values.items(), unknowns, strict=True):
             shown, factor = read_in(unknown)
             sd = 0.0 if value.sd is None else value.sd
             if not value.measured:
-                parts.append(f"{name} not measured")
+                parts.append(said("{name} not measured", name=name))
                 continue
             if sd < _NOTHING * unknown.scale:
-                parts.append(
-                    f"{name} = {in_digits(value.value * factor, 4)} {shown}, by convention"
-                )
+                size = f"{name} = {in_digits(value.value * factor, 4)} {shown}"
+                parts.append(said("{value}, by convention", value=size))
                 continue
             text = f"{name} = {with_uncertainty(value.value * factor, sd * factor)} {shown}"
             if name in reversed_parameters(result.model.machine, term.effect):
                 there = in_digits(-value.value * factor, 4, sign=True)
-                text += f" (on the table itself {there} {shown})"
+                text = said(
+                    "{value} (on the table itself {there})", value=text, there=f"{there} {shown}"
+                )
             parts.append(text)
-        yield f"{term.effect.spec}: {', '.join(parts)}"
+        yield said("{spec}: {values}", spec=term.effect.spec, values=joined(parts, ", "))
 
 
 def rotary_words(result: Solution) -> Iterator[str]:

@@ -20,6 +20,7 @@ from abbe.compcore.effects.base import Effect
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine, own_component
 from abbe.compcore.model.model import Model, Term
+from abbe.compcore.sentences import joined, listed, said
 from abbe.compcore.units import in_digits, with_uncertainty
 
 F64 = NDArray[np.float64]
@@ -53,10 +54,12 @@ def seen_factor(machine: Machine, effect: Effect) -> float:
     return -1.0 if places and places <= set(machine.structure.workpiece_side) else 1.0
 
 
-ON_THE_TABLE = (
+ON_THE_TABLE = said(
     "axes on the workpiece side: a level, an indicator or an R-test on the table itself shows the "
     "opposite sign of these errors of the tool relative to the workpiece"
 )
+_SURE = 2.0
+"""Standard uncertainties from which on a place is known well enough to be entered."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,21 +130,29 @@ class AverageLine:
         if lean := self._lean_words():
             yield lean
         if abs(self.zero) > _UNSEEN:
-            stands = f"{self.axis} stands at {_amount(self.zero, self.zero_sd, 1e6, 'µrad')}"
-            turned = ""
+            stands = said(
+                "{axis} stands at {angle} where it shows 0",
+                axis=self.axis, angle=_amount(self.zero, self.zero_sd, 1e6, "µrad"),
+            )  # fmt: skip
             if self.side == "workpiece":
                 letter = "XYZ"["ABC".index(own_component(self.axis))]
-                turn = in_digits(-self.zero * 1e6, 4, sign=True)
-                turned = (
-                    f" (the table itself is turned by {turn} µrad about {letter}, right-handed)"
-                )
-            yield f"{stands} where it shows 0{turned}"
+                turn = f"{in_digits(-self.zero * 1e6, 4, sign=True)} µrad"
+                stands = said(
+                    "{stands} (the table itself is turned by {turn} about {axis}, right-handed)",
+                    stands=stands, turn=turn, axis=letter,
+                )  # fmt: skip
+            yield stands
+
+    def _known(self, k: int) -> bool:
+        """Whether it is sure enough which way it lies, in a direction, to be entered."""
+        return bool(np.isnan(self.offset_sd[k]) or abs(self.offset[k]) > _SURE * self.offset_sd[k])
 
     def _place_words(self) -> str:
         if not self.place_measured:
-            return (
-                f"where the line of {self.axis} lies was not measured: it is taken where it is "
-                "configured"
+            return said(
+                "where the line of {axis} lies was not measured: it is taken where it is "
+                "configured",
+                axis=self.axis,
             )
         parts = [
             _towards(self.offset[k], self.offset_sd[k], k, 1e3, "µm")
@@ -149,20 +160,31 @@ class AverageLine:
             if self._elsewhere(k)
         ]
         if not parts:
-            return f"the line of {self.axis} lies where it is configured"
-        entered = ", ".join(
-            f"{'XYZ'[k]} {self.place[k]:.4f} instead of {self.configured[k]:.4f} mm"
+            return said("the line of {axis} lies where it is configured", axis=self.axis)
+        entered = [
+            said(
+                "{axis} {place} instead of {configured} mm",
+                axis="XYZ"[k], place=f"{self.place[k]:.4f}", configured=f"{self.configured[k]:.4f}",
+            )
             for k in self.across
-            if self._elsewhere(k)
-        )
-        text = f"the line of {self.axis} lies {' and '.join(parts)} of the configured place: "
-        text += f"enter {entered}"
+            if self._elsewhere(k) and self._known(k)
+        ]  # fmt: skip
+        text = said(
+            "the line of {axis} lies {where} of the configured place",
+            axis=self.axis, where=listed(parts),
+        )  # fmt: skip
+        if not entered:
+            return said("{lies}: not known well enough to be entered; measure more", lies=text)
+        text = said("{lies}: enter {what}", lies=text, what=joined(entered, ", "))
         if self.carrier is not None:
             apart = ", ".join(
                 f"{'XYZ'[k]} {in_digits(self.beside_carrier[k] * 1e3, 4, sign=True)} µm"
                 for k in self.across
             )
-            text += f" (all axes at zero; from where {self.carrier} carries it: {apart})"
+            text = said(
+                "{lies} (all axes at zero; from where {carrier} carries it: {apart})",
+                lies=text, carrier=self.carrier, apart=apart,
+            )  # fmt: skip
         return text
 
     def _lean_words(self) -> str:
@@ -176,10 +198,10 @@ class AverageLine:
             return ""
         vector = ", ".join(f"{v:.7f}" for v in self.direction + 0.0)
         end = "XYZ"["ABC".index(own_component(self.axis))]
-        return (
-            f"the line of {self.axis} leans, its +{end} end {' and '.join(parts)}: its direction "
-            f"is ({vector})"
-        )
+        return said(
+            "the line of {axis} leans, its +{end} end {where}: its direction is ({vector})",
+            axis=self.axis, end=end, where=listed(parts), vector=vector,
+        )  # fmt: skip
 
 
 def average_lines(model: Model) -> tuple[AverageLine, ...]:
@@ -284,7 +306,8 @@ def _stated_sd(term: Term) -> F64:
 
 def _towards(value: float, sd: float, direction: int, factor: float, unit: str) -> str:
     sign = "+" if value > 0.0 else "−"
-    return f"{_amount(abs(value), sd, factor, unit)} towards {sign}{'XYZ'[direction]}"
+    size = _amount(abs(value), sd, factor, unit)
+    return said("{size} towards {way}", size=size, way=f"{sign}{'XYZ'[direction]}")
 
 
 def _amount(value: float, sd: float, factor: float, unit: str) -> str:
@@ -297,7 +320,7 @@ def average_line_words(model: Model) -> Iterator[str]:
     for line in lines:
         yield from line.words()
     if lines:
-        yield (
+        yield said(
             "entered in the controller, a place is no error any more: take the effect out of the "
             "model, or it is corrected twice"
         )

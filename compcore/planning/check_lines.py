@@ -89,12 +89,19 @@ def plan_check(
             if task.space.hindrance(task.machine, s) is None
         )
         pool = lines.new(list(possible))
-        if not pool or min(s.seconds for s in pool) > seconds:
+        if not pool:
             raise InputError(
-                "no line that was not fitted can be measured in this time",
+                "nothing that was not fitted can be measured by these",
                 field="instruments",
                 found=", ".join(i.key for i in instruments),
-                expected="some of " + ", ".join(CHECKED_BY) + ", more time, fewer runs",
+                expected="some of " + ", ".join(CHECKED_BY),
+            )
+        if (shortest := min(s.seconds for s in pool)) > seconds:
+            raise InputError(
+                "nothing that was not fitted can be measured in this time",
+                field="time",
+                found=f"{seconds / 60.0:.0f} min",
+                expected=f"{shortest / 60.0:.0f} min or more, or fewer runs",
             )
         first: list[PlannedSetup] = []
         for setup in _coverage(task, pool, lines):

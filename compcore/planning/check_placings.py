@@ -23,6 +23,10 @@ _PARTS = (0.35, 0.65)
 """Where circles and plates lie, parts of the travel that they do not use."""
 _OUT, _UP = (120.0,), (130.0,)
 """How far from the axis's line a sphere stands, and how high, mm."""
+_FLAT, _LEANING = (0.5,), (0.25, 0.75)
+"""Heights of a plate that the machine touches, parts of the room: not those of usual plans."""
+_PLACES = ((0.5,), (0.25, 0.75))
+"""Where it then lies in the other two directions, likewise."""
 _OTHERS = (None, 0.4)
 """Where other rotary axes stand: at 0, or at a part of their travel."""
 
@@ -34,7 +38,7 @@ def placings(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[Planne
     elif instrument.key in ("r-test", "sphere"):
         yield from spheres(task, instrument, _OUT, _UP, _OTHERS, more=2)
     elif instrument.key == "ball-plate" and task.plate is not None:
-        yield from probed_plates(task, instrument, task.plate)
+        yield from probed_plates(task, instrument, task.plate, _FLAT, _LEANING, _PLACES)
     elif instrument.key == "ball-plate":
         yield from ball_plates(task, instrument, _PARTS, (0.5,))
 

@@ -12,6 +12,7 @@ from abbe.compcore.linalg import svd
 from abbe.compcore.planning.choice import Knowledge
 from abbe.compcore.planning.knowledge import unknowns
 from abbe.compcore.planning.targets import SurveyTask
+from abbe.compcore.sentences import said
 from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
@@ -39,7 +40,11 @@ class Undecided:
     size: float
 
     def __str__(self) -> str:
-        return f"{' with '.join(self.effects)}: {in_digits(self.size * 1e3)} µm over the volume"
+        what: str = self.effects[0]
+        for other in self.effects[1:]:
+            what = said("{one} with {other}", one=what, other=other)
+        size = f"{in_digits(self.size * 1e3)} µm"
+        return said("{what}: {size} over the volume", what=what, size=size)
 
 
 def undecided(task: SurveyTask, known: Knowledge, start: Knowledge) -> Iterator[Undecided]:

@@ -13,6 +13,7 @@ from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.comparison.compare import Comparison, compare
 from abbe.compcore.linalg import svd
 from abbe.compcore.model.model import Model
+from abbe.compcore.sentences import said
 from abbe.compcore.verification.fitted import FittedPart
 from abbe.compcore.verification.foretold import (
     BY_CHANCE,
@@ -148,9 +149,14 @@ def _names(campaign: Campaign, judged: Sequence[str]) -> list[str]:
     """Set-ups that are neither judged nor calibrated lengths."""
     setup = campaign.conditions.setup
     names = [] if setup is None else [n for n in campaign.setups if n not in judged]
-    if campaign.gauge is not None:
-        names = [n for n in names if not (campaign.gauge[setup == n] != "").any()]
-    return names
+    if campaign.gauge is None:
+        return names
+    # a plate's balls are calibrated, too, and lie in a frame of their own: no length by itself
+    return [
+        n
+        for n in names
+        if campaign.setups[n].free != ("zero",) or not (campaign.gauge[setup == n] != "").any()
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,10 +279,10 @@ def _what(rows: Campaign) -> str:
         rows.setups[str(rows.conditions.setup[0])].free if rows.conditions.setup is not None else ()
     )
     if kinds <= {Kind.DISTANCE, Kind.BASE_DISTANCE}:
-        return "distances from a base point"
+        return said("distances from a base point")
     if kinds == {Kind.ROTATION}:
-        return "angles"
-    return "deviations from a straight line" if "slope" in free else "displacements"
+        return said("angles")
+    return said("deviations from a straight line") if "slope" in free else said("displacements")
 
 
 def _rms(values: F64) -> float:

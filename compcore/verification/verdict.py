@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from abbe.compcore.artefacts.decision_rule import Conformity
+from abbe.compcore.sentences import joined, said
 from abbe.compcore.units import display, in_digits, with_uncertainty
 from abbe.compcore.verification.fitted import FittedPart
 from abbe.compcore.verification.placed import PlacedFigure
@@ -24,6 +25,13 @@ class VerdictOutcome(Enum):
     VERIFIED = "verified"
     OPEN = "not verified"
     WORSE = "worse"
+
+
+_OUTCOMES = {
+    VerdictOutcome.VERIFIED: said("verified"),
+    VerdictOutcome.OPEN: said("not verified"),
+    VerdictOutcome.WORSE: said("worse"),
+}
 
 
 @dataclass(frozen=True)
@@ -45,16 +53,17 @@ class CheckVerdict:
     @property
     def text(self) -> str:
         """One line for people."""
-        return f"{self.outcome.value}: {'; '.join(self.reasons)}"
+        outcome = _OUTCOMES[self.outcome]
+        return said("{outcome}: {why}", outcome=outcome, why=joined(self.reasons))
 
 
 def check_verdict(found: Verification) -> CheckVerdict:
     """Judge a check by what was before it, by what the model foretold, by what is stated."""
     worse = [_words(v, found.coverage) for v in found.lines if _is_worse(v, found.coverage)]
-    worse += [_placed_words(p, found.coverage) for p in found.placed if p.worse]
+    worse += [_grown_words(p) for p in found.placed if p.worse]
     worse += _all_worse(found)
     if found.outcome is Conformity.FAILS:
-        worse.append("a stated tolerance is not kept")
+        worse.append(said("a stated tolerance is not kept"))
     if worse:
         return CheckVerdict(VerdictOutcome.WORSE, tuple(worse))
     if lacking := tuple(_lacking(found)):
@@ -75,29 +84,34 @@ def _all_worse(found: Verification) -> Iterator[str]:
     for unit, (before, after, sd) in found.left.items():
         if after > _MORE * before and after**2 > before**2 + sd**2:
             _, factor = display(unit)
-            yield (
-                f"all readings: {in_digits(before * factor)} before, {in_digits(after * factor)} "
-                f"{display(unit)[0]} rms after"
+            yield said(
+                "all readings: {before} before, {after} rms after",
+                before=in_digits(before * factor),
+                after=f"{in_digits(after * factor)} {display(unit)[0]}",
             )
 
 
 def _lacking(found: Verification) -> Iterator[str]:
     """What keeps a check that is not worse from proving anything."""
     if found.missing:
-        yield f"not measured in one go: {', '.join(found.missing)}"
+        yield said("not measured in one go: {setups}", setups=", ".join(found.missing))
     fitted = [v.after.setup for v in found.lines if v.fitted is FittedPart.ROWS]
     fitted += [p.setup for p in found.placed if p.fitted is FittedPart.ROWS]
     if fitted:
-        yield f"the model was fitted to these very readings: {', '.join(fitted)}"
+        names = ", ".join(fitted)
+        yield said("the model was fitted to these very readings: {setups}", setups=names)
     against = [v.after.setup for v in found.lines if v.foretold and v.foretold.agrees is False]
     against += [p.setup for p in found.placed if p.agrees is False]
     if against:
-        yield f"the model does not foretell {', '.join(against)} within both uncertainties"
+        yield said(
+            "the model does not foretell {setups} within both uncertainties",
+            setups=", ".join(against),
+        )
     known = [v for v in found.lines if v.foretold and v.foretold.agrees is not None]
     if not known and all(p.agrees is None for p in found.placed):
-        yield "nothing says how sure the model's word of these lines is"
+        yield said("nothing says how sure the model's word of these lines is")
     if found.outcome is Conformity.NEITHER:
-        yield "a stated tolerance is neither kept nor broken for sure"
+        yield said("a stated tolerance is neither kept nor broken for sure")
 
 
 def _greatest(found: Verification) -> Iterator[str]:
@@ -110,7 +124,11 @@ def _greatest(found: Verification) -> Iterator[str]:
     if not found.lines:
         yield from (_placed_words(p, found.coverage) for p in found.placed)
         if found.placed:
-            yield "no line was measured: the axes over their travels are not shown"
+            yield said("no line was measured: the axes over their travels are not shown")
+    if found.same_gauges:
+        yield said(
+            "the model was fitted to the same artefact: what its calibration is wrong by is in both"
+        )
 
 
 def _words(line: VerifiedLine, coverage: float) -> str:
@@ -126,7 +144,20 @@ def _words(line: VerifiedLine, coverage: float) -> str:
     before = "–"
     if line.before is not None:
         before = shown(line.before.value(_FIGURE), line.before.sd(_FIGURE))
-    return f"{line.after.name} {line.after.setup}: E {before} before, {after} {unit} after"
+    return said(
+        "{line}: E {before} before, {after} after",
+        line=f"{line.after.name} {line.after.setup}", before=before, after=f"{after} {unit}",
+    )  # fmt: skip
+
+
+def _grown_words(one: PlacedFigure) -> str:
+    """``bar: all its readings 5.2 before, 9.0 µm rms after``."""
+    factor, unit = (1e6, "µrad") if one.unit == "rad" else (1e3, "µm")
+    return said(
+        "{setup}: all its readings {before} before, {after} rms after",
+        setup=one.setup, before=in_digits((one.rms_before or 0.0) * factor),
+        after=f"{in_digits(one.rms_after * factor)} {unit}",
+    )  # fmt: skip
 
 
 def _placed_words(one: PlacedFigure, coverage: float) -> str:
@@ -136,4 +167,7 @@ def _placed_words(one: PlacedFigure, coverage: float) -> str:
         "–" if v is None else with_uncertainty(v * factor, coverage * one.sd * factor)
         for v in (one.before, one.after)
     )
-    return f"{one.setup}: range {before} before, {after} {unit} after"
+    return said(
+        "{setup}: range {before} before, {after} after",
+        setup=one.setup, before=before, after=f"{after} {unit}",
+    )  # fmt: skip

@@ -123,6 +123,9 @@ class Verification:
         lengths and of angles, rms before, after, and a reading's standard uncertainty, mm or rad.
     placed
         Set-ups that are no lines, likewise: a ball bar, a sphere, an R-test, straightness, angles.
+    same_gauges
+        Whether the model was fitted to the same calibrated artefacts: what their calibration is
+        wrong by is then in both.
     """
 
     measured: bool
@@ -137,6 +140,7 @@ class Verification:
     fitted_before: tuple[str, ...] = ()
     left: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     placed: tuple[PlacedFigure, ...] = ()
+    same_gauges: bool = False
 
     @property
     def outcome(self) -> Conformity | None:
@@ -221,7 +225,14 @@ def verify(model: Model, campaign: Campaign, request: VerificationRequest) -> Ve
         _rows(fitted_lines(earlier, model, request.fitted)) if request.before else (),
         {} if request.before else _left(comparison, campaign, model, measured=measured),
         placed,
+        _same_gauges(campaign, request.fitted),
     )
+
+
+def _same_gauges(campaign: Campaign, fitted: Campaign | None) -> bool:
+    """Whether both have rows of an artefact of one name."""
+    known = [set() if c is None or c.gauge is None else set(c.gauge) for c in (campaign, fitted)]
+    return bool((known[0] & known[1]) - {""})
 
 
 def _left(

@@ -146,12 +146,12 @@ class CalibrationRequest:
     def checked_by(self) -> str:
         """The check plan's instruments; empty where there is none that a check can be made by.
 
-        Of what is touched only gauges: they have lengths to judge.
+        Of what is touched a gauge first: it has lengths to judge; else what was fitted, elsewhere.
         """
         from abbe.compcore.planning.check_lines import CHECKED_BY
 
         if self.touches:
-            return self._gauge_kind
+            return self._gauge_kind or self.touches
         own = [name for name in self.instruments.split(",") if name in CHECKED_BY]
         return ",".join(own)
 

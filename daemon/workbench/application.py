@@ -14,6 +14,7 @@ from starlette.middleware.gzip import GZipMiddleware
 from starlette.responses import Response
 
 from abbe.compcore.errors import AbbeError, InputError
+from abbe.compcore.sentences import as_it_stands, sentences_in
 from abbe.daemon.workbench.calibration.routes import calibration_routes
 from abbe.daemon.workbench.campaign_routes import campaign_routes
 from abbe.daemon.workbench.entrance.asked import AskedByPerson, AskedOfWorkbench, Nothing, who_asks
@@ -191,7 +192,8 @@ def _known(answer: bytes | None) -> Response:
 
 
 async def _problem(_request: Request, error: Exception) -> Response:
-    return JSONResponse({"detail": str(error)}, 409)
+    said = error.sentence if isinstance(error, AbbeError) else as_it_stands(str(error))
+    return JSONResponse({"detail": said, "sentences": sentences_in(said)}, 409)
 
 
 async def _invalid(_request: Request, error: Exception) -> Response:

@@ -19,7 +19,7 @@ from abbe.daemon.config import load_config
 from abbe.daemon.measure import show
 from abbe.daemon.measure.events import MeasureEvent, Tell
 from abbe.drivers.simulated.process import SimulatedProcess
-from tests.support.daemon import gauge_measuring, plate_measuring
+from tests.support.daemon import gauge_measuring, plate_measuring, sphere_measuring
 from tests.support.daemon.command_line import Done, abbe
 from tests.support.daemon.gauge_measuring import BLOCK, HEIGHT, WIDTH
 
@@ -143,16 +143,81 @@ def test_by_a_plate_and_verified_by_a_block(
 
 
 @pytest.mark.thorough
-def test_by_a_plate_alone_it_is_said_that_nothing_is_verified(
+def test_by_a_plate_alone_it_is_checked_where_the_plate_did_not_lie(
     laid: tuple[SimulatedProcess, Path],
 ) -> None:
-    _, folder = laid
+    """In the corners it does not show how an axis bends in the middle, and that is found out."""
+    process, folder = laid
     without(folder, 'gauge = "gauge.csv"\n')
     done = calibrated(folder)
+    own = folder / "calibration"
+    machine = load_model(own / "calibrated.toml").machine
+    plan, check = (read_plan(own / n, machine).setups for n in ("plan.toml", "check.toml"))
+    assert {s.instrument.key for s in (*plan, *check)} == {"ball-plate"}
+    assert not {s.what for s in plan} & {s.what for s in check}
+    # what the exact machine has there, less what the model says: the judgement is of the truth
+    model = load_model(own / "calibrated.toml")
+    found = read_campaign(own / "check.csv", machine)
+    assert found.conditions.setup is not None
+    assert found.conditions.u is not None
+    first = found.rows(found.conditions.setup == found.conditions.setup[0])
+    at = np.stack([first.conditions.positions[a] for a in "XYZ"], axis=1)
+    u = np.asarray(first.conditions.u)
+    true = np.einsum("ij,ij->i", plate_measuring.exact(process, at)["errors"], u)
+    told = np.einsum("ij,ij->i", model.predict(first.conditions).translation, u)
+    before, after = (1e3 * rms_but_for_its_place(v, at, u) for v in (true, true - told))
+    assert done.status == 1, done.out
+    assert after > before
+    assert "the check does not pass: " in done.err
+    assert f"{check[0].name}: all its readings" in done.err
+    assert "the model was fitted to the same artefact" in done.out
+    assert not list(own.glob("live*.toml"))
+
+
+def rms_but_for_its_place(values: np.ndarray, at: np.ndarray, u: np.ndarray) -> float:
+    """Of values along u at places, (n,), less what a body that lies otherwise makes of them."""
+    moved = np.hstack([u, np.cross(at - at.mean(axis=0), u)])
+    place, *_ = np.linalg.lstsq(moved, values, rcond=None)
+    return float(np.sqrt(np.mean((values - moved @ place) ** 2)))
+
+
+@pytest.mark.thorough
+def test_by_a_sphere_alone_the_table_is_verified_where_it_did_not_stand(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with plate_measuring.machine() as process:
+        sphere_measuring.write_files(tmp_path, process.ready["port"], (0.0, 90.0))
+        sphere_measuring.stand(process, tmp_path)
+        own = tmp_path / "calibration"
+
+        def tell(event: MeasureEvent) -> None:
+            if event.kind == "set up":
+                plan = own / ("check.toml" if (own / "check.toml").exists() else "plan.toml")
+                setups = read_plan(plan, load_model(tmp_path / "model.toml").machine).setups
+                setup = next(s for s in setups if s.name == event.about["setup"])
+                place = np.array(setup.optics["the sphere stands"]) + sphere_measuring.ASIDE
+                process.order(
+                    "plate", balls=[[0.0, 0.0, 0.0]], diameter=sphere_measuring.DIAMETER,
+                    at=place.tolist(), thickness=2.0, expansion=0.0,
+                )  # fmt: skip
+
+        @contextmanager
+        def telling(*, as_json: bool) -> Iterator[Tell]:
+            assert not as_json
+            yield tell
+
+        monkeypatch.setattr(show, "telling", telling)
+        done = abbe("calibrate", tmp_path / "config.toml", "--folder", own, "--yes", "--tool",
+                    "P=0,0,-150", "--time", "30min", "--check-time", "1h")  # fmt: skip
     assert done.status == 0, done.err
-    assert "6/6 live" in done.out
-    assert "not verified: a ball-plate shows no lines to judge" in done.out
-    assert not (folder / "calibration" / "check.toml").exists()
+    assert "verified: 01_sphere_check: range" in done.out
+    assert "no line was measured" in (own / "live.toml").read_text("utf-8").splitlines()[1]
+    machine = load_model(own / "calibrated.toml").machine
+    plan, check = (read_plan(own / n, machine).setups for n in ("plan.toml", "check.toml"))
+    places = [s.optics["the sphere stands"] for s in (*plan, *check)]
+    assert len(set(places)) == len(places)
+    # what one sphere hardly shows is not said to be worth entering
+    assert "not known well enough to be entered" in done.out
 
 
 def test_a_gauge_alone_is_planned_elsewhere_to_be_checked_by(tmp_path: Path) -> None:

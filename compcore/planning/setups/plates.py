@@ -5,7 +5,7 @@ The plate's own z looks along the stylus, or leans from it: what a stylus cannot
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import product
 
 import numpy as np
@@ -24,19 +24,35 @@ F64 = NDArray[np.float64]
 _LEAN = np.radians(45.0)
 _ASIDE, _OVER = 25.0, 60.0
 """Room that the tip needs beside the balls and over them, besides their radius, mm."""
+FLAT, LEANING = (0.0, 1.0), (0.5,)
+"""Heights at which a plate lies flat, and leans, parts of the room."""
+CORNERS = ((0.0, 1.0), (0.0, 0.5, 1.0))
+"""Where it lies in the other two directions, likewise; the wider room last."""
 
 
 def probed_plates(
-    task: SurveyTask, instrument: PlannedInstrument, plate: CalibratedPlate
+    task: SurveyTask,
+    instrument: PlannedInstrument,
+    plate: CalibratedPlate,
+    flat: Sequence[float] = FLAT,
+    leaning: Sequence[float] = LEANING,
+    places: tuple[Sequence[float], Sequence[float]] = CORNERS,
 ) -> Iterator[PlannedSetup]:
     """A plate lying flat and turned, at two heights, and leaning four ways by 45°; six places each.
 
     A leaning plate is what a single vertical stylus sees the vertical axis by.
+
+    Parameters
+    ----------
+    flat, leaning
+        Heights, parts of the room that there is.
+    places
+        Where it lies in the other two directions, likewise; the wider room last.
     """
     if any(a not in task.machine.axes for a in "XYZ"):
         return
     tool, offset = next(iter(task.tools.items()))
-    for words, turn, heights in _lies(np.asarray(offset)):
+    for words, turn, heights in _lies(np.asarray(offset), flat, leaning):
         own = plate.calibrated @ turn.T
         own = own - own.min(axis=0)
         size = own.max(axis=0)
@@ -46,7 +62,7 @@ def probed_plates(
             continue
         up = int(np.argmax(np.abs(_shaft(np.asarray(offset)))))
         one, two = sorted((k for k in range(3) if k != up), key=lambda k: spare[k])
-        for height, less, more in product(heights, (0.0, 1.0), (0.0, 0.5, 1.0)):
+        for height, less, more in product(heights, *places):
             part = np.zeros(3)
             part[[up, one, two]] = height, less, more
             tips = own + np.array([low for low, _ in room]) + part * spare
@@ -73,15 +89,17 @@ def _shaft(offset: F64) -> F64:
     return np.asarray(np.sign(away[k]) * np.eye(3)[k])
 
 
-def _lies(offset: F64) -> Iterator[tuple[str, F64, tuple[float, ...]]]:
+def _lies(
+    offset: F64, flat: Sequence[float], leaning: Sequence[float]
+) -> Iterator[tuple[str, F64, Sequence[float]]]:
     """How it lies: in words, the plate's axes as columns, and its heights, parts of the room."""
     normal = _shaft(offset)
     k = int(np.argmax(np.abs(normal)))
     one = np.eye(3)[(k + 1) % 3]
     two = np.cross(normal, one)
     first, second = ("XYZ"[int(np.argmax(np.abs(v)))] for v in (one, two))
-    yield "flat", np.column_stack([one, two, normal]), (0.0, 1.0)
-    yield "flat, turned by 90°", np.column_stack([two, -one, normal]), (0.0, 1.0)
+    yield "flat", np.column_stack([one, two, normal]), flat
+    yield "flat, turned by 90°", np.column_stack([two, -one, normal]), flat
     cos, sin = np.cos(_LEAN), np.sin(_LEAN)
     for along, across, name in ((one, two, first), (two, -one, second)):
         for sense in (1.0, -1.0):
@@ -91,7 +109,7 @@ def _lies(offset: F64) -> Iterator[tuple[str, F64, tuple[float, ...]]]:
             yield (
                 f"leaning by 45° about {name}, {slope}",
                 np.column_stack([along, rising, out]),
-                (0.5,),
+                leaning,
             )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from abbe.compcore.campaign.plan import PlannedMeasurement, PlannedSteps
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.sentences import said
 
 
 def _shown(axis: str, value: float) -> float:
@@ -78,8 +79,8 @@ def standing_words(planned: PlannedMeasurement) -> str:
 
 
 BEFORE = (
-    "warm up as in use; compensations of geometry off, of temperature on (ISO/TR 16907, 8.3)",
-    "write down instrument, load, feed, tool, operator, active compensations (9.1)",
+    said("warm up as in use; compensations of geometry off, of temperature on (ISO/TR 16907, 8.3)"),
+    said("write down instrument, load, feed, tool, operator, active compensations (9.1)"),
 )
 AFTER = "check afterwards on other lines and with other tools than these (11.3): abbe compare"
 

@@ -7,10 +7,11 @@ from typing import Any
 
 from abbe.compcore.planning.plan import PlanStep, SurveyPlan
 from abbe.compcore.planning.setups.presets import PRESETS
+from abbe.compcore.sentences import as_it_stands, said
 from abbe.compcore.units import in_digits
 from abbe.daemon.answers.measurements.plan import BEFORE
 
-MEANING = (
+MEANING = said(
     "µm: standard uncertainty of the corrected machine's error vector, root of the mean square "
     "over the volume"
 )
@@ -52,33 +53,43 @@ def as_json(plan: SurveyPlan) -> dict[str, Any]:
 def runs_words(step: PlanStep) -> str:
     """``2 × both ways``."""
     setup = step.setup
-    return f"{setup.runs} × {'both ways' if setup.both_ways else 'one way'}"
+    ways = said("both ways") if setup.both_ways else said("one way")
+    return said("{runs} × {ways}", runs=setup.runs, ways=ways)
 
 
 def as_text(plan: SurveyPlan) -> Iterator[str]:
     """Lines for people."""
     task = plan.task
-    name = task.machine.name or "this machine"
-    yield f"Plan for {name}, {task.machine.structure}: {plan.seconds / 3600.0:.1f} h"
+    yield said(
+        "Plan for {name}, {structure}: {hours} h",
+        name=task.machine.name or said("this machine"), structure=task.machine.structure,
+        hours=f"{plan.seconds / 3600.0:.1f}",
+    )  # fmt: skip
     for line in BEFORE:
-        yield f"  before: {line}"
-    yield f"  warm up {plan.warm_up / 60.0:.0f} min; after a pause of more than 10 min again"
-    yield f"  uncertain beforehand: {_microns(plan.before)}"
+        yield said("  before: {what}", what=line)
+    yield said(
+        "  warm up {minutes} min; after a pause of more than 10 min again",
+        minutes=f"{plan.warm_up / 60.0:.0f}",
+    )
+    yield said("  uncertain beforehand: {size}", size=_microns(plan.before))
     wide = max((len(step.setup.what) for step in plan.steps), default=0)
     tall = max((len(step.setup.name) for step in plan.steps), default=0)
     for step in plan.steps:
         setup = step.setup
-        yield (
-            f"  {setup.name:<{tall}}  {setup.what:<{wide}}  {setup.count:>3} targets, "
-            f"{runs_words(step)}  {setup.seconds / 60.0:>4.0f} min  then {_microns(step.after)}"
-        )
-    yield f"  ({MEANING})"
+        yield said(
+            "  {name}  {what}  {count} targets, {runs}  {minutes} min  then {size}",
+            name=f"{setup.name:<{tall}}", what=f"{setup.what:<{wide}}", count=f"{setup.count:>3}",
+            runs=runs_words(step), minutes=f"{setup.seconds / 60.0:>4.0f}",
+            size=_microns(step.after),
+        )  # fmt: skip
+    yield said("  ({what})", what=MEANING)
     for one in plan.left:
-        yield f"  undetermined: {one}"
+        yield said("  undetermined: {what}", what=str(one))
     if plan.presets is not None:
-        yield "  the same time spent otherwise, with the instruments that it needs:"
+        yield said("  the same time spent otherwise, with the instruments that it needs:")
         for key, left in plan.presets.items():
-            yield f"    {PRESETS[key].title}: {_microns(left)}"
+            title = as_it_stands(PRESETS[key].title)
+            yield said("    {what}: {size}", what=title, size=_microns(left))
 
 
 def _microns(value: float) -> str:

@@ -16,6 +16,7 @@ from abbe.compcore.files.table_set import TableSet, sha256
 from abbe.compcore.fitting.design.superposition import uncompensated
 from abbe.compcore.model.model import Model
 from abbe.compcore.planning.planned_setup import PlannedSetup
+from abbe.compcore.sentences import said
 from abbe.compcore.verification.tolerance import Tolerance
 from abbe.compcore.verification.verify import Verification, VerificationRequest, verify
 from abbe.compcore.verification.words import verification_warnings
@@ -65,32 +66,33 @@ class VerificationAnswer:
         yield from self.notes
         yield from verification_warnings(self.verification)
         if not self.model.fit.get("campaigns"):
-            yield "the model's file does not say to which campaigns it was fitted"
+            yield said("the model's file does not say to which campaigns it was fitted")
         if self.absent:
-            yield (
-                f"not at hand: {', '.join(self.absent)}, to which the model was fitted; whether "
-                "lines judged here were measured there is known by SHA-256 only (--fitted)"
+            yield said(
+                "not at hand: {files}, to which the model was fitted; whether lines judged here "
+                "were measured there is known by SHA-256 only (--fitted)",
+                files=", ".join(self.absent),
             )
 
         if self.tables is not None:
             made_from = self.tables.record.get("model", {})
             if made_from.get("sha256") == sha256(self.named.path.read_bytes()):
                 return
-            yield "the tables were made from another model than this one"
+            yield said("the tables were made from another model than this one")
 
     @property
     def after_words(self) -> str:
         """Where the state after comes from."""
         if self.verification.measured:
-            return "measured with the compensation active"
-        return "computed: measured less what the model foretells"
+            return said("measured with the compensation active")
+        return said("computed: measured less what the model foretells")
 
     @property
     def before_words(self) -> str:
         """Where the state before comes from."""
         if self.verification.before_measured:
-            return "measured without compensation"
-        return "put back: measured and what was compensated"
+            return said("measured without compensation")
+        return said("put back: measured and what was compensated")
 
 
 def verified(

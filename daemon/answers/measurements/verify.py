@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from abbe.compcore.artefacts.decision_rule import Conformity
+from abbe.compcore.sentences import as_it_stands, joined, said
 from abbe.compcore.units import in_digits, with_uncertainty
 from abbe.compcore.verification.budget import CAUSES, FIGURES
 from abbe.compcore.verification.foretold import ForetoldLine
@@ -21,15 +22,20 @@ from abbe.daemon.answers.measurements.iso230 import display
 from abbe.daemon.answers.measurements.verified import VerificationAnswer
 
 WORDS = {
-    Conformity.PASSES: "passes",
-    Conformity.FAILS: "fails",
-    Conformity.NEITHER: "neither is proven",
-    None: "no tolerance is stated",
+    Conformity.PASSES: said("passes"),
+    Conformity.FAILS: said("fails"),
+    Conformity.NEITHER: said("neither is proven"),
+    None: said("no tolerance is stated"),
 }
 STATUS = {Conformity.PASSES: 0, Conformity.FAILS: 3, Conformity.NEITHER: 4, None: 0}
 """Outcome → exit status."""
 
 
+_AGREES = {
+    True: said("as foretold"),
+    False: said("differs from what is foretold"),
+    None: said("not known"),
+}
 _ROUND_OFF = 1e-6
 """µm or µrad: nothing, but for rounding."""
 
@@ -39,10 +45,12 @@ def outcome_words(found: Verification) -> str:
 
     Without a tolerance it is that of what was before and of what was foretold.
     """
-    computed = "" if found.measured else ", as computed, not as measured"
+    words: str = WORDS[found.outcome]
     if found.outcome is None:
-        return f"{WORDS[None]}; {check_verdict(found).text}{computed}"
-    return WORDS[found.outcome] + computed
+        words = joined([words, check_verdict(found).text])
+    if found.measured:
+        return words
+    return said("{outcome}, as computed, not as measured", outcome=words)
 
 
 def scaled(value: float | None, factor: float) -> float | None:
@@ -162,7 +170,9 @@ def placed_rows(found: Verification) -> Iterator[tuple[str, ...]]:
     for one in found.placed:
         unit, factor = ("µrad", 1e6) if one.unit == "rad" else ("µm", 1e3)
         expanded = max(found.coverage * one.sd * factor, _ROUND_OFF)
-        outcome = {True: "as foretold", False: "differs from what is foretold", None: "not known"}
+        outcome: str = _AGREES[one.agrees]
+        if one.fitted is not None:
+            outcome = said("{outcome}; fitted ({what})", outcome=outcome, what=str(one.fitted))
         yield (
             one.setup,
             one.what,
@@ -170,7 +180,7 @@ def placed_rows(found: Verification) -> Iterator[tuple[str, ...]]:
             "–" if one.before is None else with_uncertainty(one.before * factor, expanded),
             with_uncertainty(one.after * factor, expanded),
             unit,
-            outcome[one.agrees] + ("" if one.fitted is None else f"; fitted ({one.fitted})"),
+            outcome,
             *_tolerance_words(judged.get(one.setup)),
         )
 
@@ -227,41 +237,56 @@ def as_text(answer: VerificationAnswer) -> Iterator[str]:
     """Lines for people."""
     found = answer.verification
     machine = answer.model.machine
-    name = machine.name or "this machine"
-    yield f"Verification of {name}, {machine.structure}: {outcome_words(found)}"
-    yield f"  after: {answer.after_words}; before: {answer.before_words}"
+    yield said(
+        "Verification of {name}, {structure}: {outcome}",
+        name=machine.name or said("this machine"), structure=machine.structure,
+        outcome=outcome_words(found),
+    )  # fmt: skip
+    yield said("  after: {after}; before: {before}", after=answer.after_words,
+               before=answer.before_words)  # fmt: skip
     for warning in answer.warnings():
-        yield f"  WARNING: {warning}"
+        yield said("  WARNING: {what}", what=warning)
     if found.lines:
         yield from _table(found)
     if found.placed:
-        yield "  what other set-ups show but for how they stand (largest range in one direction):"
+        yield said(
+            "  what other set-ups show but for how they stand (largest range in one direction):"
+        )
         stated = any(isinstance(f.test, PlacedFigure) for f in found.figures)
-        heads = ("set-up", "", "readings", "before", "after", "", "", "", "")
-        if stated:
-            heads = (*heads[:7], "tolerance", "")
+        heads: tuple[str, ...] = (
+            said("set-up"), "", said("readings"), said("before"), said("after"), "", "",
+            said("tolerance") if stated else "", "",
+        )  # fmt: skip
         yield from in_columns([heads, *placed_rows(found)])
     for judged in found.figures:
         if judged.after.reason:
             where = f"{judged.name} {judged.test.setup}, {judged.tolerance.figure}"
-            yield f"  {where}: {judged.after.reason}"
+            yield said("  {where}: {why}", where=where, why=judged.after.reason)
     if found.lengths is not None:
         result = found.lengths.evaluation.tests[0]
-        yield f"lengths, ISO 10360-2 E0, limit {result.permissible}: {WORDS[found.lengths.outcome]}"
+        yield said(
+            "lengths, ISO 10360-2 E0, limit {limit}: {outcome}",
+            limit=result.permissible, outcome=WORDS[found.lengths.outcome],
+        )  # fmt: skip
         if found.lengths_before is not None:
-            yield f"  before: {WORDS[found.lengths_before.outcome]}"
-        yield f"  {len(result.judged)} values; worst {iso10360.where(result.worst)}"
+            yield said("  before: {outcome}", outcome=WORDS[found.lengths_before.outcome])
+        worst = iso10360.where(result.worst)
+        yield said("  {n} values; worst {where}", n=len(result.judged), where=worst)
         for note in result.notes:
             yield f"  {note}"
-    yield f"measured less foretold, without compensation: {found.comparison.summary()}"
-    yield (
-        f"± is U = {found.coverage:g} u: {', '.join(CAUSES)}; passes where the figure and U keep "
-        "the tolerance, fails where the figure less U does not (ISO 14253-1)"
-    )
+    left = found.comparison.summary()
+    yield said("measured less foretold, without compensation: {left}", left=left)
+    yield said(
+        "± is U = {k} u: {causes}; passes where the figure and U keep the tolerance, fails where "
+        "the figure less U does not (ISO 14253-1)",
+        k=f"{found.coverage:g}", causes=joined(CAUSES, ", "),
+    )  # fmt: skip
 
 
 def _table(found: Verification) -> Iterator[str]:
-    heads = ("line", "", "before", "foretold", "after", "", "tolerance", "")
+    heads: tuple[str, ...] = (
+        said("line"), "", said("before"), said("foretold"), said("after"), "", said("tolerance"), ""
+    )  # fmt: skip
     rows = [heads]
     judged = {(f.test.setup, f.tolerance.figure): f for f in found.figures}
     k = found.coverage
@@ -275,9 +300,9 @@ def _table(found: Verification) -> Iterator[str]:
                 (
                     "" if i else f"{one.after.name}  {one.after.setup}",
                     figure,
-                    "–" if one.before is None else said(one.before, figure, factor, k),
+                    "–" if one.before is None else figure_with_u(one.before, figure, factor, k),
                     foretold_words(one, figure, factor, k),
-                    said(one.after, figure, factor, k),
+                    figure_with_u(one.after, figure, factor, k),
                     unit,
                     *_tolerance_words(limit),
                 )
@@ -289,10 +314,12 @@ def in_columns(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
     """Rows of a table as lines, each column as wide as it has to be."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     for row in rows:
-        yield "  " + "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip()
+        last = max(i for i, cell in enumerate(row) if cell or not i)
+        cells = [as_it_stands(c).padded(w) for c, w in zip(row[:last], widths, strict=False)]
+        yield joined(["", *cells, row[last]], "  ")
 
 
-def said(test: LineTest, figure: str, factor: float, coverage: float) -> str:
+def figure_with_u(test: LineTest, figure: str, factor: float, coverage: float) -> str:
     """``4.2 ± 1.1``: a figure with U; a dash where it is not known."""
     value, sd = test.value(figure), test.sd(figure)
     if value is None or sd is None:

@@ -210,14 +210,16 @@ def as_text(revision: Revision, effect: Effect | None) -> Iterator[str]:
     if effect is not None:
         for p, found in _parameters(revision.after, effect):
             if not found.measured:
-                yield f"{p.name} not measured"
+                yield said("{name} not measured", name=p.name)
                 continue
             shown, factor = read_in(p)
             wide = None if found.sd is None else found.sd * factor
             text = f"{p.name} = {with_uncertainty(found.value * factor, wide)} {shown}"
             if p.name in reversed_parameters(revision.after.model.machine, effect):
                 there = in_digits(-found.value * factor, 4, sign=True)
-                text += f" (on the table itself {there} {shown})"
+                text = said(
+                    "{value} (on the table itself {there})", value=text, there=f"{there} {shown}"
+                )
             yield text
         if isinstance(effect, RotaryLocation):
             yield from average_line_words(revision.after.model)
@@ -253,7 +255,7 @@ def as_text(revision: Revision, effect: Effect | None) -> Iterator[str]:
         unit=unit,
     )
     if effect is not None and two > NOT_FALLEN * one:
-        yield (
+        yield said(
             "WARNING: the held-out error did not fall. The effect explains the fitted campaign and "
             "predicts nothing; do not use it for compensation before you know why."
         )

@@ -25,6 +25,13 @@ KeepOutBoxes = Annotated[
 ToolRadius = Annotated[
     float, typer.Option(callback=within(0.0, 1000.0, "mm"), help="Tool with its holder, mm.")
 ]
+PlateAtHand = Annotated[
+    Path | None,
+    typer.Option(
+        help="The ball plate at hand, which the machine touches itself: ball,cx,cy,cz.",
+        metavar="PLATE.csv",
+    ),
+]
 GaugeAtHand = Annotated[
     Path | None,
     typer.Option(

@@ -16,6 +16,7 @@ from abbe.compcore.files.text.atomic import write_atomically
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.model import Model
+from abbe.compcore.sentences import said
 from abbe.compcore.units import in_digits
 from abbe.daemon.answers.inputs import load
 from abbe.daemon.answers.model import expected_times as expected
@@ -70,10 +71,10 @@ def complete_model(
                 doubted[spec] = doubts[0].removesuffix(".")
                 question = f"{doubts[0]} Add {spec} all the same?"
                 if not ask(question, default=False):
-                    say(f"{spec} is not added: {doubted[spec]}")
+                    say(said("{spec} is not added: {why}", spec=spec, why=doubted[spec]))
                     continue
                 del doubted[spec]
-            elif not ask(f"add {spec}?"):
+            elif not ask(said("add {spec}?", spec=spec)):
                 continue
             add(model, spec, [campaign], following, robust=bool(found.strays))
             added = load_model(following)
@@ -81,15 +82,15 @@ def complete_model(
             if not hidden:
                 break
             following.unlink()
-            say(f"{spec} is not added: {hidden}")
+            say(said("{spec} is not added: {why}", spec=spec, why=hidden))
         else:
             if found.strays:
                 model = _without_strays(model, campaign, out)
-                say("fitted once more without what stands alone")
+                say(said("fitted once more without what stands alone"))
             break
         model = following
     write_atomically(out, model.read_bytes())
-    say(f"written: {out}, which is {model.name}")
+    say(said("written: {file}, which is {model}", file=out, model=model.name))
     return "; ".join(f"established, and left out: {spec}; {why}" for spec, why in doubted.items())
 
 
@@ -110,9 +111,10 @@ def _unsure(model: Model, spec: str) -> str:
         linear = {p.name for p in term.effect.linear(model.machine)}
         known = [v for name, v in term.values.items() if name in linear and v.sd]
         if known and all(abs(v.value) < _SURE * (v.sd or 0.0) for v in known):
-            return (
-                f"none of its values is more than {_SURE:g} times its own uncertainty: what it "
-                "would correct is not known; measure what tells it from the rest"
+            return said(
+                "none of its values is more than {times} times its own uncertainty: what it would "
+                "correct is not known; measure what tells it from the rest",
+                times=f"{_SURE:g}",
             )
     return ""
 
@@ -127,9 +129,9 @@ def _hidden_wave(model: Model, spec: str, conditions: Conditions) -> str:
         nonlinear = term.nonlinear(model.machine)
         for axis, wave in term.effect.repeats(model.machine, nonlinear).items():
             if axis in steps and not is_rotary(axis) and not resolves(steps[axis], wave):
-                return (
-                    f"{axis} was read every {in_digits(steps[axis])} mm, which does not tell "
-                    "its wave of "
-                    f"{in_digits(wave)} mm from a longer one; a line with other steps would"
-                )
+                return said(
+                    "{axis} was read every {step} mm, which does not tell its wave of {wave} mm "
+                    "from a longer one; a line with other steps would",
+                    axis=axis, step=in_digits(steps[axis]), wave=in_digits(wave),
+                )  # fmt: skip
     return ""

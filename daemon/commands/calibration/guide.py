@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from abbe.compcore.errors import AbbeError, InputError
+from abbe.compcore.sentences import as_it_stands, said
 from abbe.daemon.calibration.asking import AskPerson
 from abbe.daemon.calibration.request import CalibrationRequest
 from abbe.daemon.calibration.state import CalibrationState, make_folder, one_at_a_time
@@ -81,23 +82,31 @@ def _through(
     for number in range(1, len(names) + 1):
         # anew: a step may hang on what came out of those before it
         step = list(steps_of(request, state, say, ask))[number - 1]
-        title = f"{number}/{len(names)} {step.name}: {step.title}"
+        title = said(
+            "{number}/{all} {step}: {what}",
+            number=number, all=len(names), step=step.name, what=as_it_stands(step.title),
+        )  # fmt: skip
         if state.done(step.name, step.made_from, step.makes, step.settings):
-            say(f"{title}: done {state.steps[step.name].at}")
+            say(said("{title}: done {at}", title=title, at=state.steps[step.name].at))
         else:
-            if not ask(f"{title}. Go on?"):
-                say("stopped; the same command goes on here")
+            if not ask(said("{title}. Go on?", title=title)):
+                say(said("stopped; the same command goes on here"))
                 return False
             say(title)
             lacking = [path for path in step.made_from if not path.exists()]
             if lacking:
-                raise AbbeError(f"{step.name} needs {lacking[0]}, which is not there")
+                raise AbbeError(
+                    said("{step} needs {file}, which is not there", step=step.name, file=lacking[0])
+                )
             try:
                 outcome = step.run() or ""
             except BaseException:
                 say(
-                    f"{step.name} is not done; the steps before it are, and what it has written "
-                    "stays: the same command goes on here"
+                    said(
+                        "{step} is not done; the steps before it are, and what it has written "
+                        "stays: the same command goes on here",
+                        step=step.name,
+                    )
                 )
                 raise
             state.note(step.name, step.made_from, request.by, step.settings, outcome)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from abbe.compcore.errors import AbbeError
 from abbe.compcore.files.model_file import load_model
+from abbe.compcore.sentences import joined, said
 from abbe.compcore.verification.verdict import VerdictOutcome, check_verdict
 from abbe.daemon.answers.measurements import verify as answer
 from abbe.daemon.answers.measurements.verified_files import (
@@ -27,7 +28,15 @@ from abbe.daemon.calibration.step import (
 )
 from abbe.daemon.commands.measurements.verify import judge
 
-NOTHING_CHECKED = f"{VerdictOutcome.OPEN.value}: no line was measured that was not fitted"
+_WAYS_ON = said(
+    "Measure more (--time) or otherwise, or say no to what was added last: the certificate shows "
+    "where it fails"
+)
+NOTHING_CHECKED = said(
+    "{outcome}: {why}",
+    outcome=said("not verified"),
+    why=said("no line was measured that was not fitted"),
+)
 
 
 def judge_check(
@@ -67,15 +76,20 @@ def judge_check(
     )  # fmt: skip
     for line in answer.as_text(done):
         say(line)
-    say(f"written: {page}")
+    say(said("written: {files}", files=page))
     verdict = check_verdict(done.verification)
     if verdict.outcome is VerdictOutcome.WORSE:
         back = (
-            f"; the tables act: {uploading(request.config)} --rollback takes them back"
+            said(
+                "the tables act: {command} takes them back",
+                command=f"{uploading(request.config)} --rollback",
+            )
             if active is not None
-            else "; nothing is written for abbe run"
+            else said("nothing is written for abbe run")
         )
-        raise AbbeError(f"the check does not pass: {'; '.join(verdict.reasons)}{back}")
+        why = joined(verdict.reasons)
+        raise AbbeError(said("the check does not pass: {why}; {then}. {ways}", why=why, then=back,
+                             ways=_WAYS_ON))  # fmt: skip
     return verdict.text
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+from abbe.compcore.sentences import said
 from abbe.compcore.verification.verdict import VerdictOutcome
 from abbe.daemon.calibration.asking import AskPerson
 from abbe.daemon.calibration.live_configuration import kept_model, write_live_configuration
@@ -171,6 +172,7 @@ def _verified(
         verify(
             calibrated, out=plan_file, fitted=[campaign], time=request.check_time, runs=2,
             tool=list(request.tools), instruments=request.checked_by, gauge=request.gauge,
+            plate=request.plate,
         )  # fmt: skip
 
     made_from = (calibrated, campaign)
@@ -198,11 +200,16 @@ def _live(
     out = request.file(LIVE if verified else NOT_VERIFIED)
 
     def live() -> str:
-        said = outcome or NOTHING_CHECKED
-        words = live_words(said, state.outcome("diagnose"))
+        found = outcome or NOTHING_CHECKED
+        words = live_words(found, state.outcome("diagnose"))
         model = write_live_configuration(request.config, calibrated, out, words)
-        say(f"written: {out}, which starts {model.name}; {said}")
-        return said
+        say(
+            said(
+                "written: {file}, which starts {model}; {outcome}",
+                file=out, model=model.name, outcome=found,
+            )
+        )  # fmt: skip
+        return found
 
     checked = (request.file(CHECK),) if request.checked_by else ()
     made_from = (calibrated, *checked)

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from abbe.compcore.sentences import said
 from abbe.daemon.arguments.bounded import within
 from abbe.daemon.arguments.measurements.survey_options import (
     GaugeAtHand,
     Instruments,
     KeepOutBoxes,
     PlanOut,
+    PlateAtHand,
     TimeThere,
     ToolRadius,
     Tools,
@@ -59,13 +61,7 @@ def plan(
     tool: Tools = None,
     keep_out: KeepOutBoxes = None,
     tool_radius: ToolRadius = 0.0,
-    plate: Annotated[
-        Path | None,
-        typer.Option(
-            help="The ball plate at hand, which the machine touches itself: ball,cx,cy,cz.",
-            metavar="PLATE.csv",
-        ),
-    ] = None,
+    plate: PlateAtHand = None,
     gauge: GaugeAtHand = None,
     apart: Annotated[
         list[str] | None,
@@ -144,7 +140,7 @@ def plan(
         say(line)
     written = ", ".join(str(p) for p in (out, report) if p is not None)
     if written:
-        say(f"written: {written}")
+        say(said("written: {files}", files=written))
 
 
 def _determined(loaded: Model) -> Model:
@@ -202,4 +198,4 @@ def _list(
     for line in answer.as_text(machine, made):
         say(line)
     if report is not None:
-        say(f"written: {report}")
+        say(said("written: {files}", files=report))

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from abbe.compcore.sentences import said
 from abbe.daemon.arguments.measurements.plan_reading import Feed, OnlySetups, PlanFile, Stands
 from abbe.daemon.arguments.options import Force
 
@@ -81,6 +82,11 @@ def program(
         contents[targets] = targets_csv(steps, machine)
     write_together(contents)
     count = sum(step.kind == "target" for step in steps)
-    say(f"{dialect.title}: {len(wanted)} set-ups, {count} targets, {feed:g} mm/min")
-    say("before it runs: warm up, tool in, way back free; try it above the machine first")
-    say("written: " + ", ".join(map(str, contents)))
+    say(
+        said(
+            "{control}: {setups} set-ups, {count} targets, {feed} mm/min",
+            control=dialect.title, setups=len(wanted), count=count, feed=f"{feed:g}",
+        )
+    )  # fmt: skip
+    say(said("before it runs: warm up, tool in, way back free; try it above the machine first"))
+    say(said("written: {files}", files=", ".join(map(str, contents))))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from abbe.compcore.sentences import said
 from abbe.daemon.arguments.bounded import within
 from abbe.daemon.arguments.measurements.sure import (
     Expansion,
@@ -25,6 +26,7 @@ from abbe.daemon.arguments.measurements.survey_options import (
     Instruments,
     KeepOutBoxes,
     PlanOut,
+    PlateAtHand,
     TimeThere,
     ToolRadius,
     Tools,
@@ -93,6 +95,7 @@ def verify(
     runs: Annotated[int, typer.Option(help="Of each planned line, each way.", min=1, max=100)] = 5,
     tool: Tools = None,
     gauge: GaugeAtHand = None,
+    plate: PlateAtHand = None,
     keep_out: KeepOutBoxes = None,
     tool_radius: ToolRadius = 0.0,
     as_json: AsJson = False,
@@ -119,7 +122,10 @@ def verify(
         tuple(campaigns or []), tuple(before or []), active, check, tables, tuple(fitted or [])
     )
     say = check_outputs(
-        [model, gauge, *files.all()], [(out, PLAN), (report, REPORT)], force=force, as_json=as_json
+        [model, gauge, plate, *files.all()],
+        [(out, PLAN), (report, REPORT)],
+        force=force,
+        as_json=as_json,
     )
     if bool(files.campaigns) == (out is not None):
         raise InputError(
@@ -133,6 +139,7 @@ def verify(
     known = fitted_campaigns(named, files.fitted)
     if out is not None:
         from abbe.compcore.files.gauge_file import read_gauge
+        from abbe.compcore.files.plate_file import read_plate
         from abbe.compcore.planning.envelope import WorkingSpace
         from abbe.compcore.planning.targets import SurveyTask
         from abbe.daemon.arguments.plan_arguments import keep_out_of, seconds_of, tools_of
@@ -141,6 +148,7 @@ def verify(
         task = SurveyTask(
             named.model, space, tools_of(tool or []),
             gauge=None if gauge is None else read_gauge(gauge),
+            plate=None if plate is None else read_plate(plate),
         )  # fmt: skip
         made = _planned(task, known, instruments, seconds_of(time), runs)
         _tell_plan(made, named, known, out, report, say, as_json=as_json)
@@ -154,7 +162,7 @@ def verify(
         for line in answer.as_text(done):
             say(line)
         if report is not None:
-            say(f"written: {report}")
+            say(said("written: {files}", files=report))
     raise typer.Exit(answer.STATUS[done.verification.outcome])
 
 
@@ -237,6 +245,11 @@ def _tell_plan(
     for line in survey.as_text(made):
         say(line)
     if known.campaign is None or known.absent:
-        names = ", ".join(known.absent) or "what the model was fitted to"
-        say(f"  WARNING: not at hand: {names}; its lines may be among these (--fitted)")
-    say("written: " + ", ".join(str(p) for p in (out, report) if p is not None))
+        names = ", ".join(known.absent) or said("what the model was fitted to")
+        say(
+            said(
+                "  WARNING: not at hand: {files}; its lines may be among these (--fitted)",
+                files=names,
+            )
+        )
+    say(said("written: {files}", files=", ".join(str(p) for p in (out, report) if p is not None)))

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from abbe.compcore.sentences import said
 from abbe.daemon.arguments.lists import ListOptions
 from abbe.daemon.arguments.options import AsJson, CampaignFiles, Force, HoldoutFiles, ModelFile
 
@@ -117,7 +118,7 @@ def diagnose(
     for line in diagnosis_words(found, noise, advice, adding.command, adding.fitting):
         say(line)
     if written := [str(path) for path in (out, report) if path is not None]:
-        say(f"written: {', '.join(written)}")
+        say(said("written: {files}", files=", ".join(written)))
 
 
 def _silent(_: str) -> None:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from abbe.compcore.sentences import said
 from abbe.daemon.arguments.options import (
     ActiveModel,
     AsJson,
@@ -103,4 +104,4 @@ def fit(
     say(reported)
     if as_json:
         return
-    say(f"written: {out}" + ("" if report is None else f", {report}"))
+    say(said("written: {files}", files=str(out) if report is None else f"{out}, {report}"))

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from abbe.compcore.sentences import said
 from abbe.daemon.arguments.bounded import within
 from abbe.daemon.arguments.options import AsJson, Force, ModelFile, Report
 from abbe.daemon.arguments.tables.options import (
@@ -121,4 +122,4 @@ def table(
     for line in answer.as_text(done, written):
         say(line)
     if report is not None:
-        say(f"written: {report}")
+        say(said("written: {files}", files=report))

@@ -148,9 +148,12 @@ class Instrument:
         elif self.angle != (setup.kind == Kind.ROTATION):
             wrong = f"its unit is not that of a {setup.kind.name.lower()}"
         elif (self.section.reads == "distance") and setup.kind != Kind.DISTANCE:
-            wrong = "it reads distances, and the plan wants none there"
+            wrong = (
+                'it reads distances, and the plan wants errors there: reads = "error", what it '
+                "shows less what it should"
+            )
         elif self.section.reads == "error" and setup.kind == Kind.DISTANCE:
-            wrong = "it reads errors, and the plan wants distances there"
+            wrong = 'it reads errors, and the plan wants distances there: reads = "distance"'
         elif self.section.reads == "length" and setup.kind == Kind.ROTATION:
             wrong = 'an angle is read as error (reads = "error")'
         elif self.section.reads == "length" and any(

@@ -17,11 +17,11 @@ from abbe.daemon.answers.measurements.iso10360 import where
 from abbe.daemon.answers.measurements.verified import VerificationAnswer
 from abbe.daemon.answers.measurements.verify import (
     WORDS,
+    figure_with_u,
     foretold_words,
     judged_unit,
     outcome_words,
     placed_rows,
-    said,
     shown_with,
 )
 from abbe.daemon.report.head import FileOnPage, PageHead, facts_of, file_on_page
@@ -172,8 +172,8 @@ def _figures(page: Page, found: Verification) -> None:
                     one.after.name,
                     one.after.setup,
                     name,
-                    "–" if before is None else said(before, name, factor, found.coverage),
-                    said(one.after, name, factor, found.coverage),
+                    "–" if before is None else figure_with_u(before, name, factor, found.coverage),
+                    figure_with_u(one.after, name, factor, found.coverage),
                     unit,
                     "" if one.fitted is None else f"fitted ({one.fitted})",
                 ]
@@ -309,7 +309,7 @@ def _foretold(page: Page, found: Verification) -> None:
                 one.after.name,
                 one.after.setup,
                 name,
-                said(before, name, factor, found.coverage),
+                figure_with_u(before, name, factor, found.coverage),
                 foretold_words(one, name, factor, found.coverage),
                 number(told.left * factor, 3),
                 number(told.expected * factor, 3),

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from abbe.daemon.config import Configuration
 from abbe.daemon.measure.events import minutes, setup_words
 from abbe.daemon.report.measurements.survey import picture
 from abbe.daemon.report.pictures.still import still
+from abbe.daemon.workbench.calibration.asked import AskedCalibration
 from abbe.daemon.workbench.calibration.step_process import StepProcess, step_json
 from abbe.daemon.workbench.fresh import FreshConfiguration
 from abbe.daemon.workbench.tables.desk import TableDesk
@@ -29,28 +30,6 @@ _UPLOAD = "upload"
 """The step that writes to the controller: looked at first, then done by a desk for tables."""
 _PLANS = {"plan": PLAN, "check": CHECK_PLAN}
 """Step → the file of its plan."""
-
-
-@dataclass(frozen=True)
-class AskedCalibration:
-    """What a calibration is asked for, as `CalibrationRequest` has it."""
-
-    time: str = "4h"
-    check_time: str = "1h"
-    tools: tuple[str, ...] = ()
-    controller: str = ""
-    tables: str = ""
-
-    def words(self) -> dict[str, str]:
-        """As text, to be kept."""
-        return vars(self) | {"tools": " ".join(self.tools)}
-
-    @classmethod
-    def kept(cls, words: Mapping[str, str]) -> AskedCalibration:
-        """What was kept."""
-        known = {f.name for f in fields(cls)}
-        found: dict[str, Any] = {k: v for k, v in words.items() if k in known}
-        return cls(**found | {"tools": tuple(words.get("tools", "").split())})
 
 
 class CalibrationGuide:

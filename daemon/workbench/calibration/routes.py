@@ -8,7 +8,8 @@ from fastapi import APIRouter, Query, Request
 from pydantic import Field
 from starlette.responses import Response
 
-from abbe.daemon.workbench.calibration.guide import MEASURES, AskedCalibration, CalibrationGuide
+from abbe.daemon.workbench.calibration.asked import AskedCalibration
+from abbe.daemon.workbench.calibration.guide import MEASURES, CalibrationGuide
 from abbe.daemon.workbench.entrance.asked import AskedOfWorkbench, Nothing
 from abbe.daemon.workbench.entrance.role import operating
 from abbe.daemon.workbench.tables.routes import table_routes

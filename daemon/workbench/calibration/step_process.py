@@ -13,14 +13,21 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from abbe.compcore.sentences import sentences_in
+
 _MOST = 400
 """Lines that are kept, the newest."""
 ANSWERS = {"yes": "y", "no": "n", "stands": "", "leave out": "s"}
 """What a person may answer → the line that the step is given."""
 
 
-def step_json(step: str, lines: Sequence[str]) -> dict[str, Any]:
-    """What the page shows of a step that asks nothing and is not counted."""
+def step_json(
+    step: str, lines: Sequence[str], sentences: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """What the page shows of a step that asks nothing and is not counted.
+
+    `sentences` as `sentences_in` has them of the lines; None: found in them.
+    """
     nothing: dict[str, Any] = {
         "question": "",
         "choices": [],
@@ -29,7 +36,8 @@ def step_json(step: str, lines: Sequence[str]) -> dict[str, Any]:
         "of": None,
         "left": None,
     }
-    return {"step": step, "lines": list(lines), "ended": "", **nothing}
+    known = sentences_in(lines) if sentences is None else sentences
+    return {"step": step, "lines": list(lines), "sentences": known, "ended": "", **nothing}
 
 
 class StepProcess:
@@ -46,6 +54,7 @@ class StepProcess:
     def __init__(self, module: str, task: Mapping[str, Any]) -> None:
         self.step = str(task["step"])
         self._lines: deque[str] = deque(maxlen=_MOST)
+        self._sentences: dict[str, Any] = {}
         self._question = ""
         self._choices: tuple[str, ...] = ()
         self._progress: Mapping[str, Any] = {}
@@ -74,7 +83,7 @@ class StepProcess:
 
     def as_json(self) -> dict[str, Any]:
         """What the page shows of it; `left` in s."""
-        return step_json(self.step, list(self._lines)) | {
+        return step_json(self.step, list(self._lines), dict(self._sentences)) | {
             "question": self._question,
             "choices": list(self._choices),
             "next": self._next,
@@ -129,6 +138,10 @@ class StepProcess:
             found = None
         if not isinstance(found, dict):
             self._lines.append(line)
+            return
+        self._sentences |= found.get("sentences", {})
+        if "line" in found:
+            self._lines.append(str(found["line"]))
         elif "ask" in found:
             self._question, self._choices = str(found["ask"]), ("yes", "no")
         elif "error" in found:

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from abbe.compcore.model.model import Model
+from abbe.compcore.sentences import sentences_in
 from abbe.daemon.status.run_status import AxisStatus, RunStatus
 from abbe.daemon.status.text import axis_cells, check_lines, cycle_line, link_line, signal_cells
-from abbe.daemon.workbench.sentences import sentences_in
 
 _STALE = 6
 """Place of an axis's cell that says that its position is old."""

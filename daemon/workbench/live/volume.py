@@ -8,10 +8,9 @@ from typing import Any
 from abbe.compcore.figures.volume import enlargement, volume
 from abbe.compcore.model.error_volume import error_volume
 from abbe.compcore.model.model import Model
-from abbe.compcore.sentences import said
+from abbe.compcore.sentences import said, sentences_in
 from abbe.daemon.report.page import plain
 from abbe.daemon.status.run_status import RunStatus
-from abbe.daemon.workbench.sentences import sentences_in
 
 
 def present_volume(status: RunStatus, model: Model) -> dict[str, Any]:

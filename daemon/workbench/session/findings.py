@@ -10,11 +10,11 @@ from abbe.compcore.comparison.compare import compare
 from abbe.compcore.diagnosis.screening.what_if import WhatIf
 from abbe.compcore.diagnosis.verdict import Diagnosis, diagnose
 from abbe.compcore.errors import InputError
+from abbe.compcore.sentences import sentences_in
 from abbe.daemon.answers.model import compare as compare_answer
 from abbe.daemon.answers.typed import Adding
 from abbe.daemon.workbench.campaigns.laid import LaidCampaigns
 from abbe.daemon.workbench.residuals.brush import Brush, ManyResiduals
-from abbe.daemon.workbench.sentences import sentences_in
 from abbe.daemon.workbench.session.compared import compared
 from abbe.daemon.workbench.session.learned import learned, sliders, tried, what_if
 from abbe.daemon.workbench.session.task import Tell

@@ -41,7 +41,7 @@ class WorkbenchTask:
         self._stage = stages[0][0] if stages else ""
         self._stop = False
         self._over = False
-        self.error = ""
+        self.error: str = ""
         """Why it failed; empty: it has not."""
         # a fit that is under way at the end must not keep the process
         self._thread = threading.Thread(target=self._run, daemon=True, name=f"workbench: {what}")
@@ -78,14 +78,14 @@ class WorkbenchTask:
         }
 
     def _run(self) -> None:
-        failed = "a mistake of Abbe's: the terminal says more; please report it"
+        failed: str = "a mistake of Abbe's: the terminal says more; please report it"
         try:
             self._work(self._tell)
             failed = ""
         except TaskEndedError:
             failed = ""
         except AbbeError as error:
-            failed = str(error)
+            failed = error.sentence
         except (OSError, MemoryError) as error:
             failed = f"{type(error).__name__}: {error}"
         finally:

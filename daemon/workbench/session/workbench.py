@@ -9,13 +9,13 @@ from typing import Any
 from abbe.compcore.errors import AbbeError, InputError
 from abbe.compcore.files.campaign_file import require_signals
 from abbe.compcore.files.model_file import load_model
-from abbe.daemon.answers.inputs import now
+from abbe.compcore.sentences import sentences_in
 from abbe.daemon.answers.model import expected_times as expected
-from abbe.daemon.installed import abbe_version
-from abbe.daemon.report.head import file_on_page, head_of
+from abbe.daemon.report.head import file_on_page
 from abbe.daemon.workbench.campaigns.laid import lay
 from abbe.daemon.workbench.campaigns.shelf import CampaignShelf
 from abbe.daemon.workbench.session.findings import ADVICE, VersionFindings
+from abbe.daemon.workbench.session.head import session_head
 from abbe.daemon.workbench.session.making import Making, adding, fitting
 from abbe.daemon.workbench.session.origin import FromStore
 from abbe.daemon.workbench.session.task import Tell
@@ -92,6 +92,7 @@ class Workbench:
                 "changes": tasks.changes,
                 "task": tasks.as_json(),
                 "error": tasks.error,
+                "sentences": sentences_in(tasks.error),
                 "compared": findings.compared is not None,
                 "learned": findings.learned is not None,
                 "empty": self.empty,
@@ -103,17 +104,7 @@ class Workbench:
 
     def head(self) -> dict[str, Any]:
         """Machine, serial number, date, and every file with its SHA-256."""
-        current = self._current
-        head = head_of(current.model, [file_on_page("model", current.path)], self._laid.campaign)
-        held = [file_on_page("campaign, held out", path) for path in self._laid.held]
-        place = [] if self._origin is None else [["Plant's store", self._origin.place]]
-        return {
-            "machine": current.model.machine.name or "Machine",
-            "facts": [*place, *([name, text] for name, text in head.facts.items())],
-            "files": [[f.part, Path(f.file).name, f.sha256] for f in (*head.files, *held)],
-            "abbe": abbe_version(),
-            "made": now(),
-        }
+        return session_head(self._current, self._laid, self._origin)
 
     def compare(self) -> None:
         """Lay the present version beside the campaigns, in a thread."""
@@ -197,10 +188,7 @@ class Workbench:
         """
         with self._tasks.lock:
             version = self._version(number).path
-        if not text.strip():
-            raise InputError("nothing is noted", field="text")
-        sha256 = file_on_page("model", version).sha256
-        self.journal.keep(who, "note", version=version.name, sha256=sha256, text=text.strip())
+        self.journal.note(who, version, text)
         self._tasks.changed()
 
     def beside(self, left: int, right: int) -> bytes:

@@ -1,5 +1,5 @@
 // The frame: what is known of the machine, what is under way, and the views.
-import {label, offerLanguages, t, translatePage} from "./shared/language.js";
+import {label, line, offerLanguages, t, translatePage} from "./shared/language.js";
 import {el, keepingTyped, moment, replace} from "./shared/dom.js";
 import {back, get, Lost, Outside, post, Refusal, why} from "./shared/server.js";
 import {Calibration} from "./calibration/calibrate.js";
@@ -152,7 +152,7 @@ async function look() {
   const over = before?.task && !now.task;
   if (now.changes === seen && !over && !again) return;
   seen = now.changes;
-  if (now.error) trouble(now.error);
+  if (now.error) trouble(line(now.error));
   else if (again) { told = returned(anew, before, now); trouble(""); }
   else if (before && before.version !== now.version && !mine)
     trouble(t("The model is {version} now: it was changed in another window.", {version: now.version}));
@@ -217,7 +217,7 @@ async function watchOver() {
       view.classList.add("lost");
       if (!(error instanceof Lost) && !(error instanceof Refusal)) console.error(error);
       told = "";
-      trouble(error instanceof Refusal ? error.message
+      trouble(error instanceof Refusal ? line(error.message)
         : [t("The workbench does not answer. It is asked again. If it was ended, start 'abbe open' anew with --port {port}: this window then goes on, with what was typed.", {port: location.port}), unsure].filter(Boolean).join(" "));
       away = true;
     }
@@ -246,7 +246,7 @@ async function report() {
     if (window.open("/report/report.html", "_blank")) trouble("");
     else trouble(t("The browser did not let the report's window open: allow it, and press Report once more."));
   } catch (error) {
-    trouble(t("The report could not be made: {why}", {why: error.message}));
+    trouble(t("The report could not be made: {why}", {why: line(error.message)}));
   } finally {
     button.disabled = false;
   }

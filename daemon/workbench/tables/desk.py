@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from abbe.compcore.errors import AbbeError, InputError
+from abbe.compcore.sentences import sentences_in
 from abbe.daemon.answers.tables.upload_words import named, naming, result_lines
 from abbe.daemon.config import Configuration
 from abbe.daemon.upload.operator_port import OperatorPort
@@ -25,7 +26,6 @@ from abbe.daemon.upload.session import (
 )
 from abbe.daemon.upload.status import status, status_lines
 from abbe.daemon.workbench.fresh import FreshConfiguration
-from abbe.daemon.workbench.sentences import sentences_in
 from abbe.daemon.workbench.tables.held import held
 from abbe.daemon.workbench.tables.past import past_uploads
 
@@ -262,7 +262,7 @@ class TableDesk:
         try:
             self._uploaded(who)
         except AbbeError as error:
-            return [str(error)]
+            return [error.sentence]
         return []
 
     def _forget(self) -> None:
@@ -309,7 +309,7 @@ class TableDesk:
 
             good, lines = asyncio.run(acted())
         except AbbeError as error:
-            lines = [str(error)]
+            lines = [error.sentence]
         except (OSError, MemoryError) as error:
             lines = [f"{type(error).__name__}: {error}"]
         finally:

@@ -13,7 +13,7 @@ from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.table_set import RECORD_NAME, TableSet, read_text, sha256
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.model import Model
-from abbe.compcore.sentences import said
+from abbe.compcore.sentences import said, sentences_in
 from abbe.compcore.tables.field import ErrorField, table_state
 from abbe.compcore.tables.remainder import Remainder, TrialPoints
 from abbe.compcore.tables.table import Table
@@ -23,7 +23,6 @@ from abbe.daemon.answers.tables.words import names_of_remaining, trust_lines
 from abbe.daemon.config import Configuration
 from abbe.daemon.report.page import Figure, in_words, number, plain
 from abbe.daemon.report.table import HELD_COLUMNS, held_rows, table_curves, where_left
-from abbe.daemon.workbench.sentences import sentences_in
 from abbe.daemon.workbench.tables.held_record import record_of
 from abbe.drivers.controllers import Confidence, Controller, make_controller
 

@@ -12,13 +12,13 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.comparison.compare import Comparison, compare
 from abbe.compcore.files.campaign_file import require_signals
 from abbe.compcore.model.model import Model
+from abbe.compcore.sentences import sentences_in
 from abbe.compcore.units import read_in, with_uncertainty
 from abbe.daemon.answers.model.compare import with_changes
 from abbe.daemon.report.model.compare import key_figures, told_apart, verdict_title, where_of
 from abbe.daemon.report.page import Cell, in_words, plain
 from abbe.daemon.workbench.campaigns.laid import LaidCampaigns
 from abbe.daemon.workbench.residuals.rows import panels, rows_json, shown_rows, values_json
-from abbe.daemon.workbench.sentences import sentences_in
 from abbe.daemon.workbench.versions.folder import ModelVersion
 
 _PICTURES = 6

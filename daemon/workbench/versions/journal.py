@@ -10,6 +10,7 @@ from typing import Any
 
 from abbe.compcore.errors import InputError
 from abbe.daemon.answers.inputs import now
+from abbe.daemon.report.head import file_on_page
 
 NAME = "workbench.jsonl"
 """Of the file, in the folder of the versions."""
@@ -60,6 +61,19 @@ class WorkbenchJournal:
             with self._lock:
                 self._known = [*self._known, entry][-_MOST:]
         return entry
+
+    def note(self, who: str, version: Path, text: str) -> None:
+        """Write down what a person notes of a version's file.
+
+        Raises
+        ------
+        InputError
+            For nothing, and where the file takes no line.
+        """
+        if not text.strip():
+            raise InputError("nothing is noted", field="text")
+        sha256 = file_on_page("model", version).sha256
+        self.keep(who, "note", version=version.name, sha256=sha256, text=text.strip())
 
     def entries(self) -> list[Entry]:
         """What is known, the newest first; lines that are none are passed over."""

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 from typing import Any
 
+from abbe.compcore.sentences import sentences_in
 from abbe.daemon.report.campaign_courses import course_figure, courses_of
 from abbe.daemon.report.model.history import error_title, versions_of, warnings_of
 from abbe.daemon.report.page import in_words, plain
 from abbe.daemon.report.versions import change, number_of
-from abbe.daemon.workbench.sentences import sentences_in
 from abbe.daemon.workbench.versions.folder import ModelVersion
 from abbe.daemon.workbench.versions.journal import Entry
 

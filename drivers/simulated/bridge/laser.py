@@ -38,6 +38,8 @@ class Optics:
         Where the moving optics sit, mm.
     base
         Of distances.
+    length
+        Of distances: what is taken off; a ball bar shows what its length differs from it by, mm.
     noise
         Standard deviation of a reading, mm (rotations: µrad).
     slope
@@ -48,6 +50,7 @@ class Optics:
     u: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0),)
     tool: tuple[float, float, float] = (0.0, 0.0, -150.0)
     base: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    length: float = 0.0
     noise: float = 1e-4
     slope: float = 0.0
 
@@ -144,6 +147,6 @@ class SimulatedLaser:
             return across
         point = np.array(latch.position) + np.array(optics.tool) + error
         if optics.reads == "distance":
-            return np.array([float(np.linalg.norm(point - np.array(optics.base)))])
+            return np.array([float(np.linalg.norm(point - np.array(optics.base))) - optics.length])
         along: Array = u @ point
         return along

@@ -28,6 +28,8 @@ from abbe.drivers.simulated.process import SimulatedProcess
 PATIENCE = 120.0
 """s that anything may take on a busy machine."""
 TOOL = (0.0, 0.0, -150.0)
+BAR_ASIDE = (0.04, -0.03, 0.02)
+"""mm by which a ball bar's ball stands off the plan."""
 SPEED = 3000.0
 """Of the simulated machine, mm/s."""
 
@@ -136,6 +138,12 @@ def optics(setup: PlannedSetup) -> dict[str, Any]:
         return found | {"reads": "rotation", "u": setup.u[0].tolist(), "noise": 0.1}
     if setup.kind == Kind.DISTANCE:
         return found | {"reads": "distance", "base": list(setup.base or ())}
+    if setup.instrument.key == "ball-bar":
+        # nobody puts its ball exactly where it is to stand
+        middle = np.array(setup.optics["the ball stands"])
+        radius = float(np.linalg.norm(setup.path()[0] - middle))
+        base = (middle + BAR_ASIDE).tolist()
+        return found | {"reads": "distance", "base": base, "length": radius, "noise": 3e-4}
     way = np.ptp(setup.path(), axis=0)
     along = float(np.abs(setup.u[0] @ way).max()) > 1.0
     found["u"] = setup.u[0].tolist()

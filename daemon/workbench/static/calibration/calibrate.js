@@ -1,5 +1,5 @@
 // Calibrate: the guide of `abbe calibrate`, step by step; what a step says and asks while it is done.
-import {label, say, t} from "../shared/language.js";
+import {label, line, say, t} from "../shared/language.js";
 import {el, keepingTyped} from "../shared/dom.js";
 import {get, Lost, onBack, Outside, post, Refusal, why} from "../shared/server.js";
 import {who} from "../shared/who.js";
@@ -43,7 +43,7 @@ export class Calibration {
       if (turn === this.turn) this.#show(found);
     } catch (error) {
       // that the server is away is said by the frame
-      if (error instanceof Refusal && !(error instanceof Outside)) said = error.message;
+      if (error instanceof Refusal && !(error instanceof Outside)) said = line(error.message);
       else if (!(error instanceof Lost) && !(error instanceof Outside)) throw error;
     }
     if (turn !== this.turn) return;
@@ -139,7 +139,7 @@ export class Calibration {
           ...found.tables.trust.map((text) => el("p", {class: found.tables.unverified ? "warning" : "note"}, say(text))),
           this.controller.node);
       } catch (error) {
-        if (error instanceof Refusal && !(error instanceof Outside)) place.replaceChildren(el("p", {class: "warning", role: "alert"}, error.message));
+        if (error instanceof Refusal && !(error instanceof Outside)) place.replaceChildren(el("p", {class: "warning", role: "alert"}, line(error.message)));
         else if (!(error instanceof Lost) && !(error instanceof Outside)) throw error;
       }
     };
@@ -158,14 +158,14 @@ export class Calibration {
       const left = work.left > 2 ? t(", about {min} min left", {min: Math.ceil(work.left / 60)}) : "";
       if (work.of) parts.push(el("p", {}, t("{done} of {all} targets", {done: work.done, all: work.of}) + left));
       parts.push(el("p", {}, el("progress", {max: 1, value: work.of ? work.done / work.of : null, "aria-label": t("How far it is")})));
-      if (work.next && !work.question) parts.push(el("p", {}, label(work.next)));
-      if (work.question) parts.push(el("div", {class: "question", role: "alert"}, el("p", {}, label(work.question)),
+      if (work.next && !work.question) parts.push(el("p", {}, line(work.next)));
+      if (work.question) parts.push(el("div", {class: "question", role: "alert"}, el("p", {}, line(work.question)),
         el("p", {class: "tools"}, ...work.choices.map((choice, k) => el("button", {class: k ? null : "main", "data-choice": choice,
           onclick: () => this.#ask("answer", {answer: choice})}, CHOICES[choice])))));
       parts.push(el("p", {}, el("button", {class: "small", id: "stop", onclick: () => this.#ask("stop")}, t("Stop; it goes on later"))));
     }
     parts.push(el("h2", {class: work.ended}, {good: t("Done: {what}", {what}), bad: t("Not done: {what}", {what})}[work.ended] ?? t("What it says")));
-    const lines = el("pre", {class: "lines", tabindex: 0, "aria-label": t("What the step says")}, work.lines.map(label).join("\n"));
+    const lines = el("pre", {class: "lines", tabindex: 0, "aria-label": t("What the step says")}, work.lines.map(line).join("\n"));
     // what went well is read by whoever wants to; what comes next stands below
     parts.push(work.ended === "good" ? el("details", {}, el("summary", {}, t("What it said")), lines) : lines);
     this.work.dataset.ended = work.ended;

@@ -1,5 +1,5 @@
 // The past of a run: a picture for each kind of series, the same time in all; zoom asks the server again.
-import {label, t} from "../shared/language.js";
+import {label, line, t} from "../shared/language.js";
 import {el, number} from "../shared/dom.js";
 import {get, Outside, Refusal} from "../shared/server.js";
 import {colours, curve, letters, onColours} from "../shared/theme.js";
@@ -81,7 +81,7 @@ export class History {
       [this.node.dataset.first, this.node.dataset.last] = this.range.map((t) => t.toFixed(3));
       this.node.dataset.ready = String(turn);
     } catch (error) {
-      if (turn === this.turn) this.said.textContent = error instanceof Refusal && !(error instanceof Outside) ? error.message : t("The records cannot be read now.");
+      if (turn === this.turn) this.said.textContent = error instanceof Refusal && !(error instanceof Outside) ? line(error.message) : t("The records cannot be read now.");
     }
   }
 

@@ -1,5 +1,5 @@
 // Live: the machine as it stands, in the words of `abbe status`; its volume now; what was.
-import {knowNow, label, say, stateOf, t} from "../shared/language.js";
+import {knowNow, label, line, say, stateOf, t} from "../shared/language.js";
 import {el, fill, number, refill, table, write} from "../shared/dom.js";
 import {get, Outside, Refusal} from "../shared/server.js";
 import {History, when} from "./history.js";
@@ -145,7 +145,7 @@ export class Live {
     try {
       found = await get("/api/live/volume");
     } catch (error) {
-      if (error instanceof Refusal && !(error instanceof Outside) && !this.space) this.volume.lastChild.textContent = error.message;
+      if (error instanceof Refusal && !(error instanceof Outside) && !this.space) this.volume.lastChild.textContent = line(error.message);
       return;
     }
     if (this.space) {

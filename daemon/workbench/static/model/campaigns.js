@@ -1,5 +1,5 @@
 // Campaigns: which there are, one that is dropped here, and which of them the model is laid beside.
-import {label, t} from "../shared/language.js";
+import {line, t} from "../shared/language.js";
 import {el, moment, number, table} from "../shared/dom.js";
 import {get, Lost, Refusal, send, why} from "../shared/server.js";
 import {who} from "../shared/who.js";
@@ -63,6 +63,6 @@ export async function sendAll(files, act, trouble) {
     await act("/api/campaigns/use", {fitted, held});
   } catch (error) {
     if (!(error instanceof Refusal) && !(error instanceof Lost)) throw error;
-    trouble(t("Nothing was taken: {why}", {why: label(error.message)}));
+    trouble(t("Nothing was taken: {why}", {why: line(error.message)}));
   }
 }

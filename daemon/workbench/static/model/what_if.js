@@ -1,5 +1,5 @@
 // What if: sliders for a cause's parameters; the residuals answer while they are moved.
-import {label, t} from "../shared/language.js";
+import {label, line, t} from "../shared/language.js";
 import {el, number} from "../shared/dom.js";
 import {Lost, Outside, post} from "../shared/server.js";
 import {Linked} from "../residuals/linked.js";
@@ -22,7 +22,7 @@ export async function tryOut(place, spec, found, state, act) {
       setTimeout(() => { if (place.isConnected && place.dataset.spec === spec) tryOut(place, spec, found, state, act); }, AGAIN);
       return;
     }
-    place.replaceChildren(el("h2", {}, t("What if")), el("p", {class: "warning"}, label(error.message)));
+    place.replaceChildren(el("h2", {}, t("What if")), el("p", {class: "warning"}, line(error.message)));
     return;
   }
   if (place.dataset.spec !== spec) return; // another one was asked for meanwhile

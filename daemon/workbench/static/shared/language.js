@@ -34,7 +34,7 @@ const sentences = new Map(); // text -> what it was made of, as the server said
 
 /** Keep what an answer's sentences were made of. */
 export function know(answer) {
-  for (const part of [answer, answer?.tables])
+  for (const part of [answer, answer?.tables, answer?.work])
     for (const [text, made] of Object.entries(part?.sentences ?? {})) sentences.set(text, made);
 }
 
@@ -50,7 +50,24 @@ export function say(text) {
   const [template, values] = passing[text] ?? sentences.get(text) ?? [];
   if (code === "en" || template === undefined) return text;
   const own = templates[template] ?? (/\p{L}/u.test(template.replace(/\{\w+\}/g, "")) ? null : template);
-  return own === null ? text : own.replace(/\{(\w+)\}/g, (all, name) => (name in values ? (values[name] === text ? text : say(values[name])) : all));
+  const put = (all, name) => (name in values ? (values[name] === text ? text : line(values[name])) : all);
+  return own === null ? text : asWide(own.replace(/\{(\w+)\}/g, put), text);
+}
+
+/** As wide as the text in whose place it stands, where that was made so wide for a column. */
+function asWide(own, text) {
+  return text.endsWith(" ") ? own.padEnd(text.length) : own;
+}
+
+/** A line of a command: a sentence with what it was made of, or one that is looked up; what it is moved in by stays. */
+export function line(text) {
+  if (code === "en") return text;
+  const [, before, rest] = /^(\s*)(.*)$/s.exec(text);
+  for (const known of [text, rest]) {
+    const own = say(known);
+    if (own !== known) return known === rest ? before + own : own;
+  }
+  return before + asWide(label(rest.trimEnd()), rest);
 }
 
 /** The state of a correction: with the axes that it is of, where it is some. */

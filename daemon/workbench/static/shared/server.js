@@ -1,6 +1,6 @@
 // Asking the server: its answers, what it refuses, and that it is away, or does not let this window in.
 import {Attached} from "./attached.js";
-import {know, label, t} from "./language.js";
+import {know, line, t} from "./language.js";
 
 /** What the server does not want. */
 export class Refusal extends Error {}
@@ -21,7 +21,7 @@ export class Lost extends Error {
 
 /** What a person is told of a request that failed; anything else is a mistake of the page's. */
 export function why(error) {
-  if (error instanceof Refusal || error instanceof Lost) return label(error.message);
+  if (error instanceof Refusal || error instanceof Lost) return line(error.message);
   throw error;
 }
 
@@ -55,8 +55,8 @@ async function answer(path, how) {
     throw error;
   }
   if (response.headers.get("abbe-session") === "none") throw new Outside();
-  if (!response.ok) throw new Refusal(found.detail ?? found);
   know(found);
+  if (!response.ok) throw new Refusal(found.detail ?? found);
   return found;
 }
 

@@ -1,5 +1,5 @@
 // Tables: what the controller will hold, what remains and where; their upload, looked at before it is done.
-import {label, say, t} from "../shared/language.js";
+import {label, line, say, t} from "../shared/language.js";
 import {draw, el, table} from "../shared/dom.js";
 import {get, Lost, onBack, Outside, Refusal} from "../shared/server.js";
 import {Controller} from "./controller.js";
@@ -22,7 +22,7 @@ export class Tables {
     } catch (error) {
       if (error instanceof Lost || error instanceof Outside) return; // the frame says so
       if (!(error instanceof Refusal)) throw error;
-      this.node.replaceChildren(el("p", {class: "warning", role: "alert"}, label(error.message)));
+      this.node.replaceChildren(el("p", {class: "warning", role: "alert"}, line(error.message)));
       return;
     }
     const {tables} = this.found;
