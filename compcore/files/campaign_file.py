@@ -23,6 +23,7 @@ from abbe.compcore.files.formats import CAMPAIGN
 from abbe.compcore.machine.machine import Axis, Machine, OfMachine, machine_of
 from abbe.compcore.machine.structure import Structure
 from abbe.compcore.model.model import Model
+from abbe.compcore.sentences import said
 
 __all__ = ["bare_machine", "read_campaign", "read_campaigns", "require_signals", "write_campaign"]
 
@@ -161,13 +162,16 @@ def require_signals(campaign: Campaign, model: Model) -> None:
             files = campaign.lacking.get(signal) or tuple(campaign.files) or (campaign.name,)
             recorded = ", ".join(campaign.conditions.signals) or "no signals"
             raise InputError(
-                f"a signal that the effect '{term.effect.spec}' needs is not recorded",
+                said(
+                    "a signal that the effect {effect} needs is not recorded",
+                    effect=f"'{term.effect.spec}'",
+                ),
                 file=files[0],
                 field=signal,
                 found=recorded,
-                expected=f"a column {signal!r}",
+                expected=said("a column {name}", name=repr(signal)),
             )
 
 
 def _header(text: str, file: str, line: int) -> list[str]:
-    return csv_cells(text, file, line, "a header line")
+    return csv_cells(text, file, line, said("a header line"))

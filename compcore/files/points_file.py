@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.campaign_csv.believable import column_ranges
+from abbe.compcore.files.campaign_csv.believable import column_ranges, in_words
 from abbe.compcore.files.campaign_csv.columns import TOOL, Columns, name_columns
 from abbe.compcore.files.campaign_csv.head import add_metadata, plain_line, read_head
 from abbe.compcore.files.campaign_csv.lines import LineSource, csv_cells
@@ -163,7 +163,7 @@ class PointsFile(AbstractContextManager["PointsFile"]):
             if outside.any():
                 row = int(outside.argmax())
                 found = f"{columns[name][row]:g}"
-                raise self._error(line[row], name, "not believable", found, f"{allowed}{why}")
+                raise self._error(line[row], name, "not believable", found, in_words(allowed, why))
         for column in self.columns.directions.values():
             wrong = ~np.isin(columns[column], (-1.0, 0.0, 1.0))
             if wrong.any():

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.machine.machine import Axis, Signal
+from abbe.compcore.sentences import said
 
 F64 = NDArray[np.float64]
 
@@ -48,8 +49,8 @@ class Range:
         return self.low <= value <= self.high
 
     def __str__(self) -> str:
-        unit = f" {self.unit}" if self.unit else ""
-        return f"{self.low:g} to {self.high:g}{unit}"
+        high = f"{self.high:g} {self.unit}" if self.unit else f"{self.high:g}"
+        return said("{low} to {high}", low=f"{self.low:g}", high=high)
 
 
 _C = "degC"

@@ -27,6 +27,7 @@ from abbe.compcore.machine.plausible import (
     signal_range,
 )
 from abbe.compcore.machine.plausible import TOOL as TOOL_RANGE
+from abbe.compcore.sentences import joined, said
 
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -37,6 +38,13 @@ _VALUE = {
     Kind.DISTANCE: DISTANCE,
     Kind.BASE_DISTANCE: DISTANCE,
 }
+_KINDS = {
+    Kind.DISPLACEMENT: said("displacement"),
+    Kind.ROTATION: said("rotation"),
+    Kind.DISTANCE: said("distance"),
+    Kind.BASE_DISTANCE: said("base distance"),
+}
+_NOT_BELIEVABLE = said("not believable")
 _SD = {
     Kind.DISPLACEMENT: SD_DISPLACEMENT,
     Kind.ROTATION: SD_ROTATION,
@@ -55,7 +63,7 @@ def column_ranges(columns: Columns, machine: Machine) -> dict[str, tuple[Range, 
         found[columns.spindle] = (SPINDLE_ANGLE, "")
     for name in columns.signals:
         signal = machine.signals.get(name)
-        role = f" (a signal of role {signal.role})" if signal else ""
+        role = said("(a signal of role {role})", role=signal.role) if signal else ""
         found[name] = (signal_range(signal), role)
     return found
 
@@ -64,7 +72,10 @@ def travelled(axis: Axis) -> str:
     """Why an axis's positions can only be so, for people."""
     scale = math.degrees(1.0) if axis.rotary else 1.0
     low, high = (end * scale for end in axis.travel)
-    return f" (axis {axis.name} travels from {low:g} to {high:g})"
+    return said(
+        "(axis {axis} travels from {low} to {high})",
+        axis=axis.name, low=f"{low:g}", high=f"{high:g}",
+    )  # fmt: skip
 
 
 def _fahrenheit(values: F64, outside: Mask, allowed: Range) -> str:
@@ -72,7 +83,17 @@ def _fahrenheit(values: F64, outside: Mask, allowed: Range) -> str:
     if allowed.unit not in ("degC", "°C") or not outside.any():
         return ""
     celsius = (values[np.isfinite(values)] - 32.0) / 1.8
-    return "" if allowed.outside(celsius).any() else "; were they recorded in °F?"
+    return "" if allowed.outside(celsius).any() else said("were they recorded in °F?")
+
+
+def in_words(allowed: Range, why: str, hint: str = "") -> str:
+    """What a number can be, why, and what to ask."""
+    text: str = joined([str(allowed), why], " ") if why else str(allowed)
+    return joined([text, hint]) if hint else text
+
+
+def _of_kind(kind: Kind) -> str:
+    return said("for a {kind}", kind=_KINDS[kind])
 
 
 class Believable:
@@ -91,26 +112,25 @@ class Believable:
             if name in numbers:
                 outside = allowed.outside(numbers[name])
                 hint = _fahrenheit(numbers[name], outside, allowed)
-                yield outside, name, "not believable", f"{allowed}{why}{hint}"
+                yield outside, name, _NOT_BELIEVABLE, in_words(allowed, why, hint)
         for value in np.unique(kind).tolist():
             rows = kind == value
             allowed = self._value[Kind(value)]
-            name = Kind(value).name.lower()
-            why = f" for a {name.replace('_', ' ')}"
+            why = _of_kind(Kind(value))
             bad = rows & allowed.outside(numbers["value"])
-            yield bad, "value", "not believable", f"{allowed}{why}"
+            yield bad, "value", _NOT_BELIEVABLE, in_words(allowed, why)
             if "sd" in numbers:
                 yield from self._deviations(numbers["sd"], rows, Kind(value), why)
             if "gauge_sd" in numbers:
                 allowed = _SD[Kind(value)]
                 outside = rows & allowed.outside(numbers["gauge_sd"])
-                yield outside, "gauge_sd", "not believable", f"{allowed}{why}"
+                yield outside, "gauge_sd", _NOT_BELIEVABLE, in_words(allowed, why)
 
     def _deviations(
         self, sd: F64, rows: Mask, kind: Kind, why: str
     ) -> Iterator[tuple[Mask, str, str, str]]:
         allowed = _SD[kind]
-        yield rows & allowed.outside(sd), "sd", "not believable", f"{allowed}{why}"
+        yield rows & allowed.outside(sd), "sd", _NOT_BELIEVABLE, in_words(allowed, why)
         stated = sd[rows & np.isfinite(sd)]
         if not len(stated):
             return
@@ -125,7 +145,12 @@ class Believable:
         yield (
             rows & (sd == (largest if above else smallest)),
             "sd",
-            "too far from the uncertainties of other rows to be weighed with them",
-            f"uncertainties within a factor of {SD_RATIO:g} (they run from {low:g} to {high:g}); "
-            "a row that is not to count is left out",
+            said("too far from the uncertainties of other rows to be weighed with them"),
+            said(
+                "uncertainties within a factor of {factor} (they run from {low} to {high}); a row "
+                "that is not to count is left out",
+                factor=f"{SD_RATIO:g}",
+                low=f"{low:g}",
+                high=f"{high:g}",
+            ),
         )

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.sentences import said
 
 NAMES = ("setup", "kind", "base", "base2", "tool", "gauge")
 """Columns that hold names; all others hold numbers."""
@@ -18,16 +19,16 @@ RESERVED = frozenset(("time", "value", "sd", "gauge_sd", *NAMES, *TOOL, *UNIT_VE
 """Column names with a meaning of their own: no signal may be called so."""
 
 _MEANING = {
-    "time": "seconds since the campaign's start",
-    "setup": "the name of one placing of the instrument",
-    "kind": "displacement, rotation, distance or base_distance",
-    "value": "error = actual − indicated, µm or µrad; distances mm",
-    "ux": "the measured component's unit vector",
-    "uy": "the measured component's unit vector",
-    "uz": "the measured component's unit vector",
-    "base": "the base point's name",
-    "base2": "the second base point's name",
-    "gauge_sd": "the standard uncertainty of the gauge's calibration in the row's value",
+    "time": said("seconds since the campaign's start"),
+    "setup": said("the name of one placing of the instrument"),
+    "kind": said("displacement, rotation, distance or base_distance"),
+    "value": said("error = actual − indicated, µm or µrad; distances mm"),
+    "ux": said("the measured component's unit vector"),
+    "uy": said("the measured component's unit vector"),
+    "uz": said("the measured component's unit vector"),
+    "base": said("the base point's name"),
+    "base2": said("the second base point's name"),
+    "gauge_sd": said("the standard uncertainty of the gauge's calibration in the row's value"),
 }
 AXIS = re.compile(r"[XYZUVWRABC][0-9]?")
 """What a column of positions may be called."""
@@ -78,24 +79,29 @@ class Columns:
     def missing(self, name: str, why: str = "") -> InputError:
         """The error for a column that is not there; `why` says what needs it."""
         return InputError(
-            f"a column is missing{why}",
+            said("a column is missing: {why}", why=why) if why else "a column is missing",
             file=self.file,
             line=self.line,
             field=name,
             found=", ".join(self.header),
-            expected=f"a column {name!r} ({_MEANING.get(name, name)})",
+            expected=said("a column {name} ({what})", name=repr(name), what=_MEANING[name]),
         )
 
     def missing_axis(self, axis: str) -> InputError:
         """The error for an axis whose positions are not there."""
-        unit = "degrees" if is_rotary(axis) else "mm"
+        unit = said("degrees") if is_rotary(axis) else "mm"
         return InputError(
             "a column is missing",
             file=self.file,
             line=self.line,
             field=axis,
             found=", ".join(self.header),
-            expected=f"a column {axis!r} (indicated position of axis {axis}, {unit})",
+            expected=said(
+                "a column {name} (indicated position of axis {axis}, {unit})",
+                name=repr(axis),
+                axis=axis,
+                unit=unit,
+            ),
         )
 
 
@@ -137,7 +143,10 @@ def name_columns(header: Sequence[str], machine: Machine, file: str, line: int) 
     for i, name in enumerate(names):
         if not name:
             raise InputError(
-                f"column {i + 1} has no name", file=file, line=line, expected="a name per column"
+                said("column {number} has no name", number=i + 1),
+                file=file,
+                line=line,
+                expected="a name per column",
             )
         if name in names[:i]:
             raise InputError(
@@ -183,7 +192,7 @@ def _sorted(names: tuple[str, ...], machine: Machine, file: str, line: int) -> C
                 line=line,
                 field=name,
                 found=axis,
-                expected="one of " + ", ".join(machine.structure.axes),
+                expected=said("one of {names}", names=", ".join(machine.structure.axes)),
             )
         else:
             signals.append(name)

@@ -16,6 +16,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.files.formats import CAMPAIGN
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.machine.plausible import POINT, TOOL
+from abbe.compcore.sentences import said
 
 Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
 _Vec = tuple[Finite, Finite, Finite]
@@ -110,7 +111,7 @@ def add_metadata(top: list[str], text: str, file: str) -> None:
             "metadata without end",
             file=file,
             line=len(top) + 1,
-            expected=f"a header and rows after at most {_MOST_LINES} lines of metadata",
+            expected=said("a header and rows after at most {n} lines of metadata", n=_MOST_LINES),
         )
     top.append(text)
 
@@ -130,7 +131,7 @@ def read_head(lines: list[str], file: str) -> CampaignHead:
             file=file,
             line=1,
             field="format",
-            expected=f'# format = "{CAMPAIGN}"',
+            expected=said("{what}", what=f'# format = "{CAMPAIGN}"'),
         )
     try:
         parsed = _Head.model_validate(source.data)

@@ -11,6 +11,7 @@ from typing import BinaryIO, Self
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.text.encodings import shop_encoding
+from abbe.compcore.sentences import said
 
 CHUNK = 1 << 20
 """Bytes read at once: parsing needs some fifteen times this beside its result."""
@@ -50,7 +51,9 @@ class LineSource(AbstractContextManager["LineSource"]):
         except IsADirectoryError:
             raise InputError("is a folder, not a file", file=self.file) from None
         except OSError as error:
-            raise InputError(f"cannot be read: {error.strerror}", file=self.file) from None
+            raise InputError(
+                said("cannot be read: {why}", why=error.strerror), file=self.file
+            ) from None
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -79,7 +82,9 @@ class LineSource(AbstractContextManager["LineSource"]):
         try:
             block = self._stream.read(CHUNK)
         except OSError as error:
-            raise InputError(f"cannot be read: {error.strerror}", file=self.file) from None
+            raise InputError(
+                said("cannot be read: {why}", why=error.strerror), file=self.file
+            ) from None
         self._hash.update(block)
         if not block:
             self._ended = True
@@ -133,4 +138,5 @@ def csv_cells(text: str, file: str, line: int, what: str) -> list[str]:
     try:
         return next(csv.reader([text], strict=True))
     except csv.Error as error:
-        raise InputError(f"not {what}: {error}", file=file, line=line, found=text[:40]) from None
+        wrong = said("not {what}: {why}", what=what, why=error)
+        raise InputError(wrong, file=file, line=line, found=text[:40]) from None

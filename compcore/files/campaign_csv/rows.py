@@ -17,6 +17,7 @@ from abbe.compcore.files.campaign_csv.store import Growing, GrowingNames
 from abbe.compcore.files.campaign_csv.table import CsvBlock, cell
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
+from abbe.compcore.sentences import said
 
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -37,6 +38,8 @@ _NO_COMPONENT = 1e6
 """Of a unit vector: the squares of larger numbers may not be numbers any more."""
 _LENGTH_TOLERANCE = 1e-3
 """Three decimals of a unit vector's components are enough; its length is made 1 exactly."""
+
+_ONE_OF_KINDS = said("one of {names}", names=", ".join(KINDS))
 
 
 class CampaignRows:
@@ -99,7 +102,7 @@ class CampaignRows:
     def _kinds(self) -> NDArray[np.int8]:
         names = self._block.names["kind"]
         kind = names.each([KINDS.get(text, -1) for text in names.unique], np.int8)
-        self._refuse(kind < 0, "kind", "unknown kind", "one of " + ", ".join(KINDS))
+        self._refuse(kind < 0, "kind", "unknown kind", _ONE_OF_KINDS)
         return kind
 
     def _check_names(self, kind: NDArray[np.int8]) -> None:
@@ -111,7 +114,7 @@ class CampaignRows:
         ):
             if column not in names:
                 if needs.any():
-                    raise self.columns.missing(column, ": distances are measured from it")
+                    raise self.columns.missing(column, said("distances are measured from it"))
                 continue
             self._refuse(
                 needs & ~names[column].where(bool),
@@ -134,8 +137,12 @@ class CampaignRows:
             self._block.names[column].where(lambda name: bool(name) and name not in known),
             column,
             "not declared at the top of the file",
-            f"one of {', '.join(known) or 'none declared'}; "
-            f"a section [{section}.NAME] with {key} = [x, y, z] declares one",
+            said(
+                "one of {names}; a section {section} with {key} declares one",
+                names=", ".join(known) or said("none declared"),
+                section=f"[{section}.NAME]",
+                key=f"{key} = [x, y, z]",
+            ),
         )
 
     def _check_numbers(self, numbers: dict[str, F64], point: Mask) -> None:
@@ -191,7 +198,7 @@ class CampaignRows:
         columns, names = self.columns, self._block.names.get("gauge")
         if ("gauge" in columns) != ("gauge_sd" in columns):
             lacking = "gauge_sd" if "gauge" in columns else "gauge"
-            raise columns.missing(lacking, ": a gauge has its name and its uncertainty")
+            raise columns.missing(lacking, said("a gauge has its name and its uncertainty"))
         if names is None:
             return
         named, blank = names.where(bool), np.isnan(numbers["gauge_sd"])
@@ -203,7 +210,9 @@ class CampaignRows:
         if len(self._names["gauge"].names.keys() | set(names.unique)) > MOST_GAUGES:
             raise InputError(
                 "too many gauges", file=columns.file, field="gauge",
-                expected=f"at most {MOST_GAUGES}: rows that share an error share its name",
+                expected=said(
+                    "at most {n}: rows that share an error share its name", n=MOST_GAUGES
+                ),
             )  # fmt: skip
 
     def _check_unit_vectors(self, numbers: dict[str, F64], component: Mask) -> None:
@@ -285,7 +294,7 @@ class CampaignRows:
         )
         sd = numbers["sd"].take() / per_unit if "sd" in numbers else np.full(n, np.nan)
         if self._head.zeros_at and "time" not in columns:
-            raise columns.missing("time", ": set-ups count from other zeros from some times on")
+            raise columns.missing("time", said("set-ups count from other zeros from some times on"))
         made = Campaign(
             name=name,
             conditions=conditions,
@@ -340,7 +349,9 @@ class CampaignRows:
                         line=int(np.concatenate(self._line)[row]),
                         field="setup",
                         found=name,
-                        expected=f"[setups.{name}] with its free, or two set-ups",
+                        expected=said(
+                            "{section} with its free, or two set-ups", section=f"[setups.{name}]"
+                        ),
                     )
                 free = DEFAULT_FREE[code in with_distances]
             setups[name] = Setup(name, free)

@@ -22,6 +22,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_csv.columns import NAMES, Columns
 from abbe.compcore.files.campaign_csv.lines import csv_cells
 from abbe.compcore.files.campaign_csv.store import Names
+from abbe.compcore.sentences import said
 
 F64 = NDArray[np.float64]
 
@@ -146,14 +147,14 @@ def _slow(
                 found=text[:40],
                 expected="metadata lines at the top of the file only",
             )
-        fields = csv_cells(text, columns.file, here, "a row of CSV")
+        fields = csv_cells(text, columns.file, here, said("a row of CSV"))
         if len(fields) != width:
             raise InputError(
-                f"too {'few' if len(fields) < width else 'many'} fields",
+                said("too few fields") if len(fields) < width else said("too many fields"),
                 file=columns.file,
                 line=here,
                 found=len(fields),
-                expected=f"{width}, as the header has",
+                expected=said("{n}, as the header has", n=width),
             )
         at = 0
         for name, raw in zip(columns.header, fields, strict=True):
@@ -171,9 +172,9 @@ def _number(text: str, name: str, columns: Columns, line: int) -> float:
     value = float(text) if _NUMBER.fullmatch(text) else math.nan
     if math.isfinite(value):
         return value
-    expected = "a finite number"
+    expected = said("a finite number")
     if name in columns.signals:
-        expected += " (every column that has no meaning of its own is a signal)"
+        expected = said("a finite number (every column that has no meaning of its own is a signal)")
     raise InputError(
         "not a number", file=columns.file, line=line, field=name, found=text, expected=expected
     )

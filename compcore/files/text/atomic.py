@@ -15,6 +15,7 @@ from typing import BinaryIO, cast
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.text.write_target import WriteTarget
+from abbe.compcore.sentences import said
 
 _LONGEST_NAME = 200
 """Bytes of a file's name that go into the name of its temporary file."""
@@ -76,7 +77,7 @@ def _errors_named(path: Path) -> Iterator[None]:
     except BrokenPipeError:
         raise
     except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}", file=path) from None
+        raise InputError(said("cannot be written: {why}", why=error.strerror), file=path) from None
 
 
 def encoded(text: str) -> bytes:

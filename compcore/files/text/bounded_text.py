@@ -6,6 +6,7 @@ from pathlib import Path
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.text.encodings import decoded
+from abbe.compcore.sentences import said
 
 
 def read_bounded(
@@ -37,19 +38,21 @@ def read_bounded(
     except IsADirectoryError:
         raise InputError("is a folder, not a file", file=path) from None
     except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path) from None
+        raise InputError(said("cannot be read: {why}", why=error.strerror), file=path) from None
     except ValueError:
         raise InputError("not the name of a file", file=path) from None
     if len(data) > most:
         raise InputError(
-            f"too large: more than {most / 1e6:g} MB", file=path, expected=expected or "a text file"
+            said("too large: more than {size} MB", size=f"{most / 1e6:g}"),
+            file=path,
+            expected=expected or "a text file",
         )
     try:
         return decoded(data) if foreign else data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise InputError(
-            f"not UTF-8 text (byte {error.start})",
+            said("not UTF-8 text (byte {number})", number=error.start),
             file=path,
             line=line,
             expected="a file saved as UTF-8 (in an editor: Save as, encoding UTF-8)",
