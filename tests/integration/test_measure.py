@@ -21,6 +21,7 @@ from tests.support.daemon.command_line import abbe
 from tests.support.daemon.live_run import MODEL
 from tests.support.daemon.measuring import (
     QUICK,
+    SPEED,
     Driver,
     MeasureRun,
     bench,
@@ -165,6 +166,33 @@ def test_beam_broken_laser_restarted_targets_left_out_thermometer_lost(
     assert set(found.setups) == {"x_line", "x_line.2", "x_line.3"}
     assert rms(off_the_truth(process, found)) < NOISE_UM
     assert all(found.setups[s].free == ("zero",) for s in found.setups)
+
+
+def test_the_operator_stops_the_machine_where_no_target_is(
+    shop: tuple[SimulatedProcess, Path],
+) -> None:
+    """Half-way and just before a target: told, and no row is made of it; then it goes on."""
+    process, folder = shop
+    plan = write_plan(
+        folder / "plan.toml", line_plan("x_line", "X", [50, 150, 250], both_ways=False)
+    )
+
+    def stop_at(x: float) -> None:
+        process.order("drive", moves=[{"to": [x, 450.0, -180.0]}], speed=SPEED)
+
+    with measuring(plan, folder / "config.toml", folder / "campaign.csv") as run:
+        machine = driver(process, run, folder)
+        machine.read(0)
+        for x, away in ((100.0, "50.0"), (149.7, "0.3"), (149.0, "1.0")):
+            stop_at(x)
+            run.until(lambda e, a=away: f"stands {a}" in e["text"])
+        assert len(run.kinds("row")) == 1
+        machine.read(1, 2, 3)
+        assert run.wait() == 0, run.said
+    found = campaign_of(folder)
+    assert found.conditions.positions["X"] == pytest.approx([50, 150, 250, 50], abs=0.01)
+    assert set(found.setups) == {"x_line"}
+    assert rms(off_the_truth(process, found)) < NOISE_UM
 
 
 def test_killed_it_goes_on_and_never_with_another_plan(
