@@ -60,7 +60,7 @@ class CheckVerdict:
 def check_verdict(found: Verification) -> CheckVerdict:
     """Judge a check by what was before it, by what the model foretold, by what is stated."""
     worse = [_words(v, found.coverage) for v in found.lines if _is_worse(v, found.coverage)]
-    worse += [_grown_words(p) for p in found.placed if p.worse]
+    worse += [_worse_words(p, found.coverage) for p in found.placed if p.worse]
     worse += _all_worse(found)
     if found.outcome is Conformity.FAILS:
         worse.append(said("a stated tolerance is not kept"))
@@ -150,8 +150,10 @@ def _words(line: VerifiedLine, coverage: float) -> str:
     )  # fmt: skip
 
 
-def _grown_words(one: PlacedFigure) -> str:
-    """``bar: all its readings 5.2 before, 9.0 µm rms after``."""
+def _worse_words(one: PlacedFigure, coverage: float) -> str:
+    """Its range where that has grown; else ``bar: all its readings 5.2 before, 9.0 µm rms after``."""
+    if one.before is not None and one.after > one.before + coverage * one.sd:
+        return _placed_words(one, coverage)
     factor, unit = (1e6, "µrad") if one.unit == "rad" else (1e3, "µm")
     return said(
         "{setup}: all its readings {before} before, {after} rms after",
