@@ -151,7 +151,7 @@ def _words(line: VerifiedLine, coverage: float) -> str:
 
 
 def _worse_words(one: PlacedFigure, coverage: float) -> str:
-    """Its range where that has grown; else ``bar: all its readings 5.2 before, 9.0 µm rms after``."""
+    """Its range where that has grown; else ``bar: all its readings 5.2 before, 9.0 µm after``."""
     if one.before is not None and one.after > one.before + coverage * one.sd:
         return _placed_words(one, coverage)
     factor, unit = (1e6, "µrad") if one.unit == "rad" else (1e3, "µm")
