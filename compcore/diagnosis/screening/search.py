@@ -237,7 +237,9 @@ def _settled(
             best = _simplest(pool, beside, leaders) or now
             if not best.established(basis.n):
                 out, changed = rest, True
-            elif best.key != f.key and (not now.established(basis.n) or _worse(beside, now, best)):
+            elif best.key != f.key and (
+                not now.established(basis.n) or _worse(beside, now, best) or _rarer(now, best)
+            ):
                 out, changed = [best if g.key == f.key else g for g in out], True
             elif shifts := [g for g in leaders if _shift_of(g, now)]:
                 shift = max(shifts, key=lambda g: g.evidence.value)
@@ -272,6 +274,8 @@ def _simplest(
             and f.evidence.value >= best.evidence.value - INDISTINCT
         ]
         best = max(alike, key=lambda f: f.evidence.value, default=best)
+    if common := [f for f in leaders if _rarer(best, f) and f.established(basis.n)]:
+        best = max(common, key=lambda f: f.evidence.value)
     special = [f for f in leaders if _special_case(pool, basis, f, best)]
     if special:
         best = max(special, key=lambda f: f.evidence.value)
@@ -285,6 +289,16 @@ def _simplest(
         alike,
         key=lambda f: (f.screened.rank + f.candidate.nonlinear_count, -f.evidence.value),
     )
+
+
+def _rarer(found: WeighedCandidate, other: WeighedCandidate) -> bool:
+    """Whether one is an axis's turn by another's position, the other an axis's own error motion.
+
+    Where the data do not tell them apart it is the error motion, which every axis has.
+    """
+    cross, own = found.candidate.effect.kind, other.candidate.effect.kind
+    alike = other.evidence.value >= found.evidence.value - INDISTINCT
+    return cross == "cross_angular" and own in RIGID and alike
 
 
 def _shift_of(found: WeighedCandidate, best: WeighedCandidate) -> bool:
