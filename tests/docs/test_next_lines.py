@@ -93,7 +93,7 @@ def test_a_check_is_planned_and_judged_as_the_usage_says(
     written(tmp_path / "before.csv", line("x_check", 310.0, scale=200.0))
     names = {"MODEL.toml": "m.toml", "AFTER.csv": "after.csv", "BEFORE.csv": "before.csv",
              "FIT.csv": "fit.csv", "NAME=x,y,z": "P=0,0,-80"}  # fmt: skip
-    apart = ("--active", "--check ", "--tables", "--gauge", "--keep-out")
+    apart = ("--active", "--check ", "--tables", "--gauge", "--plate", "--keep-out")
 
     def words(usage: str) -> str:
         # those that need files of their own, or stand for each other
