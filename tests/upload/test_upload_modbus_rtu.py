@@ -58,7 +58,7 @@ def test_first_upload_second_upload_and_roll_back(place: Place, made: Path):
     assert place.truth()["active"] == sums(made / "old")
 
 
-@pytest.mark.one_in(3)
+@pytest.mark.one_in(6)
 @pytest.mark.parametrize(("step", "kind"), CASES)
 def test_a_line_that_fails(place: Place, made: Path, step: str, kind: str):
     patient = QUICK | {"timeout": 3.0, "command_timeout": 5.0, "reconnect_within": 5.0}

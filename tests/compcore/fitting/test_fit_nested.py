@@ -72,6 +72,7 @@ def thermal_day(seed: int, model: Model, n: int = 160) -> Campaign:
     return as_campaign("\n".join(lines) + "\n", model)
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("seed", range(8))
 def test_an_effect_more_never_fits_worse(seed: int) -> None:
     """Collinear sensors, lags, drifts: what is hardly determined costs nothing."""

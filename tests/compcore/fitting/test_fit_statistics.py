@@ -71,6 +71,7 @@ def _stated(fitted, places) -> np.ndarray:
     return np.sqrt(np.einsum("np,pq,nq->n", both, fitted.covariance, both))
 
 
+@pytest.mark.thorough
 def test_intervals_of_95_percent_cover_95_percent(experiments) -> None:
     errors, stated, _, _, _ = experiments
     covered = np.abs(errors) <= 1.96 * stated

@@ -29,6 +29,7 @@ def made(folder: Path, name: str) -> dict[str, str]:
     return {"certificate": str(certificate), "private_key": str(key)}
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("security", ["sign", "encrypt"])
 @pytest.mark.parametrize("policy", ["Basic256Sha256", "Aes128Sha256RsaOaep", "Aes256Sha256RsaPss"])
 async def test_signed_and_encrypted(

@@ -218,7 +218,7 @@ CASES = [
 ]
 
 
-@pytest.mark.one_in(4)
+@pytest.mark.one_in(8)
 @pytest.mark.parametrize(("operation", "skip", "kind"), CASES)
 async def test_whatever_frame_goes_wrong(
     control: SimulatedProcess, operation: str, skip: int, kind: str

@@ -96,6 +96,7 @@ def test_it_ends_with_the_correction_at_zero_and_the_controller_informed(
         assert "Traceback" not in run.journal
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("how", ["killed", "frozen"])
 def test_a_server_that_is_away_for_ten_seconds(tmp_path: Path, how: str) -> None:
     """No crash, the state is shown, stale data are not corrected, it recovers without help."""

@@ -59,6 +59,7 @@ def off(cycle: Cycle) -> bool:
     return set(cycle["guard"]["states"].values()) == {"off"}
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
 def test_who_comes_second_listens_writes_nothing_and_takes_over(
     tmp_path: Path, how: signal.Signals

@@ -99,6 +99,7 @@ def in_a_shell(command: str) -> str:
     return done.stdout
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     ("what", "named"),
     [("crash", "squareness axes=Y,X"), ("levelling", "angular axis=Y about=Y")],
