@@ -301,11 +301,13 @@ def description(structure: ResidualPattern) -> str:
     """A pattern in words: how the residuals go, and on which error motion."""
     pattern = structure.pattern
     error_motion = str(pattern.error_motion)
-    what = {"d": "the error of the functional point in "}.get(error_motion[0], "")
-    place = what + error_motion[1:] if what else f"the tilt {error_motion}"
-    text = f"{place}: {pattern.form}"
+    if error_motion.startswith("d"):
+        place = said("the error of the functional point in {axis}", axis=error_motion[1:])
+    else:
+        place = said("the tilt {motion}", motion=error_motion)
+    text = said("{place}: {form}", place=place, form=pattern.form)
     if pattern.depends_on == ("t",) and pattern.form.startswith("oscillation"):
-        text += ", unrelated to any recorded signal"
+        text = said("{pattern}, unrelated to any recorded signal", pattern=text)
     return text
 
 
@@ -321,23 +323,36 @@ def formula(structure: ResidualPattern) -> str | None:
 def changed(standing: Standing) -> Iterator[str]:
     """What no longer holds of a model as it was given; what is suspicious first."""
     for suspicion in standing.suspicions:
-        yield f"SUSPICIOUS: {suspicion}"
-    since = f" since {standing.since}" if standing.since else ""
-    if not since and standing.fitted:
-        since = f" (against the model of {standing.fitted})"
+        yield said("SUSPICIOUS: {what}", what=suspicion)
     for change in standing.changes:
         unit, factor = ("µrad", 1e6) if change.of_rotations else ("µm", 1e3)
-        text = f"{change.effect.spec} changed{since}: "
         moved = _moved_parameters(change) if len(change.parameters) <= _NAMED else ""
-        text += f"{moved}, " if moved else ""
-        text += f"up to {in_digits(change.largest * factor)} {unit} in this campaign"
+        size = f"{in_digits(change.largest * factor)} {unit}"
+        how = said("up to {size} in this campaign", size=size)
+        if moved:
+            how = joined([moved, how], ", ")
+        spec = change.effect.spec
+        if standing.since:
+            text = said(
+                "{spec} changed since {date}: {how}", spec=spec, date=standing.since, how=how
+            )
+        elif standing.fitted:
+            text = said(
+                "{spec} changed (against the model of {date}): {how}",
+                spec=spec, date=standing.fitted, how=how,
+            )  # fmt: skip
+        else:
+            text = said("{spec} changed: {how}", spec=spec, how=how)
         if change.aliases:
-            text += f"; this campaign cannot tell it from a change of {'; '.join(change.aliases)}"
+            text = said(
+                "{change}; this campaign cannot tell it from a change of {others}",
+                change=text, others="; ".join(change.aliases),
+            )  # fmt: skip
         yield text
     if standing.changes and standing.else_holds:
-        yield "everything else of the model holds"
+        yield said("everything else of the model holds")
     elif standing.changes:
-        yield "and more than these has changed: fit the whole model again"
+        yield said("and more than these has changed: fit the whole model again")
 
 
 def _moved_parameters(change: Change) -> str:
@@ -349,7 +364,10 @@ def _moved_parameters(change: Change) -> str:
         unit, factor = read_in(p)
         by = with_uncertainty(p.by * factor, p.sd * factor)
         moved.append(
-            f"{p.name} by {'' if p.by < 0.0 else '+'}{by} {unit} "
-            f"(from {in_digits(p.before * factor, 4)} to {in_digits(p.after * factor, 4)})"
-        )
-    return ", ".join(moved)
+            said(
+                "{name} by {change} (from {before} to {after})",
+                name=p.name, change=f"{'' if p.by < 0.0 else '+'}{by} {unit}",
+                before=in_digits(p.before * factor, 4), after=in_digits(p.after * factor, 4),
+            )
+        )  # fmt: skip
+    return joined(moved, ", ") if moved else ""

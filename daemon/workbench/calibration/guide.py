@@ -11,6 +11,7 @@ from typing import Any
 from abbe.compcore.errors import AbbeError, InputError
 from abbe.compcore.files.plan_file import PlannedWork, read_plan
 from abbe.compcore.planning.targets import SurveyTask
+from abbe.compcore.sentences import said, sentences_in
 from abbe.compcore.verification.verdict import VerdictOutcome
 from abbe.daemon.calibration.request import CalibrationRequest, require_measured_with
 from abbe.daemon.calibration.state import CalibrationState, make_folder
@@ -86,12 +87,14 @@ class CalibrationGuide:
         request = self._request(self._fresh.now())
         steps = self._steps_now(request)
         asked = self._asked
+        plans = {key: self._setups(request, name) for key, name in _PLANS.items()}
         http = request.configuration.http
         return {
             "folder": str(self._folder),
             "asked": asked.words(),
             "steps": list(self._steps(steps)),
-            "plans": {key: self._setups(request, name) for key, name in _PLANS.items()},
+            "plans": plans,
+            "sentences": sentences_in(plans),
             "verified": self._verified(request),
             "certificate": request.file(CERTIFICATE).is_file(),
             "roles": http is not None and http.tokens.exists(),
@@ -282,7 +285,12 @@ class CalibrationGuide:
         return [
             {
                 "name": setup.name,
-                "words": f"{setup_words(setup)}; {setup.count} targets, {minutes(setup.seconds)}",
+                "words": said(
+                    "{setup}; {n} targets, {time}",
+                    setup=setup_words(setup),
+                    n=setup.count,
+                    time=minutes(setup.seconds),
+                ),
             }
             for setup in (work.setups if work is not None else ())
         ]

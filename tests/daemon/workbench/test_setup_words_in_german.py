@@ -7,8 +7,14 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from abbe.compcore.artefacts.calibrated_gauge import CalibratedGauge
+from abbe.compcore.artefacts.calibrated_plate import CalibratedPlate
 from abbe.compcore.planning.instruments import INSTRUMENTS
 from abbe.compcore.planning.setups.candidates import possible
+from abbe.compcore.planning.setups.gauges import probed_gauges
+from abbe.compcore.planning.setups.plates import probed_plates
 from abbe.daemon.measure.events import setup_words
 from tests.support.compcore.survey_machines import task
 from tests.support.daemon.german import english_of
@@ -42,3 +48,17 @@ def test_every_set_up_of_a_plan_is_said_in_german() -> None:
     assert len(english) < len(said) / 2  # the look itself finds English
     left = sorted({label(text) for text in said if english_of(label(text))})
     assert left == []
+
+
+def test_every_placing_of_a_plate_and_a_gauge_is_said_in_german() -> None:
+    corners = np.array([[0.0, 0.0, 0.0], [80.0, 0.0, 0.0], [0.0, 80.0, 0.0]])
+    plate = CalibratedPlate(("1", "2", "3"), corners, 22.0)
+    gauge = CalibratedGauge(("1", "2"), np.array([0.0, 200.0]), 16.0, 20.0)
+    asked = replace(task("bridge"), plate=plate, gauge=gauge)
+    setups = [
+        *probed_plates(asked, INSTRUMENTS["ball-plate"], plate),
+        *probed_gauges(asked, INSTRUMENTS["gauge-block"], gauge),
+    ]
+    said = {f"set up {setup_words(replace(s, name='01_setup'))}" for s in setups}
+    assert len(said) > 40
+    assert sorted({label(text) for text in said if english_of(label(text))}) == []

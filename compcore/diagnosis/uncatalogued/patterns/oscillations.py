@@ -16,6 +16,7 @@ from abbe.compcore.diagnosis.uncatalogued.patterns.pattern import (
 )
 from abbe.compcore.diagnosis.uncatalogued.patterns.variables import PatternVariable, term_of
 from abbe.compcore.effects.base import ErrorMotion
+from abbe.compcore.sentences import said
 from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
@@ -82,11 +83,12 @@ def oscillation(
     wave = Wave(v, period, along, harmonics)
     grown = "" if along is None else f"{term_of([along])}*"
     arguments = [f"{2 * k}*pi*{v.name}/{period:.6g}" for k in range(1, harmonics + 1)]
-    form = f"oscillation in {v.name} with a period of {_readable(period, v.unit)}"
+    size = _readable(period, v.unit)
+    form = said("oscillation in {what} with a period of {size}", what=v.name, size=size)
     if along is not None:
-        form += f", growing along {along.name}"
+        form = said("{oscillation}, growing along {axis}", oscillation=form, axis=along.name)
     if harmonics > 1:
-        form += ", not a sine"
+        form = said("{oscillation}, not a sine", oscillation=form)
     return CandidatePattern(
         (v.name,) if along is None else (along.name, v.name),
         form,

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from abbe.compcore.diagnosis.uncatalogued.patterns.pattern import CandidatePattern, Rows
 from abbe.compcore.diagnosis.uncatalogued.patterns.variables import PatternVariable, term_of
 from abbe.compcore.effects.base import ErrorMotion
+from abbe.compcore.sentences import listed, said
 
 F64 = NDArray[np.float64]
 
@@ -67,19 +68,21 @@ def surfaces(
     for v in quantities:
         for most in _DEGREES.get(v.family, ()):
             values = partial(_smooth, v, most)
-            form = f"smooth function of {v.name}"
+            form = said("smooth function of {what}", what=v.name)
             yield CandidatePattern(v.recorded, form, on, most, values, made_of=(v.name,))
     smooth = [v for v in quantities if v.family not in ("direction", "difference")]
     for a, b in combinations(smooth, 2):
         if a.family != "position":
             continue
         values = partial(_surface, a, b, degree)
-        form = f"smooth function of {a.name} and {b.name}"
+        form = said("smooth function of {one} and {other}", one=a.name, other=b.name)
         yield CandidatePattern((a.name, b.name), form, on, degree**2, values)
     for a in (q for q in quantities if q.family == "position"):
         for b in (q for q in quantities if q.family in ("signal", "difference")):
             values = partial(_times_smooth, b, a, degree)
-            form = f"proportional to {b.name}, by a smooth function of {a.name}"
+            form = said(
+                "proportional to {one}, by a smooth function of {other}", one=b.name, other=a.name
+            )
             depends, made_of = (a.name, *b.recorded), (a.name, b.name)
             yield CandidatePattern(
                 depends, form, on, degree + 1, values, made_of=made_of, once=(b.name,)
@@ -87,7 +90,9 @@ def surfaces(
     for v in (q for q in quantities if q.family == "direction"):
         for w in (q for q in smooth if q.family in ("position", "signal")):
             values = partial(_times_smooth, v, w, degree)
-            form = f"smooth function of {w.name}, of opposite sign in the two directions"
+            form = said(
+                "smooth function of {what}, of opposite sign in the two directions", what=w.name
+            )
             yield CandidatePattern((w.name, v.name), form, on, degree + 1, values, once=(v.name,))
 
 
@@ -126,4 +131,6 @@ def _f64(values: ArrayLike) -> F64:
 
 def _product_form(names: Sequence[str], squared: set[str]) -> str:
     parts = [f"{n}²" if n in squared else n for n in names]
-    return "proportional to " + parts[0] if len(parts) == 1 else "product of " + " and ".join(parts)
+    if len(parts) == 1:
+        return said("proportional to {what}", what=parts[0])
+    return said("product of {what}", what=listed(parts))

@@ -205,8 +205,8 @@ export class Calibration {
         el("p", {class: "note"}, t("Grey: the reach of the tip. Red: what moves, and its targets. Blue: where the instrument stands.")),
         el("div", {class: "setups"}, ...setups.map((setup, k) => el("figure", {},
           el("figcaption", {}, `${k + 1}. ${setup.name}`),
-          el("img", {src: `/api/calibrate/picture?plan=${name}&number=${k}&of=${hash(setup.words)}`, alt: setup.words, width: 720, height: 500}),
-          el("p", {class: "note"}, setup.words)))))));
+          el("img", {src: `/api/calibrate/picture?plan=${name}&number=${k}&of=${hash(setup.words)}`, alt: say(setup.words), width: 720, height: 500}),
+          el("p", {class: "note"}, say(setup.words))))))));
   }
 }
 
