@@ -106,11 +106,13 @@ class CalibrationRequest:
 
     @property
     def instruments(self) -> str:
-        """The plan's instruments that the configuration has, comma-separated."""
+        """The plan's instruments that the configuration has and links, comma-separated."""
         if self.touches:
             return self.touches
         names: dict[str, None] = {}
         for name, section in self.configuration.file.instrument.items():
+            if not section.linked:
+                continue  # its readings come by files, afterwards
             names |= dict.fromkeys(section.measures or (name,))
         return ",".join(names)
 
@@ -196,6 +198,17 @@ def require_measured_with(configuration: Configuration) -> None:
             file=configuration.path,
             field="instrument",
             expected="a section [instrument.laser], …, or [probing] (docs/measure.md)",
+        )
+    instruments = configuration.file.instrument
+    if instruments and not any(section.linked for section in instruments.values()):
+        raise InputError(
+            "an instrument that writes a file cannot lead through a calibration: its readings are "
+            "matched with the targets afterwards",
+            file=configuration.path,
+            field="instrument",
+            found=", ".join(f'{name} with reads = "file"' for name in instruments),
+            expected="one that is linked, or step by step: abbe plan, abbe measure -o visits.csv, "
+            "abbe import-campaign --visits, abbe fit, abbe diagnose, abbe verify (docs/measure.md)",
         )
 
 

@@ -179,6 +179,24 @@ def test_nobody_to_ask_and_nothing_to_measure_with(config):
     assert "no instrument" in done.err
 
 
+def test_an_instrument_that_writes_a_file_is_not_planned_for_and_leads_through_nothing(config):
+    text = config.read_text("utf-8")
+    start, end = text.index("[instrument.laser]"), text.index("[instrument.straightness]")
+    by_file = '[instrument.laser]\nreads = "file"\n'
+    config.write_text(text[:start] + by_file + text[end:], encoding="utf-8")
+    request = CalibrationRequest(
+        load_config(config), config.parent / "c", "1h", "1h", (), "", "", yes=True
+    )
+    assert request.instruments == "straightness,angle,level"
+    last = text.index("[measure]")
+    config.write_text(text[:start] + by_file + text[last:], encoding="utf-8")
+    done = calibrate(config)
+    assert done.status == 1
+    assert "an instrument that writes a file cannot lead through a calibration" in done.err
+    assert "abbe import-campaign --visits" in done.err
+    assert not (config.parent / "c").exists()
+
+
 def test_the_state_is_plain_json(config):
     assert calibrate(config, "--upto", "start").status == 0
     state = json.loads((config.parent / "c" / "calibration.json").read_text("utf-8"))
