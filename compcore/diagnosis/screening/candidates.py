@@ -134,8 +134,11 @@ def _not_yet(effect: Effect, present: set[Cause]) -> Effect | None:
 
 
 def acts_everywhere(effect: Effect, coverage: Coverage) -> bool:
-    """Whether an effect is one of the instrument that no set-up of a campaign is without."""
-    if effect.scope != "instrument":
+    """Whether an effect is one of the instrument that no set-up of a campaign is without.
+
+    A thermometer that reads wrong is the machine's own: it stays when the instrument is gone.
+    """
+    if effect.scope != "instrument" or effect.reads_model:
         return False
     setup, base = getattr(effect, "setup", None), getattr(effect, "base", None)
     if base is not None:
