@@ -17,7 +17,8 @@ from abbe.compcore.files.campaign_file import require_signals
 from abbe.compcore.files.model_file import save_model
 from abbe.compcore.files.model_toml.campaign_record import campaign_records, noise_by_file
 from abbe.compcore.files.model_toml.fit_record import recorded
-from abbe.compcore.model.model import Model
+from abbe.compcore.model.course import peak_to_valley
+from abbe.compcore.model.model import Model, Term
 from abbe.compcore.units import in_digits, read_in, with_uncertainty
 from abbe.daemon.answers.inputs import now
 from abbe.daemon.answers.model.fit import finite
@@ -51,6 +52,8 @@ def _what(step: Step) -> str:
 
 
 _LISTED = 3
+_SINGLE = 3
+"""Coefficients of a shape that say something one by one."""
 
 
 @dataclass(frozen=True)
@@ -229,6 +232,9 @@ def as_text(course: Course, model: Model) -> Iterator[str]:
         yield f"not kept, left-out blocks are not predicted better with it: {effect.spec}"
     units = _units(course)
     for term in model.terms:
+        if size := _shape(course, model, term):
+            yield f"  {term.effect.spec}: {size}"
+            continue
         shown = []
         for name, value in list(term.values.items())[:5]:
             if not value.measured:
@@ -246,6 +252,25 @@ def as_text(course: Course, model: Model) -> Iterator[str]:
         conditions = course.last.result.problem.campaign.conditions
         for words in hidden_waves(term.effect, nonlinear, model.machine, conditions):
             yield f"    {words}"
+
+
+def _shape(course: Course, model: Model, term: Term) -> str:
+    """An error motion of many coefficients by what its curve shows; empty for what is none."""
+    axis = getattr(term.effect, "axis", None)
+    at = course.last.result.problem.campaign.conditions.positions.get(axis or "")
+    if at is None or len(term.values) <= _SINGLE:
+        return ""
+    low, high = float(at.min()), float(at.max())
+    size = peak_to_valley(term, model.machine, low, high)
+    if size is None:
+        return ""
+    unit, factor = _units(course)[term.effect.spec][next(iter(term.values))]
+    turn, mm = (180.0 / math.pi, "°") if model.machine.axis(axis or "").rotary else (1.0, " mm")
+    over = f"{in_digits(low * turn, 4)} … {in_digits(high * turn, 4)}{mm}"
+    return (
+        f"{in_digits(size * factor)} {unit} peak to valley over {axis} {over}, "
+        f"{len(term.values)} coefficients"
+    )
 
 
 def _units(course: Course) -> dict[str, dict[str, tuple[str, float]]]:
