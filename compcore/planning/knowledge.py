@@ -159,6 +159,14 @@ def scales(model: Model) -> F64:
     return np.asarray(problem.layout.scale[: problem.layout.model_size])
 
 
+def scaled_values(model: Model) -> F64:
+    """The values of the unknowns of a model, (m,), in their believable sizes."""
+    campaign = _empty(model)
+    layout = Problem(model, campaign).layout
+    own = slice(0, layout.model_size)
+    return np.asarray(layout.of_model(model, campaign)[own] / layout.scale[own])
+
+
 def prior(model: Model, changed: float = CHANGED) -> F64:
     """What is known beforehand: covariance in units of the unknowns' scales, (m, m).
 

@@ -164,6 +164,13 @@ class CalibrationRequest:
         return "gauge-block" if len(read_gauge(self.gauge).faces) == 2 else "step-gauge"
 
     @property
+    def offsets(self) -> dict[str, tuple[float, float, float]]:
+        """Name → offset of each tool, mm."""
+        from abbe.daemon.arguments.plan_arguments import tools_of
+
+        return dict(tools_of(self.tools))
+
+    @property
     def uploads(self) -> bool:
         """Whether tables are made and there is a controller that takes them."""
         return bool(self.tables) and self.configuration.upload is not None

@@ -8,7 +8,10 @@ from pathlib import Path
 
 from abbe.compcore.errors import AbbeError
 from abbe.compcore.files.model_file import load_model
+from abbe.compcore.planning.targets import SurveyTask
+from abbe.compcore.planning.worth import corrected_and_unsure
 from abbe.compcore.sentences import joined, said
+from abbe.compcore.units import in_digits
 from abbe.compcore.verification.verdict import VerdictOutcome, check_verdict
 from abbe.daemon.answers.measurements import verify as answer
 from abbe.daemon.answers.measurements.verified_files import (
@@ -90,6 +93,16 @@ def judge_check(
         why = joined(verdict.reasons)
         raise AbbeError(said("the check does not pass: {why}; {then}. {ways}", why=why, then=back,
                              ways=_WAYS_ON))  # fmt: skip
+    if verdict.outcome is VerdictOutcome.VERIFIED and not done.verification.lines:
+        corrected, unsure = corrected_and_unsure(SurveyTask(named.model, tools=request.offsets))
+        if unsure > corrected:
+            why = said(
+                "over its travels the model corrects {size} and is unsure by {sd}: what no set-up "
+                "showed is not known",
+                size=f"{in_digits(corrected * 1e3)} µm", sd=f"{in_digits(unsure * 1e3)} µm",
+            )  # fmt: skip
+            words = joined([why, *verdict.reasons])
+            return said("{outcome}: {why}", outcome=said("not verified"), why=words)
     return verdict.text
 
 
