@@ -15,5 +15,6 @@ def corrected_and_unsure(task: SurveyTask) -> tuple[float, float]:
     """
     volume = VolumeError.of(task)
     values = scaled_values(task.model)
-    corrected = float(np.sqrt(max(values @ volume.weight @ values, 0.0)))
+    square = float(values @ volume.weight @ values)
+    corrected = float(np.sqrt(max(square, 0.0)))
     return corrected, volume.mean(prior(task.model, 0.0))
