@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from difflib import get_close_matches
+from types import UnionType
+from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from abbe.compcore.errors import InputError
 
@@ -27,6 +29,8 @@ _KINDS = {
     "list_type": "a list",
     "tuple_type": "a list",
 }
+_MOST_KEYS = 12
+"""Keys of a section that fit into a line."""
 _LONGEST = 60
 """Characters of what was found that fit into a line."""
 
@@ -77,7 +81,8 @@ def first_invalid(
     context: Any = first.get("ctx", {})
     found = _short(first["input"])
     if kind == "extra_forbidden":
-        return Invalid(kind, path, "unknown key", path[-1])
+        known = _known(error.title, first["loc"][:-1])
+        return Invalid(kind, path, "unknown key", path[-1], _one_of(str(path[-1]), known))
     if kind == "missing":
         last = path[-1] if path else ""
         longer = f"a key {last!r}" if isinstance(last, str) else f"{last + 1} elements or more"
@@ -98,6 +103,54 @@ def first_invalid(
         return Invalid(kind, path, "wrong kind of value", found, _KINDS[kind])
     words = first["msg"].removeprefix("Input should ").removeprefix("be ")
     return Invalid(kind, path, "not allowed", found, words)
+
+
+def _one_of(asked: str, known: Collection[str]) -> str | None:
+    """The keys that there are; of many those that are spelled alike, or none."""
+    if len(known) > _MOST_KEYS:
+        known = get_close_matches(asked, known)
+    return "one of " + ", ".join(known) if known else None
+
+
+def _known(root: str, path: Sequence[str | int]) -> list[str]:
+    """The keys of a section, by the class that was validated and the way to it; empty: not known.
+
+    Only where sections stand in sections, or under names of the user's own: where it may be one of
+    several the way says too little.
+    """
+    classes = [c for c in _descendants(BaseModel) if c.__name__ == root]
+    found: Any = classes[0] if len(classes) == 1 else None
+    for key in path:
+        fields = found.model_fields if _is_section(found) else {}
+        if key in fields:
+            found = _section(fields[str(key)].annotation)
+        elif get_origin(found) in (dict, list, tuple, Mapping, Sequence):
+            found = _section(get_args(found)[-1])
+        else:
+            return []
+    if not _is_section(found):
+        return []
+    return [field.alias or name for name, field in found.model_fields.items()]
+
+
+def _is_section(found: Any) -> bool:
+    return isinstance(found, type) and issubclass(found, BaseModel)
+
+
+def _section(annotation: Any) -> Any:
+    """A type without what may stand in its place: ``Section | None`` is a section."""
+    if get_origin(annotation) is Annotated:
+        return _section(get_args(annotation)[0])
+    if get_origin(annotation) in (Union, UnionType):
+        held = [_section(a) for a in get_args(annotation) if a is not type(None)]
+        return held[0] if len(held) == 1 else None
+    return annotation
+
+
+def _descendants(cls: type[BaseModel]) -> Iterator[type[BaseModel]]:
+    for one in cls.__subclasses__():
+        yield one
+        yield from _descendants(one)
 
 
 def invalid_key(

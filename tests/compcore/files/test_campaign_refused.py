@@ -93,7 +93,8 @@ BAD: dict[str, tuple[str | bytes, int, str | None, tuple[str, ...]]] = {
     "free that is no list": (with_line(6, '# free = "zero"'), 6, "setups.x_pos_1.free", ("found",)),
     "misspelt free": (with_line(6, '# fre = ["zero"]'), 5, "setups.x_pos_1.free", ("missing",)),
     "unknown key of a set-up": (
-        with_line(6, '# free = ["zero"]\n# hue = 3'), 7, "setups.x_pos_1.hue", ("unknown key",)),
+        with_line(6, '# free = ["zero"]\n# hue = 3'), 7, "setups.x_pos_1.hue",
+        ("unknown key", "expected one of notes, free, zeros_at")),
     "set-up twice": (with_line(7, "# [setups.x_pos_1]"), 7, None, ("TOML",)),
     "unknown word in a tool's free": (
         with_line(15, '# free = ["x", "w"]'), 15, "tools.T1.free[1]", ("'w'",)),
