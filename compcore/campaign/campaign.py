@@ -252,6 +252,7 @@ class Campaign:
         ends = np.cumsum(np.bincount(setups.number, minlength=len(setups.index)))
         at = self.functional_moves()
         found = {}
+        toward: tuple[float, ...]
         for name, free in ((s.name, s.free) for s in self.setups.values()):
             i = setups.index.get(name)
             if i is None:
@@ -259,17 +260,21 @@ class Campaign:
             rows = order[(ends[i - 1] if i else 0) : ends[i]]
             kinds = frozenset(Kind(k).name.lower() for k in np.unique(self.kind[rows]))
             along = across = 0.0
-            spread = 0
+            spread, toward = 0, ()
             if c.u is not None:
                 spread = int(
                     np.linalg.matrix_rank(c.u[rows].T @ c.u[rows], tol=1e-6, hermitian=True)
                 )
+                if spread == 1:
+                    toward = tuple(np.round(c.u[rows[0]], 1).tolist())
                 step = at[rows] - at[rows[0]]
                 part = np.einsum("ni,ni->n", step, c.u[rows])
                 along = float(np.ptp(part))
                 across = float(np.linalg.norm(step - part[:, None] * c.u[rows], axis=1).max())
             duration = float(np.ptp(c.time[rows]))
-            found[name] = SetupCoverage(kinds, len(rows), duration, along, across, free, spread)
+            found[name] = SetupCoverage(
+                kinds, len(rows), duration, along, across, free, spread, toward
+            )
         return found
 
 

@@ -25,6 +25,8 @@ class SetupCoverage:
         What its placing leaves unknown.
     spread
         Dimensions of the space that its measured directions span, 0 … 3.
+    toward
+        The direction in which it measures, in tenths; empty where it measures in several.
     """
 
     kinds: frozenset[str]
@@ -34,6 +36,7 @@ class SetupCoverage:
     across: float = 0.0
     free: tuple[str, ...] = ()
     spread: int = 0
+    toward: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

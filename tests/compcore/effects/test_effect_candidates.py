@@ -207,6 +207,22 @@ def test_instrument_effects_only_where_they_could_be_distinguished():
     assert specs("dead_path") == [], "no signal of the air varied"
 
 
+def test_a_laser_stands_elsewhere_for_each_direction():
+    """Lines along X and along Y: a dead path of all, of each direction, and of each line."""
+    along = {"x0": (1.0, 0.0, 0.0), "x1": (1.0, 0.0, 0.0), "y0": (0.0, 1.0, 0.0)}
+    along |= {"x2": (1.0, 0.0, 0.0), "y1": (0.0, 1.0, 0.0)}
+    details = {
+        name: SetupCoverage(frozenset({"displacement"}), 20, along=500.0, spread=1, toward=u)
+        for name, u in along.items()
+    }
+    signals = {"T_air": (19.0, 23.0)}
+    coverage = Coverage(setups=tuple(details), setup_details=details, signals=signals)
+    stands = [e.setups for e in effect_class("dead_path").candidates(MILL, coverage)]
+    assert stands == [
+        tuple(details), ("x0", "x1", "x2"), ("y0", "y1"), *[(name,) for name in details]
+    ]  # fmt: skip
+
+
 def test_what_a_campaign_tells_of_its_set_ups():
     seen = EVERYTHING["mill"].setup_details
     assert set(seen) == {"line", "level", "plate", "bar"}
@@ -216,6 +232,7 @@ def test_what_a_campaign_tells_of_its_set_ups():
     assert seen["line"].across == pytest.approx(0.0, abs=1e-9)
     assert seen["plate"].free == ("frame",)
     assert (seen["line"].spread, seen["plate"].spread) == (1, 3)
+    assert (seen["line"].toward, seen["plate"].toward) == ((1.0, 0.0, 0.0), ())
     assert (CAMPAIGNS["mill"][1].conditions.kind == Kind.DISTANCE).sum() == seen["bar"].rows
 
 

@@ -192,7 +192,10 @@ class DeadPath(LaserEffect):
 
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[DeadPath]:
-        """Where a signal of the air varied: all laser set-ups, as on one stand; then each alone."""
+        """Where a signal of the air varied: all laser set-ups, as on one stand; then each alone.
+
+        A laser that looks along another axis stands elsewhere: those of each direction, too.
+        """
         if not _air_varied(machine, coverage):
             return
         lasers = tuple(
@@ -202,6 +205,12 @@ class DeadPath(LaserEffect):
         )
         if len(lasers) > 1:
             yield cls(setups=lasers)
+        stands: dict[tuple[float, ...], list[str]] = {}
+        for name in lasers:
+            stands.setdefault(coverage.setup_details[name].toward, []).append(name)
+        for names in stands.values():
+            if 1 < len(names) < len(lasers):
+                yield cls(setups=tuple(names))
         for name in lasers:
             yield cls(setups=(name,))
 
