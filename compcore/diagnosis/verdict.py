@@ -28,13 +28,14 @@ from abbe.compcore.diagnosis.judging.established import (
     standing_together,
 )
 from abbe.compcore.diagnosis.judging.foretelling import foretelling, predicting
+from abbe.compcore.diagnosis.judging.known_before import beside_which_it_holds
 from abbe.compcore.diagnosis.judging.second_order import Valued, beyond_first_order
 from abbe.compcore.diagnosis.pictures import diagnosis_figures
 from abbe.compcore.diagnosis.screening.acting_through import acting_through
 from abbe.compcore.diagnosis.screening.candidates import Candidate, candidates
 from abbe.compcore.diagnosis.screening.frames import Frames
 from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks
-from abbe.compcore.diagnosis.screening.pool import Pool
+from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.diagnosis.strays import Stray, strays
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import Patterns, ResidualPattern
@@ -241,10 +242,17 @@ def _diagnosed(
     after = pool.joined(background, chosen)
     variance = after.variance
     part = result.problem.n / whole.problem.n
-    established = tuple(
-        established_cause(pool, basis, background, result, f, chosen, blocks, variance, part)
-        for f in chosen
-    )
+
+    def reported(causes: Sequence[WeighedCandidate]) -> tuple[Established, ...]:
+        return tuple(
+            established_cause(pool, basis, background, result, f, causes, blocks, variance, part)
+            for f in causes
+        )
+
+    established = reported(chosen)
+    if given is not None and established:
+        known = beside_which_it_holds(given, result, pool, background, established)
+        established = established if known is None else reported(known)
     # what predicts best what was left out is offered first; the machine's before an instrument's
     # that nothing was measured without
     established = tuple(
