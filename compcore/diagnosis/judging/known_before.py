@@ -46,8 +46,6 @@ def beside_which_it_holds(
     if holds is None or not holds.changes or holds.suspicions:
         return None
     for i, cause in enumerate(established):
-        if cause.effect.reads_model:
-            continue  # it acts through the model's values, which are then those beside it
         others = found[:i] + found[i + 1 :]
         beside = pool.joined(background, others)
         for alias in pool.weighed(beside, [a.found for a in cause.aliases[:_MOST]]):

@@ -265,13 +265,13 @@ def _simplest(
     if shifts := [f for f in leaders if _shift_of(f, best)]:
         best = max(shifts, key=lambda f: f.evidence.value)
     if best.candidate.everywhere:
-        # of the instrument, and nothing was measured without it: a machine's cause leads, unless
-        # it says clearly less
+        # of the instrument, and nothing was measured without it: a machine's cause that says the
+        # same leads
         alike = [
             f
             for f in leaders
             if f.candidate.effect.scope != "instrument"
-            and f.evidence.value >= best.evidence.value - _CLEARLY
+            and f.evidence.value >= best.evidence.value - INDISTINCT
         ]
         best = max(alike, key=lambda f: f.evidence.value, default=best)
     if common := [f for f in leaders if _rarer(best, f) and f.established(basis.n)]:
