@@ -61,4 +61,6 @@ def test_one_thermometer_that_reads_wrong_is_no_change_of_the_machine_besides() 
     assert found.standing is not None
     assert not found.standing.changes
     (cause,) = found.established
-    assert cause.effect.spec == "sensor_gain signal=T_front"
+    named = {cause.effect.spec, *(a.found.candidate.effect.spec for a in cause.aliases)}
+    assert "T_front" in cause.effect.spec
+    assert "sensor_gain signal=T_front" in named
