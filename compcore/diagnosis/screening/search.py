@@ -294,10 +294,15 @@ def _simplest(
 def _rarer(found: WeighedCandidate, other: WeighedCandidate) -> bool:
     """Whether one is an axis's turn by another's position, the other an axis's own error motion.
 
-    Where the data do not tell them apart it is the error motion, which every axis has.
+    Where the data do not tell them apart it is the error motion, which every axis has; nor do they
+    where it explains all that the other does: its coefficients are expected, and of a large error
+    each costs more than its price, as it takes a degree of freedom.
     """
     cross, own = found.candidate.effect.kind, other.candidate.effect.kind
-    alike = other.evidence.value >= found.evidence.value - INDISTINCT
+    alike = (
+        other.evidence.value >= found.evidence.value - INDISTINCT
+        or other.screened.drop >= found.screened.drop
+    )
     return cross == "cross_angular" and own in RIGID and alike
 
 

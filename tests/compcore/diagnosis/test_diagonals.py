@@ -70,3 +70,20 @@ def test_what_only_diagonals_show_is_an_axis_error_motion_not_a_rarer_cause(
     for spec, true in SCALES.items():
         (k,) = named[spec]
         assert abs(k.value - true) < 3.5 * k.sd, spec
+
+
+def test_a_roll_that_grows_with_its_own_axis_is_its_angular_motion(tmp_path: Path) -> None:
+    """Levels on X and on Y: a roll of Y of 30 µrad is no turn of X by where Y stands."""
+    rng = np.random.default_rng(71)
+    head, rows = ['# format = "abbe-campaign/1"'], []
+    for axis, other, u in (("X", "Y", "1,0,0"), ("Y", "X", "0,1,0")):
+        head += [f"# [setups.roll{axis}]", '# free = ["zero"]']
+        for k in [*range(13)] * 3:
+            at = {other: 0.5 * ENDS[other], "Z": 200.0, axis: ENDS[axis] * k / 12}
+            value = (30.0 * k / 12 if axis == "Y" else 0.0) + rng.normal(0.0, 1.0)
+            place = ",".join(f"{at[a]:g}" for a in "XYZ")
+            rows.append(f"roll{axis},rotation,{place},{u},{value:.3f}")
+    path = tmp_path / "levels.csv"
+    path.write_text("\n".join([*head, "setup,kind,X,Y,Z,ux,uy,uz,value", *rows]) + "\n")
+    found = diagnose(Model(MACHINE, ()), read_campaign(path, MACHINE))
+    assert [e.effect.spec for e in found.established] == ["angular axis=Y about=Y"]
