@@ -237,7 +237,7 @@ class _RowReader:
         except InputError as error:
             raise error.at(file=source.file, line=columns.line) from None
         if required.lagged and "time" not in columns:
-            raise columns.missing("time", ": the model follows a signal slowly")
+            raise columns.missing("time", "the model follows a signal slowly")
 
     def conditions(self, block: PointBlock) -> StreamedConditions:
         """The rows in the units inside the code."""
