@@ -1,8 +1,8 @@
 """The workbench: many viewers, fifty channels, a hundred million records, a million rows.
 
 Writes its sections of docs/performance.md. ``python -m benchmarks.workbench [WHAT …]``, of
-``viewers``, ``channels``, ``past``, ``rows``; all where none is named. ``--seconds`` is how long the
-fifty channels are watched: 3600 for what an hour adds.
+``viewers``, ``channels``, ``past``, ``rows``; all where none is named. ``--seconds`` is how long
+the fifty channels are watched: 3600 for what an hour adds.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.errors import InputError
 from abbe.compcore.fitting.design.unknowns import UnknownLayout
-from abbe.compcore.fitting.undetermined import NullSpace, sample_volume
+from abbe.compcore.fitting.undetermined.null_space import NullSpace, sample_volume
 from abbe.compcore.linalg import svd
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine, own_component

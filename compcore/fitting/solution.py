@@ -25,8 +25,8 @@ from abbe.compcore.fitting.gauss_newton import gauss_newton, risen
 from abbe.compcore.fitting.reduction import leverage
 from abbe.compcore.fitting.robust import Outlier, outliers_of, studentised
 from abbe.compcore.fitting.separable import step_widths
-from abbe.compcore.fitting.undetermined import NullSpace, split_null_space
-from abbe.compcore.fitting.undetermined_words import Undetermined, in_words
+from abbe.compcore.fitting.undetermined.null_space import NullSpace, split_null_space
+from abbe.compcore.fitting.undetermined.words import Undetermined, in_words
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
 

@@ -15,7 +15,7 @@ from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.knots.choice import KnotChoice
 from abbe.compcore.fitting.rigid_body import rigid_body_test
 from abbe.compcore.fitting.solution import Solution
-from abbe.compcore.fitting.undetermined_words import Undetermined
+from abbe.compcore.fitting.undetermined.words import Undetermined
 from abbe.compcore.model.as_built import (
     ON_THE_TABLE,
     average_line_words,

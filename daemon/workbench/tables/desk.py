@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import asyncio
 import threading
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
 from abbe.compcore.errors import AbbeError, InputError
 from abbe.compcore.sentences import sentences_in
-from abbe.daemon.answers.tables.upload_words import named, naming, result_lines
+from abbe.daemon.answers.tables.upload_words import result_lines
 from abbe.daemon.config import Configuration
 from abbe.daemon.upload.operator_port import OperatorPort
 from abbe.daemon.upload.session import (
@@ -26,36 +24,11 @@ from abbe.daemon.upload.session import (
 )
 from abbe.daemon.upload.status import status, status_lines
 from abbe.daemon.workbench.fresh import FreshConfiguration
+from abbe.daemon.workbench.tables.controller_work import Act, ControllerWork, DeskWork
 from abbe.daemon.workbench.tables.held import held
 from abbe.daemon.workbench.tables.past import past_uploads
 
 Change = Literal["upload", "rollback"]
-
-
-@dataclass
-class DeskWork:
-    """What is done at the controller at present, or was done last.
-
-    Attributes
-    ----------
-    kind
-        ``status``, ``preflight``, ``write`` or ``recover``.
-    change
-        What it is about: ``upload``, ``rollback``, or empty.
-    said
-        Its lines for people.
-    doing
-        The step that is under way, and how much of it is done, 0 to 1.
-    ended
-        ``""`` while it is under way, ``good``, or ``bad``.
-    """
-
-    kind: str
-    change: str = ""
-    said: list[str] = field(default_factory=list)
-    doing: str = "beginning"
-    part: float = 0.0
-    ended: str = ""
 
 
 class TableDesk:
@@ -85,12 +58,11 @@ class TableDesk:
         self.config, self.folder = config, folder
         self._uploaded = uploaded
         self._lock = threading.Lock()
-        self._work: DeskWork | None = None
-        self._thread: threading.Thread | None = None
         self._cleared: list[str] = []
         self._change: Change | None = None
         self._count = 0
         self._fresh = FreshConfiguration(config)
+        self._at_controller = ControllerWork(self._fresh)
         configuration = self._fresh.now()
         if folder is not None:
             held(configuration, folder)
@@ -118,8 +90,8 @@ class TableDesk:
 
     def state(self) -> dict[str, Any]:
         """What is under way, and the pre-flight that counts."""
+        work = self._at_controller.last
         with self._lock:
-            work = self._work
             return {
                 "work": None if work is None else vars(work) | {"said": list(work.said)},
                 "cleared": self._count if self._cleared else None,
@@ -225,12 +197,11 @@ class TableDesk:
     @property
     def busy(self) -> bool:
         """Whether something is under way at the controller."""
-        return self._work is not None and not self._work.ended
+        return self._at_controller.busy
 
     def close(self) -> None:
         """Wait until what is under way has ended: an upload is not cut off."""
-        if self._thread is not None:
-            self._thread.join()
+        self._at_controller.close()
 
     async def _changed(
         self,
@@ -268,53 +239,12 @@ class TableDesk:
     def _forget(self) -> None:
         self._cleared, self._change = [], None
 
-    def _start(
-        self,
-        work: DeskWork,
-        act: Callable[[Configuration, OperatorPort], Awaitable[tuple[bool, list[str]]]],
-    ) -> None:
-        with self._lock:
-            if self.busy:
-                raise InputError("something is under way at the controller", expected="its end")
-            self._work = work
-            if work.kind != "preflight":
+    def _start(self, work: DeskWork, act: Act) -> None:
+        self._at_controller.start(work, act)
+        if work.kind != "preflight":
+            with self._lock:
                 # what was seen before counts for one attempt
                 self._forget()
-            self._thread = threading.Thread(target=self._run, args=(work, act), name="tables")
-            self._thread.start()
-
-    def _run(
-        self,
-        work: DeskWork,
-        act: Callable[[Configuration, OperatorPort], Awaitable[tuple[bool, list[str]]]],
-    ) -> None:
-        good, lines = False, ["a mistake of Abbe's: the terminal says more; please report it"]
-
-        async def nobody() -> bool:
-            return False
-
-        def tell(line: str) -> None:
-            work.said.append(line)
-            work.doing, work.part = line, 0.0
-
-        def progress(part: float) -> None:
-            work.part = part
-
-        try:
-            configuration = self._fresh.now()
-            port = naming(OperatorPort(tell, progress, lambda _: True, nobody), configuration.path)
-
-            async def acted() -> tuple[bool, list[str]]:
-                return await act(configuration, port)
-
-            good, lines = asyncio.run(acted())
-        except AbbeError as error:
-            lines = [error.sentence]
-        except (OSError, MemoryError) as error:
-            lines = [f"{type(error).__name__}: {error}"]
-        finally:
-            work.said += [named(line, self.config) for line in lines]
-            work.ended = "good" if good else "bad"
 
 
 def _same_as(seen: list[str], port: OperatorPort) -> OperatorPort:

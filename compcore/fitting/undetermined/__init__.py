@@ -1,0 +1,1 @@
+"""What a campaign does not determine: the null space, by fewest effects, in words."""
