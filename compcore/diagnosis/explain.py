@@ -54,17 +54,20 @@ def explanation(established: Established, diagnosis: Findings) -> Sentence:
         parts.append(said("Cure: {cure}", cure=_of_page(_sentence(cure))))
     if effect.scope == "instrument":
         parts.append(said("It belongs to the instrument and never goes into the compensation."))
+    parts.append(gain_of(established, diagnosis))
+    return joined(parts, " ")
+
+
+def gain_of(established: Established, diagnosis: Findings) -> Sentence:
+    """What adding a cause does to the residuals."""
     unit, _, factor = diagnosis.unit
     before, after = diagnosis.rms * factor, established.rms_after * factor
-    parts.append(
-        said(
-            "Added, it brings the residuals from {before} to {after} {unit} RMS.",
-            before=f"{before:.2f}",
-            after=f"{after:.2f}",
-            unit=unit,
-        )
+    return said(
+        "Added, it brings the residuals from {before} to {after} {unit} RMS.",
+        before=f"{before:.2f}",
+        after=f"{after:.2f}",
+        unit=unit,
     )
-    return joined(parts, " ")
 
 
 def _alternatives(established: Established) -> list[str]:

@@ -37,6 +37,18 @@ class StepRecord(BaseModel):
     outcome: Annotated[str, Field(max_length=_MOST_OUTCOME)] = ""
 
 
+def at_the_wall(at: str) -> str:
+    """A step's time as the clock at the wall shows it, to the minute.
+
+    >>> at_the_wall("somebody wrote here")
+    'somebody wrote here'
+    """
+    try:
+        return f"{datetime.fromisoformat(at).astimezone():%Y-%m-%d %H:%M}"
+    except (ValueError, OverflowError, OSError):
+        return at
+
+
 class _StateDocument(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 

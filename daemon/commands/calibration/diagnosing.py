@@ -9,7 +9,7 @@ from abbe.compcore.campaign.even_steps import even_steps
 from abbe.compcore.campaign.noise import noise_floor
 from abbe.compcore.campaign.sampling import resolves
 from abbe.compcore.diagnosis import diagnose
-from abbe.compcore.diagnosis.explain import doubts_of
+from abbe.compcore.diagnosis.explain import doubts_of, gain_of
 from abbe.compcore.diagnosis.words import diagnosis_words
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.text.atomic import write_atomically
@@ -25,6 +25,7 @@ from abbe.daemon.calibration.asking import AskPerson
 from abbe.daemon.commands.model.add import add
 from abbe.daemon.commands.model.fit import fit
 from abbe.daemon.progress import shown
+from abbe.daemon.report.model.diagnosis import said_in_the_shop
 
 _MOST = 4
 """Causes that are added, one after the other."""
@@ -69,12 +70,22 @@ def complete_model(
                 continue
             if doubts:
                 doubted[spec] = doubts[0].removesuffix(".")
-                question = f"{doubts[0]} Add {spec} all the same?"
-                if not ask(question, default=False):
+                asked = said(
+                    "{what}. {doubt} Add {spec} all the same?",
+                    what=said_in_the_shop(found, cause), doubt=doubts[0], spec=spec,
+                )  # fmt: skip
+                if not ask(asked, default=False):
                     say(said("{spec} is not added: {why}", spec=spec, why=doubted[spec]))
                     continue
                 del doubted[spec]
-            elif not ask(said("add {spec}?", spec=spec)):
+            elif not ask(
+                said(
+                    "{what}. {gain} Add {spec}?",
+                    what=said_in_the_shop(found, cause),
+                    gain=gain_of(cause, found),
+                    spec=spec,
+                )  # fmt: skip
+            ):
                 continue
             add(model, spec, [campaign], following, robust=bool(found.strays))
             added = load_model(following)

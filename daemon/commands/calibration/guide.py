@@ -8,7 +8,12 @@ from abbe.compcore.errors import AbbeError, InputError
 from abbe.compcore.sentences import as_it_stands, said
 from abbe.daemon.calibration.asking import AskPerson
 from abbe.daemon.calibration.request import CalibrationRequest
-from abbe.daemon.calibration.state import CalibrationState, make_folder, one_at_a_time
+from abbe.daemon.calibration.state import (
+    CalibrationState,
+    at_the_wall,
+    make_folder,
+    one_at_a_time,
+)
 from abbe.daemon.calibration.step import StepNow
 from abbe.daemon.commands.calibration.judging import NOTHING_CHECKED
 from abbe.daemon.commands.calibration.steps import steps_of
@@ -87,7 +92,7 @@ def _through(
             number=number, all=len(names), step=step.name, what=as_it_stands(step.title),
         )  # fmt: skip
         if state.done(step.name, step.made_from, step.makes, step.settings):
-            say(said("{title}: done {at}", title=title, at=state.steps[step.name].at))
+            say(said("{title}: done {at}", title=title, at=at_the_wall(state.steps[step.name].at)))
         else:
             if not ask(said("{title}. Go on?", title=title)):
                 say(said("stopped; the same command goes on here"))

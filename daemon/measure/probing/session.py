@@ -172,7 +172,7 @@ class ProbedMeasurement:
         again = "again " if self.course.here.begun else ""
         self._news.event(
             "set up", f"set up {again}{setup_words(setup)}{press if person.there else ''}",
-            missing=len(self.course.here.left),
+            setup=setup.name, missing=len(self.course.here.left),
         )  # fmt: skip
         while person.there:
             answer = person.answer()

@@ -68,7 +68,10 @@ def page(plan: SurveyPlan, model: Path) -> Page:
             f"{setup.tool} {tuple(setup.offset)}, {setup.seconds / 60.0:.0f} min; unknown: "
             f"{', '.join(setup.free) or 'nothing'}."
         )
-        made.figure(picture(task, setup), "Red: what moves and its targets.")
+        made.figure(
+            picture(task, setup),
+            "Orange: what moves and its targets. Blue: where the instrument stands.",
+        )
     made.notes([AFTER])
     return made
 
@@ -102,8 +105,8 @@ def picture(task: SurveyTask, setup: PlannedSetup) -> Figure:
     ]
     way = setup.path()
     traces.append(
-        shared | {"mode": "lines+markers", "name": "targets", "line": {"color": COLOURS[1]},
-                  "marker": {"size": 3, "color": COLOURS[1]},
+        shared | {"mode": "lines+markers", "name": "targets", "line": {"color": COLOURS[1], "width": 4},
+                  "marker": {"size": 5, "color": COLOURS[1]},
                   "x": way[:, 0], "y": way[:, 1], "z": way[:, 2]}
     )  # fmt: skip
     for i, (title, place) in enumerate(setup.optics.items()):
@@ -111,8 +114,8 @@ def picture(task: SurveyTask, setup: PlannedSetup) -> Figure:
         traces.append(
             shared | {"mode": "lines+markers+text" if i == 0 else "markers+text", "name": title,
                       "text": [title, ""], "textposition": "top center",
-                      "line": {"color": COLOURS[0], "dash": "dot"},
-                      "marker": {"size": [7, 0], "color": COLOURS[0]},
+                      "line": {"color": COLOURS[0], "dash": "dot", "width": 4},
+                      "marker": {"size": [14, 0], "color": COLOURS[0]},
                       "x": beam[:, 0], "y": beam[:, 1], "z": beam[:, 2]}
         )  # fmt: skip
     scene = {

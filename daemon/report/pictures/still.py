@@ -189,14 +189,16 @@ def _trace(trace: Mapping[str, Any], flat: F64) -> Iterator[str]:
                 f"M{x:.1f} {y:.1f}L{p:.1f} {q:.1f}"
                 for (x, y), (p, q) in zip(flat[:-1][chosen], flat[1:][chosen], strict=True)
             )
-            yield f'<path stroke="{colour}" stroke-width="1.6" d="{path}"/>'
+            wide = max(1.6, 0.6 * float(style.get("width", 0.0)))
+            dashes = ' stroke-dasharray="1 6"' if style.get("dash") == "dot" else ""
+            yield f'<path stroke="{colour}" stroke-width="{wide:g}"{dashes} d="{path}"/>'
     if "markers" in mode:
         style = trace.get("marker", {})
-        size = style.get("size", 4)
-        width = max(2.0, float(size) if isinstance(size, int | float) else 4.0)
-        for colour, chosen in _by_colour(style, len(flat), _known(flat)):
-            path = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in flat[chosen])
-            yield f'<path stroke="{colour}" stroke-width="{width:g}" d="{path}"/>'
+        sizes = np.broadcast_to(np.asarray(style.get("size", 4), dtype=np.float64), len(flat))
+        for size in np.unique(sizes[sizes > 0.0]):
+            for colour, chosen in _by_colour(style, len(flat), _known(flat) & (sizes == size)):
+                path = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in flat[chosen])
+                yield f'<path stroke="{colour}" stroke-width="{max(2.0, size):g}" d="{path}"/>'
 
 
 def _known(flat: F64) -> NDArray[np.bool_]:

@@ -14,7 +14,7 @@ from abbe.compcore.planning.targets import SurveyTask
 from abbe.compcore.sentences import said, sentences_in
 from abbe.compcore.verification.verdict import VerdictOutcome
 from abbe.daemon.calibration.request import CalibrationRequest, require_measured_with
-from abbe.daemon.calibration.state import CalibrationState, make_folder
+from abbe.daemon.calibration.state import CalibrationState, at_the_wall, make_folder
 from abbe.daemon.calibration.step import CERTIFICATE, CHECK_PLAN, PLAN, TABLES, StepNow
 from abbe.daemon.config import Configuration
 from abbe.daemon.measure.events import minutes, setup_words
@@ -263,7 +263,7 @@ class CalibrationGuide:
                 "name": name,
                 "title": now.step.title,
                 "state": "waits" if state == "next" and waits else state,
-                "at": now.at[:16].replace("T", " "),
+                "at": at_the_wall(now.at) if now.at else "",
                 "by": now.note,
                 "makes": [path.name for path in now.step.makes],
                 "role": name in MEASURES,

@@ -30,6 +30,7 @@ def step_json(
     """
     nothing: dict[str, Any] = {
         "question": "",
+        "setup": "",
         "choices": [],
         "next": "",
         "done": None,
@@ -55,7 +56,7 @@ class StepProcess:
         self.step = str(task["step"])
         self._lines: deque[str] = deque(maxlen=_MOST)
         self._sentences: dict[str, Any] = {}
-        self._question = ""
+        self._question = self._setup = ""
         self._choices: tuple[str, ...] = ()
         self._progress: Mapping[str, Any] = {}
         self._next = ""
@@ -85,6 +86,7 @@ class StepProcess:
         """What the page shows of it; `left` in s."""
         return step_json(self.step, list(self._lines), dict(self._sentences)) | {
             "question": self._question,
+            "setup": self._setup,
             "choices": list(self._choices),
             "next": self._next,
             "done": self._progress.get("done"),
@@ -97,7 +99,7 @@ class StepProcess:
         """Answer what is asked; False where that is not asked."""
         if word not in self._choices:
             return False
-        self._question, self._choices = "", ()
+        self._question, self._setup, self._choices = "", "", ()
         self._write(ANSWERS[word])
         return True
 
@@ -124,7 +126,7 @@ class StepProcess:
                 self._take(line.rstrip("\n"))
             self._process.stdout.close()
         status = self._process.wait()
-        self._question, self._choices, self._next = "", (), ""
+        self._question, self._setup, self._choices, self._next = "", "", (), ""
         self._ended = "good" if status == 0 else "bad"
         os.close(self._lifeline)
         if self._process.stdin is not None:
@@ -160,5 +162,6 @@ class StepProcess:
         if event["event"] == "set up":
             # what to press stands on the buttons
             text = text.partition("; Enter when")[0]
+            self._setup = str(event.get("setup", ""))
             self._question, self._choices = text, ("stands", "leave out")
         self._lines.append(text)

@@ -10,6 +10,8 @@ const MARKS = {done: "✓", next: "▶", running: "●", waits: "·"};
 const WORDS = {done: t("done"), next: t("next"), running: t("under way"), waits: t("waits")};
 const CHOICES = {yes: t("Yes"), no: t("No"), stands: t("It stands"), "leave out": t("Leave this set-up out")};
 
+const PLANS = {measure: "plan", check: "check"}; // step -> the plan that it follows
+
 export class Calibration {
   constructor() {
     this.head = el("section", {class: "verdict"}, el("p", {class: "waiting"}, t("Being read …")));
@@ -84,7 +86,7 @@ export class Calibration {
       el("span", {class: "mark", "aria-hidden": "true"}, MARKS[s.state]),
       el("span", {}, `${k + 1}. ${label(s.title)}`, el("br"),
         el("small", {}, [s.makes.join(", "), s.role ? t("takes the role operate") : ""].filter(Boolean).join("; "))),
-      el("small", {}, s.state === "done" ? [s.at, s.by].filter(Boolean).join(", ") : WORDS[s.state]))));
+      el("small", {}, s.state === "done" ? [s.at, label(s.by)].filter(Boolean).join(", ") : WORDS[s.state]))));
     this.#begin(coming, found);
     this.#work(found.work, label(found.steps.find((s) => s.name === found.work?.step)?.title ?? ""));
     this.#options(found);
@@ -155,11 +157,11 @@ export class Calibration {
     }
     const parts = [];
     if (!work.ended) {
-      const left = work.left > 2 ? t(", about {min} min left", {min: Math.ceil(work.left / 60)}) : "";
+      const left = work.left > 2 ? t(", about {time} left", {time: lasting(work.left)}) : "";
       if (work.of) parts.push(el("p", {}, t("{done} of {all} targets", {done: work.done, all: work.of}) + left));
       parts.push(el("p", {}, el("progress", {max: 1, value: work.of ? work.done / work.of : null, "aria-label": t("How far it is")})));
       if (work.next && !work.question) parts.push(el("p", {}, line(work.next)));
-      if (work.question) parts.push(el("div", {class: "question", role: "alert"}, el("p", {}, line(work.question)),
+      if (work.question) parts.push(el("div", {class: "question", role: "alert"}, el("p", {}, line(work.question)), this.#placed(work),
         el("p", {class: "tools"}, ...work.choices.map((choice, k) => el("button", {class: k ? null : "main", "data-choice": choice,
           onclick: () => this.#ask("answer", {answer: choice})}, CHOICES[choice])))));
       parts.push(el("p", {}, el("button", {class: "small", id: "stop", onclick: () => this.#ask("stop")}, t("Stop; it goes on later"))));
@@ -172,6 +174,15 @@ export class Calibration {
     this.work.dataset.done = work.done ?? "";
     this.work.replaceChildren(...parts);
     lines.scrollTop = lines.scrollHeight;
+  }
+
+  /** The drawing of the set-up that has to be placed now, beside the question. */
+  #placed(work) {
+    const plan = PLANS[work.step];
+    const number = (this.found.plans[plan] ?? []).findIndex((setup) => setup.name === work.setup);
+    if (number < 0) return null;
+    const setup = this.found.plans[plan][number];
+    return el("img", {src: picture(plan, number, setup), alt: say(setup.words), width: 720, height: 500});
   }
 
   #options(found) {
@@ -202,12 +213,23 @@ export class Calibration {
     const titles = {plan: t("Set-ups that are measured"), check: t("Set-ups that verify it")};
     this.plans.replaceChildren(...Object.entries(plans).filter(([, setups]) => setups.length).map(([name, setups]) =>
       el("section", {"data-plan": name}, el("h2", {}, titles[name]),
-        el("p", {class: "note"}, t("Grey: the reach of the tip. Red: what moves, and its targets. Blue: where the instrument stands.")),
+        el("p", {class: "note"}, t("Grey: the reach of the tip. Orange: what moves, and its targets. Blue: where the instrument stands.")),
         el("div", {class: "setups"}, ...setups.map((setup, k) => el("figure", {},
           el("figcaption", {}, `${k + 1}. ${setup.name}`),
-          el("img", {src: `/api/calibrate/picture?plan=${name}&number=${k}&of=${hash(setup.words)}`, alt: say(setup.words), width: 720, height: 500}),
+          el("img", {src: picture(name, k, setup), alt: say(setup.words), width: 720, height: 500}),
           el("p", {class: "note"}, say(setup.words))))))));
   }
+}
+
+/** Where a set-up's drawing is. */
+function picture(plan, number, setup) {
+  return `/api/calibrate/picture?plan=${plan}&number=${number}&of=${hash(setup.words)}`;
+}
+
+/** A time as people say it. */
+function lasting(seconds) {
+  const whole = Math.ceil(seconds / 60);
+  return whole < 60 ? `${whole} min` : `${Math.floor(whole / 60)} h ${String(whole % 60).padStart(2, "0")} min`;
 }
 
 /** Another address for another set-up of the same number. */
