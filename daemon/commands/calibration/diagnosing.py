@@ -84,7 +84,7 @@ def complete_model(
                     what=said_in_the_shop(found, cause),
                     gain=gain_of(cause, found),
                     spec=spec,
-                )  # fmt: skip
+                )
             ):
                 continue
             add(model, spec, [campaign], following, robust=bool(found.strays))

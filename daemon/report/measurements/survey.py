@@ -105,7 +105,8 @@ def picture(task: SurveyTask, setup: PlannedSetup) -> Figure:
     ]
     way = setup.path()
     traces.append(
-        shared | {"mode": "lines+markers", "name": "targets", "line": {"color": COLOURS[1], "width": 4},
+        shared | {"mode": "lines+markers", "name": "targets",
+                  "line": {"color": COLOURS[1], "width": 4},
                   "marker": {"size": 5, "color": COLOURS[1]},
                   "x": way[:, 0], "y": way[:, 1], "z": way[:, 2]}
     )  # fmt: skip
