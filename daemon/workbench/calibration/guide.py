@@ -95,16 +95,17 @@ class CalibrationGuide:
             "steps": list(self._steps(steps)),
             "plans": plans,
             "sentences": sentences_in(plans),
-            "verified": self._verified(request),
+            **self._outcome(request),
             "certificate": request.file(CERTIFICATE).is_file(),
             "roles": http is not None and http.tokens.exists(),
             "work": self._work_now(),
         }
 
-    def _verified(self, request: CalibrationRequest) -> bool:
-        """Whether the check came out so; of a calibration whose steps are done."""
+    def _outcome(self, request: CalibrationRequest) -> dict[str, Any]:
+        """How the check came out, in words; of a calibration whose steps are done."""
         outcome = CalibrationState.read(self._folder, self.config).outcome("verify")
-        return bool(request.checked_by) and outcome.startswith(VerdictOutcome.VERIFIED.value)
+        good = bool(request.checked_by) and outcome.startswith(VerdictOutcome.VERIFIED.value)
+        return {"verified": good, "outcome": outcome}
 
     def ask_for(self, asked: AskedCalibration) -> None:
         """Ask for something else; steps that were done stay done where their files fit.

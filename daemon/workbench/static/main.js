@@ -201,7 +201,9 @@ async function header() {
   facts.querySelector("table").replaceChildren(el("tbody", {}, ...head.files.map(([part, file, sha]) =>
     el("tr", {}, el("td", {}, label(part)), el("td", {}, file),
       el("td", {}, el("code", {class: "sha"}, sha || "–"))))));
-  const said = head.facts.filter(([name]) => ["Plant's store", "Date", "Serial number"].includes(name));
+  // nothing was measured: nobody has left its date out
+  const dated = head.files.some(([part]) => part.startsWith("campaign"));
+  const said = head.facts.filter(([name]) => ["Plant's store", ...(dated ? ["Date"] : []), "Serial number"].includes(name));
   facts.querySelector("summary").textContent = [
     ...said.map(([name, text]) => `${label(name)}: ${moment(text) || t("not stated")}`),
     ...head.files.map(([part, file, sha]) => `${label(part)}: ${file} (${sha.slice(0, 12)})`)].join(" · ");

@@ -24,7 +24,7 @@ export class Calibration {
     this.node = el("div", {class: "calibration"}, this.away, this.head,
       el("div", {class: "columns"},
         el("section", {class: "card"}, this.steps, this.asked),
-        el("section", {class: "card", id: "doing"}, this.work, this.start)),
+        this.doing = el("section", {class: "card", id: "doing"}, this.work, this.start)),
       this.plans);
     onBack(this.node, () => this.#follow());
     this.#follow();
@@ -79,16 +79,19 @@ export class Calibration {
     this.head.replaceChildren(el("h1", {class: coming ? null : found.verified ? "good" : "bad"}, coming
       ? this.running ? t("Under way: {what}", {what: label(coming.title)}) : t("Next: {what}", {what: label(coming.title)})
       : found.verified ? t("Calibrated and verified") : t("Calibrated, but not verified")),
+      ...(found.outcome && found.steps.find((s) => s.name === "verify")?.state === "done"
+        ? [el("p", {id: "outcome"}, label(found.outcome))] : []),
       ...(coming || found.verified ? [] : [el("p", {class: "warning"}, t("No line has shown that the model holds; the certificate says why."))]),
       el("p", {}, t("{done} of {all} steps are done, in {folder}.", {done, all: found.steps.length, folder: found.folder})),
       ...(found.certificate ? [el("p", {}, el("a", {href: "/api/calibrate/certificate", target: "_blank"}, t("The certificate")))] : []));
     this.steps.replaceChildren(...found.steps.map((s, k) => el("li", {class: s.state, "data-step": s.name, "data-state": s.state},
       el("span", {class: "mark", "aria-hidden": "true"}, MARKS[s.state]),
       el("span", {}, `${k + 1}. ${label(s.title)}`, el("br"),
-        el("small", {}, [s.makes.join(", "), s.role ? t("takes the role operate") : ""].filter(Boolean).join("; "))),
+        el("small", {}, [s.makes.join(", "), s.role && s.state !== "done" ? t("takes the role operate") : ""].filter(Boolean).join("; "))),
       el("small", {}, s.state === "done" ? [s.at, label(s.by)].filter(Boolean).join(", ") : WORDS[s.state]))));
+    this.doing.hidden = !coming && !found.work;
     this.#begin(coming, found);
-    this.#work(found.work, label(found.steps.find((s) => s.name === found.work?.step)?.title ?? ""));
+    this.#work(found.work, Boolean(coming), label(found.steps.find((s) => s.name === found.work?.step)?.title ?? ""));
     this.#options(found);
     this.#setups(found.plans);
     this.node.dataset.ready = "true";
@@ -150,7 +153,7 @@ export class Calibration {
     return place;
   }
 
-  #work(work, what) {
+  #work(work, more, what) {
     if (!work) {
       this.work.replaceChildren();
       return;
@@ -169,7 +172,7 @@ export class Calibration {
     parts.push(el("h2", {class: work.ended}, {good: t("Done: {what}", {what}), bad: t("Not done: {what}", {what})}[work.ended] ?? t("What it says")));
     const lines = el("pre", {class: "lines", tabindex: 0, "aria-label": t("What the step says")}, work.lines.map(line).join("\n"));
     // what went well is read by whoever wants to; what comes next stands below
-    parts.push(work.ended === "good" ? el("details", {}, el("summary", {}, t("What it said")), lines) : lines);
+    parts.push(work.ended === "good" && more ? el("details", {}, el("summary", {}, t("What it said")), lines) : lines);
     this.work.dataset.ended = work.ended;
     this.work.dataset.done = work.done ?? "";
     this.work.replaceChildren(...parts);
