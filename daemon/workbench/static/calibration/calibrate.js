@@ -76,14 +76,15 @@ export class Calibration {
     this.running = Boolean(found.work) && !found.work.ended;
     const done = found.steps.filter((s) => s.state === "done").length;
     const coming = found.steps.find((s) => s.state === "next" || s.state === "running");
+    const judged = found.steps.find((s) => s.name === "verify")?.state === "done";
     this.head.replaceChildren(el("h1", {class: coming ? null : found.verified ? "good" : "bad"}, coming
       ? this.running ? t("Under way: {what}", {what: label(coming.title)}) : t("Next: {what}", {what: label(coming.title)})
       : found.verified ? t("Calibrated and verified") : t("Calibrated, but not verified")),
-      ...(found.outcome && found.steps.find((s) => s.name === "verify")?.state === "done"
-        ? [el("p", {id: "outcome"}, label(found.outcome))] : []),
+      ...(found.outcome && judged ? [el("p", {id: "outcome"}, label(found.outcome))] : []),
       ...(coming || found.verified ? [] : [el("p", {class: "warning"}, t("No line has shown that the model holds; the certificate says why."))]),
       el("p", {}, t("{done} of {all} steps are done, in {folder}.", {done, all: found.steps.length, folder: found.folder})),
-      ...(found.certificate ? [el("p", {}, el("a", {href: "/api/calibrate/certificate", target: "_blank"}, t("The certificate")))] : []));
+      ...(found.certificate ? [el("p", {}, el("a", {href: "/api/calibrate/certificate", target: "_blank"},
+        judged || found.work?.step === "verify" ? t("The certificate") : t("The certificate of an earlier check")))] : []));
     this.steps.replaceChildren(...found.steps.map((s, k) => el("li", {class: s.state, "data-step": s.name, "data-state": s.state},
       el("span", {class: "mark", "aria-hidden": "true"}, MARKS[s.state]),
       el("span", {}, `${k + 1}. ${label(s.title)}`, el("br"),
