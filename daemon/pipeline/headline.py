@@ -15,6 +15,8 @@ _WORDS = {
     GuardState.RISING: "correction ramped in",
 }
 """Gravest first."""
+ENDED = "ended, not corrected"
+"""The state of a correction that was asked to end, and has."""
 _COMPUTED_ONLY = "computed, not written"
 _NOTHING_COMPUTED = {**_WORDS, GuardState.OFF: "no correction"}
 
@@ -28,7 +30,7 @@ def headline(record: CycleRecord) -> str:
     if record.status & Status.ENDING:
         off = set(decision.states) == {GuardState.OFF}
         if off:
-            return "ended, not corrected"
+            return ENDED
         return "ending: correction ramped to zero" if record.writes else f"ending: {_COMPUTED_ONLY}"
     if not record.writes:
         why = _gravest(record, _NOTHING_COMPUTED) or _limited(record)

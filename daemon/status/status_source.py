@@ -19,7 +19,7 @@ from abbe.daemon.config.identity import RunIdentity
 from abbe.daemon.guard import DIRECTIONS
 from abbe.daemon.pipeline.compensate import direction_index
 from abbe.daemon.pipeline.cycle import Pipeline
-from abbe.daemon.pipeline.headline import headline
+from abbe.daemon.pipeline.headline import ENDED, headline
 from abbe.daemon.pipeline.live_uncertainty import LiveUncertainty
 from abbe.daemon.pipeline.record import CycleRecord
 from abbe.daemon.status.check_status import check_status
@@ -92,7 +92,7 @@ class StatusSource:
         state = "waiting for the first cycle"
         if record is not None:
             state = headline(record)
-            if not alive:
+            if not alive and state != ENDED:
                 state = f"the cycle hangs since {cycle.age_s:.0f} s; before: {state}"
         sure = service.uncertainty.latest
         return RunStatus(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -112,6 +113,10 @@ def _signal(name: str, status: RunStatus, model: Model | None) -> dict[str, Any]
     }
 
 
+_NOTHING = re.compile(r"(?<![\d.])[-+](0(?:\.0+)?)(?![\d.])")
+"""A zero with a sign: what is shown of a number that is less than its last digit."""
+
+
 def _signed(text: str) -> str:
-    """With a true minus sign."""
-    return text.replace("-", "−")
+    """With a true minus sign, and none before a zero."""
+    return _NOTHING.sub(r"\1", text).replace("-", "−")

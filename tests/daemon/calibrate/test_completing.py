@@ -68,6 +68,8 @@ def found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Effect]:
 
     monkeypatch.setattr(diagnosing, "diagnose", diagnose)
     monkeypatch.setattr(diagnosing, "diagnosis_words", lambda *_: ())
+    monkeypatch.setattr(diagnosing, "said_in_the_shop", lambda *_: "It errs")
+    monkeypatch.setattr(diagnosing, "gain_of", lambda *_: "")
     monkeypatch.setattr(diagnosing, "add", add)
     return causes
 

@@ -1,6 +1,6 @@
 // Calibrate: the guide of `abbe calibrate`, step by step; what a step says and asks while it is done.
 import {label, line, say, t} from "../shared/language.js";
-import {el, keepingTyped} from "../shared/dom.js";
+import {el, keepingTyped, lasting} from "../shared/dom.js";
 import {get, Lost, onBack, Outside, post, Refusal, why} from "../shared/server.js";
 import {who} from "../shared/who.js";
 import {Controller} from "../tables/controller.js";
@@ -228,12 +228,6 @@ export class Calibration {
 /** Where a set-up's drawing is. */
 function picture(plan, number, setup) {
   return `/api/calibrate/picture?plan=${plan}&number=${number}&of=${hash(setup.words)}`;
-}
-
-/** A time as people say it. */
-function lasting(seconds) {
-  const whole = Math.ceil(seconds / 60);
-  return whole < 60 ? `${whole} min` : `${Math.floor(whole / 60)} h ${String(whole % 60).padStart(2, "0")} min`;
 }
 
 /** Another address for another set-up of the same number. */

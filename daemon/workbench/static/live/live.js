@@ -1,6 +1,6 @@
 // Live: the machine as it stands, in the words of `abbe status`; its volume now; what was.
 import {knowNow, label, line, say, stateOf, t} from "../shared/language.js";
-import {el, fill, number, refill, table, write} from "../shared/dom.js";
+import {el, fill, lasting, refill, table, write} from "../shared/dom.js";
 import {get, Outside, Refusal} from "../shared/server.js";
 import {History, when} from "./history.js";
 import {FigureInSpace} from "../shared/space.js";
@@ -46,6 +46,7 @@ export class Live {
     const source = this.source = new EventSource("/api/live/stream");
     const take = (kind, act) => source.addEventListener(kind, (event) => {
       this.heard = Date.now();
+      if (kind !== "lost") this.told = this.heard;
       act(JSON.parse(event.data));
     });
     take("run", (found) => this.#run(found));
@@ -80,9 +81,9 @@ export class Live {
   /** How old what stands here is. */
   #say() {
     if (!this.found) return;
-    const seconds = Math.max(0, (Date.now() - this.heard) / 1000);
+    const seconds = Math.max(0, (Date.now() - this.told) / 1000);
     this.age.textContent = this.isLost || seconds > 3
-      ? t("What stands here is {s} s old and says nothing of the present.", {s: number(seconds, 2)})
+      ? t("What stands here is {time} old and says nothing of the present.", {time: lasting(seconds)})
       : `${when(Date.parse(this.found.at) / 1000)}; ${say(this.found.cycle)}`;
   }
 
@@ -99,12 +100,12 @@ export class Live {
     this.state.textContent = stateOf(found.state);
     this.state.className = found.light;
     fill(this.warnings, [found.faults, found.less_sure, found.checks, found.switches], () => [
-      ...found.faults.map((text) => el("p", {class: "warning"}, text)),
-      ...found.less_sure.map((text) => el("p", {class: "warning"}, t("less sure: {what}", {what: text}))),
-      ...[...found.checks, ...found.switches].map((text) => el("p", {class: "note"}, text))]);
+      ...found.faults.map((text) => el("p", {class: "warning"}, line(text))),
+      ...found.less_sure.map((text) => el("p", {class: "warning"}, t("less sure: {what}", {what: line(text)}))),
+      ...[...found.checks, ...found.switches].map((text) => el("p", {class: "note"}, line(text)))]);
     this.#axes(found.axes);
     // once a second for hours: what has not changed stays as it is
-    const sensors = found.signals.map((s) => [s.name, s.where, s.value, s.stale || s.age]);
+    const sensors = found.signals.map((s) => [s.name, s.where, s.value, line(s.stale) || s.age]);
     if (!refill(this.warm, sensors))
       this.warm.replaceChildren(table("", [t("Sensor"), t("Where"), t("Reads"), t("Age")], sensors));
     const rows = this.warm.querySelectorAll("tbody tr");
@@ -112,7 +113,7 @@ export class Live {
     fill(this.links, found.links, () => found.links.map((l) => el("li", {class: l.light}, say(l.words))));
     write(this.beat, say(found.cycle));
     fill(this.more, [found.files, found.events], () => [this.beat,
-      table(t("What runs"), ["", t("File"), "SHA-256", ""], found.files.map(([role, ...rest]) => [label(role), ...rest])),
+      table(t("What runs"), ["", t("File"), "SHA-256", ""], found.files.map(([role, ...rest]) => [label(role), ...rest.map(label)])),
       table(t("Journal, newest first"), [t("Time"), "", t("What")], found.events.map(([time, level, text]) => [time, label(level), label(text)]))]);
     this.#say();
     if (first || back) {
@@ -184,7 +185,7 @@ class AxisCard {
     if (axis.measured) write(this.parts.measured, label(axis.measured));
     if (!this.parts.measured.textContent) this.measured.hidden = true;
     else this.measured.hidden = false;
-    write(this.stale, axis.stale);
+    write(this.stale, line(axis.stale));
     this.stale.hidden = !axis.stale;
   }
 }

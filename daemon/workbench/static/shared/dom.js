@@ -70,6 +70,13 @@ export function number(value, digits = 3) {
   return `${mantissa.includes(".") ? mantissa.replace(/\.?0+$/, "") : mantissa}·10${raised}`.replace("-", "−");
 }
 
+/** A time that lasts, as people say it. */
+export function lasting(seconds) {
+  if (seconds < 90) return `${Math.round(seconds)} s`;
+  const whole = Math.ceil(seconds / 60);
+  return whole < 60 ? `${whole} min` : `${Math.floor(whole / 60)} h ${String(whole % 60).padStart(2, "0")} min`;
+}
+
 /** A moment as people write it. */
 export function moment(text) {
   return /^\d{4}-\d\d-\d\dT/.test(text) ? text.slice(0, 16).replace("T", " ") : text;

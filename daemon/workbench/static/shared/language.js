@@ -16,7 +16,9 @@ export function t(text, values = {}) {
 }
 
 const labels = words._labels ?? {};
-const patterns = Object.entries(labels).filter(([text]) => text.includes("{")).map(([text, own]) =>
+const fixed = (text) => text.replace(/\{\w+\}/g, "").length;
+// what says the most comes first: '{a}: {b}' would fit nearly everything
+const patterns = Object.entries(labels).filter(([text]) => text.includes("{")).sort(([a], [b]) => fixed(b) - fixed(a)).map(([text, own]) =>
   [new RegExp(`^${text.replace(/[.*+?^$()|[\]\\]/g, "\\$&").replace(/\{(\w+)\}/g, "(?<$1>.+)")}$`), own]);
 
 /** A heading, name or line that the server gave, in the present language, also within it; what is not known stays. */
@@ -45,13 +47,13 @@ export function knowNow(answer) {
   passing = answer.sentences ?? {};
 }
 
-/** A sentence of the commands in the present language; what has no translation stays as it is. */
+/** A sentence of the commands in the present language; one without its template by what it looks like, else as it is. */
 export function say(text) {
   const [template, values] = passing[text] ?? sentences.get(text) ?? [];
   if (code === "en" || template === undefined) return text;
   const own = templates[template] ?? (/\p{L}/u.test(template.replace(/\{\w+\}/g, "")) ? null : template);
   const put = (all, name) => (name in values ? (values[name] === text ? text : line(values[name])) : all);
-  return own === null ? text : asWide(own.replace(/\{(\w+)\}/g, put), text);
+  return own === null ? label(text) : asWide(own.replace(/\{(\w+)\}/g, put), text);
 }
 
 /** As wide as the text in whose place it stands, where that was made so wide for a column. */

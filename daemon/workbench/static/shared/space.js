@@ -33,7 +33,7 @@ export class Space {
     const up = z * Math.cos(b) + away * Math.sin(b);
     // room for the names of the axes beside and below; the same however far it is turned
     const [width, height] = this.room;
-    const scale = Math.min((0.96 * width - 150) / this.across,
+    const scale = Math.min((0.96 * width - (this.narrow ? 40 : 150)) / this.across,
       (height - 90) / (this.tall * Math.cos(b) + this.across * Math.abs(Math.sin(b)) || 1));
     return [width / 2 + scale * right, height / 2 - scale * up];
   }
@@ -46,6 +46,9 @@ export class Space {
     this.paint(pen);
     this.named(pen);
   }
+
+  /** Whether there is no room beside the box for more than the letters of the axes. */
+  get narrow() { return this.room[0] < 420; }
 
   /** What stands in the box. */
   paint() {}
@@ -69,6 +72,7 @@ export class Space {
     pen.font = "13px system-ui, sans-serif";
     pen.textAlign = "center"; pen.textBaseline = "middle";
     // each axis is named at an edge that nothing stands before: the lowest, for Z that at the left
+    const ranges = [];
     for (let k = 0; k < 3; k += 1) {
       const [low, high] = this.ends[k];
       if (high === low) continue;
@@ -78,7 +82,9 @@ export class Space {
         return this.at(p);
       });
       const [x, y] = edges.sort((a, b) => (k === 2 ? a[0] - b[0] : b[1] - a[1]))[0];
-      const words = `${this.names[k]} ${number(low, 4)} … ${number(high, 4)} mm`;
+      const range = `${this.names[k]} ${number(low, 4)} … ${number(high, 4)}`;
+      if (this.narrow) ranges.push(range);
+      const words = this.narrow ? this.names[k] : `${range} mm`;
       const left = k === 2 || x < this.at(this.middle)[0];
       const wide = pen.measureText(words).width;
       // what has no room beside the edge stands below it
@@ -90,6 +96,9 @@ export class Space {
       pen.fillText(words, ...place);
     }
     pen.lineWidth = 1;
+    if (!ranges.length) return;
+    pen.textAlign = "center";
+    pen.fillText(`${ranges.join(", ")} mm`, this.room[0] / 2, this.room[1] - 12, this.room[0] - 4);
   }
 
   head(pen, x, y, toX, toY) {

@@ -23,7 +23,12 @@ export function letters() {
   return sized;
 }
 
-addEventListener("resize", () => { sized = null; });
+// letters are measured anew; on another screen every picture is drawn with those of that one
+addEventListener("resize", () => {
+  const before = sized;
+  sized = null;
+  if (before !== null && letters() !== before) redraws.call();
+});
 
 /** The colour of the k-th curve of a picture. */
 export function curve(k) {
