@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.growing_campaign import BEGUN
@@ -45,6 +45,16 @@ class VisitedTargets:
     setup: str
 
     @classmethod
+    def read_all(cls, path: Path) -> tuple[Self, ...]:
+        """Read the rows of every set-up, in the file's order; errors as of `read`."""
+        read_head(path)
+        columns, rows = _rows(path)
+        names = dict.fromkeys(row.get("setup", "") for _, row in rows)
+        if "setup" not in columns or not names:
+            raise InputError("no target was read", file=path, expected="abbe measure to its end")
+        return tuple(cls.read(path, name) for name in names)
+
+    @classmethod
     def read(cls, path: Path, setup: str) -> VisitedTargets:
         """Read the rows of a set-up; empty: of the only one there is.
 
@@ -54,27 +64,8 @@ class VisitedTargets:
             For a file that abbe measure did not write so, a set-up that it does not have, and rows
             that have a value.
         """
-        text = read_bounded(path, _MOST_BYTES, expected="targets that abbe measure followed")
-        lines = text.split("\n")
-        top = [line.removeprefix("#").removeprefix(" ") for line in lines if line.startswith("#")]
-        head = dict(TomlSource("\n".join(top), str(path)).data)
-        if not isinstance(head.get(BEGUN), dict) or head[BEGUN].get(READINGS) != IN_A_FILE:
-            raise InputError(
-                "no targets whose readings come afterwards",
-                file=path,
-                field=f"{BEGUN}.{READINGS}",
-                expected='what abbe measure writes of an instrument with reads = "file"',
-            )
-        table = list(csv.reader(lines[len(top) :]))
-        columns = tuple(table[0]) if table else ()
-        numbered = [(len(top) + 2 + i, cells) for i, cells in enumerate(table[1:]) if cells]
-        for number, cells in numbered:
-            if len(cells) != len(columns):
-                raise InputError(
-                    "a row of another length", file=path, line=number, found=len(cells),
-                    expected=f"{len(columns)} cells",
-                )  # fmt: skip
-        rows = [(n, dict(zip(columns, cells, strict=True))) for n, cells in numbered]
+        head = read_head(path)
+        columns, rows = _rows(path)
         names = list(dict.fromkeys(row.get("setup", "") for _, row in rows))
         wanted = setup or (names[0] if len(names) == 1 else "")
         if wanted not in names:
@@ -93,3 +84,41 @@ class VisitedTargets:
                     found=row["value"], expected="a set-up whose readings are in a file",
                 )  # fmt: skip
         return cls(path, head, columns, tuple(r for _, r in own), tuple(n for n, _ in own), wanted)
+
+
+def read_head(path: Path) -> dict[str, Any]:
+    """The head of such a file; raises `InputError` as `VisitedTargets.read`."""
+    head = dict(TomlSource("\n".join(_top(_lines(path))), str(path)).data)
+    if not isinstance(head.get(BEGUN), dict) or head[BEGUN].get(READINGS) != IN_A_FILE:
+        raise InputError(
+            "no targets whose readings come afterwards",
+            file=path,
+            field=f"{BEGUN}.{READINGS}",
+            expected='what abbe measure writes of an instrument with reads = "file"',
+        )
+    return head
+
+
+def _lines(path: Path) -> list[str]:
+    text = read_bounded(path, _MOST_BYTES, expected="targets that abbe measure followed")
+    return text.split("\n")
+
+
+def _top(lines: list[str]) -> list[str]:
+    return [line.removeprefix("#").removeprefix(" ") for line in lines if line.startswith("#")]
+
+
+def _rows(path: Path) -> tuple[tuple[str, ...], list[tuple[int, dict[str, str]]]]:
+    """Titles, and each row with its line."""
+    lines = _lines(path)
+    above = len(_top(lines))
+    table = list(csv.reader(lines[above:]))
+    columns = tuple(table[0]) if table else ()
+    numbered = [(above + 2 + i, cells) for i, cells in enumerate(table[1:]) if cells]
+    for number, cells in numbered:
+        if len(cells) != len(columns):
+            raise InputError(
+                "a row of another length", file=path, line=number, found=len(cells),
+                expected=f"{len(columns)} cells",
+            )  # fmt: skip
+    return columns, [(n, dict(zip(columns, cells, strict=True))) for n, cells in numbered]

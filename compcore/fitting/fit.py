@@ -47,6 +47,8 @@ from abbe.compcore.units import in_digits
 if TYPE_CHECKING:
     import pandas as pd
 
+    from abbe.compcore.fitting.cautious import Caution
+
 F64 = NDArray[np.float64]
 Progress = Callable[[str], None]
 
@@ -58,10 +60,17 @@ class FitResult(Solution, Shown):
     """The result of a fit: values, uncertainties, residuals; as text, tables and pictures.
 
     `model` is the fitted model; `report` the text that ``abbe fit`` prints, `plot` the pictures of
-    its page, `to_pandas` all parameters; `knots` what was found for shapes ``spline:auto``.
+    its page, `to_pandas` all parameters; `knots` what was found for shapes ``spline:auto``;
+    `caution` how values are kept from being extrapolated (`cautious.cautiously`), None: not at all.
     """
 
     knots: tuple[KnotChoice, ...] = ()
+    caution: Caution | None = None
+
+    @property
+    def determined(self) -> int:
+        """How many combinations of the unknowns the campaign determines by itself."""
+        return super().determined if self.caution is None else self.caution.rank
 
     @cached_property
     def noise(self) -> NoiseFloor:
@@ -71,6 +80,8 @@ class FitResult(Solution, Shown):
     def words(self) -> Iterator[str]:
         """Lines as ``abbe fit`` prints: residuals, what is undetermined, outliers, parameters."""
         yield from fit_words(self, self.noise)
+        if self.caution is not None:
+            yield from self.caution.words()
         yield from knot_lines(self.knots)
         for line in (*parameter_lines(self), *rotary_words(self)):
             yield f"  {line}"

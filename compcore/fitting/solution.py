@@ -144,6 +144,11 @@ class Solution:
             "(error = actual − indicated)"
         ]
 
+    @property
+    def determined(self) -> int:
+        """How many combinations of the unknowns the campaign determines by itself."""
+        return self.decomposition.rank
+
     def rms(self, *kinds: Kind) -> float:
         """Root mean square of the residuals of some kinds of rows, mm or rad; NaN without rows.
 

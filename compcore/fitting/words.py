@@ -94,7 +94,7 @@ def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
         "{rows} rows of {setups} set-ups; {effects} effects with {parameters} parameters, {rank} "
         "combinations of them determined; {unknowns} unknowns of the set-ups",
         rows=problem.n, setups=len(problem.campaign.setups), effects=len(problem.model.terms),
-        parameters=layout.model_size, rank=result.decomposition.rank,
+        parameters=layout.model_size, rank=result.determined,
         unknowns=result.eliminator.rank,
     )  # fmt: skip
     for kinds, name, factor, unit in (

@@ -86,7 +86,7 @@ def plan_check(
         possible = (
             replace(s, runs=runs)
             for s in _lines(task, instruments)
-            if task.space.hindrance(task.machine, s) is None
+            if (s.axis or not task.along_axes) and task.space.hindrance(task.machine, s) is None
         )
         pool = lines.new(list(possible))
         if not pool:

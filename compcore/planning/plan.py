@@ -12,6 +12,7 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.join import join_campaigns
 from abbe.compcore.campaign.plan import from_the_bed
 from abbe.compcore.errors import InputError
+from abbe.compcore.fitting.cautious import USUAL
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.planning.choice import Candidates, Chosen, Knowledge, choose
 from abbe.compcore.planning.instruments import PlannedInstrument
@@ -64,6 +65,9 @@ class SurveyPlan:
         allow; none where not asked for.
     warm_up
         Before the first reading, s.
+    stays
+        Part of a machine's usual errors (`fitting.cautious`) that would stay over the volume, 0 …
+        1; None for a machine that was fitted, of which more is known.
     """
 
     task: SurveyTask
@@ -72,6 +76,7 @@ class SurveyPlan:
     left: tuple[Undecided, ...] = ()
     presets: Mapping[str, float] | None = None
     warm_up: float = WARM_UP
+    stays: float | None = None
 
     @property
     def seconds(self) -> float:
@@ -223,4 +228,16 @@ def ordered(task: SurveyTask, chosen: Sequence[Chosen], start: Knowledge) -> Sur
         )
         known = then
     before = float(np.sqrt(start.variance))
-    return SurveyPlan(task, tuple(steps), before, tuple(undecided(task, known, start)))
+    left = tuple(undecided(task, known, start))
+    return SurveyPlan(task, tuple(steps), before, left, stays=_stays(task, chosen, start))
+
+
+def _stays(task: SurveyTask, chosen: Sequence[Chosen], start: Knowledge) -> float | None:
+    if task.model.covariance is not None or not len(start.precision):
+        return None
+    known = usual = Knowledge(start.precision / USUAL**2, VolumeError.of(task))
+    for one in chosen:
+        known = known.with_(one.root, one.setup.runs)
+    if usual.variance <= 0.0:
+        return None
+    return float(np.sqrt(known.variance / usual.variance))

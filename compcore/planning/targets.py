@@ -46,6 +46,8 @@ class SurveyTask:
         The ball plate at hand that the machine touches itself; None: any of 5 × 5 balls.
     gauge
         The gauge block or step gauge at hand, likewise; None: any, along lines.
+    along_axes
+        Only set-ups in which one axis moves: as files of instruments that are not linked have them.
     """
 
     model: Model
@@ -55,6 +57,7 @@ class SurveyTask:
     held: float = HELD
     plate: CalibratedPlate | None = None
     gauge: CalibratedGauge | None = None
+    along_axes: bool = False
 
     @property
     def machine(self) -> Machine:

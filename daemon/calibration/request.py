@@ -13,6 +13,8 @@ from abbe.daemon.config import Configuration
 
 _FEED = 3000.0
 """Of a program of which nobody says how fast, mm/min."""
+IN_FILES = ("laser", "straightness", "angle", "level", "indicator", "rotary-calibrator")
+"""The plan's instruments whose files can be matched with targets: lines along one axis."""
 _OWN = {"L-POS", "R-POS"}
 """Types of tables over an axis's own position (ISO/TR 16907, 8.2)."""
 
@@ -106,15 +108,23 @@ class CalibrationRequest:
 
     @property
     def instruments(self) -> str:
-        """The plan's instruments that the configuration has and links, comma-separated."""
+        """The plan's instruments that lead through it, comma-separated: those that are linked."""
         if self.touches:
             return self.touches
         names: dict[str, None] = {}
         for name, section in self.configuration.file.instrument.items():
-            if not section.linked:
-                continue  # its readings come by files, afterwards
-            names |= dict.fromkeys(section.measures or (name,))
-        return ",".join(names)
+            if section.linked != self.by_file:
+                names |= dict.fromkeys(section.measures or (name,))
+        return ",".join(n for n in names if n in IN_FILES or not self.by_file)
+
+    @property
+    def by_file(self) -> bool:
+        """Whether all instruments write files: readings are matched with the targets afterwards.
+
+        Beside one that is linked those that are not are left out.
+        """
+        sections = self.configuration.file.instrument.values()
+        return bool(sections) and not any(section.linked for section in sections)
 
     @property
     def touches(self) -> str:
@@ -208,15 +218,15 @@ def require_measured_with(configuration: Configuration) -> None:
         )
     instruments = configuration.file.instrument
     if instruments and not any(section.linked for section in instruments.values()):
-        raise InputError(
-            "an instrument that writes a file cannot lead through a calibration: its readings are "
-            "matched with the targets afterwards",
-            file=configuration.path,
-            field="instrument",
-            found=", ".join(f'{name} with reads = "file"' for name in instruments),
-            expected="one that is linked, or step by step: abbe plan, abbe measure -o visits.csv, "
-            "abbe import-campaign --visits, abbe fit, abbe diagnose, abbe verify (docs/measure.md)",
-        )
+        named = {n for name, s in instruments.items() for n in s.measures or (name,)}
+        if not named & set(IN_FILES):
+            raise InputError(
+                "their files cannot be matched with targets along one axis",
+                file=configuration.path,
+                field="instrument",
+                found=", ".join(f'{name} with reads = "file"' for name in instruments),
+                expected="one of " + ", ".join(IN_FILES) + ", or one that is linked",
+            )
 
 
 def _as_typed(value: object) -> str:

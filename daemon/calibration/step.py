@@ -9,6 +9,11 @@ from pathlib import Path
 MODEL, PLAN, PROGRAM, CAMPAIGN = "start.toml", "plan.toml", "program.nc", "campaign.csv"
 FITTED, CALIBRATED, TABLES, LIVE = "fitted.toml", "calibrated.toml", "tables", "live.toml"
 CHECK_PLAN, CHECK_PROGRAM, CHECK = "check.toml", "check.nc", "check.csv"
+VISITS, READINGS, TARGETS = "visits.csv", "readings", "targets.csv"
+CHECK_VISITS, CHECK_READINGS, CHECK_TARGETS = (
+    "check-visits.csv", "check-readings", "check-targets.csv",
+)  # fmt: skip
+"""Of instruments that write files: where the machine stood, their files, what to measure."""
 CERTIFICATE = "certificate.html"
 NOT_VERIFIED = "live-not-verified.toml"
 """In place of `LIVE` where no check has shown that the model holds."""

@@ -87,7 +87,8 @@ def recorded(
         ),
         "chi2_per_dof": result.chi2_per_dof,
         "dof": result.dof,
-        "determined": result.decomposition.rank,
+        "determined": result.determined,
+        "cautious": True if result.caution is not None else None,
         "abbe": version,
         "measured": measured_ranges(campaign.conditions),
         "knots": [

@@ -29,6 +29,8 @@ def possible(task: SurveyTask, instruments: Sequence[PlannedInstrument]) -> Sequ
         if task.space.hindrance(task.machine, setup) is None
     ]
     alone = [setup for setup in found if setup.axis]
+    if task.along_axes:
+        return alone
     kinds = {effect.kind for effect in task.model.effects}
     return alone if alone and kinds and kinds <= _OWN else found
 

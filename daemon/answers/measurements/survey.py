@@ -15,6 +15,8 @@ MEANING = said(
     "µm: standard uncertainty of the corrected machine's error vector, root of the mean square "
     "over the volume"
 )
+_MOST_OF_IT = 0.5
+"""Part of a machine's usual errors from which on it is said that these set-ups are too few."""
 
 
 def as_json(plan: SurveyPlan) -> dict[str, Any]:
@@ -26,6 +28,7 @@ def as_json(plan: SurveyPlan) -> dict[str, Any]:
         "hours": plan.seconds / 3600.0,
         "before_um": plan.before * 1e3,
         "after_um": plan.after * 1e3,
+        "stays": plan.stays,
         "setups": [
             {
                 "name": step.setup.name,
@@ -83,6 +86,7 @@ def as_text(plan: SurveyPlan) -> Iterator[str]:
             size=_microns(step.after),
         )  # fmt: skip
     yield said("  ({what})", what=MEANING)
+    yield from stays_words(plan)
     for one in plan.left:
         yield said("  undetermined: {what}", what=str(one))
     if plan.presets is not None:
@@ -90,6 +94,21 @@ def as_text(plan: SurveyPlan) -> Iterator[str]:
         for key, left in plan.presets.items():
             title = as_it_stands(PRESETS[key].title)
             yield said("    {what}: {size}", what=title, size=_microns(left))
+
+
+def stays_words(plan: SurveyPlan) -> Iterator[str]:
+    """What of a machine's errors these set-ups do not show, before anything is measured."""
+    if plan.stays is None:
+        return
+    part = f"{100.0 * plan.stays:.0f} %"
+    if plan.stays > _MOST_OF_IT:
+        yield said(
+            "  MOST STAYS: of the errors that a machine usually has some {part} would stay: these "
+            "set-ups alone do not show them; more instruments or more time would",
+            part=part,
+        )  # fmt: skip
+    else:
+        yield said("  of the errors that a machine usually has some {part} would stay", part=part)
 
 
 def _microns(value: float) -> str:

@@ -14,6 +14,7 @@ from abbe.compcore.files.campaign_file import require_signals
 from abbe.compcore.files.model_file import save_model
 from abbe.compcore.files.model_toml.campaign_record import campaign_records, noise_by_file
 from abbe.compcore.files.model_toml.fit_record import recorded
+from abbe.compcore.fitting.cautious import cautiously
 from abbe.compcore.fitting.fit import fit
 from abbe.compcore.model.model import Model
 from abbe.daemon.answers.inputs import now
@@ -48,6 +49,8 @@ def fitted_version(
         require_signals(held.campaign, model)
     progress("fitting the next version")
     result = fit(model, campaign, robust=robust)
+    if model.fit.get("cautious"):
+        result = cautiously(result)
     lengths = result.noise.lengths
     kept = recorded(
         result,

@@ -20,6 +20,7 @@ from abbe.compcore.files.campaign_file import require_signals
 from abbe.compcore.files.model_file import save_model, summary
 from abbe.compcore.files.model_toml.campaign_record import campaign_records, noise_by_file
 from abbe.compcore.files.model_toml.fit_record import recorded
+from abbe.compcore.fitting.cautious import cautiously
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.model.as_built import average_line_words, reversed_parameters
 from abbe.compcore.model.model import Model, Value
@@ -82,7 +83,8 @@ def revise(
 ) -> Revision:
     """Fit both versions, lay them beside unseen campaigns, write the new one.
 
-    With `robust` rows that do not belong to the others are set aside in both fits.
+    With `robust` rows that do not belong to the others are set aside in both fits. A model whose
+    values are cautious (`fitting.cautious`) keeps to that.
 
     Raises
     ------
@@ -100,6 +102,8 @@ def revise(
     progress("fitting the next version")
     after = fit(_from(before.model, new), campaign, robust=robust)
     require_no_worse(before, after)
+    if old.fit.get("cautious"):
+        before, after = cautiously(before), cautiously(after)
     noise = noise_floor(campaign, old.machine)
     lengths = noise.lengths
     record: dict[str, Any] = {

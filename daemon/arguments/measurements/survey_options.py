@@ -22,6 +22,14 @@ KeepOutBoxes = Annotated[
     list[str] | None,
     typer.Option(help="A box the tool must not enter, mm; may be repeated.", metavar="x,y,z:x,y,z"),
 ]
+AlongAxes = Annotated[
+    bool,
+    typer.Option(
+        "--along-axes",
+        help="Only set-ups in which one axis moves, as the files of "
+        "instruments that are not linked have them.",
+    ),
+]
 ToolRadius = Annotated[
     float, typer.Option(callback=within(0.0, 1000.0, "mm"), help="Tool with its holder, mm.")
 ]

@@ -108,7 +108,7 @@ def complete_model(
 def _without_strays(model: Path, campaign: Path, out: Path) -> Path:
     """A model to which nothing is added, fitted without the readings that stand alone."""
     robust = out.with_name(f"{model.stem}-robust{model.suffix}")
-    fit(model, [campaign], out=robust, robust=True)
+    fit(model, [campaign], out=robust, robust=True, cautious=True)
     return robust
 
 

@@ -18,17 +18,28 @@ from abbe.daemon.calibration.step import (
     CHECK,
     CHECK_PLAN,
     CHECK_PROGRAM,
+    CHECK_READINGS,
+    CHECK_TARGETS,
+    CHECK_VISITS,
     FITTED,
     LIVE,
     MODEL,
     NOT_VERIFIED,
     PLAN,
     PROGRAM,
+    READINGS,
     TABLES,
+    TARGETS,
+    VISITS,
     CalibrationStep,
 )
 from abbe.daemon.commands.calibration.acting_tables import require_acting
 from abbe.daemon.commands.calibration.diagnosing import complete_model
+from abbe.daemon.commands.calibration.files_matched import (
+    match_readings,
+    placed_in,
+    write_targets,
+)
 from abbe.daemon.commands.calibration.judging import NOTHING_CHECKED, judge_check, live_words
 
 
@@ -36,17 +47,19 @@ def steps_of(
     request: CalibrationRequest, state: CalibrationState, say: Callable[[str], None], ask: AskPerson
 ) -> Iterator[CalibrationStep]:
     """The steps of a calibration in their order."""
-    yield from _measured(request, state)
+    yield from _measured(request, state, say, ask)
     yield from _modelled(request, state, say, ask)
     if request.tables:
         yield from _applied(request)
     if request.checked_by:
-        yield from _verified(request, state, say)
+        yield from _verified(request, state, say, ask)
     if not request.tables:
         yield _live(request, state, say)
 
 
-def _measured(request: CalibrationRequest, state: CalibrationState) -> Iterator[CalibrationStep]:
+def _measured(
+    request: CalibrationRequest, state: CalibrationState, say: Callable[[str], None], ask: AskPerson
+) -> Iterator[CalibrationStep]:
     file = request.file
     model, plan_file, campaign = file(MODEL), file(PLAN), file(CAMPAIGN)
 
@@ -71,16 +84,23 @@ def _measured(request: CalibrationRequest, state: CalibrationState) -> Iterator[
             model, instruments=request.instruments, time=request.time, out=plan_file,
             tool=list(request.tools), plate=request.plate,
             gauge=request.gauge if request.touches != "ball-plate" else None,
+            along_axes=request.by_file,
         )  # fmt: skip
+        if request.by_file:
+            write_targets(plan_file, model, file(TARGETS))
 
     made_from = tuple(p for p in (model, request.plate, request.gauge) if p is not None)
     yield CalibrationStep("plan", "which measurements", made_from, (plan_file,), planned)
     yield from _program(request, state, "program", plan_file, file(PROGRAM), model)
 
-    def measured() -> None:
-        _measure(request, plan_file, campaign, None)
+    visits = file(VISITS) if request.by_file else campaign
 
-    yield CalibrationStep("measure", "measuring", (plan_file,), (campaign,), measured)
+    def measured() -> None:
+        _measure(request, plan_file, visits, None)
+
+    yield CalibrationStep("measure", "measuring", (plan_file,), (visits,), measured)
+    if request.by_file:
+        yield _readings(request, say, ask, "readings", (visits, file(READINGS), campaign))
 
 
 def _program(
@@ -107,6 +127,23 @@ def _program(
         yield CalibrationStep(name, "the program of it", (plan_file,), (out,), made, settings)
 
 
+def _readings(
+    request: CalibrationRequest,
+    say: Callable[[str], None],
+    ask: AskPerson,
+    name: str,
+    paths: tuple[Path, Path, Path],
+) -> CalibrationStep:
+    """The instrument's files matched: `paths` of the targets, of its files, of the campaign."""
+    visits, folder, out = paths
+
+    def matched() -> None:
+        match_readings(visits, folder, out, say, None if request.yes else ask)
+
+    title = "the files of its instrument matched"
+    return CalibrationStep(name, title, (visits, *placed_in(folder)), (out,), matched)
+
+
 def _modelled(
     request: CalibrationRequest, state: CalibrationState, say: Callable[[str], None], ask: AskPerson
 ) -> Iterator[CalibrationStep]:
@@ -117,7 +154,7 @@ def _modelled(
     def fit_all() -> None:
         from abbe.daemon.commands.model.fit import fit
 
-        fit(model, [campaign], out=fitted)
+        fit(model, [campaign], out=fitted, cautious=True)
 
     yield CalibrationStep("fit", "the model fitted", (model, campaign), (fitted,), fit_all)
 
@@ -157,7 +194,7 @@ def _applied(request: CalibrationRequest) -> Iterator[CalibrationStep]:
 
 
 def _verified(
-    request: CalibrationRequest, state: CalibrationState, say: Callable[[str], None]
+    request: CalibrationRequest, state: CalibrationState, say: Callable[[str], None], ask: AskPerson
 ) -> Iterator[CalibrationStep]:
     file = request.file
     calibrated, campaign = file(CALIBRATED), file(CAMPAIGN)
@@ -172,17 +209,24 @@ def _verified(
         verify(
             calibrated, out=plan_file, fitted=[campaign], time=request.check_time, runs=2,
             tool=list(request.tools), instruments=request.checked_by, gauge=request.gauge,
-            plate=request.plate,
+            plate=request.plate, along_axes=request.by_file,
         )  # fmt: skip
+        if request.by_file:
+            write_targets(plan_file, calibrated, file(CHECK_TARGETS))
 
     made_from = (calibrated, campaign)
     yield CalibrationStep("check-plan", "lines to verify it", made_from, (plan_file,), planned)
     yield from _program(request, state, "check-program", plan_file, file(CHECK_PROGRAM), calibrated)
 
-    def measured() -> None:
-        _measure(request, plan_file, check, active)
+    visits = file(CHECK_VISITS) if request.by_file else check
 
-    yield CalibrationStep("check", "these lines measured", (plan_file,), (check,), measured)
+    def measured() -> None:
+        _measure(request, plan_file, visits, active)
+
+    yield CalibrationStep("check", "these lines measured", (plan_file,), (visits,), measured)
+    if request.by_file:
+        placed = (visits, file(CHECK_READINGS), check)
+        yield _readings(request, say, ask, "check-readings", placed)
 
     def judged() -> str:
         return judge_check(request, active, stated, state.outcome("diagnose"), say)

@@ -11,6 +11,7 @@ import typer
 from abbe.compcore.sentences import said
 from abbe.daemon.arguments.bounded import within
 from abbe.daemon.arguments.measurements.survey_options import (
+    AlongAxes,
     GaugeAtHand,
     Instruments,
     KeepOutBoxes,
@@ -63,6 +64,7 @@ def plan(
     tool_radius: ToolRadius = 0.0,
     plate: PlateAtHand = None,
     gauge: GaugeAtHand = None,
+    along_axes: AlongAxes = False,
     apart: Annotated[
         list[str] | None,
         typer.Option(help="Tell these causes apart instead; give two or more.", metavar="EFFECT"),
@@ -124,7 +126,7 @@ def plan(
     task = SurveyTask(
         grown, WorkingSpace(keep_out_of(keep_out or []), tool_radius), tools_of(tool or []),
         waves, held, None if plate is None else read_plate(plate),
-        None if gauge is None else read_gauge(gauge),
+        None if gauge is None else read_gauge(gauge), along_axes,
     )  # fmt: skip
     made = _planned(task, instruments, preset, seconds_of(time), places, changed)
     if out is not None:

@@ -22,6 +22,7 @@ from abbe.daemon.arguments.measurements.sure import (
     TemperatureSd,
 )
 from abbe.daemon.arguments.measurements.survey_options import (
+    AlongAxes,
     GaugeAtHand,
     Instruments,
     KeepOutBoxes,
@@ -97,6 +98,7 @@ def verify(
     gauge: GaugeAtHand = None,
     plate: PlateAtHand = None,
     keep_out: KeepOutBoxes = None,
+    along_axes: AlongAxes = False,
     tool_radius: ToolRadius = 0.0,
     as_json: AsJson = False,
     report: Report = None,
@@ -148,7 +150,7 @@ def verify(
         task = SurveyTask(
             named.model, space, tools_of(tool or []),
             gauge=None if gauge is None else read_gauge(gauge),
-            plate=None if plate is None else read_plate(plate),
+            plate=None if plate is None else read_plate(plate), along_axes=along_axes,
         )  # fmt: skip
         made = _planned(task, known, instruments, seconds_of(time), runs)
         _tell_plan(made, named, known, out, report, say, as_json=as_json)

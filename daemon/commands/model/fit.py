@@ -31,6 +31,13 @@ def fit(
     robust: Annotated[
         bool, typer.Option("--robust", help="Set outliers aside; they are listed.")
     ] = False,
+    cautious: Annotated[
+        bool,
+        typer.Option(
+            "--cautious",
+            help="What the campaign shows little of stays near 0, in place of being extrapolated.",
+        ),
+    ] = False,
     frame: Annotated[
         str,
         typer.Option(help="Reference frame: least-squares, or primary and secondary axis: X,Y."),
@@ -50,6 +57,7 @@ def fit(
     from abbe.compcore.errors import FitError
     from abbe.compcore.files.model_file import save_model
     from abbe.compcore.files.model_toml.fit_record import recorded
+    from abbe.compcore.fitting.cautious import cautiously
     from abbe.compcore.fitting.fit import fit as fit_model
     from abbe.compcore.fitting.frame import ReferenceFrame
     from abbe.daemon.answers.inputs import load, now
@@ -74,6 +82,8 @@ def fit(
                 "('abbe add', 'abbe diagnose'), or lay it beside the measurements ('abbe compare')"
             )
         result = fit_model(loaded, campaign, robust=robust, frame=chosen, progress=tell)
+        if cautious:
+            result = cautiously(result)
         tell("noise floor")
         lengths = result.noise.lengths
         record = recorded(

@@ -155,6 +155,10 @@ class Plant:
         self._last: Latch | None = None
         self._true: dict[int, Point] = {}
 
+    def pass_shop_time(self, seconds: float) -> None:
+        """Let the hall's time go on by so much: where it goes by what the machine does."""
+        self._shop_time += seconds
+
     def latch(self, now: float) -> Latch:
         """What the controller cycle at `now` sees; the same for all calls within a cycle."""
         sample = 1 + int((now - self.start) / CYCLE)

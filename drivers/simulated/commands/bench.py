@@ -169,6 +169,7 @@ def _orders(
         "unplug": port.unplug,
         "plug": port.plug,
         "thermistors": lambda lost: setattr(wrong, "thermistors_open", lost),
+        "shop": runner.plant.pass_shop_time,
         "truth": truth,
         "axes": lambda: {"axes": list(AXES)},
     }

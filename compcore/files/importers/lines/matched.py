@@ -8,7 +8,7 @@ has to be there as often as it was read.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +45,35 @@ def write_matched(readings: Campaign, visits: VisitedTargets, out: Path, notes: 
     InputError
         Where the two do not fit, by target.
     """
-    axis = _moving(visits)
+    return write_all_matched([(readings, visits)], out, notes)
+
+
+def write_all_matched(
+    matched: Sequence[tuple[Campaign, VisitedTargets]], out: Path, notes: str
+) -> int:
+    """Write the visited targets of several set-ups with the readings of a file each; how many.
+
+    All were followed in one measurement; parameters and errors as of `write_matched`.
+    """
+    numbered = [
+        (line, row)
+        for readings, visits in matched
+        for line, row in zip(visits.lines, _with_values(readings, visits), strict=True)
+    ]
+    rows = [row for _, row in sorted(numbered, key=lambda found: found[0])]
+    first = matched[0][1]
+    begun = {k: v for k, v in first.head[BEGUN].items() if k != READINGS}
+    head = {**first.head, BEGUN: begun, "notes": notes}
+    stated = first.head.get("setups", {})
+    head["setups"] = {visits.setup: stated.get(visits.setup, {}) for _, visits in matched}
+    lines = [",".join(as_cell(row[name]) for name in first.columns) + "\n" for row in rows]
+    write_atomically(out, top_of(head, first.columns) + "".join(lines))
+    return len(rows)
+
+
+def _with_values(readings: Campaign, visits: VisitedTargets) -> list[dict[str, str | float | None]]:
+    """The rows of a set-up, each with its reading."""
+    axis = moving(visits)
     if len(set(visits.columns)) != len(visits.columns) or axis not in readings.conditions.positions:
         raise InputError(
             "the file is of another axis",
@@ -54,15 +82,7 @@ def write_matched(readings: Campaign, visits: VisitedTargets, out: Path, notes: 
             expected=f"{axis}, which moved in {visits.setup}",
         )
     values = dict(_paired(readings, visits, axis))
-    begun = {k: v for k, v in visits.head[BEGUN].items() if k != READINGS}
-    head = {**visits.head, BEGUN: begun, "notes": notes}
-    head["setups"] = {visits.setup: visits.head.get("setups", {}).get(visits.setup, {})}
-    rows: list[dict[str, str | float | None]] = [
-        {**row, "value": values[i]} for i, row in enumerate(visits.rows)
-    ]
-    lines = [",".join(as_cell(row[name]) for name in visits.columns) + "\n" for row in rows]
-    write_atomically(out, top_of(head, visits.columns) + "".join(lines))
-    return len(rows)
+    return [{**row, "value": values[i]} for i, row in enumerate(visits.rows)]
 
 
 def _paired(readings: Campaign, visits: VisitedTargets, axis: str) -> Iterator[tuple[int, float]]:
@@ -130,8 +150,8 @@ def _own(axis: str, kind: Kind) -> NDArray[np.float64]:
     return moved if kind == Kind.DISPLACEMENT else np.zeros(3)
 
 
-def _moving(visits: VisitedTargets) -> str:
-    """The only axis that moved."""
+def moving(visits: VisitedTargets) -> str:
+    """The only axis that moved in a set-up; raises `InputError` where several did, or none."""
     axes = [c.removesuffix("_dir") for c in visits.columns if c.endswith("_dir")]
     moved = []
     for axis in axes:

@@ -1,0 +1,118 @@
+"""Files of an instrument that cannot be linked, put in place by a person, matched by target."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from abbe.compcore.errors import AbbeError, InputError
+from abbe.compcore.files.importers.lines.matched import moving, write_all_matched
+from abbe.compcore.files.model_file import load_model
+from abbe.compcore.files.plan_file import read_plan
+from abbe.compcore.files.text.atomic import write_atomically
+from abbe.compcore.files.visited_targets import VisitedTargets
+from abbe.compcore.planning.motion import steps_of
+from abbe.compcore.sentences import said
+from abbe.daemon.answers.measurements.foreign_file import ForeignOptions, read_foreign
+from abbe.daemon.arguments.measurements.foreign_layout import ForeignLayout
+from abbe.daemon.arguments.measurements.foreign_placing import foreign_placing
+from abbe.daemon.calibration.asking import AskPerson
+from abbe.drivers.programs.dialect import targets_csv
+
+LAYOUTS = {".rtl": ForeignLayout.RTL, ".csv": ForeignLayout.ISO230_2}
+"""Ending of a file → what it is."""
+
+
+def write_targets(plan: Path, model: Path, out: Path) -> None:
+    """Write the list of a plan's targets, for the person who types them into the instrument."""
+    machine = load_model(model).machine
+    work = read_plan(plan, machine)
+    write_atomically(out, targets_csv(steps_of(machine, work.setups, work.space), machine))
+
+
+def placed_in(folder: Path) -> tuple[Path, ...]:
+    """The instrument's files that are in a folder, by name; none where there is no folder."""
+    if not folder.is_dir():
+        return ()
+    return tuple(sorted(p for p in folder.iterdir() if p.suffix.lower() in LAYOUTS))
+
+
+def match_readings(
+    visits: Path, folder: Path, out: Path, say: Callable[[str], None], ask: AskPerson | None
+) -> None:
+    """Write the campaign of all set-ups that were followed, each with the file called like it.
+
+    Parameters
+    ----------
+    visits
+        Where the machine stood.
+    folder
+        Where the person puts the instrument's files; made where it is not there.
+    out
+        The campaign.
+    ask
+        Asks whether missing files are there now; None: nobody is asked.
+
+    Raises
+    ------
+    AbbeError
+        Where files are missing, by name.
+    InputError
+        Where one does not fit its targets; nothing is written then.
+    """
+    every = VisitedTargets.read_all(visits)
+    folder.mkdir(exist_ok=True)
+    files = _all_there([one.setup for one in every], folder, ask)
+    matched, notes = [], dict[str, None]()
+    for one in every:
+        file = files[one.setup]
+        axis, component = moving(one), _component(one)
+        rotation = component in "ABC"
+        placing = foreign_placing("", "0,0,0", one.setup, None, [], 1, rotation=rotation)
+        options = ForeignOptions(axis=axis, component=component)
+        readings = read_foreign(LAYOUTS[file.suffix.lower()], file, placing, None, options)
+        matched.append((readings, one))
+        notes |= dict.fromkeys(str(readings.metadata[0]["notes"]).split("; "))
+    count = write_all_matched(matched, out, "; ".join(notes))
+    for note in notes:
+        say(note)
+    say(
+        said(
+            "{count} readings of {files} files matched with their targets: {out}",
+            count=count, files=len(matched), out=out,
+        )
+    )  # fmt: skip
+
+
+def _all_there(setups: list[str], folder: Path, ask: AskPerson | None) -> dict[str, Path]:
+    """Set-up → its file; who is asked is asked until all are there, or no more."""
+    while True:
+        found: dict[str, Path] = {}
+        for path in placed_in(folder):
+            if path.stem in found:
+                raise InputError(
+                    "two files of one set-up",
+                    file=path,
+                    found=f"{found[path.stem].name} and {path.name}",
+                    expected="one of them",
+                )
+            found[path.stem] = path
+        lacking = [name for name in setups if name not in found]
+        if not lacking:
+            return found
+        named = ", ".join(f"{folder / name}.rtl" for name in lacking)
+        words = said(
+            "the instrument's files are not there: put them as {files} (or .csv: position, run, "
+            "direction, deviation)",
+            files=named,
+        )
+        if ask is None or not ask(said("{what}. Are they there now?", what=words)):
+            raise AbbeError(said("{what}; then the same command goes on here", what=words))
+
+
+def _component(visits: VisitedTargets) -> str:
+    """What a set-up reads: X Y Z along, A B C about."""
+    row = visits.rows[0]
+    u = [abs(float(row[name])) for name in ("ux", "uy", "uz")]
+    names = "ABC" if row["kind"] == "rotation" else "XYZ"
+    return names[u.index(max(u))]

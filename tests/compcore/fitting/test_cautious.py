@@ -1,0 +1,78 @@
+"""Cautious values: lines that nobody measured, of an exact machine, are better than nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from abbe.compcore.effects.registry import make_effect
+from abbe.compcore.fitting.cautious import cautiously
+from abbe.compcore.fitting.fit import fit
+from abbe.compcore.model.model import Model
+from abbe.compcore.model.start_model import StartOptions, start_model
+from abbe.drivers.simulated.bridge.machine import make_bridge
+from tests.support.drivers.measured_bridge import bridge, measured_by, on_unseen_lines
+
+
+@pytest.mark.parametrize("instrument", ["ball-bar", "step-gauge"])
+def test_what_nobody_measured_is_not_extrapolated(instrument: str) -> None:
+    plain = measured_by(instrument, 1.0)
+    machine = make_bridge(1)
+    fitted = fit(plain.model, plain.campaign(machine, 1))
+    nothing = on_unseen_lines(machine, None)
+    assert on_unseen_lines(machine, fitted.model) > nothing
+    careful = cautiously(fitted)
+    assert on_unseen_lines(machine, careful.model) < nothing
+    # it fits what was measured as well, within its noise
+    assert careful.chi2_per_dof < 1.05 * max(fitted.chi2_per_dof, 1.0)
+    assert careful.determined == fitted.determined
+    assert careful.caution is not None
+    assert "held near 0" in next(careful.caution.words())
+    if instrument == "step-gauge":
+        # along axes alone a roll does nothing
+        assert "angular axis=X about=X shape=spline:11" in careful.caution.hardly
+
+
+def test_values_are_those_of_bayes() -> None:
+    """Against normal equations written here: (AᵀA + S⁻²)⁻¹ Aᵀy, S as it was found."""
+    machine = replace(bridge(), signals={})
+    effects = [
+        make_effect("positioning", {"axis": "X", "shape": "spline:8"}),
+        make_effect("squareness", {"axes": ["Y", "X"]}),
+    ]
+    model = Model(machine).with_effects(*effects)
+    plain = measured_by("laser", 2.0, model)
+    campaign = plain.campaign(make_bridge(1), 1)
+    fitted = fit(model, campaign)
+    careful = cautiously(fitted)
+    problem = fitted.problem
+    assert careful.caution is not None
+    size = np.concatenate([
+        np.full(8, careful.caution.expected["positioning"]),
+        [careful.caution.expected["squareness"]],
+    ]) * problem.layout.scale  # fmt: skip
+    zero = np.zeros(9)
+    eliminator = problem.eliminator(zero)
+    a = eliminator.project(problem.columns(zero))
+    y = eliminator.project(campaign.value * problem.weight)
+    # χ² is far above 1 here, as the model has two causes of some twenty: uncertainties are scaled
+    spread = max(1.0, fitted.chi2_per_dof)
+    inverse = np.linalg.inv(a.T @ a / spread + np.diag(size**-2.0))
+    values = inverse @ (a.T @ y) / spread
+    found = [v.value for term in careful.model.terms for v in term.values.values()]
+    assert found == pytest.approx(values.tolist(), abs=1e-9, rel=1e-6)
+
+
+def test_effects_by_temperature_are_not_expected_near_nothing() -> None:
+    machine = replace(bridge(), signals={})
+    plain = measured_by("laser", 1.0, start_model(machine, StartOptions(positioning_only=True)))
+    campaign = plain.campaign(make_bridge(1), 1)
+    warm = {name: np.linspace(19.0, 22.0, campaign.n) for name in ("T_x1", "T_x2")}
+    measured = replace(campaign, conditions=replace(campaign.conditions, signals=warm))
+    model = Model(bridge()).with_effects(
+        make_effect("scale_expansion", {"axis": "X", "signals": ["T_x1", "T_x2"]})
+    )
+    fitted = fit(model, measured)
+    assert cautiously(fitted) is fitted
