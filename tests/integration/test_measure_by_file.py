@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +20,11 @@ from tests.integration.test_measure import NOISE_UM, driver, off_the_truth
 from tests.support.daemon.command_line import abbe
 from tests.support.daemon.live_run import MODEL
 from tests.support.daemon.measuring import (
+    PATIENCE,
+    SPEED,
     bench,
     configuration,
+    driven,
     line_plan,
     measuring,
     rms,
@@ -117,3 +123,69 @@ def test_a_file_of_readings_becomes_rows_with_places_times_and_temperatures(
                 "-o", folder / "campaign.csv")  # fmt: skip
     assert done.status == 1
     assert (folder / "campaign.csv").read_bytes() == kept
+
+
+def test_a_calibration_is_led_through_by_files_that_are_put_in_place(
+    shop: tuple[SimulatedProcess, Path],
+) -> None:
+    """Followed, stopped for the file, gone on with by the same command, matched, fitted."""
+    process, folder = shop
+    text = (folder / "config.toml").read_text("utf-8")
+    start, end = text.index("[instrument.straightness]"), text.index("[measure]")
+    (folder / "config.toml").write_text(text[:start] + text[end:], encoding="utf-8")
+    own = folder / "calibration"
+    words = ("calibrate", folder / "config.toml", "--folder", own, "--yes", "--time", "2h",
+             "--tool", "P=0,0,-150", "--upto")  # fmt: skip
+    done = abbe(*words, "plan")
+    assert done.status == 0, done.err
+    line = (folder / "plan.toml").read_text("utf-8").replace("model.toml", "start.toml")
+    (own / "plan.toml").write_text(line, "utf-8")  # by hand: one short line
+    command = [sys.executable, "-m", "abbe.daemon", *map(str, words), "measure"]
+    visits = own / "visits.csv"
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as guide:
+        moves = driven(own / "plan.toml", folder / "model.toml")
+        at, number, seen = 0, 0, []
+        ends = [k for k, move in enumerate(moves) if move.pop("stands", 0.0)]
+        for end in ends:
+            process.order("drive", moves=moves[at : end + 1], speed=SPEED)
+            at, number = end + 1, number + 1
+            _wait_for(lambda n=number: visits.exists() and _rows(visits) >= n, guide)
+            place = process.order("where")["at"]
+            actual = place[0] * 1e3 + float(true_errors(process, [place])[0][0])
+            target = moves[end]["to"][0]
+            seen.append((target, "+-"[number > len(PLACES)], actual - target * 1e3))
+        assert guide.wait(120) == 0
+    # the file is not there: named, nothing written; the steps before it stay done
+    done = abbe(*words, "fit")
+    assert done.status == 1
+    assert f"put them as {own / 'readings' / 'x_line'}.rtl" in done.err
+    assert "measure: measuring: done" in done.out
+    assert not (own / "campaign.csv").exists()
+    lines = [f"{x},1,{way},{7.7 + value:.4f}" for x, way, value in seen]
+    file = own / "readings" / "x_line.csv"
+    file.write_text("position,run,direction,deviation [um]\n" + "\n".join(lines[1:]) + "\n")
+    done = abbe(*words, "fit")
+    assert "the file has 0 readings, the machine stood there 1 times" in done.err
+    assert not (own / "campaign.csv").exists()
+    file.write_text("position,run,direction,deviation [um]\n" + "\n".join(lines) + "\n")
+    done = abbe(*words, "fit")
+    assert done.status == 0, done.err
+    assert "8 readings of 1 files matched with their targets" in done.out
+    assert rms(off_the_truth(process, read(folder, "calibration/campaign.csv"))) < NOISE_UM
+    assert load_model(own / "fitted.toml").fit["cautious"] is True
+    # another file in its place: matched and fitted again
+    file.write_text(file.read_text("utf-8").replace("position,run", "position, run"))
+    assert "matched with their targets" in abbe(*words, "fit").out
+
+
+def _rows(path: Path) -> int:
+    lines = path.read_text("utf-8").splitlines()
+    return max(0, sum(not line.startswith("#") for line in lines) - 1)
+
+
+def _wait_for(what: Callable[[], bool], guide: subprocess.Popen[bytes]) -> None:
+    until = time.monotonic() + PATIENCE
+    while not what():
+        assert guide.poll() is None
+        assert time.monotonic() < until
+        time.sleep(0.02)

@@ -9,6 +9,7 @@ from typing import cast
 import pytest
 
 from abbe.compcore.errors import InputError
+from abbe.compcore.files.plan_file import read_plan
 from abbe.daemon.calibration.request import CalibrationRequest
 from abbe.daemon.commands.calibration.guide import steps_now
 from abbe.daemon.config import Configuration, load_config
@@ -179,22 +180,32 @@ def test_nobody_to_ask_and_nothing_to_measure_with(config):
     assert "no instrument" in done.err
 
 
-def test_an_instrument_that_writes_a_file_is_not_planned_for_and_leads_through_nothing(config):
+def test_instruments_that_write_files_lead_through_it_where_no_other_does(config):
     text = config.read_text("utf-8")
     start, end = text.index("[instrument.laser]"), text.index("[instrument.straightness]")
     by_file = '[instrument.laser]\nreads = "file"\n'
     config.write_text(text[:start] + by_file + text[end:], encoding="utf-8")
-    request = CalibrationRequest(
-        load_config(config), config.parent / "c", "1h", "1h", (), "", "", yes=True
-    )
+    folder = config.parent / "c"
+    request = CalibrationRequest(load_config(config), folder, "1h", "1h", (), "", "", yes=True)
     assert request.instruments == "straightness,angle,level"
     last = text.index("[measure]")
     config.write_text(text[:start] + by_file + text[last:], encoding="utf-8")
+    done = calibrate(config, "--upto", "plan")
+    assert done.status == 0, done.err
+    # lines along one axis only, and what to type into the instrument
+    setups = read_plan(folder / "plan.toml", load_config(config).model.machine).setups
+    assert setups
+    assert all(s.axis for s in setups)
+    targets = (folder / "targets.csv").read_text("utf-8").splitlines()
+    assert len(targets) > sum(s.count for s in setups)
+    shutil.rmtree(folder)
+    config.write_text(
+        text[:start] + '[instrument.ball-bar]\nreads = "file"\n' + text[last:], encoding="utf-8"
+    )
     done = calibrate(config)
     assert done.status == 1
-    assert "an instrument that writes a file cannot lead through a calibration" in done.err
-    assert "abbe import-campaign --visits" in done.err
-    assert not (config.parent / "c").exists()
+    assert "their files cannot be matched with targets along one axis" in done.err
+    assert not folder.exists()
 
 
 def test_the_state_is_plain_json(config):
