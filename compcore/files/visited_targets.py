@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.growing_campaign import BEGUN
@@ -45,7 +45,7 @@ class VisitedTargets:
     setup: str
 
     @classmethod
-    def read_all(cls, path: Path) -> tuple[Self, ...]:
+    def read_all(cls, path: Path) -> tuple[VisitedTargets, ...]:
         """Read the rows of every set-up, in the file's order; errors as of `read`."""
         read_head(path)
         columns, rows = _rows(path)
