@@ -46,7 +46,13 @@ class VisitedTargets:
 
     @classmethod
     def read_all(cls, path: Path) -> tuple[VisitedTargets, ...]:
-        """Read the rows of every set-up, in the file's order; errors as of `read`."""
+        """Read the rows of every set-up, in the file's order.
+
+        Raises
+        ------
+        InputError
+            As `read`, and where no target was read.
+        """
         read_head(path)
         columns, rows = _rows(path)
         names = dict.fromkeys(row.get("setup", "") for _, row in rows)
