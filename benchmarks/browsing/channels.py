@@ -30,7 +30,7 @@ _COVERAGE = 2.0
 def fifty_channels(seconds: float) -> str:
     """Measure; the figures as a page has them."""
     with tempfile.TemporaryDirectory() as name, machine(Path(name)) as (_, config):
-        _with_more(config)
+        with_more(config)
         with ExitStack() as stack:
             bench = stack.enter_context(opened(config))
             run = stack.enter_context(live_run(config))
@@ -138,7 +138,7 @@ def _alone(bench: OpenedWorkbench) -> Iterator[int]:
             process.wait()
 
 
-def _with_more(config: Path) -> None:
+def with_more(config: Path) -> None:
     """The same machine with as many signals as make `CHANNELS`, of its thermistors in turn."""
     text = config.read_text()
     sensors = [line for line in text.splitlines() if line.startswith("[signals.")]

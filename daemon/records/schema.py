@@ -68,7 +68,7 @@ INSERT INTO touched SELECT minute, row_number() OVER (ORDER BY minute) FROM (
 Files of earlier versions of Abbe get them when they are written the next time.
 """
 CACHE = 512
-"""KiB of the file that its writer keeps in memory."""
+"""KiB of the file that whoever has it open keeps in memory."""
 _APPLICATION = 0x41626265
 """``Abbe``, in the file's head: tells its databases from others."""
 
@@ -133,6 +133,8 @@ def open_to_read(path: Path) -> sqlite3.Connection:
         connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode={mode}", uri=True)
         try:
             _require_ours(connection, path)
+            # an index is walked along once: nothing that is kept is asked for again
+            connection.execute(f"PRAGMA cache_size = -{CACHE}")
         except NotRecordsError:
             connection.close()
             raise

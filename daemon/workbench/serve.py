@@ -14,6 +14,7 @@ from abbe.daemon.collector import as_a_service
 from abbe.daemon.http.bounded import bounded_config
 from abbe.daemon.workbench.application import application
 from abbe.daemon.workbench.entrance.door import SESSION, WorkbenchDoor
+from abbe.daemon.workbench.few_arenas import share_memory
 from abbe.daemon.workbench.views import WorkbenchViews
 
 
@@ -36,6 +37,7 @@ def serve(
     invite, key, session
         As `WorkbenchDoor` has them.
     """
+    share_memory()
     server: _LoopbackServer
 
     def end() -> None:

@@ -1,0 +1,41 @@
+"""Threads of the workbench share the memory that they let go of."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+_COUNTED = """
+import ctypes, sys, threading
+from abbe.daemon.workbench.few_arenas import share_memory
+libc = ctypes.CDLL(None)
+libc.malloc.restype, libc.fdopen.restype = ctypes.c_void_p, ctypes.c_void_p
+if sys.argv[1] == "shared":
+    share_memory()
+together = threading.Barrier(4)
+def ask():
+    libc.malloc(1000)
+    together.wait()
+threads = [threading.Thread(target=ask) for _ in range(4)]
+for thread in threads: thread.start()
+for thread in threads: thread.join()
+out = ctypes.c_void_p(libc.fdopen(1, b"w"))
+libc.malloc_info(0, out)
+libc.fflush(out)
+"""
+
+
+def arenas(how: str) -> int:
+    """Out of how many arenas glibc gave four threads memory."""
+    done = subprocess.run(
+        [sys.executable, "-c", _COUNTED, how], capture_output=True, text=True, check=True
+    )
+    return done.stdout.count("<heap nr=")
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="glibc's own")
+def test_threads_share_one_arena() -> None:
+    assert arenas("each its own") > 1
+    assert arenas("shared") == 1
