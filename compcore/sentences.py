@@ -54,7 +54,11 @@ def joined(parts: Iterable[str], between: str = "; ") -> Sentence:
     >>> joined([said("one"), said("two")]).template
     '{a}; {b}'
     """
-    named = dict(zip(_names(), parts, strict=False))
+    several = list(parts)
+    if len(several) == 1:
+        # wrapped once more it could not be told by its text from what it holds
+        return as_it_stands(several[0])
+    named = dict(zip(_names(), several, strict=False))
     return said(between.join(f"{{{name}}}" for name in named), **named)
 
 

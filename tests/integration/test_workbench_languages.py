@@ -9,11 +9,13 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect
+from typer.testing import CliRunner
 
 from abbe.compcore.campaign.measuring_conditions import STATED
 from abbe.compcore.diagnosis.explain import page_sentences
 from abbe.compcore.diagnosis.shop_words import templates
 from abbe.compcore.effects import make_effect
+from abbe.daemon.application import app
 from tests.support.compcore.catalogue import ROWS
 from tests.support.daemon.browser import assert_quiet, chromium, visit
 from tests.support.daemon.some_setups import some_setups
@@ -189,6 +191,22 @@ def test_a_language_has_what_every_parameter_is(path: Path) -> None:
                 described.add(p.description)
     assert len(described) > 60
     assert [d for d in sorted(described) if not any(p.fullmatch(d) for p in patterns)] == []
+
+
+@pytest.mark.parametrize("path", LANGUAGES, ids=lambda path: path.stem)
+def test_a_language_has_the_lines_of_abbe_table(path: Path, tmp_path: Path) -> None:
+    """As the step of a calibration prints them; numbers and names of axes are everybody's."""
+    labels, sentences = words_of(path)[1], json.loads(path.read_text("utf-8"))["_sentences"]
+    patterns = [as_pattern(text) for text in labels | sentences]
+    words = ["table", str(BRIDGE / "model.toml"), "--controller", "csv", "-o", str(tmp_path / "t")]
+    made = CliRunner().invoke(app, words)
+    assert made.exit_code == 0, made.output
+    lines = [line.strip() for line in made.output.splitlines() if re.search(r"[a-z]{3}", line)]
+    assert len(lines) > 15
+    # a table's own row: its name, a comma, its types, and numbers
+    own = re.compile(r"csv, [\w+-]+ [\d. ]+")
+    bare = [line for line in lines if not own.fullmatch(line)]
+    assert [line for line in bare if not any(p.fullmatch(line) for p in patterns)] == []
 
 
 def test_what_is_text_of_a_script_is_translated() -> None:

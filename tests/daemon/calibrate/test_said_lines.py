@@ -62,3 +62,10 @@ def test_a_fault_is_a_sentence_of_its_place_and_what_is_wrong() -> None:
 
 def test_more_than_an_alphabet_in_a_row() -> None:
     assert joined([str(n) for n in range(60)], ",") == ",".join(str(n) for n in range(60))
+
+
+def test_a_place_that_stands_alone_is_a_sentence_of_its_own() -> None:
+    """Wrapped in a row of one it had the same text, and could not be told in another language."""
+    found = sentences_in(InputError("unknown key", field="links", expected="a word").sentence)
+    assert found["field 'links'"] == ["field {name}", {"name": "'links'"}]
+    assert found["expected a word"] == ["expected {what}", {"what": "a word"}]
