@@ -112,12 +112,12 @@ class MachineView:
             Plausible(expected.signals, expected.similar),
         )
         self._directions = StatedDirections(
-            self.axes, [file.axes[axis].deadband for axis in self.axes], plan.directions
+            self.axes, [file.axes[axis].turns_after(axis) for axis in self.axes], plan.directions
         )
         stated = [channel is not None for channel in plan.directions]
         self._moves = UnseenMoves(
             [
-                math.inf if said else file.axes[axis].deadband
+                math.inf if said else file.axes[axis].turns_after(axis)
                 for axis, said in zip(self.axes, stated, strict=True)
             ]
         )

@@ -101,7 +101,7 @@ class Pipeline:
         )
         self._tool = ToolConverter(plan.tool, file.guard.signals_stale_after, expected.tool)
         self._approach = StatedDirections(
-            self.axes, [file.axes[axis].deadband for axis in self.axes], plan.directions
+            self.axes, [file.axes[axis].turns_after(axis) for axis in self.axes], plan.directions
         )
         self._guard = Guard(configuration.limits)
         self._write_back = WriteBack(

@@ -4,7 +4,8 @@
 ASCII devices and a tape reader on pseudo-terminals. ``can``: encoders and thermometers on CAN.
 ``controller``: a control with a memory for compensation tables, over Modbus, a serial line or CAN.
 ``ipp``: the measuring machine behind an I++ DME server. ``bench``: the machine
-with a laser beside it. ``fleet``: many machines of one type.
+with a laser beside it. ``fleet``: many machines of one type. ``trunnion``: a five-axis machine with
+an R-test in its spindle.
 
 What serves prints one line of JSON on standard output when it listens, then serves until SIGTERM,
 SIGINT, or (``--die-with-stdin``) until its standard input ends.

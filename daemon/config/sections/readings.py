@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 from pydantic import Field, model_validator
 
+from abbe.compcore.machine.structure import is_rotary
 from abbe.daemon.config.sections.section import (
     ChannelName,
     Finite,
@@ -16,6 +18,9 @@ from abbe.daemon.config.sections.section import (
     Word,
 )
 from abbe.drivers.transducers import AnyTransducerConfig
+
+_DEADBAND = 0.01
+"""mm or degrees."""
 
 
 class AxisSection(Section):
@@ -30,8 +35,15 @@ class AxisSection(Section):
     datum: bool = False
     """Whether the encoder is not absolute: nothing is corrected before `abbe datum` has said where
     the axis stands."""
-    deadband: Length = 0.01
-    """Way back from the farthest point that counts as a change of direction, mm (rotary: rad)."""
+    deadband: Length | None = None
+    """Way back from the farthest point that counts as a change of direction, mm (rotary: rad);
+    default 0.01 mm or 0.01°."""
+
+    def turns_after(self, axis: str) -> float:
+        """The way back that counts as a change of direction of the axis, mm (rotary: rad)."""
+        if self.deadband is not None:
+            return self.deadband
+        return math.radians(_DEADBAND) if is_rotary(axis) else _DEADBAND
 
 
 class SignalSection(Section):

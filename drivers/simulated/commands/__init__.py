@@ -6,6 +6,7 @@ OWN_FILE = {
     "controller": "a control with a memory for compensation tables",
     "bench": "the bridge CMM over Modbus with a laser beside it",
     "fleet": "many bridge CMMs over Modbus, one of which may have changed",
+    "trunnion": "a five-axis machine with an R-test, on serial lines",
     "ipp": "the bridge CMM over I++ DME",
 }
 """Commands with a file of their own, so that what others import does not slow them down; what each

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from abbe.daemon.config.sections.readings import AxisSection
 from abbe.daemon.pipeline.reading.directions import Directions
 
 
@@ -40,3 +42,11 @@ def test_slow_motion_counts_from_the_farthest_point() -> None:
 def test_noise_within_the_deadband_never_turns(noise: list[float], at: float) -> None:
     positions = [0.0, 1.0] + [1.0 + at + 0.0049 * n for n in noise]
     assert last(positions) == 1.0
+
+
+def test_a_rotary_axis_turns_after_a_hundredth_of_a_degree() -> None:
+    """Plans approach its targets by 0.2°: with 0.01 rad nobody knew from which side."""
+    plain = AxisSection(source="cnc.c")
+    assert plain.turns_after("C") == pytest.approx(math.radians(0.01))
+    assert plain.turns_after("X") == 0.01
+    assert AxisSection(source="cnc.c", deadband=0.002).turns_after("C") == 0.002
