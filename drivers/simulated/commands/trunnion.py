@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from abbe.drivers.simulated.pseudo_terminals.pty_port import PtyPort
-from abbe.drivers.simulated.remote_control import announce, serve_orders
+from abbe.drivers.simulated.remote_control import Orders, announce, serve_orders
 from abbe.drivers.simulated.serial.devices import AsciiDevice, LineServer
 from abbe.drivers.simulated.trunnion.machine import Display, RTest, TrunnionShop
 
@@ -52,7 +52,7 @@ async def _serve(options: argparse.Namespace) -> None:
         def sphere(at: list[float]) -> None:
             shop.sphere = (at[0], at[1], at[2])
 
-        orders = {
+        orders: Orders = {
             "go": shop.go,
             "sphere": sphere,
             "truth": lambda: {"error": shop.error().tolist()},
