@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -138,9 +139,9 @@ def test_by_a_plate_and_verified_by_a_block(
         truth = plate_measuring.exact(process, at)["errors"] @ found.conditions.u[rows[0]]
         assert 1e3 * np.diff(found.value[rows])[0] == pytest.approx(1e3 * np.diff(truth)[0], abs=1)
     page = (own / "certificate.html").read_text("utf-8")
-    words = "the model does not foretell 01_gauge_block"
-    assert words in page
-    assert any(words in line for line in said)
+    words = re.compile(r"the model does not foretell \d\d_gauge_block")
+    assert words.search(page)
+    assert any(words.search(line) for line in said)
 
 
 @pytest.mark.thorough
@@ -232,8 +233,10 @@ def test_by_a_sphere_alone_the_table_is_checked_where_it_did_not_stand(
     plan, check = (read_plan(own / n, machine).setups for n in ("plan.toml", "check.toml"))
     places = [s.optics["the sphere stands"] for s in (*plan, *check)]
     assert len(set(places)) == len(places)
-    # what one sphere hardly shows is not said to be worth entering
-    assert "not known well enough to be entered" in done.out
+    # where the table lies is not shared out among errors of the axes that could do the same
+    location = next(t for t in model.terms if t.effect.kind == "rotary_location")
+    found = [1e3 * location.values[name].value for name in ("E_X0C", "E_Y0C")]
+    assert found == pytest.approx([-49.0, 43.0], abs=20.0)
 
 
 def test_a_gauge_alone_is_planned_elsewhere_to_be_checked_by(tmp_path: Path) -> None:
