@@ -266,6 +266,14 @@ SCENES: Mapping[str, Scene] = {
         machine=TABLE,
         look="rings",
     ),
+    "spindle_location": Scene(
+        {},
+        {"E_Y0S": 0.0, "E_Z0S": -0.05},
+        Curve("A", (-90.0, 90.0), "A in degrees"),
+        "a swivel head whose pivot is longer than entered: the tip errs as the head tilts",
+        machine=HEAD,
+        state={"A": 0.9},
+    ),
     "spindle_squareness": Scene(
         {"direction": "X"},
         {"angle": 1e-4},

@@ -15,10 +15,10 @@ from abbe.compcore.diagnosis.findings import Established, Findings
 from abbe.compcore.diagnosis.hidden_waves import hidden_waves
 from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
-from abbe.compcore.effects import RotaryLocation
+from abbe.compcore.effects import RotaryLocation, SpindleLocation
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.registry import effect_kinds
-from abbe.compcore.model.as_built import average_lines, seen_factor
+from abbe.compcore.model.as_built import average_lines, held_spindle_words, seen_factor
 from abbe.compcore.model.model import Model, Term, Value
 from abbe.compcore.sentences import Sentence, joined, said
 from abbe.compcore.units import in_digits, read_in, with_uncertainty
@@ -123,6 +123,8 @@ def _as_built(established: Established, diagnosis: Findings) -> list[str]:
         kept = tuple(t for t in model.terms if t.effect != effect)
         line = average_lines(Model(model.machine, (*kept, Term(effect, values))))
         return [_sentence(w) for one in line if one.axis == effect.axis for w in one.words()]
+    if isinstance(effect, SpindleLocation):
+        return [_sentence(w) for w in held_spindle_words(model.machine, Term(effect, values))]
     if seen_factor(model.machine, effect) > 0.0:
         return []
     return [said("On the table itself (level, indicator, R-test) it has the opposite sign.")]

@@ -45,6 +45,7 @@ SHOP_WORDS: Mapping[str, str] = {
     "rotary_radial": "{axis} wanders in {direction} while it turns: {size}",
     "rotary_axial": "{axis} moves along its own line while it turns: {size}",
     "rotary_tilt": "{axis} wobbles about {direction} while it turns: {size}",
+    "spindle_location": "The pivot length is wrong, or the spindle sits beside the head: {size}",
     "spindle_squareness": "The spindle leans towards {direction}: {size}",
     "cross_angular": "{axis} turns about {about} by where {by} stands: {size}",
     "overhang_sag": "{by} sags as it reaches out, {size} in {direction}",

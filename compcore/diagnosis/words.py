@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
@@ -29,6 +30,12 @@ _SAID = {
     ),
 }
 
+
+_FEW = 12
+"""Degrees of freedom below which a campaign is a handful of rows."""
+
+_HARDLY_CHANCE = 0.05
+"""Chance, over all causes that were tried, below which a handful of rows is not called noise."""
 
 MOST_LISTED = 10
 """Readings that stand alone that are listed; the rest are counted."""
@@ -132,6 +139,7 @@ def diagnosis_words(
         if len(diagnosis.strays) > MOST_LISTED:
             yield said("and {count} more readings", count=len(diagnosis.strays) - MOST_LISTED)
     names = listed([e.found.candidate.effect.spec for e in diagnosis.established])
+    likely = too_few_rows(diagnosis, adding)
     if diagnosis.verdict == "complete" and diagnosis.whole.misfit:
         yield _more_than_noise(diagnosis)
     elif diagnosis.verdict == "complete" and (parts := described(diagnosis)):
@@ -140,8 +148,10 @@ def diagnosis_words(
         yield said("missing: {names}.", names=names)
         if diagnosis.large_angles:
             yield LARGE_ANGLES
-    else:
+    elif likely is None:
         yield _SAID[diagnosis.verdict]
+    if likely is not None:
+        yield likely
     if diagnosis.verdict == "changed" and diagnosis.standing is not None:
         for line in changed(diagnosis.standing):
             yield f"   {line}"
@@ -212,6 +222,32 @@ def _more_than_noise(diagnosis: Findings) -> Sentence:
         "repeated readings (χ² per degree of freedom {chi2}): too few independent rows, or these "
         "were taken in too short a time.",
         chi2=chi2,
+    )
+
+
+def too_few_rows(diagnosis: Findings, adding: Callable[[str], str]) -> Sentence | None:
+    """Of a handful of rows that chance alone hardly makes: the likeliest cause, not established."""
+    if diagnosis.verdict not in ("complete", "unexplained") or diagnosis.whole.dof >= _FEW:
+        return None
+    # of what every machine has; and a curve through all readings explains whatever they are
+    hardly = [
+        f
+        for f in diagnosis.ranked
+        if f.candidate.expected
+        and f.screened.rank < diagnosis.whole.dof
+        and f.evidence.log_p < math.log(_HARDLY_CHANCE)
+    ]
+    if not hardly:
+        return None
+    first = min(hardly, key=lambda f: (f.screened.rank, -f.evidence.value))
+    return said(
+        "too few rows to establish a cause ({n}), and hardly noise: the likeliest is {spec} (by "
+        "chance 1 in {odds}). Measure more targets, there and back; or add it, if you know that it "
+        "is there: {how}",
+        n=diagnosis.whole.problem.n,
+        spec=first.candidate.effect.spec,
+        odds=in_digits(1.0 / max(first.evidence.p_value, 1e-9), 1),
+        how=adding(first.candidate.effect.spec),
     )
 
 

@@ -51,6 +51,7 @@ if TYPE_CHECKING:
         ReversalAngle,
     )
     from abbe.compcore.effects.catalogue.linear.two_drives import TwoDrives
+    from abbe.compcore.effects.catalogue.rotary.held import SpindleLocation
     from abbe.compcore.effects.catalogue.rotary.location import RotaryLocation
     from abbe.compcore.effects.catalogue.rotary.motions import (
         RotaryAxial,
@@ -109,6 +110,7 @@ __all__ = [
     "SetupScale",
     "SetupSlope",
     "SetupZero",
+    "SpindleLocation",
     "SpindleSquareness",
     "Squareness",
     "Straightness",

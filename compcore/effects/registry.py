@@ -29,6 +29,7 @@ FAMILIES: dict[str, str] = {
     "rotary.location": "Rotary axes and spindle",
     "rotary.motions": "Rotary axes and spindle",
     "rotary.spindle": "Rotary axes and spindle",
+    "rotary.held": "Rotary axes and spindle",
     "elastic": "Elastic, not rigid",
     "gravity": "Elastic, not rigid",
     "error_grid": "Measured as a whole",

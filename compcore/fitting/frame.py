@@ -28,6 +28,9 @@ _FELT = 1e-5
 """Conventions whose believable moves change the error by less than this, mm, are left alone."""
 
 
+_COUNTS = 1e-6
+"""Part of a free direction below which it does not say where an axis counts from."""
+
 _CARRIED = 1e-4
 """How little a parameter's square counts in the norm when its effect carries what others share."""
 
@@ -127,16 +130,60 @@ def alignment(
     values = layout.values(theta, np.zeros(layout.size))
     translation, _ = sensitivities(model.with_values(values), places)
     m = layout.model_size
+    free, agreed = _agreed(model, layout, null.convention)
     constraint = combine @ translation.reshape(3 * places.n, m)
-    moves = constraint @ (layout.scale[:m, None] * null.convention[:m])
+    moves = constraint @ (layout.scale[:m, None] * free[:m])
     left, size, right = svd(moves, full=True)
     felt = int((size > _FELT * np.sqrt(constraint.shape[0])).sum())
     # derivatives by non-linear parameters are no errors
     constraint[:, list(layout.searched)] = 0.0
     along = (right[:felt].T / size[:felt]) @ (left[:, :felt].T @ constraint)
     out = np.eye(layout.size)
-    out[:, :m] -= layout.scale[:, None] * (null.convention @ along)
-    return _carried(model, layout, null.convention @ right[felt:].T) @ out
+    out[:, :m] -= layout.scale[:, None] * (free @ along)
+    return np.asarray(_carried(model, layout, free @ right[felt:].T) @ out @ agreed)
+
+
+def _agreed(model: Model, layout: UnknownLayout, free: F64) -> tuple[F64, F64]:
+    """What is left of the free directions (m, k) once it is agreed where axes count from, and how.
+
+    Where it counts from is agreed upon (`Parameter.convention`). An axis of a machine that has X, Y
+    and Z stands at 0 where it shows 0: what nothing tells from its zero is something else. Of an
+    arm's joints it is their zeros, which are anywhere, and no links that lie askew. Of two zeros
+    that are the same it is that of the axis nearer to the bed.
+    """
+    move = np.eye(layout.size)
+    counted = _counted(model, layout)
+    own = {own_component(a) for a in model.machine.structure.linear}
+    if len(own) < len("XYZ"):
+        zeros = {i for rows in counted for i in rows}
+        counted.insert(0, [i for i in range(layout.model_size) if i not in zeros])
+    for rows in counted:
+        kept = free[rows]
+        _, size, right = np.linalg.svd(kept)
+        rank = int((size > _COUNTS).sum())
+        if not rank:
+            continue
+        back = np.linalg.pinv(kept, rcond=_COUNTS / float(size[0]))
+        step = np.eye(layout.size)
+        step[:, rows] -= layout.scale[:, None] * (free @ back) / layout.scale[rows]
+        move = step @ move
+        free = free @ right[rank:].T
+    return free, move
+
+
+def _counted(model: Model, layout: UnknownLayout) -> list[list[int]]:
+    """The unknowns that say where an axis counts from, by axes, the nearest to the bed last."""
+    found: dict[str, list[int]] = {}
+    for effect, where in zip(model.effects, layout.terms, strict=True):
+        axis = getattr(effect, "axis", None)
+        if axis in model.machine.structure.axes:
+            own = [
+                where.start + i for i, p in enumerate(effect.linear(model.machine)) if p.convention
+            ]
+            found.setdefault(str(axis), []).extend(own)
+    structure = model.machine.structure
+    order = [*structure.workpiece_side, *reversed(structure.tool_side)]
+    return [found[a] for a in order if found.get(a)]
 
 
 def _carried(model: Model, layout: UnknownLayout, unseen: F64) -> F64:

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.effects import RotaryLocation, Squareness
+from abbe.compcore.effects import RotaryLocation, SpindleLocation, Squareness
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine, own_component
@@ -315,15 +315,45 @@ def _amount(value: float, sd: float, factor: float, unit: str) -> str:
 
 
 def average_line_words(model: Model) -> Iterator[str]:
-    """Sentences about the rotary axes' lines."""
-    lines = average_lines(model)
-    for line in lines:
+    """Sentences about the rotary axes' lines, and where a head holds its spindle."""
+    said_before = False
+    for line in average_lines(model):
         yield from line.words()
-    if lines:
+        said_before = True
+    for term in model.terms:
+        if isinstance(term.effect, SpindleLocation) and term.fitted:
+            yield from held_spindle_words(model.machine, term)
+            said_before = True
+    if said_before:
         yield said(
             "entered in the controller, a place is no error any more: take the effect out of the "
             "model, or it is corrected twice"
         )
+
+
+def held_spindle_words(machine: Machine, term: Term) -> Iterator[str]:
+    """What to enter where a head holds its spindle elsewhere (`spindle_location`)."""
+    last = [a for a in machine.structure.tool_side if machine.axes[a].rotary][-1]
+    configured = -np.asarray(machine.axis(last).location, dtype=np.float64)
+    entered = []
+    for name, value in term.values.items():
+        k = _LETTERS.index(name[2])
+        if value.measured and (value.sd is None or abs(value.value) > _SURE * value.sd):
+            entered.append(
+                said(
+                    "{axis} {place} instead of {configured} mm",
+                    axis="XYZ"[k], place=f"{configured[k] + value.value:.4f}",
+                    configured=f"{configured[k] + 0.0:.4f}",
+                )
+            )  # fmt: skip
+    if not entered:
+        yield said("the spindle sits in the head where it is configured, as far as was measured")
+        return
+    yield said(
+        "from the line of {axis} to the spindle (pivot length; the head at zero): enter {what}; "
+        "with one tool this is the same as an error of that tool's offset",
+        axis=last, what=joined(entered, ", "),
+    )  # fmt: skip
 
 
 def reversed_parameters(machine: Machine, effect: Effect) -> frozenset[str]:

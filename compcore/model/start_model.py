@@ -91,6 +91,11 @@ def start_model(machine: Machine, wanted: StartOptions | None = None) -> Model:
     return Model(machine).with_effects(*effects)
 
 
+def bare(model: Model) -> bool:
+    """Whether a start model holds no error to be fitted: none, or how its two drives are read."""
+    return all(effect.kind == "two_drives" for effect in model.effects)
+
+
 def _effects(machine: Machine, wanted: StartOptions) -> Iterator[Effect]:
     for name in machine.structure.axes:
         axis = machine.axes[name]
@@ -99,6 +104,9 @@ def _effects(machine: Machine, wanted: StartOptions) -> Iterator[Effect]:
     for first, second in () if wanted.positioning_only else pairs:
         if own_component(first) != own_component(second):
             yield make_effect("squareness", {"axes": [first, second]})
+    head = any(machine.axes[a].rotary for a in machine.structure.tool_side)
+    if head and not wanted.positioning_only:
+        yield make_effect("spindle_location", {})
     if wanted.tool_lengths and not machine.structure.spindle_on_workpiece:
         along = _spindle(machine)
         for direction in "XYZ":

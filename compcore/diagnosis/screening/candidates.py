@@ -31,6 +31,7 @@ RIGID = (
     "straightness",
     "angular",
     "rotary_location",
+    "spindle_location",
     "rotary_positioning",
     "rotary_radial",
     "rotary_axial",
@@ -38,7 +39,7 @@ RIGID = (
 )
 """Error motions of a rigid axis, linear or rotary: any function of the axis's own position."""
 
-PLAIN = ("scale", "squareness", "rotary_location", "spindle_squareness")
+PLAIN = ("scale", "squareness", "rotary_location", "spindle_location", "spindle_squareness")
 """The plain geometry that every machine has: constants of its axes."""
 
 Cause = tuple[str, tuple[tuple[str, str], ...]]

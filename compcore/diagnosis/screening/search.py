@@ -203,11 +203,8 @@ def _from_nothing(
         both = _beside_each_other(pool, basis, found)
         value -= sum(f.doubt for f in both if stepping(f.candidate.effect, pool.machine))
         pair_keys = {f.key for f in found}
-        if len(established) >= 2:
-            two = pool.joined(basis, established[:2])
-            reached = joint_value(basis, two, established[:2])
-        else:
-            reached = established[0].evidence.value if established else 0.0
+        # one cause as two are: a coefficient of a large error costs more where it is weighed alone
+        reached = _value(pool, basis, established[:2])
         if value > reached + CONVINCING and pair_keys != {f.key for f in established[:2]}:
             together = _settled(pool, basis, _after_pair(pool, basis, found))
             # of which one falls away is no pair, and at the prices of single causes it may say less

@@ -18,6 +18,7 @@ from abbe.compcore.files.text.atomic import write_atomically
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.model import Model
+from abbe.compcore.model.start_model import bare
 
 _HEAD = """\
 # A start model, made by `abbe new`: what the machine is made of, and which errors to look for.
@@ -27,7 +28,7 @@ _HEAD = """\
 # Every key is explained in docs/model.md, every effect by `abbe effects KIND`.
 """
 _BARE_HEAD = """\
-# A machine without effects, made by `abbe new --bare`. Measure, then
+# A machine whose effects are not known yet, made by `abbe new --bare`. Measure, then
 #     abbe diagnose {name} CAMPAIGN.csv --apply -o found.toml
 # finds the effects that the measurements show, one after another.
 # Every key is explained in docs/model.md, every effect by `abbe effects KIND`.
@@ -72,6 +73,9 @@ _BETWEEN = {
     "squareness": """
 # How square the linear axes stand to each other, in the structure's order.
 """,
+    "spindle_location": """
+# Where the head holds its spindle: the pivot length, and how far beside the head's line it sits.
+""",
     "spindle_squareness": """
 # How the spindle leans. Tools of different lengths show it; with one length it is only a shift.
 """,
@@ -92,6 +96,7 @@ _MEANS = {
     "rotary_radial": "wanders in {direction} while it turns",
     "rotary_tilt": "wobbles about {direction} while it turns",
     "squareness": "between {axes[0]} and {axes[1]}",
+    "spindle_location": "pivot length, and what lies across it",
     "spindle_squareness": "leans towards {direction}",
     "scale_expansion": "its scale grows with the mean of these thermometers",
     "screw_heating": "its screw stretches away from the fixed bearing",
@@ -132,7 +137,7 @@ def _pieces(model: Model, name: str) -> Iterator[str]:
     document = document_of(model)
     section = document["machine"]
     axes, signals = section.pop("axes"), section.pop("signals", {})
-    yield (_HEAD if model.effects else _BARE_HEAD).format(name=name)
+    yield (_BARE_HEAD if bare(model) else _HEAD).format(name=name)
     yield _line("format", document["format"])
     yield "\n[machine]\n"
     for key, value in section.items():

@@ -9,6 +9,7 @@ from typing import Any
 
 from abbe.compcore.machine.machine import Axis
 from abbe.compcore.model.model import Model
+from abbe.compcore.model.start_model import bare
 from abbe.daemon.answers.typed import finding, fitting
 
 
@@ -18,7 +19,7 @@ def columns_of(model: Model) -> list[str]:
     axes = list(machine.structure.axes)
     used = {a for e in model.effects for a in e.directions_used()}
     # where nothing is known yet, play is looked for in every axis
-    directions = sorted(used, key=axes.index) if model.effects else axes
+    directions = axes if bare(model) else sorted(used, key=axes.index)
     return [
         *("time", "setup", "kind", *axes),
         *(f"{axis}_dir" for axis in directions),
@@ -55,7 +56,7 @@ def as_text(model: Model, out: Path) -> Iterator[str]:
         use = "used" if signal.name in used else "recorded, for abbe diagnose"
         yield f"  {signal.name}: {signal.role}, {signal.unit}, {use}"
     yield "columns of a campaign (docs/campaigns.md): " + ",".join(columns_of(model))
-    yield f"next: measure, and  {fitting(out) if model.effects else finding(out)}"
+    yield f"next: measure, and  {finding(out) if bare(model) else fitting(out)}"
 
 
 def _parameters(model: Model) -> int:

@@ -13,7 +13,7 @@ from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
 from abbe.compcore.comparison.compare import compare
 from abbe.compcore.diagnosis.findings import measured_kinds
-from abbe.compcore.effects import RotaryLocation
+from abbe.compcore.effects import RotaryLocation, SpindleLocation
 from abbe.compcore.effects.base import Effect, NonlinearParameter, Parameter
 from abbe.compcore.errors import FitError
 from abbe.compcore.files.campaign_file import require_signals
@@ -225,7 +225,7 @@ def as_text(revision: Revision, effect: Effect | None) -> Iterator[str]:
                     "{value} (on the table itself {there})", value=text, there=f"{there} {shown}"
                 )
             yield text
-        if isinstance(effect, RotaryLocation):
+        if isinstance(effect, RotaryLocation | SpindleLocation):
             yield from average_line_words(revision.after.model)
     was, became, floor, rotations = _errors(revision)
     unit, factor = ("µrad", 1e6) if rotations else ("µm", 1e3)

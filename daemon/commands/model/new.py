@@ -89,12 +89,12 @@ def new(
     from abbe.daemon.outputs import MODEL, check_outputs
 
     say = check_outputs([], [(out, MODEL)], force=force, as_json=as_json)
-    if bare and (play or rotary_motions or tool_lengths or shape or two_drives or positioning):
+    if bare and (play or rotary_motions or tool_lengths or shape or positioning):
         raise InputError(
             "says which effects the model shall have, beside none at all",
             field="bare",
             expected="--bare without --play, --rotary-motions, --tool-lengths, --shape, "
-            "--two-drives, --positioning",
+            "--positioning",
         )
     wanted = StartOptions(play, rotary_motions, tool_lengths, shape, bare, positioning)
     if structure is not None:

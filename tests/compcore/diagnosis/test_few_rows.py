@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.campaign.noise import noise_floor
 from abbe.compcore.diagnosis.stepwise import to_the_verdict
 from abbe.compcore.diagnosis.verdict import diagnose
+from abbe.compcore.diagnosis.words import diagnosis_words
 from abbe.compcore.errors import AbbeError
 from abbe.compcore.files.model_file import parse_model
 from abbe.compcore.files.text.toml_source import TomlSource
@@ -41,6 +44,17 @@ def test_three_readings_on_a_line(slope: float) -> None:
     """Nothing is left then, and nothing was divided by."""
     rows = [(x, slope * x, "one") for x in (0.0, 100.0, 200.0)]
     assert diagnose(BARE, campaign(rows, "[]")).verdict in ("missing", "unexplained")
+
+
+def test_a_handful_on_a_line_is_no_noise() -> None:
+    """20 ppm of 0.3 µm: not established by so few, but said, and nothing is called noise."""
+    off = [0.1, -0.3, 0.2, -0.1, 0.2]
+    rows = [(x, 0.02 * x + off[i], "one") for i, x in enumerate(np.linspace(-400, 500, 5))]
+    found = diagnose(BARE, campaign(rows, '["zero"]'))
+    text = " ".join(diagnosis_words(found, noise_floor(found.whole.problem.campaign), [], str))
+    assert found.verdict != "missing"
+    assert "the likeliest is scale axis=X" in text
+    assert "residuals are noise" not in text
 
 
 READINGS = st.lists(

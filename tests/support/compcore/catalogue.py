@@ -58,6 +58,16 @@ FIVE_AXIS = Machine(
     },
     SIGNALS,
 )
+HEAD = Machine(
+    "fork head",
+    Structure.parse("w b X Y Z C B t"),
+    {
+        **{a: FIVE_AXIS.axes[a] for a in "XYZ"},
+        "C": Axis("C", (-math.pi, math.pi), location=(0.0, 0.0, 250.0)),
+        "B": Axis("B", (-math.pi / 2, math.pi / 2), location=(0.0, 0.0, 250.0)),
+    },
+    SIGNALS,
+)
 N = 240
 
 
@@ -191,6 +201,9 @@ def _path(w: World, name: str) -> np.ndarray:
     along = np.zeros(N)
     along[rows] = centred @ direction
     return along / np.abs(along).max()
+
+
+_HELD = (0.01, -0.02, 0.035)
 
 
 def _hanging(w: World, pull: np.ndarray) -> dict[str, np.ndarray]:
@@ -410,6 +423,16 @@ ROWS: tuple[Row, ...] = (
         {"A1": 3e-5, "B1": -1e-5},
         lambda w: {"E_AC": 3e-5 * np.cos(w.q["C"]) - 1e-5 * np.sin(w.q["C"])},
         machine=FIVE_AXIS,
+    ),
+    Row(
+        "spindle_location",
+        {},
+        {"E_X0S": 0.01, "E_Y0S": -0.02, "E_Z0S": 0.035},
+        lambda w: {
+            **{f"E_{d}(spindle)": v * w.one for d, v in zip("XYZ", _HELD, strict=True)},
+            **{f"E_{d}": -v * w.one for d, v in zip("XYZ", _HELD, strict=True)},
+        },
+        machine=HEAD,
     ),
     Row(
         "spindle_squareness",

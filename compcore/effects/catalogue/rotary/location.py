@@ -41,7 +41,8 @@ class RotaryLocation(Effect):
         E_X0C, E_Y0C in mm, within ±0.2 mm; E_A0C, E_B0C, E_C0C in rad, within ±1 mrad. After a
         careful set-up 5 to 20 µm and 10 to 50 µrad; more after a collision. No value of E_C0C is
         doubted: where an encoder counts from is a convention, of a robot's joint any angle. Nor of
-        E_C0B where C carries B: C counts from where the line of B stands as it should.
+        E_C0B where C carries B: C counts from where the line of B stands as it should. Nor of a
+        head's E_X0B, E_Z0B where no rotary axis carries it: there X and Z count from elsewhere.
     Signals
         None beyond the angle, which turns the levers.
     Typical causes
@@ -80,7 +81,9 @@ class RotaryLocation(Effect):
             plausible = (-1e-3, 1e-3) if error_motion.rotation else (-0.2, 0.2)
             text = f"axis average line of {self.axis}, {k}"
             # where an encoder counts from is agreed upon: no angle is more sound than another
-            agreed = k in zeros
+            agreed = k in zeros or (
+                not error_motion.rotation and _on_linear_axes(machine, self.axis)
+            )
             found.append(
                 Parameter(f"E_{k}0{self.axis}", error_motion.unit, plausible, text, agreed)
             )
@@ -103,6 +106,12 @@ class RotaryLocation(Effect):
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[RotaryLocation]:
         """Each rotary axis that moved."""
         return (cls(axis=a) for a in machine.structure.rotary if a in coverage.moving)
+
+
+def _on_linear_axes(machine: Machine, axis: str) -> bool:
+    """Whether it is the first rotary axis of a head: where its line lies is their zeros."""
+    head = [a for a in machine.structure.tool_side if machine.axes[a].rotary]
+    return head[:1] == [axis] and any(not machine.axis(a).rotary for a in machine.structure.axes)
 
 
 def _carriers(machine: Machine, axis: str) -> tuple[str, ...]:
