@@ -10,6 +10,7 @@ from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import (
     FUNCTIONAL_POINT,
     SPINDLE,
+    Component,
     Effect,
     ErrorMotion,
     Motion,
@@ -98,7 +99,7 @@ def _head(machine: Machine) -> tuple[str, ...]:
     return tuple(a for a in machine.structure.tool_side if machine.axes[a].rotary)
 
 
-def _seen(machine: Machine) -> tuple[str, ...]:
+def _seen(machine: Machine) -> tuple[Component, ...]:
     """The directions in which a place in the head shows as the head turns."""
     lines = np.array([machine.axis(a).direction for a in _head(machine)])
     # what all of a head's axes turn about stays where it is
