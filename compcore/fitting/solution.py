@@ -98,6 +98,13 @@ class Solution:
         """
         return not self.uncertainty.open and bool(chi2_beyond(self.chi2, self.dof) < _MISFIT)
 
+    def seen(self, values: F64) -> F64:
+        """Values of all rows, (n,), mm or rad, less what set-ups leave unknown; distances 0."""
+        problem = self.problem
+        sd = np.where(problem.weight > 0.0, problem.sd, 0.0)
+        small = np.where(problem.campaign.kind < Kind.DISTANCE, problem.weight, 0.0)
+        return np.asarray(self.eliminator.project(values * small) * sd)
+
     @cached_property
     def suspicions(self) -> tuple[str, ...]:
         """Suspected wrong units, turned signs and absurd uncertainties.
@@ -105,21 +112,14 @@ class Solution:
         Signs and units of values are seen against the model as it was, where that was fitted.
         """
         problem, campaign = self.problem, self.problem.campaign
-        used = problem.weight > 0.0
-        sd = np.where(used, problem.sd, 0.0)
-        small = np.where(campaign.kind < Kind.DISTANCE, problem.weight, 0.0)
-
-        def seen(values: F64) -> F64:
-            return np.asarray(self.eliminator.project(values * small) * sd)
-
-        measured = seen(campaign.value)
+        measured = self.seen(campaign.value)
         known = problem.model.measured_signals
         found = [*of_values(campaign, measured)]
         found += of_signals(campaign, problem.model.machine, known)
         found += of_turned_axes(campaign, problem.model.machine)
         if problem.model.fit:
             before = problem.layout.of_model(problem.model, campaign)
-            predicted = seen(problem.predicted(before))
+            predicted = self.seen(problem.predicted(before))
             found += of_ratio(campaign, measured, predicted, problem.weight)
         found += self._shrinking()
         repeats = not bool(np.isfinite(campaign.sd).any())

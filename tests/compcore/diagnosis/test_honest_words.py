@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -75,6 +77,16 @@ def test_uncertainties_that_are_too_large_are_said_first() -> None:
     words = list(diagnose(model, line(0.02 * AT, 2, sd=3.0)).words())
     assert words[0].startswith("SUSPICIOUS: χ²/dof is 0.009")
     assert not next(diagnose(model, line(0.02 * AT, 2)).words()).startswith("SUSPICIOUS")
+
+
+def test_millimetres_for_micrometres_are_said_first_of_a_bare_machine() -> None:
+    """20 ppm of a slide in mm: 0.02 µm at most, which no slide and no laser shows."""
+    read = line(0.02 * AT, 1)
+    wrong = replace(read, value=read.value / 1e3, sd=read.sd / 1e3)
+    words = list(diagnose(SLIDE, wrong).words())
+    assert words[0].startswith("SUSPICIOUS: the displacements vary by")
+    assert "written in mm" in words[0]
+    assert not next(diagnose(SLIDE, read).words()).startswith("SUSPICIOUS")
 
 
 def test_what_a_formula_describes_is_not_called_complete_alone() -> None:

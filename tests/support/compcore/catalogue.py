@@ -430,7 +430,7 @@ ROWS: tuple[Row, ...] = (
         {"E_X0S": 0.01, "E_Y0S": -0.02, "E_Z0S": 0.035},
         lambda w: {
             **{f"E_{d}(spindle)": v * w.one for d, v in zip("XYZ", _HELD, strict=True)},
-            **{f"E_{d}": -v * w.one for d, v in zip("XYZ", _HELD, strict=True)},
+            **{f"d{d}": -v * w.one for d, v in zip("XYZ", _HELD, strict=True)},
         },
         machine=HEAD,
     ),
