@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
-from abbe.compcore.effects import RotaryLocation, SpindleLocation
+from abbe.compcore.effects import RotaryLocation
 from abbe.compcore.errors import InputError
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.iso10791.error_motions import AngleCurve, MotionColumns, measured_directions
@@ -139,9 +139,7 @@ def evaluate_rotary(machine: Machine, campaign: Campaign) -> RotaryEvaluation:
             found=", ".join(loose[:3]),
             expected="--placed: the sphere's place is known and the nest's zero is its middle",
         )
-    head = any(side_of(machine, a) == "tool" for a in turned)
-    lines_of = [RotaryLocation(axis=a) for a in turned]
-    model = Model(machine).with_effects(*lines_of, *[SpindleLocation()] * head)
+    model = Model(machine).with_effects(*(RotaryLocation(axis=a) for a in turned))
     curves, result = _separated(campaign, fit(model, campaign), turned)
     lines = {line.axis: line for line in average_lines(result.model)}
     found = tuple(
@@ -153,7 +151,7 @@ def evaluate_rotary(machine: Machine, campaign: Campaign) -> RotaryEvaluation:
             tuple(_ranges(machine, campaign, axis)),
             curves[axis],
         )
-        for axis, term in zip(turned, result.model.terms[: len(turned)], strict=True)
+        for axis, term in zip(turned, result.model.terms, strict=True)
     )
     return RotaryEvaluation(found, result, result.rms(Kind.DISPLACEMENT))
 
@@ -196,11 +194,7 @@ def _with_zeros_kept(result: FitResult, factor: float = 1.0) -> Model:
     if covariance is None:
         return result.model
     null = np.hstack([result.null.convention, result.null.unknown])
-    zeros = [
-        where.stop - 1
-        for effect, where in zip(result.model.effects, layout.terms, strict=True)
-        if isinstance(effect, RotaryLocation)
-    ]
+    zeros = [where.stop - 1 for where in layout.terms]
     move = np.eye(layout.size)
     if null.shape[1]:
         kept = null[zeros]

@@ -9,7 +9,6 @@ from typing import Any
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.join import join_campaigns
-from abbe.compcore.effects import SpindleLocation
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.importers.placing import ForeignPlacing
@@ -23,7 +22,7 @@ from abbe.compcore.iso10791.evaluate import (
     evaluate_rotary,
 )
 from abbe.compcore.machine.machine import Machine, own_component
-from abbe.compcore.model.as_built import ON_THE_TABLE, held_spindle_words
+from abbe.compcore.model.as_built import ON_THE_TABLE
 from abbe.compcore.units import in_digits
 from abbe.daemon.answers.as_built import lines_json
 
@@ -78,16 +77,6 @@ def as_json(answer: RotaryAnswer) -> dict[str, Any]:
         "unit": "um",
         "axes": [_axis(found) for found in evaluation.axes],
         "rotary_axes": lines_json(result.model),
-        "spindle": {
-            name: {
-                "value": value.value * 1e3,
-                "sd": None if value.sd is None else value.sd * 1e3,
-                "unit": "um",
-            }
-            for term in result.model.terms
-            if isinstance(term.effect, SpindleLocation)
-            for name, value in term.values.items()
-        },
         "undetermined": [u.text for u in result.undetermined if not u.convention],
     }
 
@@ -184,9 +173,6 @@ def as_text(answer: RotaryAnswer) -> Iterator[str]:
                 name = f"{curve.motion}{WAYS[curve.way]}"
                 parts.append(f"{name} {curve.range * factor:.2f} {unit}")
             yield "    " + ", ".join(parts)
-    for term in result.model.terms:
-        if isinstance(term.effect, SpindleLocation):
-            yield from held_spindle_words(result.model.machine, term)
     if any(found.side == "workpiece" for found in evaluation.axes):
         yield ON_THE_TABLE
     for u in result.undetermined:
