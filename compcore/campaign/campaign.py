@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.coverage import Coverage, SetupCoverage
-from abbe.compcore.campaign.even_steps import even_steps
+from abbe.compcore.campaign.even_steps import even_steps, places
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import nominal_direction
 from abbe.compcore.machine.structure import is_rotary
@@ -241,6 +241,7 @@ class Campaign:
             len(np.unique(runs)),
             _interval([c.time[runs == run] for run in np.unique(runs)]),
             even_steps(c),
+            places(c),
         )
 
     def _setup_surveys(self) -> dict[str, SetupCoverage]:

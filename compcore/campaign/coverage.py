@@ -71,6 +71,8 @@ class Coverage:
     steps
         Axis → the step of the one lattice on which it was read, mm or rad (`even_steps`). A wave
         shorter than two of it is not told from a longer one.
+    places
+        Axis → at how many places it was read.
     """
 
     moving: frozenset[str] = frozenset()
@@ -85,6 +87,15 @@ class Coverage:
     runs: int = 1
     interval: float = 0.0
     steps: Mapping[str, float] = field(default_factory=dict)
+    places: Mapping[str, int] = field(default_factory=dict)
+
+    def shows(self, axis: str, numbers: int) -> bool:
+        """Whether an axis was read at places enough to see a form with so many numbers.
+
+        Through fewer than twice as many places as it has numbers, a zero counted with them, goes
+        any form: what five targets show is a table.
+        """
+        return self.places.get(axis, 2 * (numbers + 1)) >= 2 * (numbers + 1)
 
     @property
     def levers(self) -> bool:

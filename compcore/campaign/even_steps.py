@@ -35,6 +35,15 @@ def even_steps(conditions: Conditions) -> dict[str, float]:
     return found
 
 
+def places(conditions: Conditions) -> dict[str, int]:
+    """Axis → at how many places it was read."""
+    return {
+        axis: 1 + int((np.diff(np.sort(at)) > (_SAME_ANGLE if is_rotary(axis) else _SAME)).sum())
+        for axis, at in conditions.positions.items()
+        if len(at)
+    }
+
+
 def _moves(conditions: Conditions, at: F64, same: float) -> NDArray[np.bool_]:
     """Rows of set-ups in which an axis moves."""
     least = max(same, _STILL * float(np.ptp(at))) if len(at) else same

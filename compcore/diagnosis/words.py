@@ -14,6 +14,7 @@ from abbe.compcore.campaign.turned_axes import of_turned_axes
 from abbe.compcore.diagnosis.explain import changed, description, explanation, formula
 from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.diagnosis.next_measurement.measure_next import Advice
+from abbe.compcore.distributions import f_beyond
 from abbe.compcore.effects.catalogue.formula import Formula
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
@@ -36,6 +37,9 @@ _FEW = 12
 
 _HARDLY_CHANCE = 0.05
 """Chance, over all causes that were tried, below which a handful of rows is not called noise."""
+
+_BEYOND = 1e-4
+"""Chance below which more is left than repeats scatter, as of χ² where these weigh the rows."""
 
 MOST_LISTED = 10
 """Readings that stand alone that are listed; the rest are counted."""
@@ -142,6 +146,14 @@ def diagnosis_words(
     likely = too_few_rows(diagnosis, adding)
     if diagnosis.verdict == "complete" and diagnosis.whole.misfit:
         yield _more_than_noise(diagnosis)
+    elif diagnosis.verdict == "complete" and _beyond_repeats(diagnosis, noise):
+        yield said(
+            "complete: no cause can be established; but what is left is more than the scatter of "
+            "repeated readings ({floor} {unit}): too few independent rows, or these were taken in "
+            "too short a time.",
+            floor=f"{(floor or 0.0) * factor:.2f}",
+            unit=unit,
+        )
     elif diagnosis.verdict == "complete" and (parts := described(diagnosis)):
         yield said("complete: {what}", what=described_words(parts).within())
     elif diagnosis.verdict == "missing":
@@ -253,6 +265,15 @@ def too_few_rows(diagnosis: Findings, adding: Callable[[str], str]) -> Sentence 
         odds=in_digits(1.0 / max(first.evidence.p_value, 1e-9), 1),
         how=adding(first.candidate.effect.spec),
     )
+
+
+def _beyond_repeats(diagnosis: Findings, noise: NoiseFloor) -> bool:
+    """Whether more is left than repeats scatter, where these are too few to weigh the rows by."""
+    level = noise.levels.get("rotation") if diagnosis.of_rotations else noise.lengths
+    if level is None or level.value is None or level.degrees_of_freedom <= 0.0:
+        return False
+    left = (diagnosis.rms / level.value) ** 2 * diagnosis.whole.problem.n / diagnosis.whole.dof
+    return f_beyond(left, diagnosis.whole.dof, level.degrees_of_freedom) < _BEYOND
 
 
 def alone_words(diagnosis: Findings) -> Sentence:

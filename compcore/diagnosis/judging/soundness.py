@@ -1,4 +1,4 @@
-"""Whether a step towards a model is sound: two lags are two, a thermometer may read so wrongly."""
+"""Whether a step towards a model is sound: two lags are two, no value is beyond what can be."""
 
 from __future__ import annotations
 
@@ -29,11 +29,12 @@ def apart(model: Model, effect: Effect) -> bool:
 
 
 def sound(model: Model, effect: Effect) -> bool:
-    """Whether a thermometer that is accused reads as wrong as one well may.
+    """Whether an accused thermometer reads as wrong as one may, and a beam sags as far as one may.
 
-    What reads wrong by more is described by its reading, and is no fault of the thermometer.
+    What reads wrong by more is described by its reading, and is no fault of the thermometer. Nor is
+    a beam what shows in the small difference of a great sag and a guideway that is bent against it.
     """
-    if not effect.reads_model:
+    if not effect.reads_model and effect.kind != "overhang_sag":
         return True
     values = next((t.values for t in model.terms if t.effect == effect), {})
     for p in effect.linear(model.machine):

@@ -185,6 +185,8 @@ def cost_of(effect: Effect, machine: Machine, setups: int) -> float:
         cost += 3.0  # one that no lever shows is an offset
     if effect.kind == "cross_angular" and not _carries(machine, effect):
         cost += 3.0
+    if effect.kind == "overhang_sag" and getattr(effect, "direction", "") == "X":
+        cost += 8.0  # X lies level (ISO 841, 5.3.1), and what bends under weight bends downwards
     signals = [machine.signals[s] for s in effect.signals_needed() if s in machine.signals]
     if signals:
         cost += _signal_cost(effect, signals)

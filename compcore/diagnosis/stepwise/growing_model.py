@@ -39,6 +39,8 @@ class GrowingModel:
         Every change so far; the first is the model as it was given, fitted.
     added
         The effects that were added and are still there.
+    described
+        Those of the added that no cause was named by: a curve or a formula that foretells.
     refused
         Effect → after how many steps it was refused.
     regressed
@@ -57,6 +59,7 @@ class GrowingModel:
         self.refused: dict[Effect, int] = {}
         self.steps: list[Step] = []
         self.added: list[Effect] = []
+        self.described: list[Effect] = []
         self._strays: list[Stray] = []
         self.regressed = -1
         result = fit(model, campaign)
@@ -152,6 +155,8 @@ class GrowingModel:
         self.make(last, more[-1][1], result, out)
         for model, one in more:
             self.adopt(model, one)
+            if last == "described":
+                self.described.append(one)
 
     def adopt(self, model: Model, added: Effect) -> None:
         """Count an effect among those that were added."""
@@ -169,12 +174,13 @@ class GrowingModel:
     def prune(self) -> bool:
         """Take out what was added and is superfluous by now.
 
-        A formula names no cause: beside one none goes for saying the same.
+        A formula names no cause: beside one none goes for saying the same. What was described
+        stays: the blocks that it was judged by are others.
         """
         if described(self.added):
             return False
         before = len(self.added)
-        for effect in list(self.added):
+        for effect in [e for e in self.added if e not in self.described]:
             self.progress(f"without {effect.kind}")
             less, _ = without_effect(self.last.result.model, effect.spec)
             if self._try("removed", effect, less, 1.0):

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
-from abbe.compcore.diagnosis.uncatalogued.descriptions import LEAST, descriptions, surely
+from abbe.compcore.diagnosis.uncatalogued.descriptions import (
+    LEAST,
+    descriptions,
+    different,
+    surely,
+    taken,
+)
 from abbe.compcore.diagnosis.uncatalogued.over_the_volume import smooth_errors
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.errors import FitError
@@ -57,7 +64,9 @@ def best_beside(
     """
     weight = before.thin.problem.weight
     best: tuple[float, Grown, FitResult] | None = None
-    for effects in descriptions(diagnosis):
+    found = list(descriptions(diagnosis))
+    chances = different(found)
+    for effects in found:
         effects = tuple(e for e in effects if e not in before.model.effects)
         if not effects or any(map(refused, effects)):
             continue
@@ -70,12 +79,31 @@ def best_beside(
         along = judged_along(added, before.model.machine)
         was = LeftOutErrors.of(before, added, along=along)
         now = LeftOutErrors.of(result, added, along=along)
-        if was.falls_to(now, result, bound=False) > 1.0 - LEAST:
+        after = replace(now.left, residual=was.left.with_what_it_foretells(now.left))
+        left = float(np.sum((after.residual * weight) ** 2))
+        if best is not None and left >= best[0]:
             continue
-        left = float(np.sum((now.left.residual * weight) ** 2))
-        if surely(was.left, now.left, weight) and (best is None or left < best[0]):
+        fall = 1.0 - was.falls_to(now, result, bound=False)
+        if not taken(fall, was.left, after, weight, chances):
+            continue
+        if not along or _between(before, result, added):
             best = left, more, result
     return None if best is None else best[1:]
+
+
+def _between(before: FitResult, result: FitResult, added: Sequence[Effect]) -> bool:
+    """Whether a curve that other passes foretell says nothing worse of places left out.
+
+    A table says nothing between its targets that these do not say, and is not asked; nor is a curve
+    with as many coefficients as there are targets.
+    """
+    machine, conditions = before.model.machine, before.thin.problem.campaign.conditions
+    for effect in added:
+        places = [len(np.unique(conditions.position(a))) for a in effect.positions_used(machine)]
+        if getattr(effect, "shape", None) == "table" or len(effect.linear(machine)) >= max(places):
+            return True
+    was, now = (LeftOutErrors.of(r, added) for r in (before, result))
+    return was.falls_to(now, result, bound=False) <= 1.0
 
 
 def judged_along(added: Sequence[Effect], machine: Machine) -> Sequence[str]:

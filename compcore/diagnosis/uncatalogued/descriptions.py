@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.explain import formula
 from abbe.compcore.diagnosis.findings import Findings
+from abbe.compcore.diagnosis.judging.foretelling import WORTH
 from abbe.compcore.diagnosis.screening.candidates import finer
 from abbe.compcore.diagnosis.screening.left_out.crossvalidation import FOLDS, LeftOut
 from abbe.compcore.diagnosis.uncatalogued.over_the_volume import smooth_errors
@@ -35,10 +36,13 @@ Own = Positioning | RotaryPositioning | Backlash
 """What a table of an axis's own positions says."""
 
 LEAST = 0.1
-"""Part of the left-out χ² that a description must remove: it is chosen among many."""
+"""Part of the left-out χ² that a description removes where it need not be surer than one chance."""
 
 _CHANCE = 0.05
 """Chance of so large a mean fall over the blocks by their scatter alone: Student's t, one side."""
+
+_ENOUGH = 4
+"""Blocks of which the scatter says something by itself."""
 
 
 def descriptions(diagnosis: Findings) -> Iterator[tuple[Effect, ...]]:
@@ -99,8 +103,10 @@ def _known(model: Model, plain: Own) -> list[Own]:
     return [e for e in found if isinstance(e, type(plain))] or [plain]
 
 
-def surely(before: LeftOut, after: LeftOut, weight: F64) -> bool:
+def surely(before: LeftOut, after: LeftOut, weight: F64, *, chances: int = 1) -> bool:
     """Whether left-out blocks are foretold better by more than their own scatter.
+
+    Few blocks, a run each way, are cut into stretches for that: each place was foretold.
 
     Parameters
     ----------
@@ -109,15 +115,53 @@ def surely(before: LeftOut, after: LeftOut, weight: F64) -> bool:
     weight
         One over the rows' standard uncertainties, 1/mm or 1/rad, shape (n,): lengths and rotations
         count alike.
+    chances
+        Among how many different descriptions the one was chosen (Bonferroni).
     """
     fall = np.array(
         [
             float(np.sum((before.residual[rows] * weight[rows]) ** 2))
             - float(np.sum((after.residual[rows] * weight[rows]) ** 2))
-            for rows in before.folds
+            for rows in _stretches(before.folds)
         ]
     )
     if len(fall) < 2 or not fall.mean() > 0.0:
         return False
     squared = len(fall) * fall.mean() ** 2 / max(float(fall.var(ddof=1)), 1e-300)
-    return log_f_beyond(float(squared), 1, len(fall) - 1) < math.log(2.0 * _CHANCE)
+    return log_f_beyond(float(squared), 1, len(fall) - 1) < math.log(2.0 * _CHANCE / chances)
+
+
+def _stretches(folds: Sequence[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
+    """The blocks; two or three are cut into `FOLDS` stretches, each of several rows."""
+    pieces = 1 if len(folds) >= _ENOUGH else math.ceil(FOLDS / max(1, len(folds)))
+    return [p for r in folds for p in np.array_split(r, max(1, min(pieces, len(r) // 2)))]
+
+
+def taken(fall: float, before: LeftOut, after: LeftOut, weight: F64, chances: int) -> bool:
+    """Whether a description foretells left-out blocks so much better that it is taken.
+
+    Either it removes much of their χ², or what a cause has to remove, but so surely that its having
+    been chosen among others does not matter: a bent plate's small cubic is in every block.
+
+    Parameters
+    ----------
+    fall
+        Part of the left-out χ² that it removes.
+    before, after, weight
+        As `surely`.
+    chances
+        How many different descriptions there were.
+    """
+    if fall >= LEAST:
+        return surely(before, after, weight)
+    return fall >= WORTH and surely(before, after, weight, chances=chances)
+
+
+def different(found: Sequence[Sequence[Effect]]) -> int:
+    """How many descriptions differ in more than how fine they are."""
+    return len(
+        {
+            tuple((e.kind, getattr(e, "axis", ""), getattr(e, "channel", "")) for e in effects)
+            for effects in found
+        }
+    )

@@ -230,7 +230,11 @@ class OverhangSag(Effect):
 
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[OverhangSag]:
-        """Each linear axis that moved as its own beam, then at the other axes of its side."""
+        """Each linear axis that moved as its own beam, then at the other axes of its side.
+
+        Of the latter none in X: it lies level (ISO 841, 5.3.1), and what bends under weight bends
+        downwards. Which of Z and Y is upright is not known.
+        """
         structure = machine.structure
         moving = [a for a in structure.linear if a in coverage.moving]
         sides = (structure.workpiece_side, structure.tool_side)
@@ -245,7 +249,7 @@ class OverhangSag(Effect):
         ]
         for axis, by in pairs:
             for direction in TRANSLATIONS:
-                if direction != own_component(by):
+                if direction != own_component(by) and (axis == by or direction != "X"):
                     yield cls(axis=axis, direction=direction, by=by)
 
 

@@ -160,6 +160,6 @@ class LocalDefect(Effect):
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[LocalDefect]:
         """Each error motion of each linear axis that moved, translations first."""
         for axis in machine.structure.linear:
-            if axis in coverage.moving:
+            if axis in coverage.moving and coverage.shows(axis, 3):
                 for component in (*TRANSLATIONS, *ROTATIONS):
                     yield cls(axis=axis, error=f"E_{component}{axis}")

@@ -152,5 +152,6 @@ class Cyclic(Effect):
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Cyclic]:
         """Each linear axis that moved, its period to be found; a wave, and one that is no sine."""
         for axis in (a for a in machine.structure.linear if a in coverage.moving):
-            yield cls(axis=axis)
-            yield cls(axis=axis, harmonics=2)
+            for harmonics in (1, 2):
+                if coverage.shows(axis, 2 * harmonics + 1):
+                    yield cls(axis=axis, harmonics=harmonics)
