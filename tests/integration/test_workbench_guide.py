@@ -33,10 +33,10 @@ from tests.support.daemon.workbench import opened
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(900)]
 
 BEGINNING = "".join(
-    f'\n[[effects]]\nkind = "positioning"\naxis = "{axis}"\nshape = "polynomial:1"\n'
+    f'\n[[effects]]\nkind = "positioning"\naxis = "{axis}"\nshape = "polynomial:2"\n'
     for axis in "XYZ"
 )
-"""A scale error for each axis: what three short lines are enough for."""
+"""A bent scale for each axis: what three short lines are enough for, and what they show."""
 INSTRUMENT = """
 [links.cnc.channels.laser]
 table = "input"
@@ -145,7 +145,7 @@ def test_from_the_first_step_to_the_certificate(tmp_path: Path) -> None:
             do(page, "check-plan")
             done(page, "check-plan")
             plan = folder / "check.toml"
-            # Z's scale, 5 µm there, is what a straight line gets hold of: it is surely better
+            # Z's scale, 5 µm there, is what three places get hold of: it is surely better
             checked = line_plan("check", "Z", (-235.0, -55.0), at=(200.0, 600.0, 0.0))
             write_plan(plan, checked)
             expect(page.locator("section[data-plan=check] img")).to_have_count(1)
