@@ -16,14 +16,14 @@ expected within what is believable, and so are an instrument's.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.effects import RotaryLocation
 from abbe.compcore.effects.base import Effect
+from abbe.compcore.fitting.caution import Caution
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.determinacy import Decomposition
 from abbe.compcore.fitting.fit import FitResult
@@ -31,7 +31,6 @@ from abbe.compcore.fitting.frame import alignment
 from abbe.compcore.fitting.gauss_newton import gauss_newton
 from abbe.compcore.fitting.reduction import triangle
 from abbe.compcore.linalg import threads_for
-from abbe.compcore.sentences import said
 
 F64 = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -46,39 +45,6 @@ _SETTLED = 0.01
 _NOTHING = 0.5
 """Singular value below which neither rows nor expectation tell a combination: each alone makes 1,
 in units of what is believable."""
-_HARDLY = 0.1
-"""Part of what was expected of an effect that a campaign must tell to show it."""
-
-
-@dataclass(frozen=True)
-class Caution:
-    """How a campaign was kept from being extrapolated.
-
-    Attributes
-    ----------
-    expected
-        Kind of effect → how far from 0 its parameters are expected, as a part of what is
-        believable of them.
-    shown
-        Spec of each effect → part of what was expected of it that the campaign tells, 0 … 1.
-    rank
-        How many combinations the campaign determines by itself.
-    """
-
-    expected: dict[str, float]
-    shown: dict[str, float]
-    rank: int
-
-    @property
-    def hardly(self) -> tuple[str, ...]:
-        """Effects that the campaign hardly shows: they are left near 0."""
-        return tuple(spec for spec, part in self.shown.items() if part < _HARDLY)
-
-    def words(self) -> Iterator[str]:
-        """Lines for people: that values are cautious, and which effects hardly show."""
-        yield said("cautious: what the campaign shows little of is held near 0")
-        if self.hardly:
-            yield said("hardly shown, and left near 0: {effects}", effects="; ".join(self.hardly))
 
 
 def cautiously(result: FitResult) -> FitResult:

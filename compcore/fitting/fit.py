@@ -16,6 +16,7 @@ from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
 from abbe.compcore.errors import FitError, require_type
 from abbe.compcore.figures.figure import Figure
 from abbe.compcore.figures.shown import Shown
+from abbe.compcore.fitting.caution import Caution
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.design.row_blocks import rows_at_once
 from abbe.compcore.fitting.design.run_starts import Bodies
@@ -47,7 +48,6 @@ from abbe.compcore.units import in_digits
 if TYPE_CHECKING:
     import pandas as pd
 
-    from abbe.compcore.fitting.cautious import Caution
 
 F64 = NDArray[np.float64]
 Progress = Callable[[str], None]
