@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abbe.compcore.effects.catalogue.shaped import ShapedEffect
 from abbe.compcore.machine.conditions import Conditions
@@ -18,10 +19,31 @@ def peak_to_valley(term: Term, machine: Machine, low: float, high: float) -> flo
     None for an effect that is no error motion of one axis. A shape's coefficients say nothing one
     by one; this is what a metrologist reads from its curve (ISO 230-1, 3.4).
     """
-    if not isinstance(term.effect, ShapedEffect):
+    if not isinstance(term.effect, ShapedEffect) or term.effect.directions_used():
         return None
+    return float(np.ptp(_along(term, machine, low, high, 0.0)))
+
+
+def play(term: Term, machine: Machine, low: float, high: float) -> tuple[float, float] | None:
+    """Least and greatest reversal of an axis between two of its positions, mm or rad.
+
+    Signed as backlash is: mean arrival in the positive direction less that in the negative one (the
+    reversal value of ISO 230-2). None for an effect that does not depend on the approach of one axis.
+    """
+    if not isinstance(term.effect, ShapedEffect) or not term.effect.directions_used():
+        return None
+    up, down = (_along(term, machine, low, high, sense) for sense in (1.0, -1.0))
+    return float((up - down).min()), float((up - down).max())
+
+
+def _along(
+    term: Term, machine: Machine, low: float, high: float, sense: float
+) -> NDArray[np.float64]:
+    """An error motion along its axis, approached in one direction, shape (points,)."""
+    assert isinstance(term.effect, ShapedEffect)
     positions = {name: np.full(_POINTS, axis.middle) for name, axis in machine.axes.items()}
     positions[term.effect.axis] = np.linspace(low, high, _POINTS)
-    conditions = Conditions(positions=positions)
+    directions = {name: np.full(_POINTS, sense) for name in term.effect.directions_used()}
+    conditions = Conditions(positions=positions, directions=directions)
     (motion,) = term.effect.motions(machine, conditions, term.nonlinear(machine))
-    return float(np.ptp(motion.columns @ term.coefficients(machine)))
+    return np.asarray(motion.columns @ term.coefficients(machine))

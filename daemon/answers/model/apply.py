@@ -17,7 +17,7 @@ from abbe.compcore.files.campaign_file import require_signals
 from abbe.compcore.files.model_file import save_model
 from abbe.compcore.files.model_toml.campaign_record import campaign_records, noise_by_file
 from abbe.compcore.files.model_toml.fit_record import recorded
-from abbe.compcore.model.course import peak_to_valley
+from abbe.compcore.model.course import peak_to_valley, play
 from abbe.compcore.model.model import Model, Term
 from abbe.compcore.units import in_digits, read_in, with_uncertainty
 from abbe.daemon.answers.inputs import now
@@ -262,15 +262,18 @@ def _shape(course: Course, model: Model, term: Term) -> str:
         return ""
     low, high = float(at.min()), float(at.max())
     size = peak_to_valley(term, model.machine, low, high)
-    if size is None:
+    reversal = play(term, model.machine, low, high)
+    if size is None and reversal is None:
         return ""
     unit, factor = _units(course)[term.effect.spec][next(iter(term.values))]
     turn, mm = (180.0 / math.pi, "°") if model.machine.axis(axis or "").rotary else (1.0, " mm")
     over = f"{in_digits(low * turn, 4)} … {in_digits(high * turn, 4)}{mm}"
-    return (
-        f"{in_digits(size * factor)} {unit} peak to valley over {axis} {over}, "
-        f"{len(term.values)} coefficients"
-    )
+    if reversal is not None:
+        least, greatest = (in_digits(b * factor) for b in reversal)
+        said = f"{least} … {greatest} {unit} of play"
+    else:
+        said = f"{in_digits((size or 0.0) * factor)} {unit} peak to valley"
+    return f"{said} over {axis} {over}, {len(term.values)} coefficients"
 
 
 def _units(course: Course) -> dict[str, dict[str, tuple[str, float]]]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from abbe.compcore.effects import Angular, Scale
-from abbe.compcore.model.course import peak_to_valley
+from abbe.compcore.effects import Angular, Backlash, Scale
+from abbe.compcore.model.course import peak_to_valley, play
 from abbe.compcore.model.model import Term, Value
 from tests.support.compcore.unsure_machines import MACHINE
 
@@ -23,3 +23,11 @@ def test_only_what_was_measured_counts(low: float, high: float, size: float) -> 
 
 def test_a_constant_of_an_axis_has_no_curve() -> None:
     assert peak_to_valley(Term(Scale(axis="X"), {"k": Value(1e-5, 1e-6)}), MACHINE, 0, 700) is None
+
+
+def test_play_by_its_least_and_greatest() -> None:
+    lost = Backlash(axis="X", shape="table", positions=(0.0, 200.0, 700.0))
+    values = zip((p.name for p in lost.linear(MACHINE)), (-3e-3, 4e-3, 1e-3), strict=True)
+    term = Term(lost, {name: Value(v, 1e-4) for name, v in values})
+    assert play(term, MACHINE, 0.0, 700.0) == pytest.approx((-3e-3, 4e-3), rel=0.02)
+    assert peak_to_valley(term, MACHINE, 0.0, 700.0) is None
