@@ -21,29 +21,28 @@ def peak_to_valley(term: Term, machine: Machine, low: float, high: float) -> flo
     """
     if not isinstance(term.effect, ShapedEffect) or term.effect.directions_used():
         return None
-    return float(np.ptp(_along(term, machine, low, high, 0.0)))
+    return float(np.ptp(_along(term.effect, term, machine, low, high, 0.0)))
 
 
 def play(term: Term, machine: Machine, low: float, high: float) -> tuple[float, float] | None:
     """Least and greatest reversal of an axis between two of its positions, mm or rad.
 
-    Signed as backlash is: mean arrival in the positive direction less that in the negative one (the
-    reversal value of ISO 230-2). None for an effect that does not depend on the approach of one axis.
+    Signed as backlash is: mean arrival in the positive direction less that in the negative one
+    (the reversal value of ISO 230-2). None for an effect that does not depend on the approach.
     """
     if not isinstance(term.effect, ShapedEffect) or not term.effect.directions_used():
         return None
-    up, down = (_along(term, machine, low, high, sense) for sense in (1.0, -1.0))
+    up, down = (_along(term.effect, term, machine, low, high, sense) for sense in (1.0, -1.0))
     return float((up - down).min()), float((up - down).max())
 
 
 def _along(
-    term: Term, machine: Machine, low: float, high: float, sense: float
+    effect: ShapedEffect, term: Term, machine: Machine, low: float, high: float, sense: float
 ) -> NDArray[np.float64]:
     """An error motion along its axis, approached in one direction, shape (points,)."""
-    assert isinstance(term.effect, ShapedEffect)
     positions = {name: np.full(_POINTS, axis.middle) for name, axis in machine.axes.items()}
-    positions[term.effect.axis] = np.linspace(low, high, _POINTS)
-    directions = {name: np.full(_POINTS, sense) for name in term.effect.directions_used()}
+    positions[effect.axis] = np.linspace(low, high, _POINTS)
+    directions = {name: np.full(_POINTS, sense) for name in effect.directions_used()}
     conditions = Conditions(positions=positions, directions=directions)
-    (motion,) = term.effect.motions(machine, conditions, term.nonlinear(machine))
+    (motion,) = effect.motions(machine, conditions, term.nonlinear(machine))
     return np.asarray(motion.columns @ term.coefficients(machine))
