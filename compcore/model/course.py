@@ -16,10 +16,11 @@ _POINTS = 201
 def peak_to_valley(term: Term, machine: Machine, low: float, high: float) -> float | None:
     """Greatest less least of an error motion between two positions of its axis, mm or rad.
 
-    None for an effect that is no error motion of one axis. A shape's coefficients say nothing one
-    by one; this is what a metrologist reads from its curve (ISO 230-1, 3.4).
+    None for an effect that is no error motion of one axis, or goes with a signal. A shape's
+    coefficients say nothing one by one; this is what a metrologist reads from its curve (ISO 230-1,
+    3.4).
     """
-    if not isinstance(term.effect, ShapedEffect) or term.effect.directions_used():
+    if not isinstance(term.effect, ShapedEffect) or _depends(term.effect):
         return None
     return float(np.ptp(_along(term.effect, term, machine, low, high, 0.0)))
 
@@ -30,10 +31,18 @@ def play(term: Term, machine: Machine, low: float, high: float) -> tuple[float, 
     Signed as backlash is: mean arrival in the positive direction less that in the negative one
     (the reversal value of ISO 230-2). None for an effect that does not depend on the approach.
     """
-    if not isinstance(term.effect, ShapedEffect) or not term.effect.directions_used():
+    effect = term.effect
+    if not isinstance(effect, ShapedEffect) or not effect.directions_used():
         return None
-    up, down = (_along(term.effect, term, machine, low, high, sense) for sense in (1.0, -1.0))
+    if effect.signals_needed() or effect.reads_time():
+        return None
+    up, down = (_along(effect, term, machine, low, high, sense) for sense in (1.0, -1.0))
     return float((up - down).min()), float((up - down).max())
+
+
+def _depends(effect: ShapedEffect) -> bool:
+    """Whether a curve is another by the approach, a signal or the clock."""
+    return bool(effect.directions_used() or effect.signals_needed() or effect.reads_time())
 
 
 def _along(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from abbe.compcore.effects import Angular, Backlash, Scale
+from abbe.compcore.effects import Angular, Backlash, LoadBending, Scale
 from abbe.compcore.model.course import peak_to_valley, play
 from abbe.compcore.model.model import Term, Value
 from tests.support.compcore.unsure_machines import MACHINE
@@ -31,3 +31,11 @@ def test_play_by_its_least_and_greatest() -> None:
     term = Term(lost, {name: Value(v, 1e-4) for name, v in values})
     assert play(term, MACHINE, 0.0, 700.0) == pytest.approx((-3e-3, 4e-3), rel=0.02)
     assert peak_to_valley(term, MACHINE, 0.0, 700.0) is None
+
+
+def test_what_goes_with_a_load_has_no_one_curve() -> None:
+    bends = LoadBending(axis="X", signal="load", direction="Z")
+    names = ("c0", "c1", "c2")
+    term = Term(bends, {name: Value(1e-6, 1e-7) for name in names})
+    assert peak_to_valley(term, MACHINE, 0.0, 700.0) is None
+    assert play(term, MACHINE, 0.0, 700.0) is None
