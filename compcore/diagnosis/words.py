@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
@@ -13,8 +12,8 @@ from abbe.compcore.campaign.suspicions import of_chi2, of_values
 from abbe.compcore.campaign.turned_axes import of_turned_axes
 from abbe.compcore.diagnosis.explain import changed, description, explanation, formula
 from abbe.compcore.diagnosis.findings import Findings
+from abbe.compcore.diagnosis.hardly_noise import beyond_repeats, too_few_rows
 from abbe.compcore.diagnosis.next_measurement.measure_next import Advice
-from abbe.compcore.distributions import f_beyond
 from abbe.compcore.effects.catalogue.formula import Formula
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
@@ -31,15 +30,6 @@ _SAID = {
     ),
 }
 
-
-_FEW = 12
-"""Degrees of freedom below which a campaign is a handful of rows."""
-
-_HARDLY_CHANCE = 0.05
-"""Chance, over all causes that were tried, below which a handful of rows is not called noise."""
-
-_BEYOND = 1e-4
-"""Chance below which more is left than repeats scatter, as of χ² where these weigh the rows."""
 
 MOST_LISTED = 10
 """Readings that stand alone that are listed; the rest are counted."""
@@ -146,7 +136,7 @@ def diagnosis_words(
     likely = too_few_rows(diagnosis, adding)
     if diagnosis.verdict == "complete" and diagnosis.whole.misfit:
         yield _more_than_noise(diagnosis)
-    elif diagnosis.verdict == "complete" and _beyond_repeats(diagnosis, noise):
+    elif diagnosis.verdict == "complete" and beyond_repeats(diagnosis, noise):
         yield said(
             "complete: no cause can be established; but what is left is more than the scatter of "
             "repeated readings ({floor} {unit}): too few independent rows, or these were taken in "
@@ -239,41 +229,6 @@ def _more_than_noise(diagnosis: Findings) -> Sentence:
         "were taken in too short a time.",
         chi2=chi2,
     )
-
-
-def too_few_rows(diagnosis: Findings, adding: Callable[[str], str]) -> Sentence | None:
-    """Of a handful of rows that chance alone hardly makes: the likeliest cause, not established."""
-    if diagnosis.verdict not in ("complete", "unexplained") or diagnosis.whole.dof >= _FEW:
-        return None
-    # of what every machine has; and a curve through all readings explains whatever they are
-    hardly = [
-        f
-        for f in diagnosis.ranked
-        if f.candidate.expected
-        and f.screened.rank < diagnosis.whole.dof
-        and f.evidence.log_p < math.log(_HARDLY_CHANCE)
-    ]
-    if not hardly:
-        return None
-    first = min(hardly, key=lambda f: (f.screened.rank, -f.evidence.value))
-    return said(
-        "too few rows to establish a cause ({n}), and hardly noise: the likeliest is {spec} (by "
-        "chance 1 in {odds}). Measure more targets, there and back; or add it, if you know that it "
-        "is there: {how}",
-        n=diagnosis.whole.problem.n,
-        spec=first.candidate.effect.spec,
-        odds=in_digits(1.0 / max(first.evidence.p_value, 1e-9), 1),
-        how=adding(first.candidate.effect.spec),
-    )
-
-
-def _beyond_repeats(diagnosis: Findings, noise: NoiseFloor) -> bool:
-    """Whether more is left than repeats scatter, where these are too few to weigh the rows by."""
-    level = noise.levels.get("rotation") if diagnosis.of_rotations else noise.lengths
-    if level is None or level.value is None or level.degrees_of_freedom <= 0.0:
-        return False
-    left = (diagnosis.rms / level.value) ** 2 * diagnosis.whole.problem.n / diagnosis.whole.dof
-    return f_beyond(left, diagnosis.whole.dof, level.degrees_of_freedom) < _BEYOND
 
 
 def alone_words(diagnosis: Findings) -> Sentence:

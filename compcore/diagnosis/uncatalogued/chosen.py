@@ -97,10 +97,11 @@ def _between(before: FitResult, result: FitResult, added: Sequence[Effect]) -> b
     A table says nothing between its targets that these do not say, and is not asked; nor is a curve
     with as many coefficients as there are targets.
     """
-    machine, conditions = before.model.machine, before.thin.problem.campaign.conditions
+    machine = before.model.machine
+    places = before.thin.problem.campaign.coverage().places
     for effect in added:
-        places = [len(np.unique(conditions.position(a))) for a in effect.positions_used(machine)]
-        if getattr(effect, "shape", None) == "table" or len(effect.linear(machine)) >= max(places):
+        most = max(places[axis] for axis in effect.positions_used(machine))
+        if getattr(effect, "shape", None) == "table" or len(effect.linear(machine)) >= most:
             return True
     was, now = (LeftOutErrors.of(r, added) for r in (before, result))
     return was.falls_to(now, result, bound=False) <= 1.0

@@ -270,10 +270,10 @@ def _shape(course: Course, model: Model, term: Term) -> str:
     over = f"{in_digits(low * turn, 4)} … {in_digits(high * turn, 4)}{mm}"
     if reversal is not None:
         least, greatest = (in_digits(b * factor) for b in reversal)
-        said = f"{least} … {greatest} {unit} of play"
+        curve = f"{least} … {greatest} {unit} of play"
     else:
-        said = f"{in_digits((size or 0.0) * factor)} {unit} peak to valley"
-    return f"{said} over {axis} {over}, {len(term.values)} coefficients"
+        curve = f"{in_digits((size or 0.0) * factor)} {unit} peak to valley"
+    return f"{curve} over {axis} {over}, {len(term.values)} coefficients"
 
 
 def _units(course: Course) -> dict[str, dict[str, tuple[str, float]]]:
