@@ -112,6 +112,10 @@ def display(unit: str) -> tuple[str, float]:
     return unit, 1.0
 
 
+_ROUNDING = 1e-9
+"""Part of a value below which its uncertainty is rounding."""
+
+
 def with_uncertainty(value: float, sd: float | None) -> str:
     """A value and its standard uncertainty, rounded to two digits of the uncertainty.
 
@@ -125,9 +129,13 @@ def with_uncertainty(value: float, sd: float | None) -> str:
     '-0.000032'
     >>> with_uncertainty(4.1234e-9, 2.5e-10)
     '(4.12 ± 0.25)·10⁻⁹'
+    >>> with_uncertainty(20.431461538, 1.9e-14)
+    '20.43'
     """
     if sd is None or not 0.0 < sd < math.inf or not math.isfinite(value):
         return in_digits(value, 4)
+    if sd < _ROUNDING * abs(value):
+        return in_digits(value, 4)  # a fit that leaves nothing over: no uncertainty was found
     digits = 1 - math.floor(math.log10(sd))
     if digits > _FINEST:
         power = digits - 2

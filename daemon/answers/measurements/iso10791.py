@@ -175,6 +175,11 @@ def as_text(answer: RotaryAnswer) -> Iterator[str]:
             yield "    " + ", ".join(parts)
     if any(found.side == "workpiece" for found in evaluation.axes):
         yield ON_THE_TABLE
+    if heads := [found.axis for found in evaluation.axes if found.side == "tool"]:
+        yield (
+            "PIVOT TAKEN AS RIGHT: a wrong pivot or tool length shows as a wrong place of the line "
+            f"of {' and '.join(heads)}; check both before anything of it is entered"
+        )
     for u in result.undetermined:
         if not u.convention:
             yield f"NOT DETERMINED: {u.text}"

@@ -205,6 +205,10 @@ def test_a_head_needs_a_sphere_whose_place_is_known(tmp_path):
         for letter, value in line["enter"].items():
             assert value == pytest.approx(truth.point["XYZ".index(letter)], abs=1e-4)
     assert all(v["on_the_table"] is None for a in found["axes"] for v in a["location"].values())
+    # a pivot that is 35 µm too long would be read as a line that lies 20 µm off
+    said = abbe("iso10791", *files, "--placed").out
+    assert "PIVOT TAKEN AS RIGHT: " in said
+    assert "line of C and B" in said or "line of B and C" in said or "line of A and C" in said
 
 
 def test_in_words_and_on_a_page(tmp_path):
