@@ -107,6 +107,7 @@ def led(folder: Path) -> tuple[bool, list[str]]:
     return calibrate(request, said.append, ask), said
 
 
+@pytest.mark.thorough
 def test_by_a_plate_and_verified_by_a_block(
     laid: tuple[SimulatedProcess, Path],
 ) -> None:

@@ -168,6 +168,7 @@ def test_beam_broken_laser_restarted_targets_left_out_thermometer_lost(
     assert all(found.setups[s].free == ("zero",) for s in found.setups)
 
 
+@pytest.mark.thorough
 def test_the_operator_stops_the_machine_where_no_target_is(
     shop: tuple[SimulatedProcess, Path],
 ) -> None:
@@ -306,6 +307,7 @@ def test_a_full_disk_loses_nothing(shop: tuple[SimulatedProcess, Path]) -> None:
     assert rms(off_the_truth(process, found)) < NOISE_UM
 
 
+@pytest.mark.thorough
 def test_ended_before_its_end_it_says_what_is_missing(
     shop: tuple[SimulatedProcess, Path],
 ) -> None:

@@ -88,6 +88,7 @@ def test_blocks_along_axes_and_on_a_diagonal_show_the_machines_hidden_errors(
     assert fitted.status == 0, fitted.err
 
 
+@pytest.mark.thorough
 def test_a_step_gauge_killed_cut_pushed_and_gone_on_with(
     cmm: SimulatedProcess, tmp_path: Path
 ) -> None:

@@ -141,6 +141,7 @@ def test_counts_lost_and_a_zero_set_on_the_way_begin_a_part_of_their_own(
     assert rms(off_the_truth(process, found)) < NOISE_UM
 
 
+@pytest.mark.thorough
 def test_counts_lost_on_the_way_there_are_noticed_on_the_way_back_and_harm_no_row(
     shop: tuple[SimulatedProcess, Path],
 ) -> None:

@@ -199,6 +199,7 @@ def test_a_bad_file_changes_nothing_and_is_said(
         assert run.end() == 0
 
 
+@pytest.mark.thorough
 def test_other_wires_ramp_out_and_begin_anew_in_the_same_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -162,6 +162,7 @@ def test_both_packages_are_whole(environment: Path, tmp_path: Path) -> None:
     assert Path(found["daemon"]).is_relative_to(environment)
 
 
+@pytest.mark.thorough
 def test_demo_runs_beside_python_daemon(environment: Path, tmp_path: Path) -> None:
     abbe = environment / "bin" / "abbe"
     out = run(abbe, "demo", "--duration", "5", "--json", cwd=tmp_path)

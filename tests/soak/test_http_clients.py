@@ -16,6 +16,7 @@ from tests.support.daemon.observed import free_port, observed, token, until
 KINDS = {"health", "metrics", "api", "page", "cycles"}
 
 
+@pytest.mark.thorough
 @pytest.mark.integration
 async def test_readers_are_answered_beside_silent_ones_and_rubbish(tmp_path: Path) -> None:
     port, secret = free_port(), token(tmp_path, "soak")

@@ -49,6 +49,7 @@ def test_what_comes_and_goes_is_no_leak() -> None:
     assert str(found).endswith("it does not grow by more than 2")
 
 
+@pytest.mark.thorough
 def test_how_sure_it_is() -> None:
     """The stated interval holds what is true nineteen times in twenty, and no leak is passed."""
     found = [_one(seed, 5.0) for seed in range(60)]
@@ -57,6 +58,7 @@ def test_how_sure_it_is() -> None:
     assert not any(str(f).endswith("it does not grow by more than 2") for f in found)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("lasting", "least"), [(1.0, 54), (60.0, 54), (300.0, 54), (1200.0, 50)])
 def test_how_sure_it_is_however_long_what_is_taken_is_kept(lasting: float, least: int) -> None:
     """From what is given back at once to what wanders for as long as one looks."""

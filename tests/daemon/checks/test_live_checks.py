@@ -62,6 +62,7 @@ def series(service: Service) -> dict:
     return {} if answer is None else {s["name"]: s for s in answer["series"]}
 
 
+@pytest.mark.thorough
 async def test_a_sphere_is_recorded_judged_and_shown(model, tmp_path, caplog) -> None:
     caplog.set_level(logging.INFO, "abbe.checks")
     machine = load_model(model).machine
@@ -161,6 +162,7 @@ async def test_a_reference_channel_is_read_where_the_machine_stands(model, tmp_p
     assert kept.conditions.positions["X"] == pytest.approx([300.0])
 
 
+@pytest.mark.thorough
 async def test_a_reference_that_moves_is_not_taken(model, tmp_path, caplog) -> None:
     """Where X stood when the laser was read is not known while X goes; then it is taken again."""
     device = plc()
@@ -185,6 +187,7 @@ async def test_a_reference_that_moves_is_not_taken(model, tmp_path, caplog) -> N
     assert caplog.text.count("check laser: not recorded") == 1
 
 
+@pytest.mark.thorough
 async def test_a_cycle_from_before_the_measurement_says_nothing_of_it(model, tmp_path) -> None:
     """A busy computer hands on late what it knew of the place before: a new cycle is waited for."""
     device = plc()
@@ -278,6 +281,7 @@ async def test_what_cannot_be_used_is_refused_and_said(model, tmp_path, caplog) 
     assert "Traceback" not in caplog.text
 
 
+@pytest.mark.thorough
 async def test_a_file_that_is_none_costs_no_correction(model, tmp_path) -> None:
     (tmp_path / "checks.csv").write_text("rubbish\n")
     device = plc()
@@ -329,6 +333,7 @@ class Hasty(ProbingPlc):
         return super().answer(unit, pdu)
 
 
+@pytest.mark.thorough
 async def test_values_are_those_of_their_trigger(model, tmp_path) -> None:
     device = Hasty(STANDS, POINTS)
     async with probing(device, model, BALL, tmp_path) as (service, _):

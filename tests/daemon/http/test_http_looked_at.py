@@ -166,6 +166,7 @@ async def test_metrics_by_the_official_parsers(tmp_path: Path) -> None:
         assert 'abbe_link_state{abbe_link_state="down",link="cmm"} 1.0' in text
 
 
+@pytest.mark.thorough
 async def test_without_an_output_ready_is_what_is_computed_in_full(tmp_path: Path) -> None:
     text = (EXAMPLE / "config.toml").read_text(encoding="utf-8")
     start = text.index("[output]")
@@ -256,6 +257,7 @@ async def test_nobody_asks_and_nothing_is_worked_out(
         assert made == []
 
 
+@pytest.mark.thorough
 async def test_a_cycle_that_hangs_is_not_healthy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -173,6 +173,7 @@ async def test_birth_data_and_death(tmp_path: Path) -> None:
     assert [(m["value"], m["isHistorical"]) for m in first] == [("before the first status", True)]
 
 
+@pytest.mark.thorough
 async def test_nothing_is_lost_though_no_broker_acknowledges_data(tmp_path: Path) -> None:
     """A broker killed again and again: each event comes, each connection has its own births."""
     heard = Subscriber()

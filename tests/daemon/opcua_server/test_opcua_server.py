@@ -291,7 +291,7 @@ async def test_a_run_offers_itself(tmp_path: Path) -> None:
         async with asyncio.timeout(LONG):
             while True:
                 with contextlib.suppress(OSError, asyncio.TimeoutError, ua.UaError):
-                    async with Client(f"opc.tcp://127.0.0.1:{port}", timeout=60) as client:
+                    async with Client(f"opc.tcp://127.0.0.1:{port}", timeout=15) as client:
                         name = run.service.configuration.model.machine.name
                         path = f"{name}/Monitoring/Axes/X/Correction"
                         read = client.get_node(ua.NodeId(path, 2)).read_value
@@ -337,6 +337,7 @@ async def test_a_program_that_is_not_trusted(tmp_path: Path) -> None:
         assert answer[0]["status"] == "Good"
 
 
+@pytest.mark.thorough
 async def test_floods(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Raw sockets that send anything, without end or nothing at all: a client is still answered."""
     monkeypatch.setattr(serving, "_ACTIVATED_WITHIN", 1.0)
@@ -372,6 +373,7 @@ async def _pour(port: int, data: bytes) -> None:
         writer.close()
 
 
+@pytest.mark.thorough
 async def test_its_memory_is_bounded_and_it_ends_with_the_run(tmp_path: Path) -> None:
     async with server(tmp_path, apart=True) as found:
         pid = found.pid  # type: ignore[attr-defined]

@@ -36,6 +36,7 @@ T = { data = "Stemp", unit = "degC" }
 """
 
 
+@pytest.mark.thorough
 def test_positions_that_are_missing_end_the_correction(agent: MillAgent, tmp_path: Path) -> None:
     agent.say(Stemp=22.5, **{f"{axis}act": at for axis, at in PLACE.items()})
     config = tmp_path / "config.toml"

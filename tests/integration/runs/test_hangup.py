@@ -113,6 +113,7 @@ def test_a_closed_terminal_is_an_end_with_a_ramp(
             )
 
 
+@pytest.mark.thorough
 @pytest.mark.one_in(2)
 @pytest.mark.parametrize("arguments", [(), ("--json",)], ids=["screen", "json"])
 def test_under_nohup_it_goes_on_without_its_terminal(

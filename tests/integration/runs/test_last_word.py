@@ -92,6 +92,7 @@ def gateway(tmp_path: Path) -> Iterator[tuple[RefusingGateway, int, Path]]:
             between.close()
 
 
+@pytest.mark.thorough
 def test_a_controller_that_refuses_blocks_gets_the_word_by_itself(
     gateway: tuple[RefusingGateway, int, Path],
 ) -> None:
@@ -119,6 +120,7 @@ def test_a_controller_that_refuses_everything_is_named_with_what_it_holds(
         )
 
 
+@pytest.mark.thorough
 def test_one_that_takes_it_late_gets_the_word_all_the_same(
     gateway: tuple[RefusingGateway, int, Path],
 ) -> None:

@@ -82,6 +82,7 @@ def test_who_comes_second_listens_writes_nothing_and_takes_over(
     assert "listening for 2 s" in second.journal
 
 
+@pytest.mark.thorough
 def test_who_does_not_listen_is_noticed_and_the_other_stands_down(tmp_path: Path) -> None:
     with two_computers(tmp_path, "read_back = 0") as (port, one, other), live_run(one) as first:
         first.until(compensating)

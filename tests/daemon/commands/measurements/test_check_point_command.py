@@ -122,6 +122,7 @@ def test_the_printed_command_hands_the_rows_to_a_diagnosis(shop: Path, what, nam
     assert "# free = []" in (shop / "changed.csv").read_text("utf-8")
 
 
+@pytest.mark.thorough
 def test_the_printed_command_with_every_option(shop: Path) -> None:
     campaign = year(shop, "crash", checks=AT + 3)
     kept = shop / "my checks.csv"
