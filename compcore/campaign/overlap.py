@@ -8,13 +8,22 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.machine.structure import is_rotary
 
 F64 = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 _DECIMALS = 9
 """Of mm, rad and unit vectors: a file that was written anew still has the same rows."""
+
+SAME_TARGET = 0.1
+"""mm within which a machine stands at the same target, as a rule."""
+_ALIKE = 0.01
+"""By which unit vectors may differ that read alike; of directions and kinds none do so."""
+_OUT = 200.0
 
 
 @dataclass(frozen=True)
@@ -46,13 +55,23 @@ class Overlap:
         return self.rows == self.of
 
 
-def overlap(fitted: Campaign, unseen: Campaign) -> Overlap:
-    """What of a campaign is not new beside another of the same machine."""
+def overlap(fitted: Campaign, unseen: Campaign, near: float = 0.0) -> Overlap:
+    """What of a campaign is not new beside another of the same machine.
+
+    Parameters
+    ----------
+    near
+        How far, mm, a machine may stand from a place, or the tool's offset be another, where
+        set-ups of the same points are looked for: indicated positions are never twice the same.
+        Rotary axes as far as moves a point 200 mm out of their line by so much.
+    """
     axes = [a for a in unseen.conditions.positions if a in fitted.conditions.positions]
     points, others = _points(fitted, axes), _points(unseen, axes)
     rows = _rows_in_both(fitted, unseen, points, others)
     known = set(_keys(points))
     again = np.array([k in known for k in _keys(others)], dtype=bool)
+    if near > 0.0 and not again.all():
+        again |= _beside(fitted, unseen, axes, near)
     setup = unseen.conditions.setup
     names = [] if setup is None else list(dict.fromkeys(setup.tolist()))
     shared = [n for n in names if again[setup == n].all() or _same_placing(fitted, unseen, n, axes)]
@@ -85,6 +104,21 @@ def _same_placing(fitted: Campaign, unseen: Campaign, name: str, axes: list[str]
         if p.max() < q.min() or q.max() < p.min():
             return False
     return bool(set(_keys(_points(a, []))) & set(_keys(_points(b, []))))
+
+
+def _beside(fitted: Campaign, unseen: Campaign, axes: list[str], near: float) -> BoolArray:
+    """Rows of the second that have one of the first beside them, read the same way."""
+
+    def scaled(campaign: Campaign) -> F64:
+        points = _points(campaign, axes)
+        size = np.full(points.shape[1], _ALIKE)
+        size[[i for i, a in enumerate(axes) if not is_rotary(a)]] = near
+        size[[i for i, a in enumerate(axes) if is_rotary(a)]] = near / _OUT
+        size[2 * len(axes) : 2 * len(axes) + 3] = near
+        return np.asarray(points / size)
+
+    apart, _ = cKDTree(scaled(fitted)).query(scaled(unseen), p=np.inf)
+    return np.asarray(apart <= 1.0)
 
 
 def _points(campaign: Campaign, axes: list[str]) -> F64:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
-from abbe.compcore.campaign.overlap import overlap
+from abbe.compcore.campaign.overlap import SAME_TARGET, overlap
 from abbe.compcore.errors import InputError
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.planning.check_placings import PLACED, apart_by_name, one_of_each, placings
@@ -36,10 +36,13 @@ _PLACES = tuple((one, other) for one in _PARTS for other in _PARTS)
 """Where the other two axes stand: beside the middle and the corners where lines are fitted."""
 _NEAR = 0.05
 """Part of the travels within which a line lies where a fitted one does."""
-_ALONG = 1.0 - 1e-4
-"""Cosine from which two lines are read along the same direction."""
-_STILL = 1e-6
-"""mm or rad below which an axis does not move."""
+_ALONG = 1.0 - 1e-3
+"""Cosine from which two lines are read along the same direction: a gauge lies as well as it can."""
+_STILL = 0.05
+"""Part of what the axis goes that goes farthest, both of their travels, up to which another stands.
+
+A controller's positions are never twice the same, and a gauge lies somewhat aside and leans.
+"""
 _LONG = ("laser", "step-gauge")
 _GAUGES = ("step-gauge", "gauge-block")
 _TURN = "rotary-calibrator"
@@ -156,14 +159,15 @@ class _FittedLines:
             if u is None or (rows.kind != Kind.DISPLACEMENT).any() or np.ptp(u, axis=0).any():
                 continue
             at = {a: rows.conditions.position(a) for a in task.machine.axes}
-            self._lines.append((u[0], _moves(at), _ends(task, at)))
+            self._lines.append((u[0], _moves(task, at), _ends(task, at)))
 
     def new(self, setups: Sequence[PlannedSetup]) -> list[PlannedSetup]:
         """Those that are neither a fitted line nor at fitted points."""
         if self._fitted is None or not setups:
             return list(setups)
         named = [replace(s, name=f"candidate_{i}") for i, s in enumerate(setups)]
-        again = set(overlap(self._fitted, campaign_of(self._task, named)).setups)
+        planned = campaign_of(self._task, named)
+        again = set(overlap(self._fitted, planned, SAME_TARGET).setups)
         return [
             s
             for s, one in zip(setups, named, strict=True)
@@ -172,7 +176,7 @@ class _FittedLines:
 
     def distance(self, setup: PlannedSetup) -> float:
         """How far a line lies from the nearest fitted one, part of the travels; 1: from none."""
-        u, moves = setup.u[0, 0], _moves(setup.targets)
+        u, moves = setup.u[0, 0], _moves(self._task, setup.targets)
         ends = _ends(self._task, {a: setup.targets[a] for a in self._task.machine.axes})
         alone = sum(moves.values()) == 1
         still = np.array([not moves[a] for a in self._task.machine.axes])
@@ -185,8 +189,11 @@ class _FittedLines:
         return nearest
 
 
-def _moves(at: Mapping[str, F64]) -> dict[str, bool]:
-    return {a: float(np.ptp(q)) > _STILL for a, q in at.items()}
+def _moves(task: SurveyTask, at: Mapping[str, F64]) -> dict[str, bool]:
+    """Which axes a line moves."""
+    ways = np.ptp(_ends(task, at), axis=0)
+    far = ways > _STILL * ways.max()
+    return dict(zip(task.machine.axes, far.tolist(), strict=True))
 
 
 def _ends(task: SurveyTask, at: Mapping[str, F64]) -> F64:

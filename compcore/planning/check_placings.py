@@ -1,4 +1,4 @@
-"""Set-ups that are no lines, to verify a machine by: ball bar, R-test, sphere, plate, elsewhere.
+"""Set-ups that are no lines, to verify by: ball bar, R-test, sphere, plate, tracker, elsewhere.
 
 Each where usual plans do not have it: other heights, other places on the table, other angles.
 """
@@ -13,11 +13,11 @@ from abbe.compcore.planning.instruments import PlannedInstrument
 from abbe.compcore.planning.plan import SurveyPlan
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.compcore.planning.setups.plates import probed_plates
-from abbe.compcore.planning.setups.points import ball_bars, ball_plates
+from abbe.compcore.planning.setups.points import ball_bars, ball_plates, distances
 from abbe.compcore.planning.setups.rotations import spheres
 from abbe.compcore.planning.targets import SurveyTask
 
-PLACED = ("ball-bar", "r-test", "sphere", "ball-plate")
+PLACED = ("ball-bar", "r-test", "sphere", "ball-plate", "tracker", "laser-tracker")
 """Instruments whose set-ups are judged by their ranges, not as lines."""
 _PARTS = (0.35, 0.65)
 """Where circles and plates lie, parts of the travel that they do not use."""
@@ -27,6 +27,12 @@ _FLAT, _LEANING = (0.5,), (0.25, 0.75)
 """Heights of a plate that the machine touches, parts of the room: not those of usual plans."""
 _PLACES = ((0.5,), (0.25, 0.75))
 """Where it then lies in the other two directions, likewise."""
+_BASES = {
+    "the side of low X": (0.02, 0.5), "the side of high X": (0.98, 0.5),
+    "the side of low Y": (0.5, 0.02), "the side of high Y": (0.5, 0.98),
+}  # fmt: skip
+_POINTS, _SEED = 40, 230
+"""Of the distances from there, other points than those of usual plans."""
 _OTHERS = (None, 0.4)
 """Where other rotary axes stand: at 0, or at a part of their travel."""
 
@@ -39,6 +45,8 @@ def placings(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[Planne
         yield from spheres(task, instrument, _OUT, _UP, _OTHERS, more=2)
     elif instrument.key == "ball-plate" and task.plate is not None:
         yield from probed_plates(task, instrument, task.plate, _FLAT, _LEANING, _PLACES)
+    elif instrument.key in ("tracker", "laser-tracker"):
+        yield from distances(task, instrument, seed=_SEED, count=_POINTS, bases=_BASES)
     elif instrument.key == "ball-plate":
         yield from ball_plates(task, instrument, _PARTS, (0.5,))
 
@@ -58,10 +66,10 @@ def apart_by_name(plan: SurveyPlan) -> SurveyPlan:
 
 
 def one_of_each(pool: Sequence[PlannedSetup]) -> Iterator[PlannedSetup]:
-    """The first set-up of every rotary axis, and of every plane."""
+    """The first set-up of every rotary axis, of every plane, and of distances."""
     seen = set()
     for setup in pool:
-        kind = setup.axis or re.split(", | at ", setup.what)[0]
+        kind = setup.axis or re.split(", | at | from ", setup.what)[0]
         if setup.instrument.key in PLACED and kind not in seen:
             seen.add(kind)
             yield setup

@@ -77,6 +77,8 @@ class SurveyPlan:
     presets: Mapping[str, float] | None = None
     warm_up: float = WARM_UP
     stays: float | None = None
+    left_out: tuple[str, ...] = ()
+    """Set-ups of a preset for which there is no time."""
 
     @property
     def seconds(self) -> float:
@@ -180,7 +182,9 @@ def plan_preset(
                 expected="another preset, more time",
             )
         start = Knowledge.beforehand(prior(task.model, changed), VolumeError.of(task))
-        return ordered(task, [Chosen(setups[i], roots[i]) for i in numbers], start)
+        made = ordered(task, [Chosen(setups[i], roots[i]) for i in numbers], start)
+        out = tuple(s.what for i, s in enumerate(setups) if i not in numbers)
+        return replace(made, left_out=out)
 
 
 def _weighed(task: SurveyTask, start: Knowledge, seconds: float) -> dict[str, float]:

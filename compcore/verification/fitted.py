@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from abbe.compcore.campaign.campaign import Campaign
-from abbe.compcore.campaign.overlap import overlap
+from abbe.compcore.campaign.overlap import SAME_TARGET, overlap
 from abbe.compcore.model.model import Model
 
 
@@ -46,7 +46,7 @@ def fitted_lines(
             found[name] = FittedPart.ROWS
     if fitted is None:
         return found
-    shared = overlap(fitted, campaign)
+    shared = overlap(fitted, campaign, SAME_TARGET)
     found |= {n: FittedPart.POINTS for n in shared.setups if n not in found}
     if shared.rows:
         for name in campaign.setups:

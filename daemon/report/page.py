@@ -6,6 +6,7 @@ own content security policy forbids the browser every request.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from html import escape
@@ -31,6 +32,7 @@ _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval'; style-src 'unsafe-inline'; "
     "img-src data: blob:; font-src data:; worker-src blob:"
 )
+_MINUS = re.compile(r"(?<![^\s(])-(?=\d)")
 _HEIGHT = 450
 """Pixels that Plotly gives a picture whose height is not stated."""
 
@@ -224,6 +226,15 @@ def number(value: float, digits: int = 4) -> str:
     '4664'
     """
     return in_digits(value, digits).replace("-", "−")
+
+
+def typeset(text: str) -> str:
+    """A text of a terminal with true minus signs before its numbers.
+
+    >>> typeset("-4.2 ± 1.1 of -X, 2026-11-26, 01_laser-2")
+    '−4.2 ± 1.1 of -X, 2026-11-26, 01_laser-2'
+    """
+    return _MINUS.sub("−", text)
 
 
 def _in_space(trace: Mapping[str, Any]) -> bool:

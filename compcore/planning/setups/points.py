@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import product
 
 import numpy as np
@@ -24,6 +24,7 @@ _BALLS = 5
 """Balls along each side of a plate."""
 _CORNERS = {0.0: "near corner", 1.0: "far corner"}
 _BLOCKS = (100.0, 300.0, 500.0)
+_BASES = {f"corner {i}": place for i, place in enumerate(product((0.02, 0.98), repeat=2), start=1)}
 
 
 def _whole(task: SurveyTask) -> bool:
@@ -66,14 +67,26 @@ def ball_bars(
 
 
 def distances(
-    task: SurveyTask, instrument: PlannedInstrument, *, seed: int = 16907, count: int = _POINTS
+    task: SurveyTask,
+    instrument: PlannedInstrument,
+    *,
+    seed: int = 16907,
+    count: int = _POINTS,
+    bases: Mapping[str, tuple[float, float]] = _BASES,
 ) -> Iterator[PlannedSetup]:
-    """Distances from base points at the corners below the volume to points spread in it."""
+    """Distances from base points below the volume to points spread in it.
+
+    Parameters
+    ----------
+    seed, count
+        Of the points.
+    bases
+        Words for a base point → where it stands, parts of the travels of X and Y.
+    """
     if not _whole(task):
         return
     rng = np.random.default_rng(seed)
-    corners = list(product((0.02, 0.98), repeat=2))
-    for (i, (px, py)), (tool, offset) in product(enumerate(corners), task.tools.items()):
+    for (where, (px, py)), (tool, offset) in product(bases.items(), task.tools.items()):
         spread = _spread(rng, count)
         targets = {a: np.full(count, v) for a, v in task.standing().items()}
         for k, a in enumerate("XYZ"):
@@ -83,7 +96,7 @@ def distances(
         base = np.array([task.at("X", px), task.at("Y", py), low_z - 100.0]) + offset
         beside = f", tool {tool}" if len(task.tools) > 1 else ""
         made = PlannedSetup(
-            instrument, f"distances to {count} points from corner {i + 1}{beside}", "",
+            instrument, f"distances to {count} points from {where}{beside}", "",
             targets, np.zeros((count, 1, 3)), Kind.DISTANCE,
             ("zero",) if instrument.key == "tracker" else (),
             np.zeros(count), tool, offset, both_ways=False, base=_place(base),

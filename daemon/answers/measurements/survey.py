@@ -7,7 +7,7 @@ from typing import Any
 
 from abbe.compcore.planning.plan import PlanStep, SurveyPlan
 from abbe.compcore.planning.setups.presets import PRESETS
-from abbe.compcore.sentences import as_it_stands, said
+from abbe.compcore.sentences import as_it_stands, joined, said
 from abbe.compcore.units import in_digits
 from abbe.daemon.answers.measurements.plan import BEFORE
 
@@ -29,6 +29,7 @@ def as_json(plan: SurveyPlan) -> dict[str, Any]:
         "before_um": plan.before * 1e3,
         "after_um": plan.after * 1e3,
         "stays": plan.stays,
+        "left_out": list(plan.left_out),
         "setups": [
             {
                 "name": step.setup.name,
@@ -86,6 +87,12 @@ def as_text(plan: SurveyPlan) -> Iterator[str]:
             size=_microns(step.after),
         )  # fmt: skip
     yield said("  ({what})", what=MEANING)
+    if plan.left_out:
+        yield said(
+            "  NOT WHOLE: there is no time for {what}; more time, or what the preset is made for "
+            "is not shown",
+            what=joined(plan.left_out, ", "),
+        )
     yield from stays_words(plan)
     for one in plan.left:
         yield said("  undetermined: {what}", what=str(one))

@@ -98,8 +98,9 @@ class MeasureSection(Section):
     """s over which readings are averaged."""
     max_drift: Positive = 1.0
     """µm or µrad by which the mean may change from the first to the second half of them."""
-    max_spread: Positive = 3.0
-    """Standard deviation of single readings, µm or µrad, above which they do not count."""
+    max_spread: Positive | None = None
+    """Standard deviation of single readings, µm or µrad, above which they do not count; None: 3, or
+    what the instrument is unsure by, where that is more."""
     signals_held: Annotated[float, Field(ge=0.0, le=3600.0)] = 60.0
     """s for which the last value of a signal counts that is not read any more."""
     active: str | None = None

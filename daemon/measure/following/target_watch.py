@@ -16,6 +16,8 @@ from abbe.daemon.measure.machine_view import SeenMachine, missing_signal
 
 _ELSEWHERE = 3.0
 """s of standing at no target after which that is said."""
+_SPREAD = 3.0
+"""µm or µrad by which readings of an instrument that is surer than that may scatter."""
 _UNSEEN = "this computer was too busy to see from which side it came"
 
 
@@ -143,7 +145,12 @@ class TargetWatch:
             return None
         found = self._averaging.result()
         unit = 1e-6 if instrument.angle else 1e-3
-        why = unsteady(found, limits.max_drift * unit, limits.max_spread * unit)
+        if limits.max_spread is None:
+            stated = instrument.sd(setup, int(visits.order[self._visit]))
+            spread = max(_SPREAD * unit, stated)
+        else:
+            spread = limits.max_spread * unit
+        why = unsteady(found, limits.max_drift * unit, spread)
         if why:
             self._begin(seen.time)
             return self._say(why, found)

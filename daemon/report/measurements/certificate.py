@@ -9,6 +9,7 @@ from abbe.compcore.campaign.measuring_conditions import of_files
 from abbe.compcore.figures.figure import COLOURS, Figure, Trace, figure
 from abbe.compcore.verification.budget import CAUSES, FIGURES, combined
 from abbe.compcore.verification.lengths import LengthsVerified
+from abbe.compcore.verification.line_test import LineTest
 from abbe.compcore.verification.tolerance import JudgedState
 from abbe.compcore.verification.verdict import check_verdict
 from abbe.compcore.verification.verify import Verification, VerifiedLine
@@ -25,7 +26,7 @@ from abbe.daemon.answers.measurements.verify import (
     shown_with,
 )
 from abbe.daemon.report.head import FileOnPage, PageHead, facts_of, file_on_page
-from abbe.daemon.report.page import Page, number
+from abbe.daemon.report.page import Page, number, typeset
 
 _BEFORE, _AFTER, _LIMIT = COLOURS[4], COLOURS[0], "#1b1f24"
 
@@ -36,7 +37,7 @@ def certificate(answer: VerificationAnswer) -> Page:
     machine = answer.model.machine
     page = Page(
         f"Certificate of verification: {machine.name or 'machine'}",
-        f"{machine.structure}; {outcome_words(found)}",
+        typeset(f"{machine.structure}; {outcome_words(found)}"),
         _head(answer),
     )
     page.key_figures(list(_key(found)))
@@ -45,7 +46,7 @@ def certificate(answer: VerificationAnswer) -> Page:
         "actual minus indicated (ISO 230-1); errors of indication of lengths are measured minus "
         "true (ISO 10360-2)."
     )
-    page.notes(list(answer.warnings()), warning=True)
+    page.notes(list(map(typeset, answer.warnings())), warning=True)
     if found.figures:
         _judged(page, found)
     if found.lines:
@@ -147,7 +148,7 @@ def _judged_state(state: JudgedState | None, factor: float) -> tuple[str, str]:
     if state.value is None or state.expanded is None:
         return "–", words
     shown, expanded = state.value * factor, state.expanded * factor
-    return shown_with(shown, expanded), words
+    return typeset(shown_with(shown, expanded)), words
 
 
 def _figures(page: Page, found: Verification) -> None:
@@ -172,8 +173,8 @@ def _figures(page: Page, found: Verification) -> None:
                     one.after.name,
                     one.after.setup,
                     name,
-                    "–" if before is None else figure_with_u(before, name, factor, found.coverage),
-                    figure_with_u(one.after, name, factor, found.coverage),
+                    "–" if before is None else _with_u(found, before, name, factor),
+                    _with_u(found, one.after, name, factor),
                     unit,
                     "" if one.fitted is None else f"fitted ({one.fitted})",
                 ]
@@ -185,6 +186,11 @@ def _figures(page: Page, found: Verification) -> None:
     )
 
 
+def _with_u(found: Verification, test: LineTest, name: str, factor: float) -> str:
+    """A figure of a line with its U."""
+    return typeset(figure_with_u(test, name, factor, found.coverage))
+
+
 def _placed(page: Page, found: Verification) -> None:
     page.section("Other set-ups, before and after")
     page.text(
@@ -194,7 +200,7 @@ def _placed(page: Page, found: Verification) -> None:
         "of two readings. Whether it is as foretold: by all readings, and the model's covariance."
     )
     heads = ["Set-up", "Read", "Readings", "Before ± U", "After ± U", "Unit", "", "Tolerance", ""]
-    rows = [list(row) for row in placed_rows(found)]
+    rows = [list(map(typeset, row)) for row in placed_rows(found)]
     if not any(row[7] for row in rows):
         heads, rows = heads[:7], [row[:7] for row in rows]
     page.table(heads, rows)
@@ -269,7 +275,7 @@ def _lengths(page: Page, found: Verification, lengths: LengthsVerified) -> None:
                 name,
                 WORDS[one.outcome],
                 str(len(one.evaluation.tests[0].judged)),
-                where(one.evaluation.tests[0].worst),
+                typeset(where(one.evaluation.tests[0].worst)),
             ]
             for name, one in states
         ],
@@ -309,8 +315,8 @@ def _foretold(page: Page, found: Verification) -> None:
                 one.after.name,
                 one.after.setup,
                 name,
-                figure_with_u(before, name, factor, found.coverage),
-                foretold_words(one, name, factor, found.coverage),
+                _with_u(found, before, name, factor),
+                typeset(foretold_words(one, name, factor, found.coverage)),
                 number(told.left * factor, 3),
                 number(told.expected * factor, 3),
                 unit,
@@ -320,7 +326,7 @@ def _foretold(page: Page, found: Verification) -> None:
         ]
     heads = ["Line", "Set-up", "Figure", "Measured", "Foretold", "Left", "Expected", "Unit", ""]
     page.table(heads, rows)
-    page.text(f"All rows, measured less foretold: {found.comparison.summary()}.")
+    page.text(typeset(f"All rows, measured less foretold: {found.comparison.summary()}."))
 
 
 def _budget(page: Page, found: Verification) -> None:
@@ -329,7 +335,7 @@ def _budget(page: Page, found: Verification) -> None:
         "Standard uncertainties of each figure after, by cause: the instrument's scale; the "
         "thermal expansion of the length (coefficient and temperature); what means of few runs "
         "are unsure by; the line of the instrument beside that of the axis. The scatter itself is "
-        "in A and R by their definition."
+        "in A and R by their definition: R, which is nothing else, has no U."
     )
     rows: list[list[str | float | None]] = []
     for one in found.lines:

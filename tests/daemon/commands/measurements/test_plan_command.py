@@ -45,6 +45,9 @@ def test_a_preset_is_planned_as_it_is(model):
     assert done.status == 0, done.err
     assert done.out.count("body diagonal") >= 4
     assert "undetermined" in done.out
+    assert "NOT WHOLE" not in done.out
+    short = abbe("plan", model, "--preset", "iso230-6", "--time", "40min", "--json")
+    assert len(json.loads(short.out)["left_out"]) + len(json.loads(short.out)["setups"]) == 4
 
 
 @pytest.mark.parametrize(
