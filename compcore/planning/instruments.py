@@ -56,7 +56,8 @@ INSTRUMENTS: Mapping[str, PlannedInstrument] = {
         ),
         PlannedInstrument("angle", "laser with angle optics", 20 * _MINUTE, 4.0, 1e-6, 0.0, 15e3),
         PlannedInstrument("level", "electronic levels", 12 * _MINUTE, 12.0, 2e-6),
-        PlannedInstrument("ball-bar", "ball bar", 12 * _MINUTE, 0.25, 7e-4, 0.0, 300.0),
+        # 3 s: read standing, target by target, as `abbe measure` follows a program
+        PlannedInstrument("ball-bar", "ball bar", 12 * _MINUTE, 3.0, 7e-4, 0.0, 300.0),
         PlannedInstrument(
             "tracker", "tracking interferometer", 25 * _MINUTE, 5.0, 5e-4, 5e-7, 15e3
         ),
