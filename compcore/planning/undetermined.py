@@ -65,6 +65,8 @@ def undecided(task: SurveyTask, known: Knowledge, start: Knowledge) -> Iterator[
             return
         share = (left @ turned[k]) ** 2
         parts = np.bincount(owner, share, minlength=len(task.model.effects))
-        order = [int(i) for i in np.argsort(-parts) if parts[i] > _SHARE * parts.sum()]
-        names = tuple(task.model.effects[i].spec for i in order[:3])
+        order = [int(i) for i in np.argsort(-parts)]
+        # of many that take part alike none has much
+        most = [i for i in order if parts[i] > _SHARE * parts.sum()] or order
+        names = tuple(task.model.effects[i].spec for i in most[:3])
         yield Undecided(names, amount)

@@ -83,12 +83,15 @@ def _all_worse(found: Verification) -> Iterator[str]:
     """What all readings together are worse by, also those that are of no line."""
     for unit, (before, after, sd) in found.left.items():
         if after > _MORE * before and after**2 > before**2 + sd**2:
-            _, factor = display(unit)
-            yield said(
-                "all readings: {before} before, {after} rms after",
-                before=in_digits(before * factor),
-                after=f"{in_digits(after * factor)} {display(unit)[0]}",
-            )
+            yield _all_readings(unit, before, after)
+
+
+def _all_readings(unit: str, before: float, after: float) -> str:
+    shown, factor = display(unit)
+    return said(
+        "all readings: {before} before, {after} rms after",
+        before=in_digits(before * factor), after=f"{in_digits(after * factor)} {shown}",
+    )  # fmt: skip
 
 
 def _lacking(found: Verification) -> Iterator[str]:
@@ -115,16 +118,21 @@ def _lacking(found: Verification) -> Iterator[str]:
 
 
 def _greatest(found: Verification) -> Iterator[str]:
-    """The greatest E of lengths and of angles, before and after."""
+    """The greatest E of lengths and of angles, before and after; of lengths alone all readings."""
+    judged = False
     for rotary in (False, True):
         alike = [v for v in found.lines if v.after.rotary is rotary and v.before is not None]
         seen = [v for v in alike if v.after.value(_FIGURE) is not None]
+        judged |= bool(seen)
         if seen:
             yield _words(max(seen, key=lambda v: v.after.value(_FIGURE) or 0.0), found.coverage)
     if not found.lines:
         yield from (_placed_words(p, found.coverage) for p in found.placed)
         if found.placed:
             yield said("no line was measured: the axes over their travels are not shown")
+    if not judged and not found.placed:
+        for unit, (before, after, _) in found.left.items():
+            yield _all_readings(unit, before, after)
     if found.same_gauges:
         yield said(
             "the model was fitted to the same artefact: what its calibration is wrong by is in both"

@@ -24,7 +24,10 @@ _BALLS = 5
 """Balls along each side of a plate."""
 _CORNERS = {0.0: "near corner", 1.0: "far corner"}
 _BLOCKS = (100.0, 300.0, 500.0)
-_BASES = {f"corner {i}": place for i, place in enumerate(product((0.02, 0.98), repeat=2), start=1)}
+_BASES: Mapping[str, tuple[float, float]] = {
+    "corner 1": (0.02, 0.02), "corner 2": (0.02, 0.98),
+    "corner 3": (0.98, 0.02), "corner 4": (0.98, 0.98),
+}  # fmt: skip
 
 
 def _whole(task: SurveyTask) -> bool:

@@ -307,7 +307,8 @@ def _table(found: Verification) -> Iterator[str]:
                     *_tolerance_words(limit),
                 )
             )
-    yield from in_columns(rows)
+    if len(rows) > 1:  # lengths of gauges have none of these figures
+        yield from in_columns(rows)
 
 
 def in_columns(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:

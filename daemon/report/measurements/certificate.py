@@ -111,6 +111,10 @@ def _key(found: Verification) -> Iterator[tuple[str, str, str]]:
         ):
             if sizes:
                 yield f"greatest range of readings, {name}", number(max(sizes) * 1e3, 3), "µm"
+    if not any(value for value, _ in worst) and not ranges and "mm" in found.left:
+        for name, size in zip(("before", "after"), found.left["mm"], strict=False):
+            yield f"all readings, rms, {name}", number(size * 1e3, 3), "µm"
+        return
     for value, name in worst:
         yield f"greatest systematic error E, {name}", number(value * 1e3, 3), "µm"
 

@@ -10,18 +10,21 @@ from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.effects import make_effect
 from abbe.compcore.errors import InputError
 from abbe.compcore.fitting.fit import fit
+from abbe.compcore.machine.machine import Axis, Machine
+from abbe.compcore.machine.structure import Structure
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.start_model import StartOptions, start_model
 from abbe.compcore.planning.choice import Knowledge
 from abbe.compcore.planning.envelope import KeepOut, WorkingSpace
 from abbe.compcore.planning.instruments import INSTRUMENTS, instruments_called
-from abbe.compcore.planning.knowledge import VolumeError, added, prior, scales
+from abbe.compcore.planning.knowledge import CHANGED, VolumeError, added, prior, scales
 from abbe.compcore.planning.plan import plan_preset, plan_survey
 from abbe.compcore.planning.setups.candidates import possible
 from abbe.compcore.planning.setups.lines import axis_lines
 from abbe.compcore.planning.setups.presets import PRESETS
 from abbe.compcore.planning.simulation import carry_out
 from abbe.compcore.planning.targets import SurveyTask
+from abbe.compcore.planning.undetermined import undecided
 from tests.support.compcore.survey_machines import STRUCTURES, machine, task
 
 HOUR = 3600.0
@@ -198,3 +201,19 @@ def test_an_unknown_instrument_is_named(names, says):
 def test_no_time_is_said():
     with pytest.raises(InputError, match="in this time"):
         plan_survey(task("bridge"), AT_HAND, 60.0)
+
+
+def test_a_combination_of_many_effects_that_take_part_alike_is_named() -> None:
+    """Seen at a laser tracker's check plan: no effect had 15 % of it, and none was named."""
+    axes = {"X": Axis("X", (0.0, 500.0))}
+    model = Model(Machine("one axis", Structure.parse("w b X t"), axes)).with_effects(
+        *(
+            make_effect("formula", {"channel": "E_XX", "terms": [f"X + {i} * X**0"]})
+            for i in range(9)
+        )
+    )
+    aim = SurveyTask(model)
+    start = Knowledge.beforehand(prior(model, CHANGED), VolumeError.of(aim))
+    found = list(undecided(aim, start, start))
+    assert found
+    assert all(one.effects and str(one) for one in found)

@@ -52,6 +52,24 @@ def test_a_check_is_judged_beside_before_and_beside_what_was_foretold(
     assert f"no tolerance is stated; {outcome}: " in said.out
 
 
+def test_faces_touched_from_either_side_have_no_figure_and_are_judged_by_their_readings(
+    tmp_path: Path,
+) -> None:
+    """Of a step gauge each face is touched from one side: seen *verified* without a number."""
+    model = fitted(tmp_path)
+    rows = [
+        f"{i},a,displacement,{x},120,-100,{1 - 2 * (i % 2)},1,0,0,{SCALE * 1e-3 * x + NOISE[i]},0.3"
+        for i, x in enumerate((20.0, 70.0, 120.0, 170.0, 220.0, 270.0))
+    ]
+    check = written(tmp_path / "check.csv", "\n".join(rows) + "\n")
+    page = tmp_path / "certificate.html"
+    done = abbe("verify", model, check, "--report", page)
+    assert done.status == 0, done.err
+    assert "verified: all readings: " in done.out
+    assert "foretold  " not in done.out
+    assert "all readings, rms, before" in page.read_text("utf-8")
+
+
 def test_readings_that_were_fitted_verify_nothing(tmp_path: Path) -> None:
     model = fitted(tmp_path)
     done = abbe("verify", model, tmp_path / "fit.csv", "--json")
