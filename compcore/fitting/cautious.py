@@ -11,7 +11,8 @@ How large they are is found along (empirical Bayes, the EM algorithm of Dempster
 1977, for variance components). Kinds of which the campaign shows little are expected as large as
 the others are, a fiftieth of what is believable at most. Effects that read a signal, temperatures
 above all, are not 0 in any machine, and a rotary axis lies where somebody has put it: they are
-expected within what is believable, and so are an instrument's.
+expected within what is believable, and so are an instrument's. Where a set-up shows more than
+is stated of its readings, something is missing there, and only its readings count for less.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from abbe.compcore.fitting.determinacy import Decomposition
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.fitting.frame import alignment
 from abbe.compcore.fitting.gauss_newton import gauss_newton
-from abbe.compcore.fitting.reduction import triangle
+from abbe.compcore.fitting.reduction import leverage, triangle
 from abbe.compcore.linalg import threads_for
 
 F64 = NDArray[np.float64]
@@ -40,6 +41,8 @@ USUAL = 0.02
 _ALIKE = 3.0
 """Parameters as large as the others are that each kind is counted with: of a kind with few, or that
 is hardly shown, how large it is cannot be found from itself alone."""
+_LEAN = 3.0
+"""Readings as wrong as all are on average that each set-up is counted with."""
 _ROUNDS = 200
 _SETTLED = 0.01
 _NOTHING = 0.5
@@ -59,11 +62,11 @@ def cautiously(result: FitResult) -> FitResult:
     kinds = _kinds(problem)
     if not kinds:
         return result
-    inflation = max(1.0, result.chi2_per_dof) if result.dof > 0 else 1.0
     with threads_for(problem.n * layout.size):
-        sizes = _sizes(problem, result.theta, kinds, inflation)
-        held = problem.with_sd(problem.sd)
-        held.prior_sd = np.minimum(problem.prior_sd, sizes / np.sqrt(inflation))
+        spread = _spreads(result)
+        held = problem.with_sd(problem.sd * spread)
+        sizes = _sizes(held, result.theta, kinds)
+        held.prior_sd = np.minimum(problem.prior_sd, sizes)
         blank = result.theta.copy()
         blank[_linear(problem)] = 0.0  # where nothing is known
         theta, decomposition = gauss_newton(held, blank)
@@ -72,7 +75,7 @@ def cautiously(result: FitResult) -> FitResult:
             placed = (problem.model, problem.campaign, layout, theta)
             align = alignment(*placed, result.null, result.frame)
         theta = align @ theta
-        return _result(result, held, theta, decomposition, align, kinds, inflation)
+        return _result(result, held, theta, decomposition, align, kinds, spread)
 
 
 def _kinds(problem: Problem) -> dict[str, Index]:
@@ -92,18 +95,42 @@ def _near_zero(effect: Effect) -> bool:
     return effect.scope == "machine" and by_place
 
 
-def _sizes(problem: Problem, theta: F64, kinds: dict[str, Index], inflation: float) -> F64:
+def _spreads(result: FitResult) -> F64:
+    """By how much each row's set-up scatters more than is stated of it, (n,), 1 or more.
+
+    What a model lacks shows in some set-ups and not in others: by one figure for all of them, a
+    scale that bends would hold the other axes near 0, of which their own set-ups leave no doubt.
+    Set-ups with few readings lean on what all of them show.
+    """
+    campaign = result.problem.campaign
+    every = max(1.0, result.chi2_per_dof) if result.dof > 0 else 1.0
+    setup = campaign.conditions.setup
+    if setup is None:
+        return np.full(campaign.n, np.sqrt(every))
+    free = 1.0 - leverage(result.problem, result.theta, result.decomposition)
+    square = result.weighted**2
+    aside = [outlier.row for outlier in result.set_aside]
+    free[aside], square[aside] = 0.0, 0.0
+    found = np.ones(campaign.n)
+    for name in campaign.setups:
+        rows = setup == name
+        own = square[rows].sum() + _LEAN * every
+        found[rows] = np.sqrt(max(1.0, own / (max(free[rows].sum(), 0.0) + _LEAN)))
+    return found
+
+
+def _sizes(problem: Problem, theta: F64, kinds: dict[str, Index]) -> F64:
     """How far from 0 each unknown is expected, in its own unit, (m,); infinite: anywhere."""
     layout = problem.layout
     m, scale = layout.size, layout.scale
     reduced = triangle(problem, theta)
-    columns = reduced[:m, :m] * scale / np.sqrt(inflation)
+    columns = reduced[:m, :m] * scale
     # the residual at θ, as if everything that is linear had been 0
     linear = _linear(problem)
     at = np.zeros(m)
     at[linear] = theta[linear] / scale[linear]
     information = columns.T @ columns
-    seen = columns.T @ (reduced[:m, m] / np.sqrt(inflation)) + information @ at
+    seen = columns.T @ reduced[:m, m] + information @ at
     size = np.full(m, np.inf)
     size[linear] = 1.0
     for where in kinds.values():
@@ -147,12 +174,14 @@ def _result(
     decomposition: Decomposition,
     align: F64,
     kinds: dict[str, Index],
-    inflation: float,
+    spread: F64,
 ) -> FitResult:
     layout = held.layout
-    eliminator = held.eliminator(theta)
-    misfit = held.campaign.value - held.predicted(theta)
-    raw = misfit * held.weight
+    stated = held.with_sd(result.problem.sd)
+    stated.prior_sd = held.prior_sd
+    eliminator = stated.eliminator(theta)
+    misfit = stated.campaign.value - stated.predicted(theta)
+    raw = misfit * stated.weight
     weighted = eliminator.project(raw)
     known = decomposition.singular > _NOTHING
     half = decomposition.scale[:, None] * decomposition.directions[:, known]
@@ -164,7 +193,8 @@ def _result(
     used = float(known.sum()) - float(np.sum(1.0 - told[expected]))
     dof = held.n - len(result.set_aside) - eliminator.rank - round(used)
     chi2 = float(weighted @ weighted)
-    covariance = covariance * (max(1.0, chi2 / dof) if dof > 0 else 1.0)
+    left = float(np.sum((weighted / spread) ** 2))
+    covariance = covariance * (max(1.0, left / dof) if dof > 0 else 1.0)
     covariance = align @ covariance @ align.T
     covariance = 0.5 * (covariance + covariance.T)
     m = layout.model_size
@@ -183,13 +213,13 @@ def _result(
         if _near_zero(effect) and layout.linear_counts[i]
     }
     sizes = {
-        kind: float(np.sqrt(inflation) * held.prior_sd[where[0]] / layout.scale[where[0]])
+        kind: float(held.prior_sd[where[0]] / layout.scale[where[0]])
         for kind, where in kinds.items()
     }
     return replace(
         result,
         model=replace(fitted, covariance=covariance[:m, :m]),
-        problem=held,
+        problem=stated,
         theta=theta,
         decomposition=decomposition,
         residual=misfit - eliminator.share(raw),

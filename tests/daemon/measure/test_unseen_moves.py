@@ -55,12 +55,29 @@ class Laser:
     """Reads the target itself, without error."""
 
     problem, angle, time = "", False, 0.0
+    unsure, scatter = 1e-3, 0.0
+
+    def sd(self, setup, target):
+        return self.unsure
 
     def deviations(self, setup, positions):
-        return (0.0,)
+        self.scatter = -self.scatter
+        return (self.scatter,)
 
 
-def followed(path):
+class Tracker(Laser):
+    """Unsure by 10 µm, scatters by 6."""
+
+    unsure, scatter = 1e-2, 6e-3
+
+
+class Trembling(Laser):
+    """Unsure by 1 µm, scatters by 6."""
+
+    scatter = 6e-3
+
+
+def followed(path, laser=None):
     """What a watch makes of a machine whose positions are looked at: outcomes, in order.
 
     A line of two targets, 0 and 100 mm, both ways; 100 is met upwards, then downwards from beyond.
@@ -73,7 +90,7 @@ def followed(path):
     )  # fmt: skip
     visits = SetupVisits(setup, 0.1, 1e-3)
     watch = TargetWatch(MeasureSection(settle=0.1, average=0.2, still_for=0.2), ["X"])
-    directions, moves, laser = Directions([0.01]), UnseenMoves([0.01]), Laser()
+    directions, moves, laser = Directions([0.01]), UnseenMoves([0.01]), laser or Laser()
     outcomes = []
     for time, x in path:
         laser.time = time
@@ -105,3 +122,10 @@ def test_beyond_and_back_unseen_is_not_read():
     assert [o.visit for o in outcomes if isinstance(o, TargetRead)] == [0, 1]
     [left] = [o for o in outcomes if isinstance(o, TargetLeft)]
     assert "too busy to see from which side" in left.why
+
+
+def test_readings_may_scatter_as_far_as_their_instrument_is_unsure():
+    """A laser tracker's are no less steady for scattering by more than a laser's."""
+    read = [o.visit for o in followed(UP, Tracker()) if isinstance(o, TargetRead)]
+    assert read == [o.visit for o in followed(UP) if isinstance(o, TargetRead)]
+    assert not any(isinstance(o, TargetRead) for o in followed(UP, Trembling()))
