@@ -96,6 +96,8 @@ def _all_readings(unit: str, before: float, after: float) -> str:
 
 def _lacking(found: Verification) -> Iterator[str]:
     """What keeps a check that is not worse from proving anything."""
+    if found.doubt:
+        yield found.doubt
     if found.missing:
         yield said("not measured in one go: {setups}", setups=", ".join(found.missing))
     fitted = [v.after.setup for v in found.lines if v.fitted is FittedPart.ROWS]
@@ -113,8 +115,16 @@ def _lacking(found: Verification) -> Iterator[str]:
     known = [v for v in found.lines if v.foretold and v.foretold.agrees is not None]
     if not known and all(p.agrees is None for p in found.placed):
         yield said("nothing says how sure the model's word of these lines is")
+    if not found.lines and _hidden(found):
+        yield said("what the readings are unsure by is more than what they showed before")
     if found.outcome is Conformity.NEITHER:
         yield said("a stated tolerance is neither kept nor broken for sure")
+
+
+def _hidden(found: Verification) -> bool:
+    """Whether all ranges before lie within their own uncertainty: such ranges prove nothing."""
+    known = [(p.before, found.coverage * p.sd) for p in found.placed if p.before is not None]
+    return bool(known) and all(before <= unsure for before, unsure in known)
 
 
 def _greatest(found: Verification) -> Iterator[str]:

@@ -126,6 +126,8 @@ class Verification:
     same_gauges
         Whether the model was fitted to the same calibrated artefacts: what their calibration is
         wrong by is then in both.
+    doubt
+        Why it proves nothing all the same, by whoever had it judged; empty: nothing known.
     """
 
     measured: bool
@@ -141,6 +143,7 @@ class Verification:
     left: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     placed: tuple[PlacedFigure, ...] = ()
     same_gauges: bool = False
+    doubt: str = ""
 
     @property
     def outcome(self) -> Conformity | None:

@@ -13,6 +13,7 @@ from abbe.compcore.planning.worth import corrected_and_unsure
 from abbe.compcore.sentences import joined, said
 from abbe.compcore.units import in_digits
 from abbe.compcore.verification.verdict import VerdictOutcome, check_verdict
+from abbe.compcore.verification.verify import Verification
 from abbe.daemon.answers.measurements import verify as answer
 from abbe.daemon.answers.measurements.verified_files import (
     NamedModel,
@@ -73,9 +74,22 @@ def judge_check(
         (request.file(CHECK),), active=active, check=plan, tables=tables, fitted=(campaign,)
     )
     known = fitted_campaigns(named, files.fitted)
+
+    def doubt(found: Verification) -> str:
+        if found.lines or check_verdict(found).outcome is not VerdictOutcome.VERIFIED:
+            return ""
+        corrected, unsure = corrected_and_unsure(SurveyTask(named.model, tools=request.offsets))
+        if unsure <= corrected:
+            return ""
+        return said(
+            "over its travels the model corrects {size} and is unsure by {sd}: what no set-up "
+            "showed is not known",
+            size=f"{in_digits(corrected * 1e3)} µm", sd=f"{in_digits(unsure * 1e3)} µm",
+        )  # fmt: skip
+
     done = judge(
         named, known, files, stated.get("tolerance", "").split(), stated.get("mpe") or None, page,
-        notes=(left_out,) if left_out else (),
+        notes=(left_out,) if left_out else (), doubt=doubt,
     )  # fmt: skip
     for line in answer.as_text(done):
         say(line)
@@ -93,16 +107,6 @@ def judge_check(
         why = joined(verdict.reasons)
         raise AbbeError(said("the check does not pass: {why}; {then}. {ways}", why=why, then=back,
                              ways=_WAYS_ON))  # fmt: skip
-    if verdict.outcome is VerdictOutcome.VERIFIED and not done.verification.lines:
-        corrected, unsure = corrected_and_unsure(SurveyTask(named.model, tools=request.offsets))
-        if unsure > corrected:
-            why = said(
-                "over its travels the model corrects {size} and is unsure by {sd}: what no set-up "
-                "showed is not known",
-                size=f"{in_digits(corrected * 1e3)} µm", sd=f"{in_digits(unsure * 1e3)} µm",
-            )  # fmt: skip
-            words = joined([why, *verdict.reasons])
-            return said("{outcome}: {why}", outcome=said("not verified"), why=words)
     return verdict.text
 
 

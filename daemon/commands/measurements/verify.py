@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -37,6 +37,7 @@ from abbe.daemon.arguments.options import ActiveModel, AsJson, Force, Report
 if TYPE_CHECKING:
     from abbe.compcore.planning.plan import SurveyPlan
     from abbe.compcore.planning.targets import SurveyTask
+    from abbe.compcore.verification.verify import Verification
     from abbe.daemon.answers.measurements.verified import VerificationAnswer
     from abbe.daemon.answers.measurements.verified_files import (
         FittedCampaigns,
@@ -179,6 +180,7 @@ def judge(
     means: StatedMeans | None = None,
     coverage: float = 2.0,
     notes: Sequence[str] = (),
+    doubt: Callable[[Verification], str] | None = None,
 ) -> VerificationAnswer:
     """Judge what was measured, as the command does, and write the certificate.
 
@@ -188,6 +190,8 @@ def judge(
         As they are typed.
     notes
         What else takes weight from it, for the certificate.
+    doubt
+        Why what was found proves nothing all the same, or empty.
 
     Raises
     ------
@@ -208,6 +212,9 @@ def judge(
         coverage,
     )
     done = replace(done, notes=tuple(notes))
+    if doubt is not None:
+        found = done.verification
+        done = replace(done, verification=replace(found, doubt=doubt(found)))
     if report is not None:
         from abbe.daemon.report.measurements.certificate import certificate
 

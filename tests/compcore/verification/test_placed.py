@@ -107,6 +107,18 @@ def test_a_circle_that_is_read_as_displacements_has_a_radial_range(tmp_path: Pat
     assert any("no line was measured" in w for w in found["warnings"])
 
 
+def test_ranges_within_their_own_uncertainty_prove_nothing(tmp_path: Path) -> None:
+    """Seen at a laser tracker of 10 µm: 22 ± 30 before, 18 ± 30 after was *verified*."""
+    model = fitted(tmp_path)
+    text = ball_bar(tmp_path / "bar.csv").read_text("utf-8")
+    (tmp_path / "bar.csv").write_text(text.replace(",0.0003\n", ",0.01\n"), "utf-8")
+    done = abbe("verify", model, tmp_path / "bar.csv", "--json")
+    assert done.status == 0, done.err
+    found = json.loads(done.out)["verdict"]
+    assert found["outcome"] == "not verified"
+    assert "unsure by is more than" in found["reasons"][0]
+
+
 U_RANGE = 2.0 * math.sqrt(2.0) * 0.3
 """µm: two readings of 0.3 µm, k = 2."""
 
